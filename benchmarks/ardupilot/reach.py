@@ -9,8 +9,9 @@ clock, whether it says so, and whether the mode is still the same three seconds 
 simulation stands still while the program computes.
 
 *Ends*: in real time the program is a process of its own; while it flies it is killed, its link is
-cut, its log is on a full disk (``/dev/full``), or other processes take the processors. Killed and
-cut: the autopilot must be in AUTO within 10 s (FS_LONG_TIMEOUT is 3 s). Full disk: the program must
+cut, or cut in one direction, so that it hears the autopilot no more (deaf), its log is on a full
+disk (``/dev/full``), or other processes take the processors. Killed, cut and deaf: the autopilot
+must be in AUTO within 10 s (FS_LONG_TIMEOUT is 3 s). Full disk: the program must
 fly on for 5 s. Busy: for 40 s four processes a core compute beside it; it must keep the separation,
 or say that it is late. The last line is one JSON object; exit status 1: a try failed.
 """
@@ -41,7 +42,7 @@ from ros_bridge.mavlink.sitl import HOME, Leg, Sitl
 _SET_MODE = 176  # MAV_CMD_DO_SET_MODE
 FAILSAFE = {"FS_GCS_ENABL": 1, "MAV_GCS_SYSID": 245, "FS_LONG_ACTN": 4, "FS_LONG_TIMEOUT": 3}
 MODES = Mode.LOITER, Mode.RTL, 1, Mode.AUTO
-WAYS = "kill", "cut", "disk", "busy"
+WAYS = "kill", "cut", "deaf", "disk", "busy"
 _CROSSES = 36.0  # s until the other crosses our way
 _ALONG = 0.2  # rad from the mission's course, within which it is flown again
 _STILL = 30.0  # s of real time without a message from the simulation
@@ -219,12 +220,14 @@ def _end(way: str, ground: Ground, chaser: Chaser) -> Try | None:
         good = _flies_on(way, ground, chaser) and process.poll() is None
         if way == "cut":
             relay.cut()
+        elif way == "deaf":
+            relay.deafen()
         else:
             process.kill()
         handed_back = wait(ground, chaser, _WITHIN, lambda: ground.mode == Mode.AUTO)
-        if way in ("kill", "cut"):
+        if way in ("kill", "cut", "deaf"):
             good = handed_back
-        if way == "cut":
+        if way in ("cut", "deaf"):
             good = good and process.poll() is None
         took = ground.row.time - began
     relay.cut()

@@ -1,4 +1,4 @@
-"""A link to an autopilot that can be cut, or lose messages."""
+"""A link to an autopilot that can be cut, go deaf, or lose messages."""
 
 import socket
 import threading
@@ -23,6 +23,7 @@ class Relay:
         self.address = f"tcp:127.0.0.1:{self._listener.getsockname()[1]}"
         self._port, self._keep = port, keep
         self._ends: list[socket.socket] = []
+        self._deaf = False
         threading.Thread(target=self._serve, daemon=True).start()
 
     def _serve(self) -> None:
@@ -38,6 +39,8 @@ class Relay:
         waiting = b""
         with suppress(OSError):
             for data in iter(partial(a.recv, 65_536), b""):
+                if self._deaf and a is self._ends[1]:
+                    continue
                 if self._keep is None:
                     b.sendall(data)
                     continue
@@ -45,6 +48,10 @@ class Relay:
                 passed = [frame for number, frame in found if number < 0 or self._keep(number)]
                 waiting = (waiting + data)[sum(len(frame) for _, frame in found) :]
                 b.sendall(b"".join(passed))
+
+    def deafen(self) -> None:
+        """Lose from now on what the autopilot sends; what is sent to it passes."""
+        self._deaf = True
 
     def cut(self) -> None:
         """Cut it, for good."""

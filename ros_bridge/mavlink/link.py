@@ -171,7 +171,6 @@ class Link:
             if message.get_type() == "HEARTBEAT" and message.get_srcComponent() != self.component:
                 continue
             arrived = time.monotonic()
-            self.heard = arrived
             if message.get_type() in ("GLOBAL_POSITION_INT", "SYSTEM_TIME"):
                 self.clock.hear(messages.boot_time(message), arrived)
             yield message, self.clock.now(arrived)
@@ -369,6 +368,7 @@ class Link:
             return None
         if message is not None and message.get_srcSystem() == self.system:
             self._first_version = message.get_msgbuf()[0] == _MAGIC_1
+            self.heard = time.monotonic()
         return message
 
     def _send(self, send: Callable[..., Any], *values: Any) -> None:

@@ -84,6 +84,11 @@ MARGIN = 25.0
 STALE = 1.5
 """Age of the own state beyond which nothing is commanded, s."""
 
+DEAF = 5.0
+"""Without a message of the autopilot, s of our clock: after it no heartbeat is sent, so that the
+autopilot's failsafe acts also where it hears us and we do not hear it.
+"""
+
 LATE = 1.5
 """Between two judgements, which are due every quarter of a second, s of the autopilot's clock: more
 means that the program does not keep up, and for :data:`RECOVERED` no plan is called safe.
@@ -398,7 +403,8 @@ class Program:
     def turn(self, seconds: float = 0.02) -> None:
         """Receive for so long, and do what is due."""
         ours = time.monotonic()
-        if ours - self._last.beat >= (0.05 if self._options.simulated else _BEAT):
+        hears = ours - self._link.heard <= DEAF
+        if hears and ours - self._last.beat >= (0.05 if self._options.simulated else _BEAT):
             self._last.beat = ours
             self._link.beat()
         for message, now in self._link.receive(ours + seconds):

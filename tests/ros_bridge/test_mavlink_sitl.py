@@ -17,6 +17,7 @@ import pytest
 
 pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
 
+from benchmarks.ardupilot.relay import Relay
 from envs.edge.command import InputError
 from envs.formats.local_frame import LocalFrame
 from envs.traffic.track_units import KNOT
@@ -33,6 +34,8 @@ except SitlError as problem:
     pytest.skip(str(problem), allow_module_level=True)
 
 pytestmark = pytest.mark.slow
+INSTANCE, PORT = 3, 5_792  # of the simulation, and where the program connects to it
+ADDRESS = f"tcp:127.0.0.1:{PORT}"
 ONCOMING, EAST_OF_HOME = 0xABC123, 1_000.0
 # The failsafe that brings the mission back where the program dies (docs/howto/mavlink.md).
 FAILSAFE = {"FS_GCS_ENABL": 1, "MAV_GCS_SYSID": 245, "FS_LONG_ACTN": 4, "FS_LONG_TIMEOUT": 10}
@@ -94,14 +97,16 @@ class Sky:
 
 
 @contextmanager
-def encounter(*options: str, **parameters: float) -> Generator[tuple[Sky, Any]]:
+def encounter(
+    *options: str, address: str = ADDRESS, **parameters: float
+) -> Generator[tuple[Sky, Any]]:
     """Give an aircraft on its mission and the program beside it."""
-    with Sitl(3, 4.0, FAILSAFE | parameters) as sitl:
+    with Sitl(INSTANCE, 4.0, FAILSAFE | parameters) as sitl:
         sitl.upload([Leg(100.0, 0.0, 60.0, 22, 15.0), Leg(400.0, 0.0), Leg(6_000.0, 0.0)])
         sitl.take_off()
         sitl.rate(33, 1e5)
         sitl.rate(0, 2e5)
-        command = [sys.executable, "-m", "ros_bridge.mavlink", "--connect", sitl.address]
+        command = [sys.executable, "-m", "ros_bridge.mavlink", "--connect", address]
         command += ["--simulated", "--separation", "200", "--deadline", "0.2"]
         command += ["--unknown-position-std", "5", "--unknown-velocity-std", "0.2", *options]
         process = subprocess.Popen(
@@ -129,7 +134,7 @@ def test_an_encounter_is_resolved_beside_a_fence_and_the_mission_flown_on(in_fli
 
     # The simulation stands still while the program computes: a loaded machine changes nothing.
     given = Encounter(0, (crossing,), 0.0, 300.0, 0.0, () if in_flight else fence)
-    flight = fly(given, "ours", instance=3, until=140.0, watch=upload)
+    flight = fly(given, "ours", instance=INSTANCE, until=140.0, watch=upload)
     assert not [row for row in flight.rows if 1_300.0 < row.x < 2_600.0 and row.y > 150.0]
     assert flight.separation >= SEPARATION
     assert flight.taken_over == 1
@@ -152,7 +157,9 @@ def test_a_program_that_did_not_keep_up_says_so_and_calls_nothing_safe_for_a_whi
                 pass
             sitl.signal(signal.SIGSTOP)
 
-    flight = fly(Encounter(0, (crossing,), 0.0, 300.0), "ours", instance=3, until=45.0, watch=stall)
+    flight = fly(
+        Encounter(0, (crossing,), 0.0, 300.0), "ours", instance=INSTANCE, until=45.0, watch=stall
+    )
     assert any(text.startswith("RLCAS: late by") for text in flight.texts)
     taken = next(row.time for row in flight.rows if row.mode == Mode.GUIDED)
     assert taken > stalled[0] + 3.0 + RECOVERED
@@ -196,15 +203,46 @@ def test_traffic_that_only_another_receiver_hears_is_flown_round() -> None:
                 assert process.poll() is None
 
 
-@pytest.mark.parametrize("how", ["kill"])
-def test_where_the_program_dies_the_autopilots_failsafe_brings_the_mission_back(how: str) -> None:
+def test_where_the_program_dies_the_autopilots_failsafe_brings_the_mission_back() -> None:
     with encounter("--fly") as (sky, process):
         sky.until(Mode.GUIDED, 150.0)
         sky.turn(0.5)
-        getattr(process, how)()
+        process.kill()
         assert sky.until(Mode.AUTO, 30.0) < 20.0
         sky.turn(1.0)
         assert sky.mode == Mode.AUTO
+
+
+def test_a_program_that_hears_nothing_falls_silent_so_that_the_failsafe_acts() -> None:
+    relay = Relay(PORT)
+    with encounter("--fly", address=relay.address) as (sky, process):
+        sky.until(Mode.GUIDED, 150.0)
+        sky.turn(0.5)
+        relay.deafen()
+        # Five seconds of our clock, at four times real time, and the failsafe's ten.
+        assert sky.until(Mode.AUTO, 60.0) < 50.0
+        assert process.poll() is None
+    relay.cut()
+
+
+def test_the_autopilots_own_avoidance_set_in_flight_ends_it_and_auto_is_back() -> None:
+    crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
+    waiting = [25.0]
+
+    def forbid(sitl: Sitl, seconds: float, row: Any) -> None:
+        if waiting and seconds > waiting[0]:
+            waiting.clear()
+            sitl.station.mav.param_set_send(1, 1, b"AVD_ENABLE", 1.0, 9)
+
+    flight = fly(
+        Encounter(0, (crossing,), 0.0, 300.0), "ours", instance=INSTANCE, until=45.0, watch=forbid
+    )
+    guided = [row.time for row in flight.rows if row.mode == Mode.GUIDED]
+    assert guided[0] < 25.0 < guided[-1] < 28.0
+    assert flight.rows[-1].mode == Mode.AUTO
+    assert any("off: back to AUTO" in text for text in flight.texts)
+    off = next(n for n, text in enumerate(flight.texts) if "off: back" in text)
+    assert any("a00001 in" in text for text in flight.texts[off:])  # it advises
 
 
 def test_it_advises_without_being_told_to_fly_and_refuses_to_fly_beside_another_avoidance() -> None:
@@ -227,7 +265,7 @@ def test_it_advises_without_being_told_to_fly_and_refuses_to_fly_beside_another_
 
 
 def test_a_link_that_is_cut_is_noticed() -> None:
-    with Sitl(3, 4.0) as sitl:
+    with Sitl(INSTANCE, 4.0) as sitl:
         link = Link(sitl.address, simulated=True)
         link.find(10.0)
         assert link.parameters()["AIRSPEED_MIN"] == 10.0
