@@ -82,7 +82,8 @@ class ConditionConfig(Strict):
     turbulence: tuple[str, ...] = ("none",)
     """Turbulence of MIL-F-8785C: none, light or moderate; one of those named is drawn."""
     wind_error_mps: float = Field(default=0.0, ge=0.0, le=15.0)
-    """Error with which the planner knows the wind, one sigma per axis, m/s."""
+    """Error with which the planner knows the wind, one sigma per axis, m/s; its plans keep the
+    limits in every wind within two of them."""
     position_std: float = Field(default=0.0, ge=0.0, le=1_000.0)
     """Noise of the intruders' reported positions, one sigma per axis, m."""
     velocity_std: float = Field(default=0.0, ge=0.0, le=50.0)
@@ -176,7 +177,7 @@ class Drawn(NamedTuple):
 
     air: Conditions
     altitude: float  # m above the sea
-    believed_wind: Wind  # as the planner knows it
+    believed_wind: Wind  # as the planner knows it, with its uncertainty
     latency: float  # of the intruders' reports, s
 
 
@@ -202,7 +203,7 @@ def draw_conditions(
     kind: Any = kinds[min(int(u[7] * len(kinds)), len(kinds) - 1)]
     conditions = Conditions(loading, east, north, kind, int(u[8] * 2**31))
     error = family.wind_error_mps
-    believed = Wind(east + error * gauss[0], north + error * gauss[1])
+    believed = Wind(east + error * gauss[0], north + error * gauss[1], error)
     return Drawn(
         conditions, _between(family.altitude_m, u[9]), believed, _between(family.latency, u[10])
     )

@@ -38,7 +38,7 @@ from eval.hifi.errors import Errors, against, roll_out
 from eval.hifi.flight import Flight, Pilot, Traffic, fly
 from eval.hifi.pilots import Assured, Closed, Follower, Reckoning
 from eval.hifi.vehicle import Navigation, begin, lookahead_of, reach_of, takeoff_weight
-from eval.hifi.wind import Made, Route, plan_for, unflyable
+from eval.hifi.wind import Made, Route, options_in, plan_for, unflyable
 
 
 class Campaign(NamedTuple):
@@ -172,7 +172,8 @@ def _follow(
     surrogate = None
     if made.request is not None and made.plans.source[0] == SOURCES.index("policy"):
         goal = int(made.plans.proposals.goal[0])
-        surrogate = roll_out(made.request, goal, policy, campaign.options)
+        options = options_in(scene.frame, campaign.options)
+        surrogate = roll_out(made.request, goal, policy, options)
     return record._replace(errors=against(flight, curves, scene.frame, surrogate))
 
 

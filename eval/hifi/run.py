@@ -7,12 +7,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from agents.config.load import ConfigError, Parser
+from agents.planner.answer import RequestError
 from envs.c208.flightgear import flightgear_at
 from envs.edge.progress import group_digits
+from envs.wind import Wind
 from eval.hifi.config import HifiConfig
 from eval.hifi.flights import Campaign, prepare
 from eval.hifi.rows import HifiFolder, columns
 from eval.hifi.summary import error_rows, rate_rows, summarise
+from eval.hifi.wind import options_in
 from eval.metrics.summary import print_table
 from eval.runner.command import Command, Resolved, run
 from eval.runner.options import first_options, last_options, named_evaluation, whole
@@ -76,6 +79,11 @@ def _parser() -> argparse.ArgumentParser:
 def campaign_of(config: HifiConfig) -> tuple[Campaign, HifiConfig]:
     """Return what a configuration names to be flown, and the configuration as resolved."""
     evaluation, _, resolved = named_evaluation(config)
+    unsure = config.condition.wind_error_mps
+    try:
+        options_in(Wind(std=unsure), evaluation.options)
+    except RequestError as problem:
+        raise ConfigError(f"condition.wind_error_mps is {unsure:g}: {problem}") from None
     del resolved["backend"]  # nothing here is decided in batches
     campaign = Campaign(
         policy=config.policy,

@@ -4,10 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agents.planner.answer import RequestError
 from agents.planner.candidates import empty
 from agents.planner.options import speed_range
 from agents.planner.planner import Plans, plan_among, plan_many
-from agents.planner.request import Options, Request
+from agents.planner.request import Options, Request, in_wind
 from agents.planner.traffic import Traffic
 from agents.policy.inference import Policy
 from envs.areas import Area
@@ -32,6 +33,13 @@ class Made(NamedTuple):
     problem: str | None  # why the planner was not asked; None: it was
 
 
+def options_in(wind: Wind, options: Options) -> Options:
+    """Return the options of plans that keep the limits in every wind within the uncertainty of one
+    that is known; raises a RequestError where it leaves nothing of them.
+    """
+    return options if wind.std == 0.0 else in_wind(options, wind)
+
+
 def plan_for(
     own: VehicleState,
     traffic: Traffic,
@@ -46,13 +54,15 @@ def plan_for(
     ``[1, K]`` are; areas as they are over the ground at the start.
     """
     low, high = speed_range(options.aircraft.limits)
+    none = Plans(empty(1, options.waypoints), np.zeros(1, dtype=np.int8), np.zeros(1, dtype=bool))
     if not low <= own.speed <= high:
-        none = Plans(
-            empty(1, options.waypoints), np.zeros(1, dtype=np.int8), np.zeros(1, dtype=bool)
-        )
         return Made(
             none, None, f"own air speed is {own.speed:.1f} m/s, expected {low:g} to {high:g} m/s"
         )
+    try:
+        options = options_in(wind, options)
+    except RequestError as problem:
+        return Made(none, None, str(problem))
     one = VehicleState(*(np.array([float(field)]) for field in own))
     drift = None if wind == NO_WIND else (np.array([-wind.east]), np.array([-wind.north]))
     x, y = route.x - wind.east * clock, route.y - wind.north * clock

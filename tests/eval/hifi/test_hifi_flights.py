@@ -36,7 +36,7 @@ from envs.outcome import RULES
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from envs.waypoints import Legs, PlanStates, at, legs
-from envs.wind import NO_WIND, Wind, over_ground, through_air
+from envs.wind import NO_WIND, Wind, narrow, over_ground, through_air
 from eval.hifi import flights as hifi_flights
 from eval.hifi.config import CONDITIONS, ConditionConfig, Drawn, HifiConfig, draw_conditions
 from eval.hifi.errors import against
@@ -328,6 +328,24 @@ def test_in_a_wind_the_surrogate_flies_its_plan_as_in_calm_air(number: int) -> N
     assert row["position_error_max_m"] < 0.02
     assert abs(row["separation_loss_m"]) < 0.05
     assert row["outcome"] == "reached"
+
+
+def test_a_plan_in_an_uncertain_wind_keeps_the_limits_in_every_wind_within_it() -> None:
+    flying = campaign("condition.wind_mps=[10,10]", "condition.wind_error_mps=1")
+    scene, limits = scene_of(flying, 3), flying.options.limits
+    assert scene.frame.std == 1.0
+    made = plan_scene(scene, flying.options)
+    assert made.problem is None and made.plans.proposals.safe[0]
+    curves = legs(take(made.plans.proposals.plan_states, 0))
+    kept = narrow(limits, flying.options.requirement.sigmas)
+    assert np.abs(curves.yaw_rate).max() <= kept.yaw_rate_max + 1e-6 < limits.yaw_rate_max
+    assert curves.acceleration.min() >= kept.acceleration_min - 1e-6 > limits.acceleration_min
+    assert curves.acceleration.max() <= kept.acceleration_max + 1e-6 < limits.acceleration_max
+
+
+def test_a_wind_known_so_badly_that_nothing_can_be_flown_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"condition.wind_error_mps is 15: wind.std is 15 m/s"):
+        campaign("condition.wind_error_mps=15")
 
 
 def test_an_encounter_is_the_same_conflict_in_any_wind() -> None:
