@@ -17,6 +17,7 @@ from pydantic import BaseModel
 from agents.config.keys import keys
 from agents.config.load import ConfigError, dump, load
 from agents.config.pages import with_tables
+from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.encounters import SCENARIOS, scenario
 from envs.outcome import RULES
@@ -26,6 +27,11 @@ from rlcas_jax.reference import main, tables
 from rlcas_jax.task import build
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_the_policy_that_ships_was_trained_by_the_recipe_that_ships():
+    recipe = load(TrainConfig, ROOT / "configs" / "best.yaml")
+    assert Policy.load().metadata["training"]["config"] == recipe.model_dump(mode="json")
 
 
 def test_own_speeds_that_the_aircraft_does_not_fly_are_refused():
