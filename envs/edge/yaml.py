@@ -152,7 +152,7 @@ def parse(text: str, name: str) -> Any:
     ) as problem:
         mark = getattr(problem, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark is not None else ""
-        what = getattr(problem, "problem", None) or str(problem)
+        what = " ".join((getattr(problem, "problem", None) or str(problem)).split())
         raise YamlError(f"{name}: {where}not valid YAML ({what})") from None
 
 

@@ -473,6 +473,7 @@ def change(content: Any, path: str, value: Any) -> Any:
         (ICAROUS.replace("47.002", "x"), r"fence 1, vertices\[0\], latitude: is 'x'"),
         ("- id: &a 1\n- id: *a\n", r"line 2: \*a is an alias"),
         ("- [", r"not valid YAML"),
+        ("\x00\x01", r"not valid YAML \(unacceptable character"),
         ("id: 1", r"expected a list"),
     ],
 )
