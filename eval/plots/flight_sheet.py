@@ -177,9 +177,7 @@ def area_sample() -> Line2D:
 
 
 def _draw_area(axes: Axes, area: Area, time: float) -> None:
-    """Draw an area with its clearance as it is some seconds after the start, km; filled at the
-    start.
-    """
+    """Draw the edges of an area as it is some seconds after the start, km; filled at the start."""
     style: dict[str, Any] = {"facecolor": PURPLE if time == 0.0 else "none", "edgecolor": PURPLE}
     style |= {"alpha": 0.35, "linewidth": 0.8, "linestyle": "-" if time == 0.0 else "--"}
     for ring in outlines(area, time):
