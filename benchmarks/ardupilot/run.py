@@ -1,6 +1,6 @@
 """Encounters flown by the mission alone, by ArduPilot's own avoidance, and by us.
 
-    python -m benchmarks.ardupilot [--encounters 200] [--out DIR] [--anew]
+    python -m benchmarks.ardupilot [--encounters 200] [--workers N] [--out DIR] [--anew]
 
 Each encounter (:mod:`benchmarks.ardupilot.encounters`) is flown by ArduPlane in its simulation,
 which RLCAS_SITL names (docs/howto/mavlink.md): ``mission`` passes over the traffic, ``climb`` and
@@ -13,17 +13,23 @@ flown again. The last line is one JSON object.
 
 import argparse
 import json
+import multiprocessing
+import signal
 import sys
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from benchmarks.ardupilot.encounters import encounter
 from benchmarks.measure import Kind, read_done, report
-from envs.edge.command import Parser
+from envs.edge.command import ConfigError, Parser
 from envs.edge.json_text import parse_json
 from ros_bridge.mavlink.flight import BEGIN, SEPARATION, Encounter, Result, fly
 from ros_bridge.mavlink.sitl import SitlError, folder
+
+if TYPE_CHECKING:
+    from multiprocessing.queues import SimpleQueue
 
 METHODS = "mission", "climb", "sideways", "ours"
 _FILE = "flights.jsonl"
@@ -49,6 +55,8 @@ KINDS = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly what is missing, and print the table."""
     options = _parser().parse_args(arguments)
+    if options.workers < 1:
+        raise ConfigError(f"--workers is {options.workers}; expected 1 or more")
     folder()
     options.out.mkdir(parents=True, exist_ok=True)
     asked = {"seed": options.seed, "separation_m": SEPARATION}
@@ -81,10 +89,42 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _flights(wanted: Sequence[tuple[int, str]], options: argparse.Namespace) -> Iterator[Row]:
-    """Fly encounters, given by their numbers, by methods, and yield the line of each."""
-    for number, method in wanted:
-        one = encounter(options.seed, number)
-        yield row_of(one, method, _fly(one, method, options))
+    """Fly encounters, given by their numbers, by methods, and yield the line of each when it is
+    flown; an interrupt reaches only this process, and waits for the flights under way.
+    """
+    if options.workers == 1:
+        yield from (_line(*one, options) for one in wanted)
+        return
+    context = multiprocessing.get_context("spawn")
+    instances = context.SimpleQueue()
+    for number in range(options.workers):
+        instances.put(options.instance + number)
+    executor = ProcessPoolExecutor(options.workers, context, _begin, (instances, options))
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        flights = [executor.submit(_work, *one) for one in wanted]
+        signal.signal(signal.SIGINT, before)
+        yield from (flight.result() for flight in as_completed(flights))
+    finally:
+        signal.signal(signal.SIGINT, before)
+        executor.shutdown(cancel_futures=True)
+
+
+_OPTIONS: list[argparse.Namespace] = []  # of a worker, with an instance of its own
+
+
+def _begin(instances: "SimpleQueue[int]", options: argparse.Namespace) -> None:
+    options.instance = instances.get()
+    _OPTIONS.append(options)
+
+
+def _work(number: int, method: str) -> Row:
+    return _line(number, method, _OPTIONS[0])
+
+
+def _line(number: int, method: str, options: argparse.Namespace) -> Row:
+    one = encounter(options.seed, number)
+    return row_of(one, method, _fly(one, method, options))
 
 
 def _fly(one: Encounter, method: str, options: argparse.Namespace) -> Result:
@@ -207,6 +247,7 @@ def _parser() -> Parser:
         "--instance",
         type=int,
         default=5,
-        help="number of the simulation, which sets its ports (default 5)",
+        help="number of the simulation, or of the first worker's, which sets its ports (default 5)",
     )
+    add("--workers", type=int, default=1, help="simulations side by side (default 1)")
     return parser
