@@ -124,10 +124,11 @@ def _work(number: int, method: str) -> Row:
 
 def _line(number: int, method: str, options: argparse.Namespace) -> Row:
     one = encounter(options.seed, number)
-    return row_of(one, method, _fly(one, method, options))
+    flight = fly_encounter(one, method, instance=options.instance, speedup=options.speedup)
+    return row_of(one, method, flight)
 
 
-def _fly(one: Encounter, method: str, options: argparse.Namespace) -> Result:
+def fly_encounter(one: Encounter, method: str, *, instance: int, speedup: float) -> Result:
     """Fly an encounter by a method; on a busy machine a simulation may start too late, and is tried
     again.
     """
@@ -136,7 +137,7 @@ def _fly(one: Encounter, method: str, options: argparse.Namespace) -> Result:
     while True:
         left -= 1
         try:
-            return fly(one, method, instance=options.instance, speedup=options.speedup, until=until)
+            return fly(one, method, instance=instance, speedup=speedup, until=until)
         except (SitlError, RuntimeError) as problem:
             if not left:
                 raise

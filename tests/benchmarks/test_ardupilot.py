@@ -8,11 +8,11 @@ import pytest
 
 pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
 
-from benchmarks.ardupilot import run
+from benchmarks.ardupilot import margin, run
 from benchmarks.ardupilot.chaser import Chaser
 from benchmarks.ardupilot.encounters import encounter
 from envs.edge.json_text import parse_json
-from ros_bridge.mavlink.flight import Row
+from ros_bridge.mavlink.flight import BEGIN, Row, place_of
 
 
 def test_stored_flights_are_those_of_their_encounters_and_stand_once() -> None:
@@ -31,6 +31,24 @@ def test_kept_flights_are_not_flown_again_and_new_ones_go_before() -> None:
     left = run.stored_flights(asked, every[:3])
     assert left == every[3:]
     assert run.stored_flights(asked | {"seed": 1}, []) == []
+
+
+def test_an_encounter_in_another_air_is_still_a_conflict_of_the_mission() -> None:
+    for number in range(20):
+        one = margin.in_air(encounter(0, number), margin.Air(5.0, 2.0))
+        for intruder in one.intruders:
+            if intruder.turn == 0.0:
+                x, y, _ = place_of(intruder, intruder.cpa, one.cruise)
+                away = math.hypot(BEGIN + one.cruise * intruder.cpa - x, y)
+                assert away == pytest.approx(abs(intruder.miss))
+
+
+def test_the_margins_line_says_what_the_largest_of_its_flights_bounds() -> None:
+    row = margin.row_of("still", [(1.0, 4.0), (3.0, 2.0), (2.0, 3.0)])
+    assert (row["across_m_median"], row["across_m_max"]) == (2.0, 3.0)
+    assert (row["along_m_median"], row["along_m_max"]) == (3.0, 4.0)
+    # Three flights are all below a share s of all flights with probability s^3.
+    assert row["share_below_max"] ** 3 == pytest.approx(0.05, abs=1e-3)
 
 
 def test_aircraft_that_leave_are_reported_for_good() -> None:

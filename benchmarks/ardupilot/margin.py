@@ -1,0 +1,103 @@
+"""How far ArduPlane is from the plans that it flies, in still air, in wind and in turbulence.
+
+    python -m benchmarks.ardupilot.margin [--encounters 20] [--only NAME,NAME]
+
+Encounters of :mod:`benchmarks.ardupilot.encounters` are flown by ours in each air: ``still``;
+``wind``, 5 m/s from any direction; ``turbulence``, the same wind with SIM_WIND_TURB 2. Of each
+flight the largest distances across its plans and along them are taken, from samples every tenth of
+a second while it is steered. Of each air the line says the median and the largest of them, and the
+share of flights that stay below the largest, at 95 % confidence. The last line is one JSON object.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.ardupilot.encounters import encounter, ground_speed
+from benchmarks.ardupilot.run import fly_encounter
+from benchmarks.measure import parse_names, report
+from envs.edge.command import ConfigError, Parser
+from ros_bridge.mavlink.flight import Encounter, Result
+from ros_bridge.mavlink.sitl import folder
+
+_DOUBT = 0.05  # one less the confidence
+_INSTANCE, _SPEEDUP = 16, 40.0
+
+
+class Air(NamedTuple):
+    """The air of a flight, m/s."""
+
+    wind: float
+    turbulence: float
+
+
+AIRS = {"still": Air(0.0, 0.0), "wind": Air(5.0, 0.0), "turbulence": Air(5.0, 2.0)}
+
+
+def in_air(one: Encounter, air: Air) -> Encounter:
+    """Return an encounter in another air, in which its aircraft still meet."""
+    cruise = ground_speed(air.wind, one.wind_from)
+    return one._replace(wind=air.wind, turbulence=air.turbulence, cruise=cruise)
+
+
+def largest(flight: Result) -> tuple[float, float] | None:
+    """Return the largest distances from the plan across and along, m; None: none was flown."""
+    if not flight.steered:
+        return None
+    off = np.abs([(one.cross_track, one.along_track) for one in flight.steered])
+    across, along = off.max(axis=0)
+    return float(across), float(along)
+
+
+def row_of(name: str, distances: Sequence[tuple[float, float]]) -> dict[str, Any]:
+    """Return the line of an air; one flight at least."""
+    table = np.array(distances)
+    (across, along), (across_max, along_max) = np.median(table, axis=0), table.max(axis=0)
+    return {
+        "air": name,
+        "flights": len(table),
+        "across_m_median": round(float(across), 2),
+        "across_m_max": round(float(across_max), 2),
+        "along_m_median": round(float(along), 2),
+        "along_m_max": round(float(along_max), 2),
+        "share_below_max": round(_DOUBT ** (1.0 / len(table)), 3),
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly, and print."""
+    parser = Parser(prog="python -m benchmarks.ardupilot.margin", description=__doc__)
+    add = parser.add_argument
+    add("--encounters", type=int, default=20, help="encounters flown in each air (default 20)")
+    names = ",".join(AIRS)
+    add("--only", default=names, help=f"names with commas (default {names})")
+    options = parser.parse_args(arguments)
+    if options.encounters < 1:
+        raise ConfigError(f"--encounters is {options.encounters}; expected 1 or more")
+    folder()
+    rows = []
+    for name in parse_names(options.only, AIRS):
+        distances = _fly(AIRS[name], options.encounters)
+        if distances:
+            rows.append(row_of(name, distances))
+            print(rows[-1], flush=True)
+    report({"benchmark": "ardupilot.margin", "rows": rows}, ("pymavlink",))
+    return 0
+
+
+def _fly(air: Air, encounters: int) -> list[tuple[float, float]]:
+    """Return the largest distances of each flight in which a plan was flown."""
+    found: list[tuple[float, float]] = []
+    for number in range(encounters):
+        one = in_air(encounter(0, number), air)
+        off = largest(fly_encounter(one, "ours", instance=_INSTANCE, speedup=_SPEEDUP))
+        if off is not None:
+            found.append(off)
+    return found
+
+
+if __name__ == "__main__":
+    from envs.edge.command import run_cli
+
+    run_cli("benchmarks.ardupilot.margin:main")
