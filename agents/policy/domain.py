@@ -15,12 +15,10 @@ from agents.policy.file import PolicyFile
 from envs.aircraft import Aircraft, ratios
 from envs.arrays import Array
 from envs.edge.command import InputError
+from envs.own_separations import GREATEST, LEAST
 
 TRAFFIC_SPEED = (0.4, 1.3)
 """Intruders' speeds, in the ownship's greatest."""
-
-INTRUDER_SEPARATION = (0.3, 3.0)
-"""Intruders' own separations, in the aircraft's (:mod:`envs.own_separations`)."""
 
 # of an intruder at the start, separations: two displaced starts on a circle of ten
 _DISTANCE = 21.5
@@ -107,7 +105,7 @@ def traffic(aircraft: Aircraft) -> dict[str, tuple[float, float]]:
     return {
         "intruder_speed": (TRAFFIC_SPEED[0] * fast, TRAFFIC_SPEED[1] * fast),
         "intruder_turn_rate": (0.0, limits.yaw_rate_max),
-        "intruder_separation": (INTRUDER_SEPARATION[0] * unit, INTRUDER_SEPARATION[1] * unit),
+        "intruder_separation": (LEAST * unit, GREATEST * unit),
         "distance": (0.0, _DISTANCE * unit),
         "position_std": (0.0, _NOISE * unit),
         "velocity_std": (0.0, _NOISE * fast),

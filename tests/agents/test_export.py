@@ -15,7 +15,7 @@ from agents.learning.export import parity_observations, to_policy_file
 from agents.learning.networks import Actor, Critic
 from agents.policy import candidate_manoeuvres, inference
 from agents.policy.candidate_manoeuvres import min_separation
-from agents.policy.domain import INTRUDER_SEPARATION, OutsideDomainError, departures, excess
+from agents.policy.domain import OutsideDomainError, departures, excess
 from agents.policy.file import PolicyFileError, parse, read, serialise, write
 from agents.policy.inference import Policy
 from agents.policy.scene import scene
@@ -24,7 +24,6 @@ from agents.policy.set_features import set_inputs
 from envs.aircraft import PAPER, Ratios, new_aircraft, ratios
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance, commands
 from envs.observation import criticality, decode, observe
-from envs.own_separations import GREATEST, LEAST
 from envs.trees import column
 
 HIDDEN = (16, 8)
@@ -419,10 +418,6 @@ def test_traffic_outside_the_domain_is_said_by_quantity():
     assert excess((40.0, 130.0), np.array([30.0, 40.0, 131.2, 131.4])).tolist() == pytest.approx(
         [10.0, 0.0, 0.0, 1.4]
     )
-
-
-def test_own_separations_of_the_domain_are_those_of_the_training():
-    assert INTRUDER_SEPARATION == (LEAST, GREATEST)
 
 
 def test_more_intruders_than_in_training_are_refused():
