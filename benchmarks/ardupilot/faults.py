@@ -26,6 +26,7 @@ _UNTIL = 120.0  # s
 _SPELL = 30.0, 45.0  # s in which it fails, while the plan is flown
 _CROSSING = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
 _POSITION = 33  # GLOBAL_POSITION_INT
+_JUMP = 0.003  # degrees of latitude
 _BLIND = 8.0  # s without it
 _STALL, _SLUGGISH = 2_000, 900  # ms that the program sleeps each time
 _INSTANCE = 11
@@ -125,10 +126,15 @@ def faults() -> dict[str, Fault]:
         (_SPELL[0], _parameter(b"SIM_GPS1_ENABLE", 0.0)),
         (_SPELL[1], _parameter(b"SIM_GPS1_ENABLE", 1.0)),
     )
+    jump = _Times(
+        (_SPELL[0], _parameter(b"SIM_GPS1_GLTCH_X", _JUMP)),
+        (_SPELL[1], _parameter(b"SIM_GPS1_GLTCH_X", 0.0)),
+    )
     return {
         "none": Fault("nothing"),
         "stale": Fault("no GLOBAL_POSITION_INT for 8 s", blind.watch, blind.keep),
         "gps": Fault("SIM_GPS1_ENABLE is 0 for 15 s", gps),
+        "jump": Fault("the satellites' position is 330 m off for 15 s", jump),
         "slow": Fault("the program runs only every two seconds, for 15 s", _stall),
         "sluggish": Fault(
             "the program runs only every 0.9 s, for 15 s", partial(_stall, sleep=_SLUGGISH)

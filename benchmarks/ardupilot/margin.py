@@ -9,6 +9,7 @@ a second while it is steered. Of each air the line says the median and the large
 share of flights that stay below the largest, at 95 % confidence. The last line is one JSON object.
 """
 
+import json
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -81,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         distances = _fly(AIRS[name], options.encounters)
         if distances:
             rows.append(row_of(name, distances))
-            print(rows[-1], flush=True)
+            print(json.dumps(rows[-1]), flush=True)
     report({"benchmark": "ardupilot.margin", "rows": rows}, ("pymavlink",))
     return 0
 

@@ -150,10 +150,11 @@ def check_flyable(parameters: Mapping[str, float]) -> None:
     """Raise :class:`ParameterError` where the autopilot's own avoidance is on: both must not fly
     at once.
     """
-    if parameters.get("AVD_ENABLE", 0.0) != 0.0:
+    enabled = parameters.get("AVD_ENABLE", 0.0)
+    if enabled != 0.0:
         raise ParameterError(
-            "AVD_ENABLE is 1; expected 0 with --fly: the autopilot's own avoidance ignores guided "
-            "commands, and both must not fly at once"
+            f"AVD_ENABLE is {enabled:g}; expected 0 with --fly: the autopilot's own avoidance "
+            "ignores guided commands, and both must not fly at once"
         )
 
 
