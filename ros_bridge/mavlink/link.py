@@ -25,6 +25,7 @@ COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 _DRIFT = 1e-4  # of two clocks, s per s: a message so much later is no later
 _PATIENCE = 5.0  # s for an answer
 _TRIES = 5
+_TEXT = 50  # characters of a STATUSTEXT
 _RECONNECT = 0.2  # s between two attempts
 MISSION, FENCE = 0, 1
 """MAV_MISSION_TYPE."""
@@ -103,6 +104,7 @@ class Link:
         self.clock = Clock(simulated=simulated)
         self.heard = 0.0  # when a message of the autopilot arrived last, s of our clock
         self.bad = 0  # messages that could not be read
+        self._texts = 0  # number of the last long text
         self._mavlink: Any = mavutil.mavlink
         check_address(address)
         try:
@@ -340,10 +342,17 @@ class Link:
         self.command(224, float(number))  # MAV_CMD_DO_SET_MISSION_CURRENT
 
     def say(self, text: str, severity: int = 4) -> None:
-        """Send a STATUSTEXT, cut off after the 50 characters that one holds."""
-        self._send(
-            self._connection.mav.statustext_send, severity, text.encode("ascii", "replace")[:50]
-        )
+        """Send a text: one STATUSTEXT, or as many as it needs, which a ground station joins by
+        their number; a whole last one ends with an empty one.
+        """
+        data = text.encode("ascii", "replace")
+        if len(data) <= _TEXT:
+            self._send(self._connection.mav.statustext_send, severity, data)
+            return
+        self._texts = self._texts % 65_535 + 1
+        for part, begin in enumerate(range(0, len(data) + 1, _TEXT)):
+            chunk = data[begin : begin + _TEXT]
+            self._send(self._connection.mav.statustext_send, severity, chunk, self._texts, part)
 
     def close(self) -> None:
         """Close the connection, unless it is lost."""

@@ -583,6 +583,28 @@ def test_an_autopilot_on_a_serial_port_is_found_and_its_loss_is_silence() -> Non
     link.close()
 
 
+@pytest.mark.parametrize("length", [3, 50, 51, 100, 130])
+def test_a_long_text_is_sent_in_parts_that_a_ground_station_joins(length: int) -> None:
+    dialect = importlib.import_module("pymavlink.dialects.v20.ardupilotmega")
+    text = "".join(chr(97 + n % 26) for n in range(length))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+        station.bind(("127.0.0.1", 0))
+        station.settimeout(5.0)
+        link = Link(f"udpout:127.0.0.1:{station.getsockname()[1]}")
+        link.say(text)
+        link.say("end")
+        reader, parts = dialect.MAVLink(None), []
+        while not parts or parts[-1].text != "end":
+            parts += reader.parse_buffer(station.recv(4_096))
+        link.close()
+    *ours, _ = parts
+    assert "".join(one.text for one in ours) == text
+    assert [one.chunk_seq for one in ours] == list(range(len(ours)))
+    assert {one.id == 0 for one in ours} == {length <= 50}
+    # A part that is not full ends the text.
+    assert len(ours) == 1 or len(ours[-1].text) < 50
+
+
 @pytest.mark.parametrize("text", ["/dev/null", "/dev/zero"])
 def test_a_device_that_is_no_serial_port_is_refused_in_a_sentence(text: str) -> None:
     pytest.importorskip("serial", reason="the extra mavlink is not installed")
