@@ -117,15 +117,17 @@ def cells_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]
 
 
 def _met(figure: Any, sign: str, bound: float) -> str:
-    """Return whether a figure, a number or a rate with its interval, meets a bound."""
+    """Return whether a figure meets a bound: a number itself, a rate by its 95 % interval, all of
+    which must; what a part of it meets is undecided.
+    """
     if not isinstance(figure, dict):
         figure = dict.fromkeys(("value", "low", "high"), figure)
     if figure["value"] is None:
         return "open"
-    if _meets(figure["value"], sign, bound):
+    ends = [_meets(figure[end], sign, bound) for end in ("low", "high")]
+    if all(ends):
         return "yes"
-    best = figure["high" if sign == ">=" else "low"]
-    return "undecided" if _meets(best, sign, bound) else "no"
+    return "undecided" if any(ends) else "no"
 
 
 def _meets(value: float, sign: str, bound: float) -> bool:

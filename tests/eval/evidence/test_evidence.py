@@ -239,6 +239,21 @@ def test_a_claim_whose_figure_is_not_there_is_open(
     assert f"the claim is {judged};" in said
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "met"),
+    [(0.96, 0.98, "yes"), (0.94, 0.98, "undecided"), (0.90, 0.94, "no"), (0.95, 0.95, "yes")],
+)
+def test_a_claim_of_a_rate_is_met_by_its_whole_interval(
+    low: float, high: float, met: str, tmp_path: Path
+) -> None:
+    entry = load_list(tmp_path).results["one"]
+    rate = {"value": 0.5 * (low + high), "low": low, "high": high, "total": 100}
+    for sign, share in ((">=", rate), ("<=", {"value": 0.5, "low": 1 - high, "high": 1 - low})):
+        bound = 0.95 if sign == ">=" else 1 - 0.95
+        claimed = entry.model_copy(update={"claim": ("share", sign, bound)})
+        assert row_of(claimed, result(entry.command, share=share), {"met": "{met}"})[1:] == [met]
+
+
 def test_no_plan_breaks_its_promise_is_claimed_where_intruders_turn() -> None:
     entry = LISTED.results["plan_maneuvering"]
     assert entry.claim == ("safe_plans_broken", "<=", 0.0)
