@@ -313,14 +313,16 @@
     const canvas = document.querySelector("#bands canvas"), box = canvas.parentElement;
     const { pen, width, height } = airmap.fitted({ canvas, box }), radius = Math.min(width - 80, height) / 2 - 26;
     const x = width - radius - 28, y = height / 2, at = Math.max(0, Math.min(state.time, own.x.length - 2));
-    const vx = own.x[at + 1] - own.x[at], vy = own.y[at + 1] - own.y[at], speed = Math.hypot(vx, vy) / data.dt;
+    // Bands are those of the air mass, and so are the ownship's direction and speed beside them.
+    const [east, north] = state.flight.wind ?? [0, 0];
+    const vx = (own.x[at + 1] - own.x[at]) / data.dt - east, vy = (own.y[at + 1] - own.y[at]) / data.dt - north, speed = Math.hypot(vx, vy);
     airmap.compass(pen, x, y, radius, 0, colour, 11);
     airmap.bands(pen, x, y, radius + 2, 18, 0, data.tracks_deg, tracks, colour);
     airmap.fences(pen, x, y, radius + 23, 0, data.tracks_deg, bands.trackAreas[state.time], colour);
     airmap.plane(pen, x, y, Math.atan2(vy, vx), 1.2, colour.own, colour.paper);
     const tape = { value: speed, span: 40, step: 10, words: speed.toFixed(0), targets: bands.speed, regions: speeds, areas: bands.speedAreas[state.time] };
     airmap.tape(pen, { left: 4, top: 8, width: 62, height: height - 28 }, tape, colour);
-    airmap.text(pen, "m/s", 8, height - 6, colour.soft, colour.paper, { size: 11, align: "left" });
+    airmap.text(pen, state.flight.wind ? "m/s, air" : "m/s", 8, height - 6, colour.soft, colour.paper, { size: 11, align: "left" });
     const free = (codes) => codes.filter((code) => code === 0).length;
     $("free").textContent = `${free(tracks)} of ${tracks.length} directions and ${free(speeds)} of ${speeds.length} speeds are free.`;
   }

@@ -25,6 +25,7 @@ from envs.angles import wrap
 from envs.areas import Area, after
 from envs.kinematics import VehicleState
 from envs.trees import take
+from envs.wind import Wind
 
 TRACKS = np.arange(HEADINGS) * (360.0 / HEADINGS)
 """Directions, degrees clockwise from north, ascending."""
@@ -46,14 +47,27 @@ class FlightBands(NamedTuple):
 
 
 def flight_bands(
-    own: VehicleState, intruders: VehicleState, options: Options, areas: tuple[Area, ...] = ()
+    own: VehicleState,
+    intruders: VehicleState,
+    options: Options,
+    areas: tuple[Area, ...] = (),
+    separations: np.ndarray | None = None,
 ) -> FlightBands:
-    """Return the bands of a flight: an ownship ``[T]`` and intruders ``[T, K]``, a time step
-    apart; areas as they are at the start.
+    """Return the bands of a flight.
+
+    Args:
+        own: ownship in the air mass, ``[T]``, a time step apart.
+        intruders: likewise, ``[T, K]``.
+        options: of plans.
+        areas: as the air mass sees them at the start.
+        separations: what must be kept from each intruder, m, ``[K]``; None: the aircraft's.
     """
     aircraft, requirement, limits = options.aircraft, options.requirement, options.limits
     alerting = Alerting.for_aircraft(aircraft)
     traffic, ahead = Traffic.straight(intruders), alerting.look_ahead
+    if separations is not None:
+        each = np.broadcast_to(separations, traffic.mask.shape)
+        traffic = traffic._replace(separation=each)
     headings = wrap(0.5 * np.pi - np.radians(TRACKS), np)
     speeds = np.linspace(limits.speed_min, limits.speed_max, SPEEDS)
     amid = _areas_then(areas, len(own.x), aircraft.dt, ahead)
@@ -105,6 +119,11 @@ def bands_data(found: FlightBands) -> dict[str, Any]:
         "track_areas": _runs(found.track_areas),
         "speed_areas": _runs(found.speed_areas),
     }
+
+
+def wind_data(wind: Wind) -> list[float]:
+    """Return a wind as pages read it: towards east and north, m/s."""
+    return [round(float(wind.east), 2), round(float(wind.north), 2)]
 
 
 def encounter_data(found: FlightBands, options: Options) -> dict[str, Any]:

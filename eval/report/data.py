@@ -17,7 +17,7 @@ from envs.areas import Area
 from envs.edge.command import visible
 from eval.flights.among_areas import outlines
 from eval.plots.style import BREACH, MARKERS, spread
-from eval.report.bands import TRACKS, bands_data
+from eval.report.bands import TRACKS, bands_data, wind_data
 from eval.report.flights import Replayed
 from eval.report.folder import Run
 
@@ -170,6 +170,8 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
         found["plan_status"] = flight.plan_status
     if flight.bands is not None:
         found["bands"] = bands_data(flight.bands)
+    if flight.wind is not None:
+        found["wind"] = wind_data(flight.wind)
     if track.areas:
         found["areas"] = [_area_data(area, origin) for area in track.areas]
     if flight.witness is not None:

@@ -17,6 +17,8 @@ from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.kinematics import commands
 from envs.trees import take
+from envs.wind import Wind, through_air
+from eval.flights.among_areas import in_air_mass
 from eval.flights.chunks import Evaluation, ReadyEvaluation
 from eval.flights.optimal import ROUNDS
 from eval.flights.plan_mode import STATUSES
@@ -50,6 +52,7 @@ class Replayed(NamedTuple):
     plan_status: str | None
     witness: Witness | None
     bands: FlightBands | None = None  # at T + 1 times; None where none were asked for
+    wind: Wind | None = None  # whose air mass the bands are in; None: still air
 
 
 def evaluation_of(run: Run, policy_path: Path | None = None) -> Evaluation:
@@ -96,12 +99,14 @@ def _batch(
     still = evaluation.wind_mps == (0.0, 0.0) and not evaluation.areas
     witnessed = [row for row, number in enumerate(numbers) if still and number in wanted]
     witnesses = _witnesses(evaluation.aircraft, batch.starts, witnessed)
+    winds = evaluation.wind(np.asarray(numbers))
     for row, number in enumerate(numbers):
         track = batch.track(row)
         if not track.separation.size:
             continue  # the planner had no trajectory
         acceleration, yaw_rate = _motion(batch, row, track, evaluation.aircraft)
         plan, status = _first_plan(batch, row)
+        blows = None if winds is None else Wind(*(float(part) for part in take(winds, row)))
         yield Replayed(
             number=number,
             track=track,
@@ -111,7 +116,8 @@ def _batch(
             plan=plan,
             plan_status=status,
             witness=witnesses.get(row),
-            bands=_bands(batch, row, track, evaluation) if number in banded else None,
+            bands=bands_of(batch, row, track, evaluation, blows) if number in banded else None,
+            wind=blows,
         )
 
 
@@ -147,12 +153,21 @@ def _first_plan(batch: Recorded, row: int) -> tuple[np.ndarray | None, str | Non
     return plan if np.isfinite(plan).all() else None, STATUSES[int(made.safe[row])]
 
 
-def _bands(batch: Recorded, row: int, track: Track, evaluation: Evaluation) -> FlightBands:
+def bands_of(
+    batch: Recorded, row: int, track: Track, evaluation: Evaluation, wind: Wind | None
+) -> FlightBands:
+    """Return the bands of a flight, in the air mass."""
     count, members = track.separation.size + 1, batch.starts.mask[row]
     own = states(batch.trajectories.own, count, row)
     intruders = states(batch.trajectories.intruders, count, row)
-    intruders = take(intruders, (slice(None), members))
-    return flight_bands(own, intruders, evaluation.options, track.areas)
+    intruders, areas = take(intruders, (slice(None), members)), track.areas
+    if wind is not None:
+        time = np.arange(count) * evaluation.aircraft.dt
+        own, intruders = through_air(own, wind, time), through_air(intruders, wind, time[:, None])
+        areas = in_air_mass(areas, wind, 0.0)
+    every = batch.starts.separation
+    kept = None if every is None else every[row, members]
+    return flight_bands(own, intruders, evaluation.options, areas, kept)
 
 
 def _witnesses(aircraft: Aircraft, starts: Encounter, rows: list[int]) -> dict[int, Witness]:

@@ -17,7 +17,7 @@ from envs.edge.installation import versions
 from envs.edge.progress import Progress
 from eval.flights.among_areas import outlines
 from eval.flights.chunks import Evaluation
-from eval.report.bands import encounter_data
+from eval.report.bands import encounter_data, wind_data
 from eval.report.data import Choice, choose, flight_data, page_data, points
 from eval.report.flights import Replayed, evaluation_of, fly_again
 from eval.report.folder import Run, read_run
@@ -186,6 +186,7 @@ def _save(run: Run, evaluation: Evaluation, flight: Replayed) -> None:
             }
             for area in track.areas
         ],
+        "wind": None if flight.wind is None else wind_data(flight.wind),
         "bands": encounter_data(flight.bands, evaluation.options),
     }
     folder = run.folder / "encounters"

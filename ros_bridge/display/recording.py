@@ -204,6 +204,8 @@ class FlightRecording:
         self._separation = float(document["separation"])
         self._goal = [float(one) for one in document["goal"]]
         self._bands = document["bands"]
+        wind = document.get("wind")
+        self._wind = None if wind is None else [float(wind[0]), float(wind[1])]
         for step in range(steps):  # nothing that cannot be sent is met while it is shown
             json.dumps(self._picture(step * self._dt), allow_nan=False)
         self.marks: list[tuple[float, int]] = []
@@ -221,7 +223,9 @@ class FlightRecording:
     def _picture(self, time: float) -> Document:
         step = min(int(time / self._dt), self._planes.shape[2] - 2)
         own, *traffic = self._planes_at(step, time)
-        own["air"] = {name: own[name] for name in ("track_deg", "speed")}
+        east, north = self._wind or (0.0, 0.0)
+        air = _plane("", np.zeros(2), np.array([own["vx"] - east, own["vy"] - north]))
+        own["air"] = {name: air[name] for name in ("track_deg", "speed")}
         row = None if self._bands is None else min(step, self._last_band())
         self._add_levels(traffic, row)
         document: Document = {
@@ -232,7 +236,7 @@ class FlightRecording:
             "own": own,
             "traffic": traffic,
             "separation": self._separation,
-            "wind": None,
+            "wind": self._wind,
             "plan": self._plan(time),
             "backup": None,
             "unresolved": None,

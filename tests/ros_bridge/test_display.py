@@ -394,6 +394,16 @@ def test_an_encounter_is_shown_at_the_time_that_a_client_asks_for(tmp_path: Path
         assert "expected a time" in server.said[0]
 
 
+def test_an_encounter_in_a_wind_is_shown_with_its_speed_through_the_air(tmp_path: Path):
+    still = read(encounter(tmp_path)).player()(5.0)
+    windy = read(encounter(tmp_path, wind=[20.0, 0.0])).player()(5.0)
+    assert still["wind"] is None and windy["wind"] == [20.0, 0.0]
+    assert [one["own"]["air"]["speed"] for one in (still, windy)] == [80.0, 60.0]
+    assert windy["own"]["speed"] == 80.0 and windy["own"]["air"]["track_deg"] == 90.0
+    with pytest.raises(InputError, match="is no whole encounter"):
+        read(encounter(tmp_path, wind=[20.0]))
+
+
 @pytest.mark.parametrize(
     ("content", "says"),
     [

@@ -21,9 +21,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.config.load import ConfigError
+from agents.planner.options import Options
+from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.kinematics import VehicleState
-from eval.flights.recorded import Track
+from envs.wind import Wind
+from eval.config import MonteCarloConfig
+from eval.flights.chunks import ReadyEvaluation
+from eval.flights.recorded import Track, fly_recorded
 from eval.metrics.summary import headline
 from eval.plots.style import MARKERS, kinds_of
 from eval.report import run as report
@@ -38,9 +43,10 @@ from eval.report.data import (
     page_data,
     points,
 )
-from eval.report.flights import Replayed, Witness, evaluation_of, fly_again
+from eval.report.flights import Replayed, Witness, bands_of, evaluation_of, fly_again
 from eval.report.folder import read_run
 from eval.report.page import page
+from eval.runner.options import named_evaluation
 from ros_bridge.display.recording import read
 from tests.eval.conftest import TRACKS
 
@@ -206,6 +212,34 @@ def test_the_bands_of_a_flight_are_those_of_its_single_moments(report_run: Path)
     swapped = np.roll(image.tracks[0][::-1], 1)  # track n degrees becomes -n
     assert np.mean(plain.tracks[0] == swapped) > 0.97  # ties of turns to 180 degrees
     assert np.array_equal(plain.speeds, image.speeds)
+
+
+def test_bands_in_a_wind_are_those_of_the_air_mass(policy_path: Path) -> None:
+    # The first moment of an encounter is the same in the air mass of any wind.
+    at_start = []
+    for strength in (0.0, 14.0):
+        keys = {"mode": "plan", "wind_mps": (strength, strength), "seed": 8}
+        evaluation = named_evaluation(MonteCarloConfig(policy=policy_path, **keys))[0]
+        flown = fly_recorded(ReadyEvaluation.load(evaluation), [0])
+        winds = evaluation.wind(np.array([0]))
+        wind = None if winds is None else Wind(*(float(part[0]) for part in winds))
+        at_start.append(bands_of(flown, 0, flown.track(0), evaluation, wind))
+    still, windy = at_start
+    assert np.array_equal(still.speeds[0], windy.speeds[0])
+    assert windy.loss[0] == pytest.approx(still.loss[0])
+
+
+def test_bands_count_in_each_intruders_own_separation() -> None:
+    own = VehicleState(*(np.zeros(1), np.zeros(1), np.zeros(1), np.full(1, 80.0)))
+    ahead = VehicleState(*(np.full((1, 1), value) for value in (9e3, 0.0, np.pi, 80.0)))
+    options = Options.for_aircraft(PAPER)
+    usual, wide = (
+        flight_bands(own, ahead, options, (), kept) for kept in (None, np.array([3_000.0]))
+    )
+    same = flight_bands(own, ahead, options, (), np.array([options.requirement.separation]))
+    assert np.array_equal(same.tracks, usual.tracks)
+    assert wide.loss[0, 0] == pytest.approx(usual.loss[0, 0] - 2_000.0 / 160.0, abs=0.5)
+    assert np.count_nonzero(wide.tracks) > np.count_nonzero(usual.tracks)
 
 
 def test_a_saved_encounter_is_what_the_display_opens(copy: Path) -> None:
