@@ -4,9 +4,10 @@
         ^                                                                                    |
         +---------------------------------- AUTO seen ---------------------------------------+
 
-A mode that somebody else has set ends all of it at once (YIELDED): nothing is commanded any more,
-not even the way back to AUTO. It watches again where AUTO flies and no conflict has been there for
-a while, so that it never takes over again from an operator who decided otherwise.
+A mode that somebody else has set, or a target in GUIDED, ends all of it at once (YIELDED): nothing
+is commanded any more, not even the way back to AUTO. It watches again where AUTO flies and no
+conflict has been there for a while, so that it never takes over again from an operator who decided
+otherwise.
 """
 
 from dataclasses import dataclass, replace
@@ -57,6 +58,7 @@ class Seen(NamedTuple):
     conflict: bool  # whether the mission loses the separation
     flyable: bool  # whether there is something safe to fly, or a backup
     rejoined: bool  # whether the plan has reached its rejoin waypoint
+    diverted: bool = False  # whether somebody else has set another target in GUIDED
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,8 @@ def _take(control: Control, seen: Seen) -> Step:
 def _guide(control: Control, seen: Seen) -> Step:
     if seen.mode != Mode.GUIDED:
         return _yield(control, seen)
+    if seen.diverted:
+        return _yield(control, seen, "target set by others, commanding ends")
     if seen.rejoined or not seen.flyable:
         back = _enter(control, Phase.RETURNING, seen, asks=True)
         why = "clear" if seen.rejoined else "there is no plan to fly"

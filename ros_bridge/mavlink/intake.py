@@ -37,6 +37,7 @@ class Received:
     estimate: str = ""  # why the estimate of the own state cannot be used
     fix: str = ""  # why the satellite fix cannot be relied on
     current: int = 0  # item of the mission that is flown to
+    target: tuple[int, int] | None = None  # latitude and longitude that are flown to, 1e-7 degrees
     unix: int | None = None  # s since 1970 at the start of the autopilot's clock
     parameters: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
@@ -161,6 +162,15 @@ def _current(
     return replace(received, current=int(message.seq))
 
 
+def _target(
+    received: Received,
+    message: "dialect.MAVLink_position_target_global_int_message",
+    _: int,
+    __: Reading,
+) -> Received:
+    return replace(received, target=(int(message.lat_int), int(message.lon_int)))
+
+
 def _clock(
     received: Received, message: "dialect.MAVLink_system_time_message", _: int, __: Reading
 ) -> Received:
@@ -191,6 +201,7 @@ _KINDS: dict[str, Callable[[Received, Any, int, Reading], Received]] = {
     "GPS_RAW_INT": _fix,
     "ADSB_VEHICLE": _traffic,
     "MISSION_CURRENT": _current,
+    "POSITION_TARGET_GLOBAL_INT": _target,
     "SYSTEM_TIME": _clock,
     "PARAM_VALUE": _parameter,
 }

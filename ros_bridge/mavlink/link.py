@@ -41,6 +41,7 @@ RATES = {
     "EKF_STATUS_REPORT": 5.0,
     "GPS_RAW_INT": 5.0,
     "MISSION_CURRENT": 2.0,
+    "POSITION_TARGET_GLOBAL_INT": 2.0,
     "ADSB_VEHICLE": 10.0,
 }
 """Of the messages that are asked for, 1/s."""

@@ -6,8 +6,8 @@ Reads state, mission, fence, parameters and ADS-B traffic from ArduPlane over MA
 traffic from another receiver too, and watches and plans as the ROS nodes do, by the same core. By
 default it advises: STATUSTEXT to the ground station, and with --plan-file the plan as a map. With
 --fly it changes from AUTO to GUIDED while a conflict lasts, flies the plan in place and time, and
-gives AUTO back where the plan rejoins the mission. A mode that anybody else sets ends that at once;
-it takes over again only after AUTO has flown 10 s without a conflict.
+gives AUTO back where the plan rejoins the mission. A mode, or a target in GUIDED, that anybody else
+sets ends that at once; it takes over again only after AUTO has flown 10 s without a conflict.
 
 It stops commanding where the autopilot's state is older than 1.5 s. What the autopilot does where
 this program or the link dies: docs/howto/mavlink.md.
@@ -306,6 +306,8 @@ class Program:
         self._followed: _Followed | None = None
         self._air = Air()
         self._moved = False  # whether a new place has come
+        self._targets: set[tuple[int, int]] = set()  # that it has been sent to, 1e-7 degrees
+        self._reached_ours = False  # whether one of them has been its target in GUIDED
         self._live: LiveReports | None = None
 
         found = _question(link, options)
@@ -645,6 +647,7 @@ class Program:
         if was is not self._control.phase:
             self.log(f"{was.value} -> {self._control.phase.value}", now)
             if self._control.phase is Phase.WATCHING:
+                self._targets.clear()
                 revision = self._judgement.revision
                 supervision = replace(self._rules.begin(), revision=revision)
                 self._judgement = Judgement(supervision, revision=revision)
@@ -668,6 +671,7 @@ class Program:
             conflict=judged.conflict is not None and judged.conflict.time <= self._rules.engage,
             flyable=self._safe(now) if watching else to_follow(judged) is not None,
             rejoined=on_plan and rejoin is not None and now >= rejoin.time,
+            diverted=self._is_diverted(),
         )
 
     def _safe(self, now: int) -> bool:
@@ -693,7 +697,18 @@ class Program:
         if held is None or own is None or own.altitude is None:
             return
         point = held.points[-1]
-        self._link.reposition(messages.target(point.latitude, point.longitude, own.altitude))
+        target = messages.target(point.latitude, point.longitude, own.altitude)
+        self._targets.add((target.latitude, target.longitude))
+        self._link.reposition(target)
+
+    def _is_diverted(self) -> bool:
+        """Return whether the autopilot has had our target in GUIDED, and now has another one."""
+        if self._control.phase is not Phase.GUIDING:
+            self._reached_ours = False
+            return False
+        ours = self._received.target in self._targets
+        self._reached_ours = self._reached_ours or ours
+        return self._reached_ours and not ours
 
     def _steer(self, now: int) -> None:
         """Command roll and airspeed of what is to be flown."""

@@ -423,6 +423,15 @@ def test_a_mode_of_somebody_elses_ends_it_until_the_mission_flies_in_peace(mode:
     assert step(peace.control, make_seen(50.0), fly=True).orders == (Order.TAKE_OVER,)
 
 
+def test_a_target_of_somebody_elses_in_guided_ends_it_too() -> None:
+    flown = after(make_seen(0.0), make_seen(0.2, Mode.GUIDED))
+    ended = step(flown.control, make_seen(0.4, Mode.GUIDED, diverted=True), fly=True)
+    assert (ended.control.phase, ended.orders) == (Phase.YIELDED, ())
+    assert "commanding ends" in ended.text
+    later = step(ended.control, make_seen(9.0, Mode.GUIDED, diverted=True), fly=True)
+    assert later.orders == ()
+
+
 def test_an_operators_mode_that_our_request_crossed_is_restored() -> None:
     crossed = after(make_seen(0.0), make_seen(0.1, Mode.RTL))
     assert crossed.control.restore == Mode.RTL

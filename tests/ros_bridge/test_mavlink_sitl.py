@@ -225,6 +225,33 @@ def test_a_program_that_hears_nothing_falls_silent_so_that_the_failsafe_acts() -
     relay.cut()
 
 
+def test_a_target_that_a_ground_station_sets_in_guided_is_flown_to() -> None:
+    crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
+    waiting = [30.0]
+    there = place(2_000.0, 3_000.0)
+
+    def send_away(sitl: Sitl, seconds: float, row: Any) -> None:
+        if waiting and seconds > waiting[0]:
+            waiting.clear()
+            at = (round(1e7 * degrees) for degrees in there)
+            # MAV_CMD_DO_REPOSITION above mean sea level.
+            sitl.station.mav.command_int_send(
+                1, 1, 0, 192, 0, 0, -1.0, 1.0, 0.0, math.nan, *at, 620.0
+            )
+
+    flight = fly(
+        Encounter(0, (crossing,), 0.0, 300.0),
+        "ours",
+        instance=INSTANCE,
+        until=60.0,
+        watch=send_away,
+    )
+    assert any("target set by others, commanding ends" in text for text in flight.texts)
+    assert flight.rows[-1].mode == Mode.GUIDED
+    assert flight.rows[-1].y > 200.0
+    assert flight.steered[-1].time - flight.steered[0].time < 25.0
+
+
 def test_the_autopilots_own_avoidance_set_in_flight_ends_it_and_auto_is_back() -> None:
     crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
     waiting = [25.0]
