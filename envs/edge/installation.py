@@ -49,8 +49,10 @@ EXTRAS = {
 }
 """Modules that the optional dependencies of pyproject.toml install."""
 
-_OF_PACKAGE = {"rlcas_jax": "train", "ros_bridge": "ros"}
-"""The extra that a package's own commands need, which holds or goes with the extra ``report``."""
+_OF_COMMANDS = {"rlcas_jax.": "train", "ros_bridge.mavlink.": "report", "ros_bridge.": "ros"}
+"""The extra that commands of a package need, by how their names begin, the longest first; it holds
+or goes with the extra ``report``.
+"""
 
 
 def extra_of(module: str | None, command: str) -> str | None:
@@ -59,7 +61,11 @@ def extra_of(module: str | None, command: str) -> str | None:
     """
     top = (module or "").partition(".")[0]
     found = next((extra for extra, modules in EXTRAS.items() if top in modules), None)
-    return _OF_PACKAGE.get(command.partition(".")[0], found) if found == "report" else found
+    if found != "report":
+        return found
+    return next(
+        (extra for begin, extra in _OF_COMMANDS.items() if command.startswith(begin)), found
+    )
 
 
 def foreign() -> str:

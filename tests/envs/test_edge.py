@@ -184,6 +184,9 @@ def test_without_extras_every_program_has_help_that_names_what_to_install(tmp_pa
 def test_the_extra_is_that_of_the_command():
     assert extra_of("pydantic", "eval.rare.run:main") == "report"
     assert extra_of("pydantic", "rlcas_jax.train:main") == "train"
+    assert extra_of("matplotlib", "ros_bridge.demo:main") == "ros"
+    assert extra_of("matplotlib", "ros_bridge.mavlink.demo:main") == "report"
+    assert extra_of("serial", "ros_bridge.mavlink.program:main") == "mavlink"
     assert extra_of("jax.numpy", "") == "train"
     assert extra_of("agents.nothing", "") is None
 
