@@ -342,9 +342,14 @@
     return (Math.atan2(track.y[a + 1] - track.y[a], track.x[a + 1] - track.x[a]) * 180) / Math.PI - 90;
   }
 
+  // What must be kept from an intruder, m, and what the ring around the nearest, counted in that, is called.
+  const requiredOf = (flight, k) => flight.required?.[k] ?? data.required;
+  const discName = (flight) => `${flight.required ? "required separation" : `${data.required} m`} around the nearest`;
+
   function nearest(flight, time) {
     const apart = flight.others.map((other) => Math.hypot(other.x[time] - flight.own.x[time], other.y[time] - flight.own.y[time]));
-    return apart.indexOf(Math.min(...apart));
+    const counted = apart.map((metres, k) => metres / requiredOf(flight, k));
+    return counted.indexOf(Math.min(...counted));
   }
 
   const stroke = (id, name, points, color, more = {}) => ({
@@ -375,14 +380,14 @@
   }
 
   function moving(flight) {
-    const time = state.time, close = nearest(flight, time), limit = data.required / 1000;
+    const time = state.time, close = nearest(flight, time), limit = requiredOf(flight, close) / 1000;
     const craft = (id, track, color) => ({
       id, type: "scatter", symbol: "path://M0-10 L6 8 L0 4 L-6 8Z", symbolSize: [13, 19], symbolRotate: course(track, time), silent: true, animation: false,
       itemStyle: { color, borderColor: colour.paper, borderWidth: 1 }, data: [at(track, time)], z: 10,
     });
     const series = [
       { id: "flown", data: line(flight.own, time + 1) },
-      stroke("disc", `${data.required} m around the nearest`, circle(at(flight.others[close], time), limit), colour.other, { width: 1, type: "dashed", z: 4 }),
+      stroke("disc", discName(flight), circle(at(flight.others[close], time), limit), colour.other, { width: 1, type: "dashed", z: 4 }),
       craft("own now", flight.own, colour.own),
     ];
     flight.others.forEach((other, k) => {
@@ -432,7 +437,7 @@
 
   // Lines are tracks; the goal is a disc, and the required separation a dashed ring, as on the map.
   function legendOf(series) {
-    const disc = `${data.required} m around the nearest`;
+    const disc = discName(state.flight);
     const icons = {
       goal: { icon: "circle" },
       [disc]: { icon: "circle", itemStyle: { color: "transparent", borderColor: colour.other, borderWidth: 1.5, borderType: "dashed" } },

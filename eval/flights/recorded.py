@@ -28,6 +28,8 @@ class Track(NamedTuple):
     separation: np.ndarray  # smallest distance to any intruder during each step, m, [T]
     goal: tuple[float, float]  # m
     areas: tuple[Area, ...] = ()  # as they are at the start
+    # what must be kept from each intruder, m, [K]; None: the rules' separation from all
+    required: np.ndarray | None = None
 
 
 class Recorded(NamedTuple):
@@ -43,6 +45,7 @@ class Recorded(NamedTuple):
         """Return one of the flights."""
         own, others, _, separation = self.trajectories
         end, members = int(np.count_nonzero(np.isfinite(own.x[:, row]))), self.starts.mask[row]
+        every = self.starts.separation
         return Track(
             own=np.stack([own.x[:end, row], own.y[:end, row]]),
             intruders=np.stack(
@@ -51,6 +54,7 @@ class Recorded(NamedTuple):
             separation=separation[: end - 1, row],
             goal=(float(self.starts.goal_x[row]), float(self.starts.goal_y[row])),
             areas=() if self.areas is None else self.areas[row],
+            required=None if every is None else every[row, members],
         )
 
 

@@ -80,6 +80,7 @@ def sheet(
         rules,
         *([area_sample()] if amid else []),
         witnessed=any(panel.witness is not None for panel in panels),
+        own_separations=any(panel.track.required is not None for panel in panels),
     )
     return figure
 
@@ -160,14 +161,17 @@ def _draw_path(axes: Axes, path: np.ndarray, style: Mapping[str, Any], minute: i
 
 def _draw_closest(axes: Axes, track: Track, rules: Rules) -> None:
     """Draw where the ownship is at the closest approach, and the required separation around the
-    intruder.
+    intruder that it is nearest to in it.
     """
     closest = int(np.argmin(track.separation)) + 1
     own, intruders = _KM * track.own[:, closest], _KM * track.intruders[:, :, closest]
     apart = np.hypot(*np.moveaxis(intruders - own, -1, 0))
-    x, y = intruders[int(np.argmin(apart))]
-    radius = _KM * rules.separation
-    axes.add_patch(Circle((x, y), radius, fill=False, edgecolor=VERMILION, linewidth=0.9))
+    required = np.full(len(apart), rules.separation) if track.required is None else track.required
+    nearest = int(np.argmin(apart / required))
+    radius = _KM * required[nearest]
+    axes.add_patch(
+        Circle(intruders[nearest], radius, fill=False, edgecolor=VERMILION, linewidth=0.9)
+    )
     axes.plot(*own, "D", color="black", markersize=4, markerfacecolor="white", zorder=5)
 
 
@@ -184,10 +188,17 @@ def _draw_area(axes: Axes, area: Area, time: float) -> None:
         axes.add_patch(Patch(_KM * ring, zorder=0.5, **style))
 
 
-def explain(figure: Figure, rules: Rules, *more: Line2D, witnessed: bool = False) -> None:
+def explain(
+    figure: Figure,
+    rules: Rules,
+    *more: Line2D,
+    witnessed: bool = False,
+    own_separations: bool = False,
+) -> None:
     """Draw the legend of what :func:`draw` draws, and of more, below all panels."""
     mark: dict[str, Any] = {"linestyle": ""}
     ring = {"marker": "o", "markersize": 10, "markerfacecolor": "none"}
+    required = "required separation" if own_separations else f"{rules.separation:.0f} m"
     handles = [
         sample("ownship, from its start", **_OWN),
         sample("intruder, from its start", **_INTRUDER),
@@ -195,9 +206,7 @@ def explain(figure: Figure, rules: Rules, *more: Line2D, witnessed: bool = False
         sample("every minute", color="#555555", marker=".", **mark),
         sample("goal", color=GREEN, alpha=0.45, marker="o", markersize=9, **mark),
         sample("closest approach", color="black", marker="D", markerfacecolor="white", **mark),
-        sample(
-            f"{rules.separation:.0f} m around the intruder then", color=VERMILION, **ring, **mark
-        ),
+        sample(f"{required} around the intruder then", color=VERMILION, **ring, **mark),
         *more,
     ]
     legend(figure, handles, len(handles) if figure.get_figwidth() > 2.1 * len(handles) else 3)

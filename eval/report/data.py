@@ -172,6 +172,8 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
         found["bands"] = bands_data(flight.bands)
     if flight.wind is not None:
         found["wind"] = wind_data(flight.wind)
+    if track.required is not None:
+        found["required"] = np.round(track.required, 1).tolist()
     if track.areas:
         found["areas"] = [_area_data(area, origin) for area in track.areas]
     if flight.witness is not None:

@@ -165,9 +165,7 @@ def bands_of(
         time = np.arange(count) * evaluation.aircraft.dt
         own, intruders = through_air(own, wind, time), through_air(intruders, wind, time[:, None])
         areas = in_air_mass(areas, wind, 0.0)
-    every = batch.starts.separation
-    kept = None if every is None else every[row, members]
-    return flight_bands(own, intruders, evaluation.options, areas, kept)
+    return flight_bands(own, intruders, evaluation.options, areas, track.required)
 
 
 def _witnesses(aircraft: Aircraft, starts: Encounter, rows: list[int]) -> dict[int, Witness]:

@@ -15,10 +15,10 @@ from envs.edge.figures import save_figure
 from envs.encounters import scenario
 from envs.outcome import RULES
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
-from eval.flights.recorded import fly_recorded
+from eval.flights.recorded import Track, fly_recorded
 from eval.flights.simulate import OUTCOMES
 from eval.plots.encounters import draw_all, initial_conditions, separation_histogram
-from eval.plots.flight_sheet import PANELS, choose_encounters
+from eval.plots.flight_sheet import PANELS, choose_encounters, draw
 from eval.plots.style import kinds_of
 
 
@@ -97,6 +97,19 @@ def test_the_sheet_flies_what_the_table_says(name: str, policy: Policy, policy_p
         assert not np.isfinite(paths.own.x[steps + 1 :, i]).any()
         assert np.nanmin(paths.separation[:, i]) == table["min_separation_m"][number]
         assert table["outcome"][number] in OUTCOMES
+
+
+def test_the_ring_is_what_is_required_of_the_intruder_that_is_nearest_in_it() -> None:
+    steps = np.arange(11.0)
+    own = np.stack([100.0 * steps, np.zeros(11)])
+    beside = np.stack([100.0 * steps, np.full(11, 1_500.0)])
+    heavy = np.stack([100.0 * steps, np.full(11, -2_500.0)])
+    track = Track(own, np.stack([beside, heavy]), np.full(10, 1_500.0), (1e3, 0.0))
+    for required, radius in ((None, 1.0), (np.array([500.0, 3_000.0]), 3.0)):
+        figure = Figure()
+        draw(figure.add_subplot(), track._replace(required=required), RULES)
+        rings = [patch for patch in figure.axes[0].patches if not patch.get_fill()]
+        assert [ring.get_radius() for ring in rings] == [radius]
 
 
 def test_figures_repeat_byte_for_byte(tmp_path: Path, policy: Policy, policy_path: Path) -> None:
