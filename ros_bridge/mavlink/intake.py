@@ -38,7 +38,6 @@ class Received:
     fix: str = ""  # why the satellite fix cannot be relied on
     current: int = 0  # item of the mission that is flown to
     target: tuple[int, int] | None = None  # latitude and longitude that are flown to, 1e-7 degrees
-    unix: int | None = None  # s since 1970 at the start of the autopilot's clock
     parameters: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
@@ -171,13 +170,6 @@ def _target(
     return replace(received, target=(int(message.lat_int), int(message.lon_int)))
 
 
-def _clock(
-    received: Received, message: "dialect.MAVLink_system_time_message", _: int, __: Reading
-) -> Received:
-    begun = int(message.time_unix_usec) // 1_000_000 - int(message.time_boot_ms) // 1_000
-    return replace(received, unix=begun if message.time_unix_usec else None)
-
-
 def _parameter(
     received: Received, message: "dialect.MAVLink_param_value_message", _: int, __: Reading
 ) -> Received:
@@ -202,7 +194,6 @@ _KINDS: dict[str, Callable[[Received, Any, int, Reading], Received]] = {
     "ADSB_VEHICLE": _traffic,
     "MISSION_CURRENT": _current,
     "POSITION_TARGET_GLOBAL_INT": _target,
-    "SYSTEM_TIME": _clock,
     "PARAM_VALUE": _parameter,
 }
 """Where each kind of message goes."""
