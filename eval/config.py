@@ -313,9 +313,8 @@ class MonteCarloConfig(PolicyConfig, EncountersConfig):
     """Range of the wind's speed, m/s, within 0 to 30, in modes plan and assured: encounters are
     drawn in the air mass and carried by a wind of any direction, the goal lies over the ground."""
     areas: int = Field(default=0, ge=0, le=MOST)
-    """Areas that must not be entered along the way of an encounter, at most, in modes plan and
-    assured: discs and polygons drawn at random, a third of them moving; fewer where start or goal
-    are in the way of one."""
+    """Areas that must not be entered along the way of an encounter, at most: discs and polygons
+    drawn at random, a third of them moving; fewer where start or goal are in the way of one."""
     figures: bool = True
     """Whether figures are drawn."""
 
@@ -343,17 +342,12 @@ class MonteCarloConfig(PolicyConfig, EncountersConfig):
                 f"wind_mps is [{low:g}, {high:g}]; expected [0, 0] for {self.scenario}, whose "
                 "aircraft are recorded over the ground"
             )
-        self._check_areas()
-        return self
-
-    def _check_areas(self) -> None:
-        if self.areas and self.mode not in ("plan", "assured"):
-            raise ConfigError(f"areas is {self.areas}; expected 0 in mode {self.mode}")
         if self.areas and self.prefix not in (None, FILE):
             raise ConfigError(
                 f"areas is {self.areas}; expected 0 for {self.scenario}, whose aircraft are "
                 "recorded in a sky of their own"
             )
+        return self
 
     def flown_aircraft(self, policy: Policy) -> Aircraft:
         """Return the aircraft that is flown, which the policy must be trained for where no other is

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from enum import IntEnum
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from envs.encounters import Encounter, Scenario
 from envs.starts import EVERY_FIELD, join
 from envs.wind import Wind
 from eval.flights.among_areas import areas_of, judge, with_breaches
+from eval.flights.areas_seen import what_stands_in_each
 from eval.flights.assured_mode import fly_assured
 from eval.flights.compiled import Compiled
 from eval.flights.conditions import conditions, verdicts
@@ -46,7 +47,7 @@ class Evaluation(NamedTuple):
     baseline: str = "none"  # what decides in the policy's place, likewise
     backend: str = "numpy"  # what computes the policy's decisions, likewise
     wind_mps: tuple[float, float] = (0.0, 0.0)  # span of the wind's speed in the other modes
-    areas: int = 0  # of an encounter at most, in the other modes
+    areas: int = 0  # of an encounter at most
 
     def wind(self, numbers: np.ndarray) -> Wind | None:
         """Return the winds of encounters with these numbers, ``[M]``; None: still air."""
@@ -112,12 +113,12 @@ def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndar
     number = np.arange(first, first + count)
     starts, weights = draw(evaluation.source, evaluation.seed, first, count, heeds=evaluation.heeds)
     noise = noise_of(evaluation, starts, first)
-    alone = fly(starts, ready.resolver, aircraft, noise=noise)
-    flights, more = alone, {}
     beside = {"baseline": fly(starts, Direct(aircraft), aircraft)}
     if plans:
-        beside["policy"] = alone
-        flights, more = _plan(ready, _for_plans(evaluation, starts, number, noise))
+        beside["policy"] = fly(starts, ready.resolver, aircraft, noise=noise)
+        flights, more = _plan(ready, _conditions_of(evaluation, starts, number, noise))
+    else:
+        flights, more = _decide(ready, _conditions_of(evaluation, starts, number, noise))
     solved = reduce(np.logical_or, (_reached(one) for one in (flights, *beside.values())))
     judged = verdicts(starts, aircraft, solved=solved)
     begun = conditions(starts, aircraft)
@@ -159,8 +160,8 @@ def _flight_columns(flights: Flights, route_length: np.ndarray) -> dict[str, np.
     }
 
 
-class _PlanEncounters(NamedTuple):
-    """Encounters ``[N]`` as a mode that plans flies them."""
+class _Conditioned(NamedTuple):
+    """Encounters ``[N]`` in the wind and among the areas in which they are flown."""
 
     starts: Encounter  # in the air mass, the goals over the ground
     noise: Callable[[int], np.ndarray] | None  # of the sensors by step, [4, N, K]
@@ -172,19 +173,29 @@ class _PlanEncounters(NamedTuple):
         return None if self.areas is None else TrajectoryRecorder(self.starts)
 
 
-def _for_plans(
+def _conditions_of(
     evaluation: Evaluation,
     starts: Encounter,
     numbers: np.ndarray,
     noise: Callable[[int], np.ndarray] | None,
-) -> _PlanEncounters:
+) -> _Conditioned:
     """Return encounters ``[N]`` by their numbers in the evaluation's wind, among its areas."""
     wind = evaluation.wind(numbers)
     carried = carry(starts, wind)
-    return _PlanEncounters(carried, noise, wind, evaluation.areas_of(carried, numbers))
+    return _Conditioned(carried, noise, wind, evaluation.areas_of(carried, numbers))
 
 
-def _plan(ready: ReadyEvaluation, given: _PlanEncounters) -> tuple[Flights, dict[str, np.ndarray]]:
+def _decide(ready: ReadyEvaluation, given: _Conditioned) -> tuple[Flights, dict[str, np.ndarray]]:
+    """Return the flights of what decides once a time step, and the columns of areas."""
+    aircraft, recorder, standing = ready.evaluation.aircraft, given.recorder(), None
+    if given.areas is not None:
+        standing = what_stands_in_each(given.areas, aircraft)
+    how: dict[str, Any] = {"noise": given.noise, "recorder": recorder, "standing": standing}
+    flights = fly(given.starts, ready.resolver, aircraft, **how)
+    return _judge_areas(flights, recorder, given, aircraft)
+
+
+def _plan(ready: ReadyEvaluation, given: _Conditioned) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return the flights of a mode that plans, and the columns that only it has."""
     evaluation, (starts, noise, wind, areas) = ready.evaluation, given
     options, aircraft = evaluation.options, evaluation.aircraft
@@ -257,7 +268,7 @@ def _broken_promises(
 def _judge_areas(
     flights: Flights,
     recorder: TrajectoryRecorder | None,
-    given: _PlanEncounters,
+    given: _Conditioned,
     aircraft: Aircraft,
 ) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return flights with their breaches of areas, and the columns that tell of areas."""

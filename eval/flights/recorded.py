@@ -12,6 +12,7 @@ from envs.trees import take
 from envs.waypoints import on_ground
 from envs.wind import Wind
 from eval.flights.among_areas import judge, with_breaches
+from eval.flights.areas_seen import what_stands_in_each
 from eval.flights.assured_mode import fly_assured
 from eval.flights.chunks import Evaluation, ReadyEvaluation, noise_of, pick
 from eval.flights.in_wind import carry, to_ground
@@ -66,9 +67,7 @@ def fly_recorded(ready: ReadyEvaluation, numbers: Sequence[int]) -> Recorded:
     recorder = TrajectoryRecorder(starts)
     wind = evaluation.wind(np.asarray(numbers))
     starts = carry(starts, wind)
-    areas = None
-    if evaluation.mode != "policy":
-        areas = evaluation.areas_of(starts, np.asarray(numbers))
+    areas = evaluation.areas_of(starts, np.asarray(numbers))
     plans, flights = fly_in_mode(ready, starts, noise, recorder, wind=wind, areas=areas)
     seen = to_ground(recorder.stack(), wind, aircraft.dt)
     if areas is not None:
@@ -107,18 +106,19 @@ def fly_in_mode(
     trajectories.
 
     The noise of the sensors is by step, ``[4, M, K]``, None for perfect knowledge; endless flights
-    lose nothing. Where the mode plans, a wind carries all of it, and areas over the ground are kept
-    out of; flights are not judged against these.
+    lose nothing. Where the mode plans, a wind carries all of it. Areas are over the ground; flights
+    are not judged against them.
     """
     evaluation, policy = ready.evaluation, ready.policy
     aircraft, options = evaluation.aircraft, evaluation.options
+    how: dict[str, Any] = {"recorder": recorder, "endless": endless}
     if evaluation.mode == "policy":
-        return None, fly(
-            starts, ready.resolver, aircraft, noise=noise, recorder=recorder, endless=endless
-        )
+        standing = None if areas is None else what_stands_in_each(areas, aircraft)
+        how |= {"noise": noise, "standing": standing}
+        return None, fly(starts, ready.resolver, aircraft, **how)
     first = None if noise is None else noise(0)
     plans = plan_at_start(starts, policy, aircraft, options, first, wind=wind, areas=areas)
-    how: dict[str, Any] = {"recorder": recorder, "endless": endless, "wind": wind}
+    how["wind"] = wind
     if evaluation.mode == "plan":
         return plans, fly_once(starts, plans, aircraft, options, **how).flights
     how |= {"noise": noise, "areas": areas}

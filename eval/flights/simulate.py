@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.baselines import Baseline, Sight
+from agents.planner.standing import Standing
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.draws import normals
@@ -32,6 +33,7 @@ from envs.world import (
     smallest,
 )
 from envs.world import step as advance
+from eval.flights.areas_seen import add_to_sight
 from eval.flights.trajectories import TrajectoryRecorder
 
 OUTCOMES = Outcome._fields  # names of the outcome codes 0, 1, 2
@@ -141,12 +143,14 @@ def fly(
     noise: Callable[[int], np.ndarray] | None = None,
     recorder: TrajectoryRecorder | None = None,
     endless: bool = False,
+    standing: Standing | None = None,
 ) -> Flights:
     """Fly encounters ``[N]``, float64, to their end; the resolver acts once per time step.
 
     The sensors' noise is by step, ``[4, N, K]``, None for perfect knowledge of the intruders. A
     recorder takes the trajectories (about 150 bytes an encounter and step); endless flights go on
-    after a loss of separation.
+    after a loss of separation. What stands in the ways, ``[N, S]``, is seen beside the intruders;
+    flights are not judged against it.
     """
     rules = aircraft.rules()
     rules = rules._replace(separation=0.0) if endless else rules
@@ -157,6 +161,8 @@ def fly(
     while len(air.number):
         draws = None if noise is None else noise(step)[:, air.number]
         sight = _look(air.state, draws, rules.t_max - step * dt, aircraft)
+        if standing is not None:
+            sight = add_to_sight(sight, take(standing, air.number), step * dt, aircraft)
         action, memory = resolver.decide(sight, air.memory)
         controls = action[:, 0], action[:, 1]
         after, flown = advance(air.state, controls, world, np)

@@ -151,7 +151,7 @@ def _fly_closed(campaign: Campaign, scene: Beginning, number: int, policy: Polic
     """Fly by the policy's decisions, once a second."""
     goal = float(scene.route.x[1]), float(scene.route.y[1])
     mask = scene.encounter.mask
-    pilot = Closed(policy, campaign.aircraft.limits, goal, mask, scene.frame)
+    pilot = Closed(policy, campaign.aircraft.limits, goal, mask, scene.frame, scene.areas)
     until = round(campaign.aircraft.t_max)
     flight, problem = _fly(campaign, scene, number, pilot, until, ("violation", "goal"))
     return FlightRecord(scene, flight=flight, problem=problem, pilot=pilot)

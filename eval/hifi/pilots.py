@@ -18,6 +18,7 @@ from agents.planner.areas import Counted
 from agents.planner.candidates import Proposals, empty
 from agents.planner.planner import Plans
 from agents.planner.request import Options
+from agents.planner.standing import as_intruders
 from agents.planner.traffic import Traffic as Known
 from agents.policy.inference import Policy
 from envs.areas import Area
@@ -29,6 +30,7 @@ from envs.perception import Sensor
 from envs.trees import take
 from envs.wind import Wind, through_air
 from eval.flights.among_areas import as_row, in_air_mass
+from eval.flights.areas_seen import what_stands
 from eval.flights.plan_flight import route_of
 from eval.hifi.wind import Route, plan_for
 
@@ -44,7 +46,8 @@ class Closed:
     """The network, once a second, in the frame of a wind; what it commands is held in the
     air mass.
 
-    The goal is over the ground, m; the mask says which intruders exist, ``[1, K]``.
+    The goal is over the ground, m; the mask says which intruders exist, ``[1, K]``. Areas are over
+    the ground, as they are at the start.
     """
 
     late = 0.0
@@ -56,8 +59,10 @@ class Closed:
         goal: tuple[float, float],
         mask: np.ndarray,
         frame: Wind,
+        areas: tuple[Area, ...] = (),
     ) -> None:
         self._policy, self._limits = policy, limits
+        self._stands = what_stands(in_air_mass(areas, frame, 0.0), policy.aircraft)
         self._goal, self._mask, self._frame = goal, mask, frame
         self._held = 0.0, 0.0  # acceleration, m/s^2, and yaw rate, rad/s
 
@@ -71,8 +76,14 @@ class Closed:
             VehicleState(*(float(field[0, k]) for field in seen))
             for k in np.flatnonzero(self._mask[0])
         ]
-        own = VehicleState(*(float(field) for field in here))
-        action = self._policy.command_one(own, others, *goal)
+        own, share = VehicleState(*(float(field) for field in here)), None
+        if self._stands.x.size:
+            amid = as_intruders(self._stands, time, self._policy.aircraft.separation)
+            share = [1.0] * len(others)
+            for n in np.flatnonzero(amid.there):
+                others.append(VehicleState(*(float(field[n]) for field in amid.state)))
+                share.append(float(amid.share[n]))
+        action = self._policy.command_one(own, others, *goal, share)
         acceleration, yaw_rate = commands(action, self._limits, np)
         self._held = float(acceleration), float(yaw_rate)
 

@@ -115,6 +115,8 @@ def summarise(
     }
     if "replans" in table:
         summary["replans_mean"] = float(np.mean(table["replans"]))
+    if "areas" in table:
+        summary |= _among_areas(table)
     if "plan_status" in table:
         summary |= _safe_plans(table)
     return summary
@@ -126,28 +128,26 @@ def _safe_plans(table: Mapping[str, np.ndarray]) -> dict[str, Any]:
     once = table["plan_outcome" if "plan_outcome" in table else "outcome"]
     sources = {name: safe & (table["plan_source"] == name) for name in ("policy", "fallback")}
     whole = table["whole_min_separation_m"][safe]
-    return {
+    found = {
         "safe_plans_violated": int(np.count_nonzero(safe & (once == "violation"))),
         "safe_plans_broken": int(np.count_nonzero(table["plan_loss"] == "broken")),
         "safe_plans_not_promised": int(np.count_nonzero(table["plan_loss"] == "not_promised")),
-        **_among_areas(table, safe),
         "safe_plans_by_source": {
             name: int(np.count_nonzero(mask)) for name, mask in sources.items()
         },
         "follower_error_m_quantiles": quantiles(table["follower_error_m"][safe], (0.5, 0.99, 1.0)),
         "whole_min_separation_m": number(float(np.min(whole))) if whole.size else None,
     }
+    if "areas" in table:
+        found["safe_plans_in_areas"] = int(np.count_nonzero(safe & (once == "breach")))
+    return found
 
 
-def _among_areas(table: Mapping[str, np.ndarray], safe: np.ndarray) -> dict[str, Any]:
-    """Return what is known of areas only; ``safe``: which plans are, bool ``[N]``."""
-    if "areas" not in table:
-        return {}
-    plans = table["plan_outcome" if "plan_outcome" in table else "outcome"]
+def _among_areas(table: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Return what areas add, of whatever decides."""
     met = table["min_area_clearance_m"]
     return {
         "areas_mean": float(np.mean(table["areas"])),
-        "safe_plans_in_areas": int(np.count_nonzero(safe & (plans == "breach"))),
         _AREA: quantiles(met[np.isfinite(met)], (0.0, 0.01, 0.05, 0.5)),
     }
 

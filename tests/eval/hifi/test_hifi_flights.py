@@ -592,3 +592,12 @@ def test_the_figure_of_errors_begins_at_a_loss_and_ends_below_one_flight() -> No
     assert axes.get_xlim()[0] > 0.0 and axes.get_ylim()[0] < 25.0
     # Two of four flights lost separation, one of them more than 5 m.
     assert y[x <= 1.0][-1] == 50.0 and y[(x >= 5.0) & (x < 50.0)][-1] == 25.0
+
+
+@pytest.mark.slow
+def test_a_flight_in_closed_loop_is_judged_against_areas() -> None:
+    flying = campaign("mode=closed", "vehicle=point_mass", "condition.name=wind", "areas=2")
+    for number in range(3):
+        one, row = fly(flying, number)
+        assert one.scene.areas and row["areas"] == len(one.scene.areas)
+        assert (row["outcome"] == "breach") == (row["duration_s"] == row["area_breach_s"])

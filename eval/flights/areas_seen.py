@@ -1,0 +1,48 @@
+"""Areas among what a resolver sees: as intruders that stand still or drift
+(:mod:`agents.planner.standing`).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agents.baselines.baselines import Sight
+from agents.planner.areas import Counted
+from agents.planner.standing import Standing, as_intruders, standing
+from envs.aircraft import Aircraft
+from envs.areas import Area
+from envs.kinematics import VehicleState
+
+
+def what_stands(areas: Sequence[Area], aircraft: Aircraft) -> Standing:
+    """Return what areas, as they are at the start, are to a resolver, ``[S]``; they count at all
+    heights.
+    """
+    counted = [Counted(n, one, one.valid_from, one.valid_until) for n, one in enumerate(areas)]
+    return standing(counted, aircraft.separation, 0.0)
+
+
+def what_stands_in_each(areas: np.ndarray, aircraft: Aircraft) -> Standing:
+    """Return what the areas of encounters, object ``[N]``, are to a resolver, ``[N, S]``."""
+    each = [what_stands(some, aircraft) for some in areas]
+    shape = len(each), max((one.x.size for one in each), default=0)
+    found = Standing(*(np.zeros(shape) for _ in Standing._fields))
+    found.begin[:] = np.inf  # never
+    for n, one in enumerate(each):
+        for into, values in zip(found, one, strict=True):
+            into[n, : values.size] = values
+    return found
+
+
+def add_to_sight(sight: Sight, what: Standing, time: float, aircraft: Aircraft) -> Sight:
+    """Return what a resolver sees of encounters ``[M]``, and after the intruders what stands in
+    their ways, ``[M, S]``, some seconds after the start.
+    """
+    seen = as_intruders(what, time, aircraft.separation)
+    share = np.ones(sight.mask.shape) if sight.share is None else sight.share
+    both = zip(sight.intruders, seen.state, strict=True)
+    return sight._replace(
+        intruders=VehicleState(*(np.concatenate(fields, axis=-1) for fields in both)),
+        mask=np.concatenate([sight.mask, seen.there], axis=-1),
+        share=np.concatenate([share, seen.share], axis=-1),
+    )

@@ -1,0 +1,115 @@
+"""Resolvers see areas as intruders that stand, and fly round most of them."""
+
+import numpy as np
+import pytest
+
+from agents.baselines.baselines import Sight
+from agents.policy.inference import Policy
+from envs.aircraft import PAPER
+from envs.areas import Area, Circle
+from envs.encounters import Encounter, scenario
+from envs.kinematics import VehicleState
+from envs.trees import map_leaves
+from eval.config import MonteCarloConfig
+from eval.flights import chunks
+from eval.flights.areas_seen import add_to_sight, what_stands_in_each
+from eval.flights.chunks import Evaluation, ReadyEvaluation, columns, pick
+from eval.flights.recorded import fly_recorded
+from eval.flights.simulate import ByPolicy, fly
+from eval.metrics.summary import summarise
+
+COUNT = 6
+SOURCE = scenario("circle", PAPER)
+
+
+@pytest.fixture(scope="module")
+def flying() -> ReadyEvaluation:
+    given = Evaluation(None, SOURCE, None, 3, PAPER, "policy", areas=2)
+    return ReadyEvaluation(given, Policy.load())
+
+
+def areas_of(*each: tuple[Area, ...]) -> np.ndarray:
+    found = np.empty(len(each), dtype=object)
+    found[:] = each
+    return found
+
+
+def still(count: int) -> Encounter:
+    return pick(Evaluation(None, SOURCE, None, 3, PAPER), range(count))
+
+
+def mirrored(sight: Sight) -> Sight:
+    """Return a sight at the line y = 0."""
+
+    def turn(state: VehicleState) -> VehicleState:
+        return state._replace(y=-state.y, heading=-state.heading)
+
+    return sight._replace(
+        own=turn(sight.own), intruders=turn(sight.intruders), goal_y=-sight.goal_y
+    )
+
+
+def test_the_policy_flies_round_areas_that_it_would_enter_unseen(
+    flying: ReadyEvaluation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = columns(flying, 0, COUNT)
+    assert np.count_nonzero(table["outcome"] == "reached") >= COUNT - 1
+    assert table["areas"].sum() >= COUNT
+    summary = summarise(table, 0.95, 100, 0)
+    assert summary["breach_rate"]["count"] == np.count_nonzero(table["outcome"] == "breach")
+    assert summary["areas_mean"] == table["areas"].mean() and "safe_plans_in_areas" not in summary
+    again = fly_recorded(flying, range(COUNT)).flights  # by their numbers
+    assert again.path_length.tolist() == table["path_length_m"].tolist()
+    monkeypatch.setattr(chunks, "what_stands_in_each", lambda *_: None)
+    unseen = columns(flying, 0, COUNT)
+    assert np.count_nonzero(unseen["outcome"] == "breach") > COUNT // 2
+
+
+def test_a_flight_among_areas_does_not_depend_on_those_of_others() -> None:
+    resolver, starts = ByPolicy(Policy.load()), still(2)
+    disc = Area(Circle(float(starts.goal_x[0]) * 0.5, float(starts.goal_y[0]) * 0.5, 900.0))
+    far = [Area(Circle(90_000.0, 90_000.0 + n, 900.0)) for n in range(4)]
+    few, many = (
+        fly(starts, resolver, PAPER, standing=what_stands_in_each(areas_of((disc,), rest), PAPER))
+        for rest in ((), tuple(far))
+    )
+    assert few.path_length[0] == many.path_length[0]
+    assert few.min_separation[0] == many.min_separation[0]
+
+
+def test_a_disc_gives_the_actions_of_an_intruder_that_stands_there_with_its_separation() -> None:
+    policy, starts = Policy.load(), still(3)
+    own, others, nan = starts.own, starts.intruders, np.nan
+    alone = Sight(own, others, starts.mask, starts.goal_x, starts.goal_y, 300.0)
+    places = [(float(x) + 5_000.0, float(y)) for x, y in zip(own.x, own.y, strict=True)]
+    areas = areas_of(*((Area(Circle(*place, 1_300.0), clearance=200.0),) for place in places))
+    seen = add_to_sight(alone, what_stands_in_each(areas, PAPER), 10.0, PAPER)
+    column = np.array(places)
+    zero = np.zeros((3, 1))
+    stands = VehicleState(column[:, :1], column[:, 1:], zero, zero)
+    both = map_leaves(lambda *two: np.concatenate(two, axis=1), others, stands)
+    share = np.concatenate([np.ones(starts.mask.shape), zero + PAPER.separation / 1_500.0], axis=1)
+    mask = np.concatenate([starts.mask, zero == 0.0], axis=1)
+    asked = policy.command(own, both, mask, alone.goal_x, alone.goal_y, share)
+    resolver = ByPolicy(policy)
+    assert (resolver.decide(seen, np.full(3, nan))[0] == asked).all()
+    assert (resolver.decide(alone, np.full(3, nan))[0] != asked).any()
+
+
+def test_the_policy_among_areas_is_as_symmetric_as_without() -> None:
+    resolver, starts = ByPolicy(Policy.load()), still(4)
+    sight = Sight(starts.own, starts.intruders, starts.mask, starts.goal_x, starts.goal_y, 300.0)
+    x, y = 0.5 * (starts.own.x + starts.goal_x), 0.5 * (starts.own.y + starts.goal_y)
+    there = list(zip(x.tolist(), y.tolist(), strict=True))
+    each = [(Area(Circle(*place, 1_500.0), velocity=(2.0, 3.0)),) for place in there]
+    turned = [(Area(Circle(x, -y, 1_500.0), velocity=(2.0, -3.0)),) for x, y in there]
+    seen = add_to_sight(sight, what_stands_in_each(areas_of(*each), PAPER), 5.0, PAPER)
+    other = what_stands_in_each(areas_of(*turned), PAPER)
+    seen_turned = add_to_sight(mirrored(sight), other, 5.0, PAPER)
+    nothing = np.zeros(4)
+    action, back = (resolver.decide(one, nothing)[0] for one in (seen, seen_turned))
+    np.testing.assert_allclose(back, action * [1.0, -1.0], atol=1e-4)
+
+
+def test_areas_are_taken_in_mode_policy() -> None:
+    assert MonteCarloConfig(mode="policy", areas=2).areas == 2
