@@ -134,7 +134,7 @@ def geodetic(state: VehicleState) -> Geodetic:
 
 
 def exact_report(name: str, state: VehicleState, stamp: "Time") -> "AircraftState":
-    """Return an aircraft's report without errors of place and velocity."""
+    """Return an aircraft's report, without errors of place and velocity and in known still air."""
     from rlcas_msgs.msg import AircraftState
 
     where = geodetic(state)
