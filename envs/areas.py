@@ -45,6 +45,10 @@ class AreaError(InputError):
     """
 
 
+class RingError(AreaError):
+    """A ring that crosses or touches itself, or that has no inside."""
+
+
 class Keep(Enum):
     """On which side of an area flight is allowed."""
 
@@ -84,9 +88,9 @@ class Polygon:
                     f"outer is {extent / 1e3:.0f} km wide in {axis}, expected "
                     f"{WIDEST / 1e3:.0f} km at most: the local frame is flat"
                 )
-        _check_simple("outer", outer)
+        check_simple("outer", outer)
         for n, hole in enumerate(holes):
-            _check_simple(f"holes[{n}]", hole)
+            check_simple(f"holes[{n}]", hole)
             _check_within(f"holes[{n}]", hole, outer)
         for (n, one), (m, other) in itertools.combinations(enumerate(holes), 2):
             _check_apart(f"holes[{n}]", one, f"holes[{m}]", other)
@@ -301,13 +305,15 @@ def _centre(ring: Iterable[Place]) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def _check_simple(name: str, ring: Ring) -> None:
-    """Refuse a ring that crosses or touches itself, or that has no inside."""
+def check_simple(name: str, ring: Ring, numbers: Sequence[int] | None = None) -> None:
+    """Refuse a ring that crosses or touches itself, or that has no inside, with a ``RingError``;
+    ``numbers`` are what it calls its points, None: 0, 1 and so on.
+    """
     x, y = _centre(ring)
     far = int(np.argmax(np.hypot(x, y)))
     across = np.abs(x[far] * y - y[far] * x) / np.hypot(x[far], y[far])
     if across.max() <= _THINNEST:
-        raise AreaError(f"{name} has its points on one line, expected an inside")
+        raise RingError(f"{name} has its points on one line, expected an inside")
     count, points = len(ring), np.array(ring)
     for n in range(count):
         later = np.arange(n + 1, count)
@@ -316,10 +322,11 @@ def _check_simple(name: str, ring: Ring) -> None:
         for m in {(n + 1) % count, (n - 1) % count} & set(later.tolist()):
             hit[m - n - 1] = _leads_back(ring, n, m)
         if hit.any():
-            m = int(later[np.argmax(hit)])
-            raise AreaError(
-                f"{name} crosses or touches itself: its edge from point {n} and its edge from "
-                f"point {m}, expected edges that meet at their ends only"
+            both = n, int(later[np.argmax(hit)])
+            one, other = both if numbers is None else (numbers[k] for k in both)
+            raise RingError(
+                f"{name} crosses or touches itself: its edge from point {one} and its edge from "
+                f"point {other}, expected edges that meet at their ends only"
             )
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.areas import Area, AreaError, Circle, Keep, Level, Place, Polygon
+from envs.areas import Area, AreaError, Circle, Keep, Level, Place, Polygon, RingError, check_simple
 from envs.formats.local_frame import LocalFrame
 
 FOOT = 0.3048
@@ -18,6 +18,7 @@ OFF = 0.5
 """By how much an edge may leave the line that the file means, m."""
 
 _MOST = 100_000  # areas or points of a file
+_DEGREE = 111_000.0  # m, about, of latitude
 _UTMOST_ZONES = timezone(timedelta(hours=14)), timezone(timedelta(hours=-12))
 
 
@@ -63,7 +64,11 @@ def on_plane(
             shape = Circle(x, y, one.radius)
         else:
             outer, *holes = (tuple(map(tuple, ring.tolist())) for ring in rings)
-            shape = Polygon(outer, tuple(holes))
+            try:
+                shape = Polygon(outer, tuple(holes))
+            except RingError:
+                _check_as_stated(one)
+                raise
         fields = dict(one.more)
         if time is not None and one.period.begin is not None:
             fields["valid_from"] = (one.period.begin - time).total_seconds()
@@ -79,6 +84,19 @@ def error_place(where: str) -> Generator[None]:
         yield
     except AreaError as problem:
         raise AreaError(f"{where}: {problem}") from None
+
+
+def _check_as_stated(one: GeodeticArea) -> None:
+    """Refuse rings that cross themselves as the file states them, by the numbers of its points: in
+    the local frame there are more.
+    """
+    for n, ring in enumerate(one.rings):
+        numbers = [k for k, point in enumerate(ring) if point != ring[k - 1]]
+        latitude, longitude = np.array([ring[k] for k in numbers], dtype=float).T
+        # About metres; what is straight in degrees is straight in them.
+        x = np.unwrap(longitude, period=360.0) * math.cos(math.radians(latitude[0])) * _DEGREE
+        points = tuple(zip(x.tolist(), (latitude * _DEGREE).tolist(), strict=True))
+        check_simple("outer" if n == 0 else f"holes[{n - 1}]", points, numbers)
 
 
 def _places(ring: Sequence[Place], frame: LocalFrame) -> list[Place]:

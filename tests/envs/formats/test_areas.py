@@ -346,6 +346,18 @@ def test_a_ring_across_the_date_line_is_one(stored: Callable[[Any], Path]) -> No
     assert np.ptp(area.shape.outer, axis=0) == pytest.approx([2_193.0, 1_106.0], abs=2.0)
 
 
+def test_a_ring_that_crosses_itself_is_refused_in_the_numbers_of_the_file(
+    stored: Callable[[Any], Path],
+) -> None:
+    ring = [[7.8, 47.0], [8.2, 47.0], [8.2, 47.0], [8.0, 47.2], [8.2, 47.2], [8.0, 46.9]]
+    shape = {"type": "Polygon", "coordinates": [ring]}
+    feature = {"type": "Feature", "geometry": shape, "properties": {}}
+    # In the local frame the edges have more points; one point of the file is there twice.
+    says = r"outer crosses or touches itself: its edge from point 0 and its edge from point 4,"
+    with pytest.raises(AreaError, match=says):
+        read_areas(stored(feature), HERE)
+
+
 def test_far_areas_are_left_out_but_not_those_to_be_kept_in(
     stored: Callable[[Any], Path],
 ) -> None:
