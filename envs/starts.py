@@ -17,8 +17,8 @@ from envs.reaction import GIVES_WAY, TURNS_INTO
 from envs.trees import map_leaves
 
 _OPTIONAL = {
-    "separation": "intruders with separations of their own; expected a training, or "
-    "eval.monte_carlo",
+    "separation": "intruders with separations of their own; expected a training, "
+    "eval.monte_carlo or eval.hifi",
     "coverage": "intruders that are not always reported; expected a training, or "
     "eval.monte_carlo in mode policy",
     "reaction": "intruders that answer the ownship; expected a training, or eval.monte_carlo in "

@@ -221,9 +221,10 @@ def perceive_intruders(state: State, noise: Array | None, dt: Array, xp: ArrayMo
     )
 
 
-def shares(state: State, aircraft: Aircraft, xp: ArrayModule) -> Array | None:
-    """Return at which share of its distance each intruder counts, ``[..., K]``: the aircraft's
-    separation divided by the intruder's own; None where they have none of their own.
+def shares(state: State | Encounter, aircraft: Aircraft, xp: ArrayModule) -> Array | None:
+    """Return at which share of its distance each intruder of encounters, in progress or at their
+    start, counts, ``[..., K]``: the aircraft's separation divided by the intruder's own; None where
+    they have none of their own.
     """
     if state.separation is None:
         return None

@@ -146,7 +146,8 @@ def sheet(flights: Sequence[tuple[str, FlightRecord]], rules: Rules) -> Figure:
             below.set_xlabel("time, s" if row == len(rows) else "", fontsize=8)
     more = [sample("waypoints", **_WAYPOINT)] if len(rows) > 1 else []
     more += [area_sample()] if any(one.scene.areas for _, one in flights) else []
-    explain(figure, rules, *more)
+    own_separations = any(one.scene.share is not None for _, one in flights)
+    explain(figure, rules, *more, own_separations=own_separations)
     return figure
 
 
@@ -170,14 +171,15 @@ def _track_until(one: FlightRecord, flight: Flight, end: int) -> Track:
     # The last second of an aircraft that was lost is not whole.
     seconds = min(end, flight.separation.size)
     own = take(flight.own, slice(None, seconds * SUBSTEPS + 1, SUBSTEPS))
-    others = take(flight.intruders, (slice(None, end + 1), one.scene.encounter.mask[0]))
-    route = one.scene.route
+    route, every, exist = one.scene.route, one.scene.encounter.separation, one.scene.encounter.mask
+    others = take(flight.intruders, (slice(None, end + 1), exist[0]))
     return Track(
         own=np.stack([own.x, own.y]),
         intruders=np.stack([others.x.T, others.y.T], axis=1),
         separation=flight.separation[:end],
         goal=(float(route.x[1]), float(route.y[1])),
         areas=one.scene.areas,
+        required=None if every is None else every[exist],
     )
 
 

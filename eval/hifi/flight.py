@@ -53,7 +53,10 @@ class Flight(NamedTuple):
     altitude: np.ndarray  # m above the sea, [T + 1]
     late: np.ndarray  # as the guidance had it, s, [T + 1]
     intruders: VehicleState  # at the start and after every second, [S + 1, K]
-    separation: np.ndarray  # smallest distance to any intruder in each second, m, [S]
+    # smallest distance to any intruder in each second, m, [S]; to one with a separation of its own
+    # in shares of it, times the aircraft's
+    separation: np.ndarray
+    distance: np.ndarray  # the same in metres to each of them, [S]
     goal_distance: np.ndarray  # at the start and after every period, m, [T + 1]
     failure: str | None  # why the flight could not go on; None: it could
 
@@ -63,7 +66,8 @@ class Traffic:
     reports.
 
     The noise of the sensors is by second, ``[4, 1, K]``; None for perfect knowledge. ``watch`` is
-    called after every period with the intruders that exist, ``mask [1, K]``.
+    called after every period with the intruders that exist, ``mask [1, K]``. Distances to them
+    count in the shares of :func:`envs.world.shares`, ``[1, K]``.
     """
 
     def __init__(
@@ -72,8 +76,10 @@ class Traffic:
         wind: Wind,
         noise: Callable[[int], np.ndarray] | None = None,
         watch: Callable[[VehicleState], None] | None = None,
+        share: np.ndarray | None = None,
     ) -> None:
         self._state, self.mask = begin(encounter, np, history_dt=1.0), encounter.mask
+        self.share = share
         self._wind, self._noise, self._watch, self._clock = wind, noise, watch, 0
 
     def ground(self) -> VehicleState:
@@ -118,19 +124,23 @@ class _Log:
 
     def __init__(self, vehicle: Airborne, traffic: Traffic) -> None:
         self.states, self.altitudes, self.lates = [vehicle.state], [vehicle.altitude], [0.0]
-        self.intruders, self.separations = [traffic.ground()], list[float]()
+        self.intruders = [traffic.ground()]
+        self.separations, self.distances = list[float](), list[float]()
 
     def add_period(self, vehicle: Airborne, late: float) -> None:
         self.states.append(vehicle.state)
         self.altitudes.append(vehicle.altitude)
         self.lates.append(late)
 
-    def add_second(self, whole: VehicleState, mask: np.ndarray) -> None:
+    def add_second(self, whole: VehicleState, traffic: Traffic) -> None:
         """Add a second with the intruders at its beginning and after every period, ``[P + 1, K]``,
-        of which those of the mask ``[1, K]`` exist.
+        of the traffic.
         """
         self.intruders.append(take(whole, slice(-1, None)))
-        self.separations.append(_apart(self.states[-SUBSTEPS - 1 :], whole, mask))
+        own = _stack(self.states[-SUBSTEPS - 1 :])
+        apart = _apart_by_period(own, whole, traffic.mask)
+        self.distances.append(float(apart.min(initial=np.inf)))
+        self.separations.append(float(_nearest(apart, traffic.share).min(initial=np.inf)))
 
     def flight(self, goal: tuple[float, float], failure: str | None) -> Flight:
         own = _stack(self.states)
@@ -142,6 +152,7 @@ class _Log:
                 *(np.concatenate(field) for field in zip(*self.intruders, strict=True))
             ),
             separation=np.array(self.separations, dtype=float),
+            distance=np.array(self.distances, dtype=float),
             goal_distance=np.hypot(goal[0] - own.x, goal[1] - own.y),
             failure=failure,
         )
@@ -175,7 +186,7 @@ def fly(
                 traffic.show(whole, period + 1)
         except FlightError as problem:
             return log.flight(goal, str(problem))
-        log.add_second(whole, traffic.mask)
+        log.add_second(whole, traffic)
         place = log.states[-1]
         there = math.hypot(goal[0] - place.x, goal[1] - place.y) <= rules.goal_radius
         lost = log.separations[-1] < rules.separation
@@ -192,12 +203,17 @@ def _fly_period(vehicle: Airborne, pilot: Pilot, navigation: Navigation, time: f
 
 
 def straight_separation(
-    flight: Flight, intruders: VehicleState, mask: np.ndarray, seconds: int
+    flight: Flight,
+    intruders: VehicleState,
+    mask: np.ndarray,
+    seconds: int,
+    share: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return how near the aircraft would have come to intruders that fly straight on, m, ``[S]``.
 
     The aircraft flies as it did. The intruders are states over the ground at its start,
-    ``[1, K]``; the result is the smallest distance to any of them in each of the first seconds.
+    ``[1, K]``; the result is the smallest distance to any of them in each of the first seconds,
+    counted in the shares ``[1, K]``.
     """
     periods = SUBSTEPS * seconds + 1
     own = take(flight.own, slice(periods))
@@ -208,7 +224,7 @@ def straight_separation(
         intruders.heading + 0.0 * times,
         intruders.speed + 0.0 * times,
     )
-    apart = _apart_by_period(own, straight, mask)
+    apart = _nearest(_apart_by_period(own, straight, mask), share)
     whole = apart.size // SUBSTEPS
     return apart[: whole * SUBSTEPS].reshape(whole, SUBSTEPS).min(axis=1)
 
@@ -218,18 +234,19 @@ def _stack(states: list[VehicleState]) -> VehicleState:
     return VehicleState(*(np.array(field, dtype=float) for field in zip(*states, strict=True)))
 
 
-def _apart(states: list[VehicleState], others: VehicleState, mask: np.ndarray) -> float:
-    """Return the smallest distance to any intruder over a second, m."""
-    return float(_apart_by_period(_stack(states), others, mask).min(initial=np.inf))
-
-
 def _apart_by_period(own: VehicleState, others: VehicleState, mask: np.ndarray) -> np.ndarray:
-    """Return the smallest distance of states ``[P + 1]`` to any of ``[P + 1, K]`` in each of the
-    periods between them, m, ``[P]``.
+    """Return the smallest distance of states ``[P + 1]`` to each of ``[P + 1, K]`` in each of the
+    periods between them, m, ``[P, K]``; inf where the mask ``[1, K]`` has none.
     """
     own = VehicleState(*(field[:, None] for field in own))
     (before, first), (after, last) = (
         take((own, others), part) for part in (slice(None, -1), slice(1, None))
     )
     apart = leg_separation(before, after, first, last, PERIOD, np)
-    return np.min(np.where(mask, apart, np.inf), axis=1, initial=np.inf)
+    return np.where(mask, apart, np.inf)
+
+
+def _nearest(apart: np.ndarray, share: np.ndarray | None) -> np.ndarray:
+    """Return the smallest of distances ``[P, K]``, counted in shares ``[1, K]``, ``[P]``."""
+    counted = apart if share is None else apart * share
+    return np.min(counted, axis=1, initial=np.inf)

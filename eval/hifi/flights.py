@@ -27,6 +27,7 @@ from envs.perception import Sensor
 from envs.trees import take
 from envs.waypoints import Legs, legs
 from envs.wind import Wind, over_ground, through_air
+from envs.world import shares
 from eval.flights import sources
 from eval.flights.among_areas import areas_of
 from eval.flights.plan_flight import request_of
@@ -67,6 +68,7 @@ class Beginning(NamedTuple):
     route: Route  # over the ground; the second point is the goal
     noise: Callable[[int], np.ndarray] | None  # of the intruders' reports by second, [4, 1, K]
     areas: tuple[Area, ...] = ()  # over the ground, as they are at the start
+    share: np.ndarray | None = None  # at which the distance to each intruder counts, [1, K]
 
 
 class FlightRecord(NamedTuple):
@@ -94,7 +96,7 @@ def scene_of(campaign: Campaign, number: int) -> Beginning:
     the same conflict in any wind.
     """
     condition = campaign.condition
-    one, _ = sources.draw(campaign.source, campaign.seed, number, 1)
+    one, _ = sources.draw(campaign.source, campaign.seed, number, 1, heeds=("separation",))
     met = draw_conditions(condition, campaign.seed, number, takeoff_weight(campaign.vehicle))
     wind = Wind(met.air.wind_east, met.air.wind_north)
     if condition.position_std > 0.0 or condition.velocity_std > 0.0 or met.latency > 0.0:
@@ -119,6 +121,7 @@ def scene_of(campaign: Campaign, number: int) -> Beginning:
         route=Route(line.route_x[0], line.route_y[0]),
         noise=noise,
         areas=() if amid is None else amid[0],
+        share=shares(one, campaign.aircraft, np),
     )
 
 
@@ -150,8 +153,8 @@ def fly_one(campaign: Campaign, policy: Policy, number: int) -> FlightRecord:
 def _fly_closed(campaign: Campaign, scene: Beginning, number: int, policy: Policy) -> FlightRecord:
     """Fly by the policy's decisions, once a second."""
     goal = float(scene.route.x[1]), float(scene.route.y[1])
-    mask = scene.encounter.mask
-    pilot = Closed(policy, campaign.aircraft.limits, goal, mask, scene.frame, scene.areas)
+    limits, mask = campaign.aircraft.limits, scene.encounter.mask
+    pilot = Closed(policy, limits, goal, mask, scene.frame, scene.areas, scene.share)
     until = round(campaign.aircraft.t_max)
     flight, problem = _fly(campaign, scene, number, pilot, until, ("violation", "goal"))
     return FlightRecord(scene, flight=flight, problem=problem, pilot=pilot)
@@ -188,6 +191,7 @@ def _initial_plan(campaign: Campaign, scene: Beginning, policy: Policy) -> tuple
     """Return the plan made at the start, and the intruders that it was made with."""
     reported = report_at_start(campaign, scene)
     known = Known.straight(through_air(reported, scene.frame, 0.0), scene.encounter.mask)
+    known = known._replace(separation=scene.encounter.separation)
     own = through_air(scene.own, scene.frame, 0.0)
     made = plan_for(
         own, known, scene.route, 0.0, scene.frame, policy, campaign.options, scene.areas
@@ -240,7 +244,7 @@ def _fly(
     navigation = Navigation(campaign.condition.own_position_std, campaign.seed, number)
     goal = float(scene.route.x[1]), float(scene.route.y[1])
     watch = None if campaign.viewer is None else vehicle.show
-    traffic = Traffic(scene.encounter, scene.wind, scene.noise, watch)
+    traffic = Traffic(scene.encounter, scene.wind, scene.noise, watch, scene.share)
     return fly(
         vehicle, pilot, navigation, traffic, goal, campaign.aircraft.rules(), until, ends
     ), None

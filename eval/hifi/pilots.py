@@ -46,8 +46,8 @@ class Closed:
     """The network, once a second, in the frame of a wind; what it commands is held in the
     air mass.
 
-    The goal is over the ground, m; the mask says which intruders exist, ``[1, K]``. Areas are over
-    the ground, as they are at the start.
+    The goal is over the ground, m; the mask says which intruders exist, ``[1, K]``, the shares at
+    which their distances count. Areas are over the ground, as they are at the start.
     """
 
     late = 0.0
@@ -60,8 +60,9 @@ class Closed:
         mask: np.ndarray,
         frame: Wind,
         areas: tuple[Area, ...] = (),
+        share: np.ndarray | None = None,
     ) -> None:
-        self._policy, self._limits = policy, limits
+        self._policy, self._limits, self._share = policy, limits, share
         self._stands = what_stands(in_air_mass(areas, frame, 0.0), policy.aircraft)
         self._goal, self._mask, self._frame = goal, mask, frame
         self._held = 0.0, 0.0  # acceleration, m/s^2, and yaw rate, rad/s
@@ -72,17 +73,16 @@ class Closed:
         here = through_air(own, frame, time)
         goal = self._goal[0] - frame[0] * time, self._goal[1] - frame[1] * time
         seen = through_air(intruders, frame, time)
-        others = [
-            VehicleState(*(float(field[0, k]) for field in seen))
-            for k in np.flatnonzero(self._mask[0])
-        ]
-        own, share = VehicleState(*(float(field) for field in here)), None
+        exist = np.flatnonzero(self._mask[0])
+        others = [VehicleState(*(float(field[0, k]) for field in seen)) for k in exist]
+        share = None if self._share is None else self._share[0, exist].tolist()
         if self._stands.x.size:
+            share = [1.0] * len(others) if share is None else share
             amid = as_intruders(self._stands, time, self._policy.aircraft.separation)
-            share = [1.0] * len(others)
             for n in np.flatnonzero(amid.there):
                 others.append(VehicleState(*(float(field[n]) for field in amid.state)))
                 share.append(float(amid.share[n]))
+        own = VehicleState(*(float(field) for field in here))
         action = self._policy.command_one(own, others, *goal, share)
         acceleration, yaw_rate = commands(action, self._limits, np)
         self._held = float(acceleration), float(yaw_rate)
@@ -136,7 +136,7 @@ class Assured:
         self._monitor = assurance.activate(
             monitor, np.arange(1), made.plan_states, made.safe, 0.0, known, thresholds
         )
-        self._mask = known.mask
+        self._mask, self._separation = known.mask, known.separation
         self._guide: Guide | None = None
         self._flies: _Flown | None = None
         # The goal is the second point of the route.
@@ -180,11 +180,11 @@ class Assured:
         as reported, over the ground.
         """
         one = VehicleState(*(np.array([float(field)]) for field in here))
-        seen, known = intruders, dict[str, Any]()
+        seen, known = intruders, dict[str, Any](separation=self._separation)
         if self._sensor is not None:
             noise = self._sensor.position_std, self._sensor.velocity_std
             self._tracks = follow(self._tracks, intruders, *noise, self._rules.dt)
-            seen, known = self._tracks.state, self._tracks.errors
+            seen, known = self._tracks.state, {**known, **self._tracks.errors}
         seen = through_air(seen, self._frame, float(clock))
         if self._areas:
             known = {**known, "areas": as_row(self._areas_met(float(clock), here))}

@@ -170,9 +170,10 @@ def _plan(campaign: Campaign, one: FlightRecord) -> dict[str, Any]:
     """
     made = one.made if one.made is not None and one.made.request is not None else None
     planned = _NAN if one.made is None else float(one.made.plans.proposals.min_separation[0])
-    whole = _NAN
+    whole, distance = _NAN, _NAN
     if one.flight is not None and one.errors is not None:
         whole = float(one.flight.separation.min(initial=np.inf))
+        distance = float(one.flight.distance.min(initial=np.inf))
     return {
         "plan_status": "none" if made is None else STATUSES[int(made.plans.proposals.safe[0])],
         "plan_source": "none" if made is None else SOURCES[int(made.plans.source[0])],
@@ -180,7 +181,7 @@ def _plan(campaign: Campaign, one: FlightRecord) -> dict[str, Any]:
         "plan_rejoin_s": _NAN if made is None else float(made.plans.proposals.rejoin_time[0]),
         "verdict": _separability(campaign, one),
         "whole_min_separation_m": whole,
-        "separation_loss_m": planned - whole,
+        "separation_loss_m": planned - distance,
     }
 
 
@@ -195,7 +196,8 @@ def _loss(campaign: Campaign, one: FlightRecord) -> PlanLoss:
     assert flight is not None
     reported = report_at_start(campaign, one.scene)
     seconds = round(rules.t_max)
-    apart = straight_separation(flight, reported, one.scene.encounter.mask, seconds)
+    mask, share = one.scene.encounter.mask, one.scene.share
+    apart = straight_separation(flight, reported, mask, seconds, share)
     promised = float(apart.min(initial=np.inf))
     kind = "not_promised" if promised >= rules.separation else "broken"
     return PlanLoss(kind, promised)
@@ -213,7 +215,11 @@ def _separability(campaign: Campaign, one: FlightRecord) -> str:
     begins = limits.speed_min <= float(one.scene.encounter.own.speed[0]) <= limits.speed_max
     if not begins and not solved:
         return "outside"
-    judged = classify(one.scene.encounter, rules, limits, solved=np.array([solved]))
+    encounter = one.scene.encounter
+    if encounter.separation is not None:
+        each = encounter.separation + options.requirement.margin
+        encounter = encounter._replace(separation=each)
+    judged = classify(encounter, rules, limits, solved=np.array([solved]))
     return Verdict(int(judged.verdict[0])).name.lower()
 
 

@@ -33,10 +33,12 @@ from envs.follower import PERIOD
 from envs.formats.local_frame import geocentric
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.outcome import RULES
+from envs.scenarios import resolve
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from envs.waypoints import Legs, PlanStates, at, legs
 from envs.wind import NO_WIND, Wind, narrow, over_ground, through_air
+from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi import flights as hifi_flights
 from eval.hifi.config import CONDITIONS, ConditionConfig, Drawn, HifiConfig, draw_conditions
 from eval.hifi.errors import against
@@ -52,6 +54,7 @@ from eval.hifi.vehicle import Navigation, begin, lookahead_of
 from eval.hifi.wind import Made, Route, plan_for, unflyable
 from ros_bridge.sim.world import EncounterFlight
 
+SEPARATIONS = "envs.own_separations:separations"
 OPTIONS = Options.for_aircraft(PAPER)
 STATES = PlanStates(
     np.array([0.0, 1400.0, 2700.0, 3900.0]),
@@ -84,9 +87,15 @@ def along(plan: Legs, time: np.ndarray) -> VehicleState:
 
 
 def flight(own: VehicleState, late: np.ndarray) -> Flight:
-    nothing = VehicleState(*(np.zeros((1, 1)) for _ in range(4)))
     return Flight(
-        own, np.full(late.size, 2500.0), late, nothing, np.zeros(0), np.zeros(late.size), None
+        own=own,
+        altitude=np.full(late.size, 2500.0),
+        late=late,
+        intruders=VehicleState(*(np.zeros((1, 1)) for _ in range(4))),
+        separation=np.zeros(0),
+        distance=np.zeros(0),
+        goal_distance=np.zeros(late.size),
+        failure=None,
     )
 
 
@@ -271,6 +280,51 @@ def test_a_start_that_the_aircraft_cannot_fly_is_refused() -> None:
     _, row = fly(flying._replace(mode="plan"), 0)
     assert row["outcome"] == "refused"
     assert "the plan asks for air speeds of" in row["reason"]
+
+
+@pytest.mark.parametrize(
+    ("mode", "areas"), [("plan", 0), ("assured", 0), ("closed", 0), ("closed", 2)]
+)
+def test_the_usual_separation_of_each_changes_no_row(mode: str, areas: int) -> None:
+    starts = encounters_of_seed(scenario("multi", PAPER), 2, 0, 2)
+    flying = campaign(f"mode={mode}", "vehicle=point_mass")._replace(source=starts, areas=areas)
+    usual = starts._replace(separation=np.full(starts.mask.shape, PAPER.separation))
+    for number in range(2):
+        _, row = fly(flying, number)
+        _, same = fly(flying._replace(source=usual), number)
+        np.testing.assert_equal(same, row)
+
+
+@pytest.mark.parametrize("mode", ["plan", "assured"])
+def test_safe_plans_keep_the_separation_of_each_intruder(mode: str) -> None:
+    resolve(SEPARATIONS)
+    flying = campaign(f"mode={mode}", f"scenario={SEPARATIONS}", "seed=5")
+    for number in range(2):
+        one, row = fly(flying, number)
+        assert one.flight is not None and row["plan_status"] == "safe"
+        assert row["outcome"] == "reached" and row["verdict"] == "resolvable"
+        start = one.scene.encounter
+        own = take(one.flight.own, slice(None, None, SUBSTEPS))
+        away = np.hypot(
+            own.x[:, None] - one.flight.intruders.x, own.y[:, None] - one.flight.intruders.y
+        )
+        counted = (away * (PAPER.separation / start.separation))[:301, start.mask[0]]
+        assert PAPER.separation <= row["min_separation_m"] <= counted.min()
+        assert row["min_separation_m"] == pytest.approx(counted.min(), rel=0.02)
+        assert row["min_separation_m"] != pytest.approx(one.flight.distance[:300].min(), rel=0.02)
+
+
+def test_a_separation_of_its_own_is_lost_far_beyond_the_usual_one() -> None:
+    start = encounters_of_seed(scenario("head_on", PAPER), 0, 0, 1)
+    one, row = fly(
+        campaign("mode=closed", "vehicle=surrogate")._replace(
+            source=start._replace(separation=np.full((1, 1), 50_000.0))
+        ),
+        0,
+    )
+    assert row["outcome"] == "violation" and row["duration_s"] == 1.0
+    assert one.flight is not None and one.flight.distance.min() > 2.0 * PAPER.separation
+    assert row["min_separation_m"] == pytest.approx(one.flight.distance.min() / 50.0)
 
 
 def test_a_plan_that_is_not_safe_is_no_success() -> None:
