@@ -12,9 +12,14 @@ import numpy as np
 import pytest
 
 from agents.inference import Policy
+from agents.planner.areas import Counted
+from agents.planner.standing import standing
 from agents.policy.inference import PARITY_TOLERANCE
 from envs.aircraft import Aircraft
+from envs.area_geometry import signed_distance
+from envs.areas import Area, Polygon
 from envs.kinematics import Limits, VehicleState, advance, commands
+from envs.own_separations import LEAST
 from envs.relative import leg_separation
 
 MAKE = runpy.run_path(str(Path(__file__).resolve().parent.parent / "docs" / "fly" / "make.py"))
@@ -207,12 +212,12 @@ def draw_area(page: Any, x: float, y: float, radius: float) -> None:
     """Draw an area with the mouse, in separations from the middle of the map."""
     box, scale = page.locator("#sky").bounding_box(), page.evaluate("view().scale")
     middle = box["x"] + box["width"] / 2 + x * scale, box["y"] + box["height"] / 2 - y * scale
-    page.click("#draw")
+    page.click("#disc")
     page.mouse.move(*middle)
     page.mouse.down()
     page.mouse.move(middle[0], middle[1] - radius * scale, steps=4)
     page.mouse.up()
-    page.click("#draw")
+    page.click("#disc")
     page.wait_for_function("line.done && !changed")
 
 
@@ -249,6 +254,147 @@ def test_an_area_that_is_drawn_is_flown_around_or_it_is_said(opened: Any) -> Non
     assert opened.evaluate("areas.length") == 1
     opened.click("#clear")
     assert opened.evaluate("areas.length") == 0
+
+
+def click_corners(page: Any, corners: list[tuple[float, float]]) -> None:
+    """Click places, in separations from the middle of the map."""
+    box, scale = page.locator("#sky").bounding_box(), page.evaluate("view().scale")
+    for x, y in corners:
+        page.mouse.click(
+            box["x"] + box["width"] / 2 + x * scale, box["y"] + box["height"] / 2 - y * scale
+        )
+
+
+BEND = [(-2.0, 1.5), (2.0, 1.5), (2.0, -1.5), (1.0, -1.5), (1.0, 0.5), (-2.0, 0.5)]
+"""A polygon whose circle holds much that it does not."""
+
+
+def test_a_polygon_is_drawn_corner_by_corner(opened: Any) -> None:
+    opened.click("#polygon")
+    click_corners(opened, BEND[:4])
+    assert opened.evaluate("[corners.length, areas.length]") == [4, 0]
+    opened.keyboard.press("Escape")
+    assert opened.evaluate("[corners.length, areas.length]") == [0, 0]
+    click_corners(opened, [*BEND, BEND[0]])  # the first one again closes it
+    click_corners(opened, [(x - 1.0, y - 4.0) for x, y in BEND[:2]])
+    opened.keyboard.press("Enter")  # two corners are no polygon
+    assert opened.evaluate("[corners.length, areas.length]") == [2, 1]
+    click_corners(opened, [(x - 1.0, y - 4.0) for x, y in BEND[2:]])
+    opened.keyboard.press("Enter")
+    assert opened.evaluate("[corners.length, areas.length]") == [0, 2]
+    assert opened.get_attribute("#polygon", "aria-pressed") == "true"
+    for number, (east, north) in enumerate([(0.0, 0.0), (-1.0, -4.0)]):
+        places = opened.evaluate(f"cornersOf(areas[{number}])")
+        np.testing.assert_allclose(places, np.add(BEND, (east, north)), atol=0.05)
+    opened.click("#disc")
+    assert opened.get_attribute("#polygon", "aria-pressed") == "false"
+    opened.click("#disc")
+
+    # By keyboard as discs: moved, larger, gone.
+    opened.focus(".grip[data-part=area][data-index='0']")
+    before = opened.evaluate(
+        "({ x: areas[0].x, radius: areas[0].radius, places: cornersOf(areas[0]) })"
+    )
+    opened.keyboard.press("ArrowRight")
+    opened.keyboard.press("Shift+ArrowUp")
+    area, places = opened.evaluate("[areas[0], cornersOf(areas[0])]")
+    assert area["x"] == pytest.approx(before["x"] + 0.25)
+    assert area["radius"] == pytest.approx(before["radius"] + 0.25)
+    middle = np.array([before["x"], area["y"]])
+    grown = (np.array(before["places"]) - middle) * (area["radius"] / before["radius"])
+    np.testing.assert_allclose(places, grown + middle + (0.25, 0.0), atol=1e-9)
+    opened.keyboard.press("Delete")
+    assert opened.evaluate("areas.length") == 1
+    opened.click("#clear")
+    assert opened.evaluate("areas.length") == 0
+
+
+def test_only_the_polygon_itself_is_entered(opened: Any) -> None:
+    opened.select_option("#scene", "crossing")
+    opened.click("#play")  # the scene plays at once
+    opened.evaluate("edit(() => Object.assign(start[1], { x: -7, y: 7, heading: 1.5 }))")
+    opened.wait_for_function("line.done && !changed")
+    own = opened.evaluate("start[0]")
+    assert abs(own["heading"]) < 0.1
+    # A wall so near ahead that nobody can turn away.
+    ahead = [
+        (own["x"] + east, own["y"] + north)
+        for east, north in [(0.3, -2), (1, -2), (1, 2), (0.3, 2)]
+    ]
+    opened.click("#polygon")
+    click_corners(opened, [*ahead, ahead[0]])
+    opened.wait_for_function("document.getElementById('news').textContent.includes('an area')")
+    when = opened.evaluate("line.entered.time")
+    flown = opened.evaluate("line.frames.map((frame) => frame.planes[0].x)")
+    west = min(x for x, _ in opened.evaluate("cornersOf(areas[0])"))  # a click is a whole pixel
+    inside = [x > west for x in flown]
+    assert inside.index(True) - 1.0 <= when <= inside.index(True)
+    opened.click("#clear")
+    # The ownship begins in the notch of another: in the circle about it, but not in it.
+    notch = [(-1.0, 0.6), (-1.0, -1.0), (1.0, -1.0), (1.0, -0.7), (-0.7, -0.7), (-0.7, 0.6)]
+    places = [(own["x"] + east, own["y"] + north) for east, north in notch]
+    click_corners(opened, [*places, places[0]])
+    opened.wait_for_function("line.done && !changed")
+    (area,) = opened.evaluate("areas")
+    assert math.hypot(area["x"] - own["x"], area["y"] - own["y"]) < area["radius"]
+    assert opened.evaluate("line.entered?.time ?? null") != 0
+
+
+def test_polygons_are_judged_as_the_planner_judges_them(opened: Any) -> None:
+    """Side and first entry of random ways, against the planner's distances, finely sampled."""
+    rng = np.random.default_rng(13)
+    area = Area(Polygon(tuple(BEND)))
+    begin = rng.uniform(-3.0, 3.0, (200, 2))
+    heading, speed = rng.uniform(-np.pi, np.pi, 200), 1.0
+    found = opened.evaluate(
+        f"""([corners, begin, headings]) => {{ {STATE}
+        const area = polygonOf(corners, SMALLEST), {{ limits }} = aircraft;
+        return begin.map((place, i) => {{
+            const one = state([...place, headings[i], 1]), action = [0, i % 3 - 1];
+            return entersAt(area, one, action, advance(one, action, 1, limits), 1, limits);
+        }}); }}""",
+        [BEND, begin.tolist(), heading.tolist()],
+    )
+    limits = aircraft_of(opened)["paper"]
+    unit = limits.separation / limits.limits.speed_max
+    turn = (np.arange(200) % 3 - 1.0) * limits.limits.yaw_rate_max * unit
+    share = np.linspace(0.0, 1.0, 2_001)
+    angle = 0.5 * turn[:, None] * share
+    x = begin[:, :1] + speed * share * np.sinc(angle / np.pi) * np.cos(heading[:, None] + angle)
+    y = begin[:, 1:] + speed * share * np.sinc(angle / np.pi) * np.sin(heading[:, None] + angle)
+    away = signed_distance(area, x, y)
+    entered = 0
+    for one, row in zip(found, away, strict=True):
+        if abs(row.min()) < 0.03:
+            continue  # the chords of a step leave the curve by as much
+        assert (one is not None) == bool(row.min() < 0.0)
+        if one is not None:
+            entered += 1
+            assert one == pytest.approx(share[np.argmax(row < 0.0)], abs=0.1)
+    assert 40 < entered < 160
+
+
+def test_the_policy_sees_polygons_as_in_evaluations(opened: Any) -> None:
+    rng = np.random.default_rng(14)
+    fence = [(-6.0, -5.0), (7.0, 6.0), (6.5, 6.5), (-6.0, -4.0)]
+    stars = [star(rng, count, size) for count, size in [(3, 1), (5, 2), (8, 4), (12, 8)]]
+    for polygon in (BEND, fence, *stars):
+        (seen,) = opened.evaluate(
+            "(corners) => { areas = [polygonOf(corners, SMALLEST)]; return [standing()]; }", polygon
+        )
+        area = Area(Polygon(tuple(polygon)))
+        expected = standing([Counted(0, area, 0.0, math.inf)], 1.0, 0.0)
+        found = sorted((one["x"], one["y"], one["separation"]) for one in seen)
+        discs = zip(expected.x, expected.y, np.maximum(expected.separation, LEAST), strict=True)
+        np.testing.assert_allclose(found, sorted(discs), atol=1e-6)
+    assert len(seen) > 4  # the largest is cut
+
+
+def star(rng: np.random.Generator, corners: int, size: float) -> list[tuple[float, float]]:
+    """Return a polygon that does not cross itself, about the middle of the map."""
+    angles = 2.0 * np.pi * (np.arange(corners) + rng.uniform(0.0, 0.9, corners)) / corners
+    away = size * rng.uniform(0.5, 1.0, corners)
+    return list(zip(away * np.cos(angles), away * np.sin(angles), strict=True))
 
 
 def put_head_on(page: Any, separations: float) -> None:

@@ -4,7 +4,8 @@
 
 const get = (id) => document.getElementById(id);
 const MOST = 8, STEPS = 300, ACROSS = 16; // D across the shorter side of the map
-const SMALLEST = 0.3; // D, of an area's radius
+const SMALLEST = 0.3; // D, of an area's radius, and of separations that policies are trained with
+const CLOSING = 14, APART = 6; // px: a corner so near to the first closes a polygon; one so near to the last is none
 const BUDGET = { future: 6, search: 8, map: 10 }; // ms of a frame until which each may work
 const ICONS = { play: "M5 2.5v13l10.5-6.5z", pause: "M4 3h3.6v12H4zM10.4 3H14v12h-3.6z" };
 
@@ -15,7 +16,8 @@ let type, aircraft, dt; // the chosen type in SI; without dimension; its time st
 let start; // aircraft at time 0, the ownship first: {x, y, heading, speed, goalX, goalY}
 let line, shown; // the future from there; the one that is drawn, while the new one is not ready
 let time = 0, playing = false, chosen = -1, changed = true, held = null, last = 0, colours = {};
-let areas = [], drawing = false; // discs to be kept out of: {x, y, radius}; whether the pointer draws them
+let areas = [], drawing = null; // to be kept out of; what the pointer draws: "disc", "polygon" or nothing
+let corners = [], pointer = null; // of the polygon that is being drawn; where its next one would be
 let map = null, search = null; // of turns; of other manoeuvres where the policy loses the separation
 
 // ---- the future: what happens if nothing is moved ----
@@ -28,17 +30,16 @@ function begin(planes) {
   return { frames: [{ planes, gone, actions: planes.map(() => [0, 0]) }], least: { distance: Infinity }, done: false };
 }
 
-// Areas as the policy sees them: aircraft that stand still, with their radius as the separation.
-const standing = () => areas.map(({ x, y, radius }) => ({ x, y, heading: 0, speed: 0, separation: radius }));
+// Areas as the policy sees them: aircraft that stand still, with the radius of a disc as their separation.
+const standing = () => areas.flatMap(discsOf).map(({ x, y, radius }) => ({ x, y, heading: 0, speed: 0, separation: Math.max(SMALLEST, radius) }));
 
 // When in a step an aircraft that decides first enters an area; null: none does.
 function entry(now, planes, all) {
   let first = null;
   for (let i = 0; i < (all ? planes.length : 1); i++) {
-    for (const { x, y, radius } of now.gone[i] ? [] : areas) {
-      const still = { x, y, heading: 0, speed: 0 };
-      const [distance, part] = closest(now.planes[i], planes[i], still, still, dt);
-      if (distance < radius && !(first?.part <= part)) first = { part, index: i };
+    for (const area of now.gone[i] ? [] : areas) {
+      const part = entersAt(area, now.planes[i], now.actions[i], planes[i], dt, aircraft.limits);
+      if (part !== null && !(first?.part <= part)) first = { part, index: i };
     }
   }
   return first;
@@ -267,11 +268,24 @@ function draw() {
   const long = 2 * type.separation;
   pen.fillText(long < 5000 ? `${long} m` : `${(long / 1000).toFixed(1)} km`, 14, height - 20);
 
-  for (const { x, y, radius } of areas) {
-    circle(x, y, radius);
+  for (const area of areas) {
+    if (area.corners) (path(cornersOf(area)), pen.closePath());
+    else circle(area.x, area.y, area.radius);
     pen.fillStyle = tint("area", 0.14);
-    pen.fill();
+    pen.fill("evenodd");
     stroke(colours.area, 1.8);
+    if (area.corners) for (const { x, y, radius } of discsOf(area)) (circle(x, y, radius), stroke(tint("area", 0.5), 1, [3, 4])); // what the policy sees
+  }
+  if (corners.length) { // a polygon that is being drawn
+    path(pointer ? [...corners, pointer] : corners);
+    stroke(colours.area, 1.8, [5, 5]);
+    corners.forEach(([x, y], i) => {
+      pen.beginPath();
+      pen.arc(...place(x, y), i === 0 ? 6 : 3.5, 0, 2 * Math.PI);
+      pen.fillStyle = i === 0 ? colours.sky : colours.area;
+      pen.fill();
+      stroke(colours.area, 1.8);
+    });
   }
   const colourOf = (index) => (index === 0 ? "own" : "other");
   state.planes.forEach((one, i) => { // goals
@@ -572,21 +586,53 @@ function changeArea(index, x, y, { key, shiftKey }) {
   const one = areas[index];
   edit(() => {
     if (key === "Delete") areas.splice(index, 1);
-    else if (shiftKey) one.radius = Math.max(SMALLEST, one.radius + 0.25 * (x + y));
+    else if (shiftKey) areas[index] = resized(one, Math.max(SMALLEST, one.radius + 0.25 * (x + y)));
     else (one.x += 0.25 * x), (one.y += 0.25 * y);
   });
   if (key !== "Delete") return;
   grips();
-  get("draw").focus();
+  get("disc").focus();
 }
 
-// An area is drawn from its middle to its edge, where no aircraft is.
-function drawArea(event) {
+// A disc is drawn from its middle to its edge, where no aircraft is.
+function drawDisc(event) {
   const [x, y] = pointed(event);
   held = { part: "size", index: areas.length };
   edit(() => areas.push({ x, y, radius: SMALLEST }));
   sky.box.setPointerCapture(event.pointerId);
   event.preventDefault();
+}
+
+// A polygon is drawn corner by corner; one at the first closes it.
+function drawCorner(event) {
+  const { scale } = view(), place = pointed(event), away = ([x, y]) => scale * Math.hypot(place[0] - x, place[1] - y);
+  event.preventDefault();
+  if (corners.length > 2 && away(corners[0]) <= CLOSING) return closePolygon();
+  if (!corners.length || away(corners.at(-1)) > APART) corners.push(place);
+  pointer = null;
+  wake();
+}
+
+function closePolygon() {
+  if (corners.length < 3) return;
+  edit(() => areas.push(polygonOf(corners, SMALLEST)));
+  dropPolygon();
+  grips();
+}
+
+function dropPolygon() {
+  corners = [];
+  pointer = null;
+  wake();
+}
+
+function drawAs(shape) { // by the pointer, or no longer where it is drawn already
+  drawing = drawing === shape ? null : shape;
+  for (const name of ["disc", "polygon"]) {
+    get(name).setAttribute("aria-pressed", drawing === name);
+    sky.box.classList.toggle(name, drawing === name);
+  }
+  dropPolygon();
 }
 
 function remove(index) {
@@ -697,6 +743,10 @@ seek.addEventListener("input", () => {
   time = Number(seek.value);
 });
 document.addEventListener("keydown", (event) => {
+  if (corners.length && (event.key === "Enter" || event.key === "Escape")) {
+    event.key === "Enter" ? closePolygon() : dropPolygon();
+    event.preventDefault();
+  }
   if (event.key === " " && !event.target.closest("#play, #side, summary")) {
     play(!playing);
     event.preventDefault();
@@ -704,22 +754,23 @@ document.addEventListener("keydown", (event) => {
 });
 sky.box.addEventListener("pointerdown", (event) => {
   if (event.target.closest(".grip")) return;
-  if (drawing) return drawArea(event);
+  if (drawing) return drawing === "disc" ? drawDisc(event) : drawCorner(event);
   chosen = -1;
   wake();
 });
-sky.box.addEventListener("pointermove", (event) => held?.part === "size" && drag(event));
+sky.box.addEventListener("pointermove", (event) => {
+  if (held?.part === "size") return drag(event);
+  if (!corners.length || event.pointerType === "touch") return;
+  pointer = pointed(event);
+  wake();
+});
 for (const name of ["pointerup", "pointercancel"]) sky.box.addEventListener(name, () => {
   if (held?.part !== "size") return;
   held = null;
   grips();
   wake();
 });
-get("draw").addEventListener("click", () => {
-  drawing = !drawing;
-  get("draw").setAttribute("aria-pressed", drawing);
-  sky.box.classList.toggle("drawing", drawing);
-});
+for (const shape of ["disc", "polygon"]) get(shape).addEventListener("click", () => drawAs(shape));
 get("clear").addEventListener("click", () => {
   edit(() => areas.splice(0));
   grips();

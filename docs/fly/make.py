@@ -79,7 +79,7 @@ def write(folder: Path, path: Path = SHIPPED) -> Path:
     """Write the page with the policy of a file into a folder, and return its place."""
     script = weights(path)
     folder.mkdir(parents=True, exist_ok=True)
-    for name in ("index.html", "fly.js", "policy.js", "search.js"):
+    for name in ("index.html", "fly.js", "policy.js", "search.js", "areas.js"):
         shutil.copyfile(HERE / name, folder / name)
     shutil.copyfile(ROOT / "envs" / "edge" / "airmap.js", folder / "airmap.js")
     (folder / "weights.js").write_text(script, encoding="utf-8")
