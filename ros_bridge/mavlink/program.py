@@ -7,7 +7,8 @@ traffic from another receiver too, and watches and plans as the ROS nodes do, by
 default it advises: STATUSTEXT to the ground station, and with --plan-file the plan as a map. With
 --fly it changes from AUTO to GUIDED while a conflict lasts, flies the plan in place and time, and
 gives AUTO back where the plan rejoins the mission. A mode, or a target in GUIDED, that anybody else
-sets ends that at once; it takes over again only after AUTO has flown 10 s without a conflict.
+sets ends that at once; it takes over again only after AUTO has flown 10 s without a conflict. An
+item of the mission that anybody else sets meanwhile is where AUTO goes on.
 
 It stops commanding where the autopilot's state is older than 1.5 s. What the autopilot does where
 this program or the link dies: docs/howto/mavlink.md.
@@ -247,6 +248,13 @@ class _MissionId(NamedTuple):
 _NO_MISSION = _MissionId(0, 0)
 
 
+class _Current(NamedTuple):
+    """Where a mission is."""
+
+    mission: _MissionId
+    item: int
+
+
 class _Leg(NamedTuple):
     """The leg that is flown."""
 
@@ -301,13 +309,16 @@ class Program:
         self._causes: set[Cause] = set()
         self._remarked: set[str] = set()
         self._downloads: dict[int, Download] = {}
-        self._mission_id = self._downloaded = _NO_MISSION
+        self._downloaded = _NO_MISSION
+        self._current = _Current(_NO_MISSION, 0)
         self._leg: _Leg | None = None
         self._followed: _Followed | None = None
         self._air = Air()
         self._moved = False  # whether a new place has come
         self._targets: set[tuple[int, int]] = set()  # that it has been sent to, 1e-7 degrees
         self._reached_ours = False  # whether one of them has been its target in GUIDED
+        self._left_at: _Current | None = None  # where GUIDED has left the mission
+        self._asked_for: _Current | None = None  # where we have asked AUTO to go on
         self._live: LiveReports | None = None
 
         found = _question(link, options)
@@ -436,8 +447,7 @@ class Program:
         if kind == "PARAM_VALUE" and message.param_id == "AVD_ENABLE" and message.param_value:
             self._refuse("AVD_ENABLE was set: the autopilot's own avoidance is on")
         if kind == "MISSION_CURRENT":
-            number = int(getattr(message, "mission_id", 0))
-            self._mission_id = _MissionId(int(message.total), number)
+            self._note_current(message, now)
         if kind == "HEARTBEAT" and before.heartbeat != self._received.heartbeat:
             assert self._received.heartbeat is not None
             self.log(f"mode {self._received.heartbeat.mode_name}", now)
@@ -445,6 +455,22 @@ class Program:
         self._moved = self._moved or kind == "GLOBAL_POSITION_INT"
         if kind in ("MISSION_COUNT", "MISSION_ITEM_INT"):
             self._accept(message, now)
+
+    def _note_current(self, message: Any, now: int) -> None:
+        """Note where the mission is, and say where somebody else has changed it while a plan is
+        flown: the autopilot itself does not in GUIDED.
+        """
+        number = int(getattr(message, "mission_id", 0))
+        before = self._current
+        self._current = _Current(_MissionId(int(message.total), number), int(message.seq))
+        if self._control.phase is not Phase.GUIDING:
+            return
+        if self._left_at is None:
+            self._left_at = self._current
+        elif self._current not in (before, self._left_at):
+            same = self._current.mission == before.mission
+            what = f"item {self._current.item} set" if same else "mission changed"
+            self._tell(what, f"{what} by others: AUTO goes on there", now, send=True)
 
     def _take_live(self, live: LiveReports) -> None:
         """Take in the traffic of a receiver beside the autopilot's own."""
@@ -484,11 +510,11 @@ class Program:
         if problem:
             self._tell("adsb", problem, now, send=True, again=_REPORT)
         phase = self._control.phase
-        if self._mission_id != self._downloaded and not self._control.flies:
+        if self._current.mission != self._downloaded and not self._control.flies:
             # MISSION_CURRENT says that it is another one.
             if self._downloaded != _NO_MISSION:
                 self._downloads[MISSION] = Download(MISSION)
-            self._downloaded = self._mission_id
+            self._downloaded = self._current.mission
         try:
             route = self._route()
         except FieldError as error:
@@ -560,8 +586,10 @@ class Program:
         return -1 if self._received.heartbeat is None else self._received.heartbeat.mode
 
     def _route(self) -> Route:
-        """Return the mission from the current item on, its first leg from where it began."""
-        current = self._received.current
+        """Return the mission from the current item on, its first leg from where it began; while a
+        plan is flown, from the item that it has left.
+        """
+        current = (self._left_at or self._current).item
         own = self._received.situation.own.last
         left = mission.remaining_items(self._items, current)
         if not left or own is None:
@@ -646,6 +674,8 @@ class Program:
             self._link.say(f"RLCAS: {done.text}")
         if was is not self._control.phase:
             self.log(f"{was.value} -> {self._control.phase.value}", now)
+            if not self._control.flies:
+                self._left_at = self._asked_for = None
             if self._control.phase is Phase.WATCHING:
                 self._targets.clear()
                 revision = self._judgement.revision
@@ -684,10 +714,7 @@ class Program:
         elif order is Order.STEER:
             self._steer(now)
         elif order is Order.GIVE_BACK:
-            rejoin = self._judgement.rejoin
-            if rejoin is not None and rejoin.point is not None:
-                self._link.set_current(mission.item_after_rejoin(rejoin.point, self._items))
-            self._link.set_mode(messages.Mode.AUTO)
+            self._give_back()
         elif before.restore is not None:
             self._link.set_mode(before.restore)
 
@@ -700,6 +727,16 @@ class Program:
         target = messages.target(point.latitude, point.longitude, own.altitude)
         self._targets.add((target.latitude, target.longitude))
         self._link.reposition(target)
+
+    def _give_back(self) -> None:
+        """Ask for AUTO, at the item after the rejoin point unless somebody else has set one."""
+        ours = self._left_at is None or self._current in (self._left_at, self._asked_for)
+        rejoin = self._judgement.rejoin
+        if ours and rejoin is not None and rejoin.point is not None:
+            number = mission.item_after_rejoin(rejoin.point, self._items)
+            self._asked_for = self._current._replace(item=number)
+            self._link.set_current(number)
+        self._link.set_mode(messages.Mode.AUTO)
 
     def _is_diverted(self) -> bool:
         """Return whether the autopilot has had our target in GUIDED, and now has another one."""

@@ -252,6 +252,37 @@ def test_a_target_that_a_ground_station_sets_in_guided_is_flown_to() -> None:
     assert flight.steered[-1].time - flight.steered[0].time < 25.0
 
 
+@pytest.mark.parametrize("item", [None, 4, 2])
+def test_an_item_that_a_ground_station_sets_in_guided_is_where_auto_goes_on(
+    item: int | None,
+) -> None:
+    crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
+    waiting, flown_to = [30.0], list[int]()
+
+    def set_item(sitl: Sitl, seconds: float, row: Any) -> None:
+        if waiting and seconds > waiting[0] and item is not None:
+            waiting.clear()
+            sitl.command(224, float(item))  # MAV_CMD_DO_SET_MISSION_CURRENT
+        if seconds > 130.0 and not flown_to:
+            sitl.signal(signal.SIGCONT)
+            flown_to.append(sitl.wait("MISSION_CURRENT").seq)
+            sitl.signal(signal.SIGSTOP)
+
+    flight = fly(
+        Encounter(0, (crossing,), 0.0, 300.0),
+        "ours",
+        instance=INSTANCE,
+        until=135.0,
+        watch=set_item,
+    )
+    assert flight.separation >= SEPARATION
+    assert flight.taken_over == 1
+    assert flight.rows[-1].mode == Mode.AUTO
+    assert flown_to == [item or 3]
+    told = f"RLCAS: item {item} set by others: AUTO goes on there"
+    assert flight.texts.count(told) == (item is not None)
+
+
 def test_the_autopilots_own_avoidance_set_in_flight_ends_it_and_auto_is_back() -> None:
     crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
     waiting = [25.0]
