@@ -781,7 +781,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint);
 get("size").textContent = network.size.toLocaleString("en").replaceAll(",", "\u202f");
 get("tried").textContent = CANDIDATES.length;
 get("digest").textContent = WEIGHTS.sha256.slice(0, 8);
-get("trained").textContent = `trained with up to ${WEIGHTS.most} intruders`;
+get("trained").textContent = `trained with up to ${WEIGHTS.most} intruders; of more (areas count as such) it looks at the ${WEIGHTS.most} most critical`;
 choose("paper");
 newScene();
 paint();

@@ -154,9 +154,30 @@ function intruderInputs([x, y, vx, vy, share], scene) {
   ];
 }
 
+// envs/observation.py: how urgent an intruder is, the most urgent smallest; both aircraft are taken to fly straight on.
+function criticality(own, one, { limits, separation }) {
+  const share = separation / (one.separation ?? separation), radius = 1.5 * separation, length = 1000 / separation;
+  const x = share * (one.x - own.x), y = share * (one.y - own.y), away = Math.hypot(x, y);
+  const vx = one.speed * Math.cos(one.heading) - own.speed * Math.cos(own.heading);
+  const vy = one.speed * Math.sin(one.heading) - own.speed * Math.sin(own.heading);
+  const time = Math.max(0, -(x * vx + y * vy) / Math.max(vx * vx + vy * vy, 1e-9));
+  const least = Math.hypot(x + vx * time, y + vy * time);
+  if (least >= radius) return 10_000 + least * length;
+  if (away < radius) return (least - radius) * length;
+  const inside = Math.sqrt(radius ** 2 - least ** 2), travelled = Math.sqrt(Math.max(away ** 2 - least ** 2, 1e-9));
+  return Math.max(0, time * (1 - inside / travelled)) * ((10 * limits.speed_max) / separation);
+}
+
+// The intruders that the policy looks at: the most urgent, as many as in training.
+function urgent(own, intruders, aircraft) {
+  if (intruders.length <= WEIGHTS.most) return intruders;
+  const ranked = intruders.map((one) => ({ one, rank: criticality(own, one, aircraft) }));
+  return ranked.sort((a, b) => a.rank - b.rank).slice(0, WEIGHTS.most).map(({ one }) => one);
+}
+
 // What Policy.command returns: acceleration and yaw rate in limits, each in [-1, 1].
 function command(own, intruders, goalX, goalY, aircraft) {
-  const scene = sceneOf(own, intruders, goalX, goalY, aircraft), sign = mirror(scene);
+  const scene = sceneOf(own, urgent(own, intruders, aircraft), goalX, goalY, aircraft), sign = mirror(scene);
   const pooled = new Float64Array(network.encoder.at(-1).outputs).fill(-1);
   for (const one of scene.intruders) {
     const values = network.encoder.reduce((input, layer) => dense(layer, input, true), intruderInputs(one, scene));
