@@ -77,6 +77,14 @@ def turn_through_air(state: VehicleState, turn_rate: float, wind: Wind) -> float
     return turn_rate * state.speed * state.speed / both
 
 
+def turned_error(turn: Array, error: Array) -> Array:
+    """Return by how much the ground velocity of an aircraft after a turn through the air, rad, is
+    off at most where the wind is off by ``error``, m/s (theorem ``turned_in_other_wind`` of
+    proofs/Wind.v).
+    """
+    return np.minimum(np.abs(turn), 2.0) * error
+
+
 def aim_point(
     own: VehicleState,
     goal: tuple[Array, Array],

@@ -2,7 +2,8 @@
 
 Reports and waypoints are over the ground. A monitor in a wind sees all of them as the air mass
 does, so that limits are those in the air and a turn is one through it. A plan brings the wind that
-its legs are flown in, and with that the air mass.
+its legs are flown in, and with that the air mass; how exactly that wind is known counts as in the
+planner.
 """
 
 import math
@@ -13,13 +14,13 @@ import numpy as np
 
 from agents.assurance.inputs import Memory, no_areas
 from agents.assurance.state import Monitor
-from agents.planner.request import Intruder
+from agents.planner.reports import Intruder, report_in_air
 from agents.planner.traffic import Traffic
 from envs.areas import Area, in_air
 from envs.arrays import Array
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves
-from envs.wind import NO_WIND, Wind, over_ground, through_air
+from envs.wind import NO_WIND, Wind, over_ground, through_air, turned_error
 
 
 class Frame(NamedTuple):
@@ -50,7 +51,8 @@ class Frame(NamedTuple):
 
     def report(self, given: Intruder, time: float) -> Intruder:
         """Return a report over the ground, as it is known at a time, s, as the air mass sees it."""
-        return replace(given, state=self.to_air(given.state, time - given.age))
+        state = self.to_air(given.state, time - given.age)
+        return replace(report_in_air(given, self.wind), state=state)
 
     def area(self, given: Area, time: float) -> Area:
         """Return an area as it is over the ground at a time, s, as the air mass sees it."""
@@ -65,6 +67,13 @@ class Frame(NamedTuple):
 
 STILL = Frame()
 """Still air."""
+
+
+def frame_of(wind: Wind, time: float) -> Frame:
+    """Return the air mass of a wind that lies over the ground at a time, s; a calm one always
+    does.
+    """
+    return Frame(wind, time if wind.speed > 0.0 else 0.0)
 
 
 def carry(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
@@ -82,7 +91,11 @@ def carry(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
         return map_leaves(lambda a, b: np.where(known, a, b), there, given)
 
     def traffic(given: Traffic, time: Array) -> Traffic:
-        return given._replace(state=state(given.state, time[:, None]))
+        turn = given.turn_rate * (given.turn_time + given.age)  # since the report
+        grown = given.velocity_std + turned_error(turn, new.wind.std - old.wind.std)
+        return given._replace(
+            state=state(given.state, time[:, None]), velocity_std=np.maximum(grown, 0.0)
+        )
 
     memory = monitor.memory
     return monitor._replace(

@@ -18,6 +18,7 @@ from envs.angles import wrap
 from envs.arrays import Array
 from envs.kinematics import FASTEST, VehicleState, velocity
 from envs.trees import map_leaves
+from envs.wind import turned_error
 
 _AHEAD = 0.5  # s by which a report may seem to come from the future
 _SAME = (
@@ -227,7 +228,8 @@ def advance(memory: Memory, mask: Array, thresholds: Thresholds) -> tuple[Vehicl
         turn_rate=memory.turn_rate,
         turn_time=turn_time,
         position_std=memory.position_std,
-        velocity_std=memory.velocity_std,
+        velocity_std=memory.velocity_std
+        + turned_error(memory.turn_rate * turn_time, thresholds.wind_std),
         age=0.0 * age,
         separation=memory.separation,
         window=map_leaves(lambda when: when - memory.time[:, None], memory.window),

@@ -4,7 +4,7 @@ Intruders go by name and have the same place as long as they exist. One that is 
 more is missing, which is a reason; it is forgotten only where the caller says that it is gone.
 
 States, plans and backups are over the ground. Inside, the monitor works in the air mass of the wind
-that its plan is flown in.
+that its plan is flown in, with limits that hold in every wind within its uncertainty.
 """
 
 import math
@@ -16,7 +16,7 @@ import numpy as np
 from agents.assurance import monitor as monitors
 from agents.assurance.areas import may_be_met
 from agents.assurance.backup import resting
-from agents.assurance.frames import STILL, Frame, carry
+from agents.assurance.frames import STILL, Frame, carry, frame_of
 from agents.assurance.inputs import Inputs, Memory, no_areas
 from agents.assurance.state import Decision, FlyMode, Monitor, State, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
@@ -89,6 +89,11 @@ class Watch:
     # The last reports of each with an altitude: when they held, s, and what they said of it.
     levels: Mapping[str, tuple[float, Intruder]] = field(default_factory=dict)
 
+    @property
+    def thresholds_in_air(self) -> Thresholds:
+        """The thresholds in the monitor's air mass."""
+        return self.thresholds.in_wind(self.frame.wind)
+
 
 def begin(thresholds: Thresholds) -> Watch:
     """Return a monitor that watches nothing."""
@@ -106,6 +111,9 @@ def activate(
 ) -> Watch:
     """Begin to watch a plan, with states, altitude and time, s, of its request; of one that is not
     SAFE the backup is flown.
+
+    Raises:
+        RequestError: the plan's wind is too uncertain for the aircraft.
     """
     watch = _allocate(
         watch, (*watch.names, *(name for name in intruders if name not in watch.names))
@@ -120,7 +128,8 @@ def activate(
     )
     window = windows(reports, own_altitude, watch.thresholds.options)
     traffic = traffic._replace(window=window)
-    plan_states, thresholds = _plan_states(own, plan, frame, watch.thresholds), watch.thresholds
+    thresholds = watch.thresholds_in_air
+    plan_states = _plan_states(own, plan, frame, thresholds)
     safe = np.array([plan.safe])
     return replace(
         watch,
@@ -150,7 +159,9 @@ def step(
     )
     watch = _allocate(watch, names)
     frame, reports = watch.frame, [intruders.get(name, Intruder(_MISSING)) for name in names]
-    seen, age = arrays_of_reports([frame.report(one, time) for one in reports])
+    # A turn is what two reports show, not what one says.
+    in_air = [replace(one, state=frame.to_air(one.state, time - one.age)) for one in reports]
+    (seen, age), thresholds = arrays_of_reports(in_air), watch.thresholds_in_air
     own = frame.to_air(own or _MISSING, time - own_age)
     here = VehicleState(*(np.array([value], dtype=float) for value in own))
     now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
@@ -164,10 +175,10 @@ def step(
         position_std=seen.position_std,
         velocity_std=seen.velocity_std,
         separation=seen.separation,
-        window=windows(reports, own_altitude, watch.thresholds.options),
+        window=windows(reports, own_altitude, thresholds.options),
         areas=_areas_met(watch, areas, own, own_altitude, time),
     )
-    monitor, decision = monitors.step(watch.monitor, given, watch.thresholds)
+    monitor, decision = monitors.step(watch.monitor, given, thresholds)
     levels = {name: at for name, at in watch.levels.items() if name in names} | {
         name: (time - one.age, one) for name, one in intruders.items() if one.altitude is not None
     }
@@ -176,7 +187,7 @@ def step(
     backup = _waypoints(monitor, frame) if np.isfinite(monitor.backup.started[0]) else ()
     watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
     fly, state = FlyMode(int(decision.fly[0])), State(int(decision.state[0]))
-    return watch, Verdict(state, fly, asked, reasons(decision, watch.thresholds), backup, decision)
+    return watch, Verdict(state, fly, asked, reasons(decision, thresholds), backup, decision)
 
 
 def _areas_met(
@@ -196,20 +207,24 @@ def _areas_met(
 
 
 def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
-    """Hand in what the planner answered to a request; return also whether the plan is flown now."""
+    """Hand in what the planner answered to a request; return also whether the plan is flown now.
+
+    Raises:
+        RequestError: the plan's wind is too uncertain for the aircraft.
+    """
     if watch.ask is None or number != watch.ask.number:
         return watch, False
     asked = float(watch.monitor.requested_at[0])
     moved = _in_air_of(watch, plan, asked)
-    given = _plan_states(watch.ask.own, plan, moved.frame, watch.thresholds)
+    thresholds = moved.thresholds_in_air
+    given = _plan_states(watch.ask.own, plan, moved.frame, thresholds)
     which, safe = np.array([number]), np.array([plan.safe])
-    monitor, taken_up = monitors.answer(moved.monitor, _ONE, which, given, safe, watch.thresholds)
+    monitor, taken_up = monitors.answer(moved.monitor, _ONE, which, given, safe, thresholds)
     if taken_up[0] or moved.frame == watch.frame:
         return replace(moved, monitor=monitor), bool(taken_up[0])
     # The active plan goes on, in its own air mass.
-    monitor, _ = monitors.answer(
-        watch.monitor, _ONE, which, given, np.array([False]), watch.thresholds
-    )
+    refused, thresholds = np.array([False]), watch.thresholds_in_air
+    monitor, _ = monitors.answer(watch.monitor, _ONE, which, given, refused, thresholds)
     return replace(watch, monitor=monitor), False
 
 
@@ -217,8 +232,7 @@ def _in_air_of(watch: Watch, plan: Plan, time: float) -> Watch:
     """Return the monitor in the air mass that lies over the ground at a time, s, and in which a
     plan that begins then is flown; the old one where there is none.
     """
-    wind = plan.wind or NO_WIND
-    frame = Frame(wind, time) if wind.speed > 0.0 else STILL
+    frame = frame_of(plan.wind or NO_WIND, time)
     if not plan.waypoints or frame == watch.frame:
         return watch
     monitor = carry(watch.monitor, watch.frame, frame)

@@ -8,9 +8,11 @@ from enum import IntFlag
 from typing import Any
 
 from agents.planner.options import Options, agility
+from agents.planner.request import in_wind
 from agents.planner.traffic import Requirement
 from agents.policy.domain import traffic
 from envs.kinematics import Limits, intersection
+from envs.wind import Wind
 
 
 class Cause(IntFlag):
@@ -198,6 +200,8 @@ class Thresholds:
     """A cause ends when its error is below this share of its threshold."""
     sustained: float = 0.5
     """Share of a threshold that may last for ever."""
+    wind_std: float = 0.0
+    """One sigma of both components of the wind in whose air mass all this holds, m/s."""
 
     @classmethod
     def for_plans(cls, options: Options, **changes: Any) -> "Thresholds":
@@ -232,6 +236,23 @@ class Thresholds:
         }
         return cls(options, **(usual | changes))
 
+    def in_wind(self, wind: Wind) -> "Thresholds":
+        """Return these thresholds, of still air, in the air mass of a wind: plans and backups must
+        keep the limits in every wind within its uncertainty, as the planner's do.
+
+        Raises:
+            RequestError: the wind is too uncertain for the aircraft.
+        """
+        if wind.std == 0.0:
+            return self
+        kept = self.requirement
+        planned = kept._replace(sigmas=kept.sigmas / _KEPT)
+        narrowed = in_wind(replace(self.options, requirement=planned), wind)
+        options = replace(narrowed, requirement=kept)
+        return replace(
+            self, options=options, manoeuvre=backup_limits(options), wind_std=float(wind.std)
+        )
+
     @property
     def requirement(self) -> Requirement:
         """Of the plans."""
@@ -239,7 +260,7 @@ class Thresholds:
 
     @property
     def limits(self) -> Limits:
-        """That every leg must obey: the vehicle's own."""
+        """That every leg must obey: the vehicle's own, or what an uncertain wind leaves of them."""
         return self.options.limits
 
 

@@ -17,7 +17,7 @@ from agents.planner.options import Options
 from agents.planner.traffic import Traffic, Window
 from envs.arrays import Array
 from envs.kinematics import FASTEST, VehicleState
-from envs.wind import Wind, through_air
+from envs.wind import Wind, through_air, turned_error
 
 FARTHEST = 1e6
 """Coordinates beyond this, m, belong to no local frame, whatever the aircraft."""
@@ -139,11 +139,11 @@ def report_in_air(report: Intruder, wind: Wind) -> Intruder:
     a turn depends on the wind, whose error e moves it by up to ``2 e sin(turn / 2)``; the
     velocity's error of an intruder that turns grows by that at least.
     """
-    turn = min(abs(report.turn_rate) * report.turn_time, 2.0)
+    error = float(turned_error(report.turn_rate * report.turn_time, float(wind.std)))
     return replace(
         report,
         state=through_air(report.state, wind, -report.age),
-        velocity_std=report.velocity_std + turn * float(wind.std),
+        velocity_std=report.velocity_std + error,
     )
 
 

@@ -19,12 +19,14 @@ from agents.assurance import single as watch
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Thresholds
+from agents.planner.answer import RequestError
 from agents.planner.recheck import reconstruct
 from agents.planner.request import Altitude, Intruder
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
+from envs.wind import Wind
 from ros_bridge.core.areas import AreaReport, Placed
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, Published, trajectory
@@ -86,15 +88,23 @@ class FrameAreas(NamedTuple):
     placed: tuple[Placed, ...]
 
 
-def read_plan(message: "Trajectory", count: int, name: str = "trajectory") -> Published:
-    """Return a plan called SAFE, of so many waypoints, or raise :class:`FieldError`."""
+def read_plan(message: "Trajectory", thresholds: Thresholds, name: str = "trajectory") -> Published:
+    """Return a plan called SAFE that a monitor with some thresholds can judge, or raise
+    :class:`FieldError`.
+    """
+    count = thresholds.options.waypoints
     if message.status != STATUS_SAFE:
         raise FieldError(f"{name}.status", f"is {message.status}, expected {STATUS_SAFE} (SAFE)")
     if len(message.waypoints) != count:
         raise FieldError(
             f"{name}.waypoints", f"has {len(message.waypoints)} points, expected {count}"
         )
-    return trajectory(message, name)
+    plan = trajectory(message, name)
+    try:
+        thresholds.in_wind(Wind(*plan.wind, plan.wind_std))
+    except RequestError as error:
+        raise FieldError(f"{name}.{error.field}", error.problem) from error
+    return plan
 
 
 def initial(
@@ -299,9 +309,11 @@ def _reach(own: Report, now: int, supervision: Supervision, situation: Situation
     horizon = max(left, _HORIZON * options.waypoints * options.interval)
     # Over the ground all are faster by the wind at most: the reported one, or the plan's.
     winds = (own.wind or (0.0, 0.0), (0.0, 0.0) if held is None else held.wind)
-    blows = max(math.hypot(*wind) for wind in winds)
-    if own.wind is None:
-        blows += limits.requirement.sigmas * supervision.unknown.wind_std
+    unsure = (
+        supervision.unknown.wind_std if own.wind is None else 0.0,
+        0.0 if held is None else held.wind_std,
+    )
+    blows = max(math.hypot(*wind) for wind in winds) + limits.requirement.sigmas * max(unsure)
     return Reach(
         own=own,
         now=now,

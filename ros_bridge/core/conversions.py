@@ -101,6 +101,7 @@ class Published(NamedTuple):
     points: tuple[PlanPoint, ...]
     identifiers: tuple[str, ...]  # of the intruders that it takes account of
     wind: tuple[float, float] = (0.0, 0.0)  # that it is flown in, east and north at its start, m/s
+    wind_std: float = 0.0  # one sigma of both, m/s
 
 
 def report(
@@ -346,9 +347,16 @@ def trajectory(message: "Trajectory", name: str = "trajectory") -> Published:
         number(f"{name}.wind.{axis}", getattr(message.wind, axis), -_WIND, _WIND, "m/s")
         for axis in "xy"
     )
-    identifiers = tuple(message.intruder_ids)
-    unique = bytes(message.id.uuid)
-    return Published(unique, message.revision, began, start, points, identifiers, (east, north))
+    return Published(
+        bytes(message.id.uuid),
+        message.revision,
+        began,
+        start,
+        points,
+        tuple(message.intruder_ids),
+        wind=(east, north),
+        wind_std=number(f"{name}.wind_std", message.wind_std, 0.0, _WIND, "m/s"),
+    )
 
 
 def _once(values: Sequence[object], field: str) -> None:

@@ -37,7 +37,7 @@ def start_point(
 
 def wind_of(frame: LocalFrame, plan: Published) -> Wind | None:
     """Return the wind that a published plan is flown in, in a frame; None: still air."""
-    return wind_in(frame, plan.start.latitude, plan.start.longitude, plan.wind)
+    return wind_in(frame, plan.start.latitude, plan.start.longitude, plan.wind, plan.wind_std)
 
 
 def true_wind(

@@ -531,17 +531,21 @@ def _too_far(far: float) -> str:
 
 
 def wind_in(
-    frame: LocalFrame, latitude: float, longitude: float, blows: tuple[float, float]
+    frame: LocalFrame,
+    latitude: float,
+    longitude: float,
+    blows: tuple[float, float],
+    std: float = 0.0,
 ) -> Wind | None:
-    """Return the wind at a place in a frame from its components east and north there, m/s; None:
-    still air.
+    """Return the wind at a place in a frame from its components east and north there and one sigma
+    of both, m/s; None: still air.
     """
     if blows == (0.0, 0.0):
-        return None
+        return Wind(std=std) if std > 0.0 else None
     east, north = blows
     turn = float(frame.place(latitude, longitude).convergence)
     cosine, sine = math.cos(turn), math.sin(turn)
-    return Wind(east * cosine - north * sine, north * cosine + east * sine)
+    return Wind(east * cosine - north * sine, north * cosine + east * sine, std)
 
 
 def _wind(
@@ -558,8 +562,8 @@ def _wind(
     if speed > settings.wind_max:
         what = f"is {speed:.1f} m/s, expected {settings.wind_max:g} m/s at most"
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", what)
-    wind = wind_in(frame, report.latitude, report.longitude, report.wind) or NO_WIND
-    return wind._replace(std=settings.wind_std), ()
+    at = report.latitude, report.longitude
+    return wind_in(frame, *at, report.wind, settings.wind_std) or NO_WIND, ()
 
 
 def _options_in_wind(options: Options, wind: Wind) -> Options:

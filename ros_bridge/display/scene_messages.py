@@ -142,6 +142,7 @@ def plan(published: Published, status: int = codes.STATUS_SAFE) -> Fields:
         start=_plan_point(published.start),
         waypoints=[_plan_point(point) for point in published.points],
         wind={"x": published.wind[0], "y": published.wind[1]},
+        wind_std=published.wind_std,
     )
 
 

@@ -294,6 +294,7 @@ def publish(answer: Plan, wanted: PlanTask, revision: int) -> Published:
     left_out = {one.number for one in answer.excluded}
     names = (name for n, name in enumerate(wanted.identifiers) if n not in left_out)
     start = start_point(wanted.frame, wanted.own, wanted.time, wanted.own_altitude)
+    wind = answer.wind or NO_WIND
     return Published(
         revision.to_bytes(16, "big"),
         revision,
@@ -301,7 +302,8 @@ def publish(answer: Plan, wanted: PlanTask, revision: int) -> Published:
         start,
         plan_points(answer, wanted),
         tuple(names),
-        true_wind(wanted.frame, answer.wind or NO_WIND, start.latitude, start.longitude),
+        true_wind(wanted.frame, wind, start.latitude, start.longitude),
+        float(wind.std),
     )
 
 

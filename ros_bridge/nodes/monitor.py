@@ -136,7 +136,7 @@ class Monitor(ListeningNode):
     def _read_plan(self, message: Trajectory) -> Published | None:
         """Return a plan that may be flown; None: the message holds none, and why is logged."""
         try:
-            return read_plan(message, self._value("waypoints"))
+            return read_plan(message, self._supervision.watch.thresholds)
         except FieldError as error:
             self.get_logger().error(str(error))
             return None
@@ -234,9 +234,8 @@ class Monitor(ListeningNode):
         message = trajectory_message(Trajectory.STATUS_BACKUP, made.began, frame, self._backups)
         message.start = point_message(made.start)
         message.waypoints = [point_message(point) for point in made.points]
-        watched = self._supervision.watch.frame
-        if watched.moves and self._supervision.frame is not None:
-            add_wind(message, self._supervision.frame, watched.wind)
+        if self._supervision.frame is not None:
+            add_wind(message, self._supervision.frame, self._supervision.watch.frame.wind)
         return message
 
     def _guide(self, now: int, judged: Supervision, verdict: Verdict | None) -> None:
@@ -245,7 +244,7 @@ class Monitor(ListeningNode):
         if verdict is None or frame is None:
             return
         self._shown, found = guidance(
-            self._shown, watched.names, verdict, now, frame, watched.thresholds
+            self._shown, watched.names, verdict, now, frame, watched.thresholds_in_air
         )
         if found is not None:
             self._guidance.publish(_message(found, now, self._value("map_frame")))

@@ -105,6 +105,7 @@ def add_wind(message: Trajectory, frame: LocalFrame, wind: Wind) -> None:
     """Write the wind that a trajectory's legs are flown in, in a frame, into its message."""
     at = message.start.latitude, message.start.longitude
     message.wind.x, message.wind.y = true_wind(frame, wind, *at)
+    message.wind_std = float(wind.std)
 
 
 def advisory_message(advisory: Advisory) -> AdvisoryMessage:

@@ -23,7 +23,7 @@ from envs.waypoints import Legs, at, legs, plan_states
 from ros_bridge.core.assurance import read_plan as plan_of
 from ros_bridge.core.replies import to_frame
 from ros_bridge.transport import qos
-from tests.ros_bridge.scenes import EXACT, FRAME
+from tests.ros_bridge.scenes import EXACT, FRAME, THRESHOLDS
 
 WATCHER = "/rlcas_monitor"
 
@@ -83,7 +83,7 @@ class Flight:
             and self.plans[-1].status == Trajectory.STATUS_SAFE
             and self.plans[-1].revision > self.revision
         ):
-            published = plan_of(self.plans[-1], 20)
+            published = plan_of(self.plans[-1], THRESHOLDS)
             own, waypoints = to_frame(FRAME, published)
             self.legs, self.began, self.revision = (
                 legs(plan_states(own, waypoints)),
