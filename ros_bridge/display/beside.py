@@ -84,7 +84,7 @@ def supervise(
         shown: the alerts of the last time (:func:`ros_bridge.core.guidance.blank`: none).
         now: the program's clock, ns.
     """
-    limits = supervision.watch.thresholds
+    limits = supervision.watch.thresholds_in_air
     scene = replace(
         scene.at(now),
         situation=situation,
@@ -99,6 +99,7 @@ def supervise(
     scene = replace(scene, monitor=Monitor(now, said), backup=flown)
     if supervision.frame is None:
         return scene, shown
+    names = supervision.watch.names
     names = supervision.watch.names
     shown, found = guidance.guidance(shown, names, verdict, now, supervision.frame, limits)
     if found is None:

@@ -18,11 +18,12 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 
 from agents.assurance.state import FlyMode, State
 from agents.planner.planner import plan
-from agents.planner.request import Altitude
+from agents.planner.request import Altitude, in_wind
 from agents.policy.inference import Policy
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.kinematics import VehicleState
 from envs.waypoints import at, legs, plan_states
+from envs.wind import Wind
 from ros_bridge.core import updates
 from ros_bridge.core.areas import AreaReport
 from ros_bridge.core.assurance import (
@@ -30,17 +31,30 @@ from ros_bridge.core.assurance import (
     accept_answer,
     activate,
     initial,
+    read_plan,
     step_monitor,
     to_fly,
     withdraw,
 )
 from ros_bridge.core.conversions import Published
+from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reach import Reach, vertically_apart
 from ros_bridge.core.replies import plan_points, start_point, to_frame, wind_of
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import Held, Situation, task
+from ros_bridge.core.situation import Held, Settings, Situation, task
 from ros_bridge.core.tracks import Rules
-from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
+from tests.ros_bridge.scenes import (
+    FRAME,
+    NOW,
+    OPTIONS,
+    SECOND,
+    SETTINGS,
+    THRESHOLDS,
+    aircraft,
+    heard,
+    point,
+    stamp,
+)
 
 RULES = Rules()
 FAR = 30_000.0
@@ -62,8 +76,10 @@ def own(situation: Situation, seconds: float) -> Situation:
     return updates.ownship(situation, message, NOW + round(seconds * SECOND), RULES)
 
 
-def publish_plan(situation: Situation, revision: int = 1, seconds: float = 0.0) -> Published:
-    wanted = task(situation, NOW + round(seconds * SECOND), SETTINGS)
+def publish_plan(
+    situation: Situation, revision: int = 1, seconds: float = 0.0, settings: Settings = SETTINGS
+) -> Published:
+    wanted = task(situation, NOW + round(seconds * SECOND), settings)
     # A busy machine may not find a plan in time.
     options = replace(wanted.options, deadline_s=math.inf)
     result = plan(
@@ -73,7 +89,16 @@ def publish_plan(situation: Situation, revision: int = 1, seconds: float = 0.0) 
     start = start_point(wanted.frame, wanted.own, wanted.time, None)
     points, wind = plan_points(result, wanted), wanted.wind
     blows = float(wind.east), float(wind.north)
-    return Published(bytes(16), revision, wanted.time, start, points, wanted.identifiers, blows)
+    return Published(
+        bytes(16),
+        revision,
+        wanted.time,
+        start,
+        points,
+        wanted.identifiers,
+        blows,
+        float(wind.std),
+    )
 
 
 @functools.cache
@@ -117,6 +142,42 @@ def test_a_plan_in_a_wind_is_monitored_in_it():
     _, verdict = step_monitor(calm, situation, NOW + 12 * SECOND)
     assert verdict is not None
     assert abs(verdict.measured.cross_track.item()) > 0.2
+
+
+def test_the_uncertainty_of_the_wind_counts_in_the_monitor_as_in_the_plan():
+    settings = replace(SETTINGS, wind_std=1.5)
+    situation = traffic(heard(own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xE5)), 0.0)
+    held = publish_plan(situation, settings=settings)
+    assert (held.wind, held.wind_std) == ((0.0, 0.0), 1.5)
+    watch = activate(initial(THRESHOLDS), situation, held).watch
+    assert watch.frame.wind == (0.0, 0.0, 1.5)
+    assert watch.monitor.state[0] == State.MONITORING
+    assert watch.thresholds_in_air.limits == in_wind(OPTIONS, Wind(std=1.5)).limits
+
+
+@pytest.mark.parametrize(
+    ("std", "field"),
+    [(-1.0, "plan.wind_std"), (math.nan, "plan.wind_std"), (15.0, "plan.wind.std")],
+)
+def test_a_plan_whose_wind_is_too_uncertain_is_refused(std: float, field: str):
+    # As a message of Trajectory has them.
+    stamps = (stamp(NOW + n * 20 * SECOND) for n in range(1, 21))
+    message = SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp(NOW)),
+        status=1,
+        start=point(0, 47.0, 8.0, valid=14, time_of_arrival=stamp(NOW)),
+        waypoints=[point(n, 47.0, 8.0, valid=14, time_of_arrival=t) for n, t in enumerate(stamps)],
+        wind=SimpleNamespace(x=1.0, y=0.0, z=0.0),
+        wind_std=0.5,
+        intruder_ids=[],
+        id=SimpleNamespace(uuid=bytes(16)),
+        revision=1,
+    )
+    assert read_plan(message, THRESHOLDS, "plan").wind_std == 0.5
+    message.wind_std = std
+    with pytest.raises(FieldError) as caught:
+        read_plan(message, THRESHOLDS, "plan")
+    assert caught.value.field == field
 
 
 def test_there_is_no_verdict_before_the_first_plan():

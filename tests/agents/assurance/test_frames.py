@@ -8,24 +8,29 @@ import numpy as np
 import pytest
 
 from agents.assurance import single
+from agents.assurance.backup import backup_states, search
 from agents.assurance.frames import Frame, carry
 from agents.assurance.inputs import no_areas
 from agents.assurance.monitor import Thresholds
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import State
-from agents.planner.answer import Plan
+from agents.planner.answer import Plan, RequestError
 from agents.planner.areas import Counted
 from agents.planner.options import Options
 from agents.planner.recheck import reconstruct
-from agents.planner.request import Intruder
+from agents.planner.reports import report_in_air
+from agents.planner.request import Intruder, in_wind
+from agents.planner.traffic import Traffic
 from envs.aircraft import PAPER
 from envs.areas import Area, Circle
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves
-from envs.waypoints import Waypoint
-from envs.wind import NO_WIND, Wind, over_ground
+from envs.waypoints import Legs, Waypoint, legs
+from envs.wind import NO_WIND, Wind, narrow, over_ground
+from tests.support import random_states
 
-THRESHOLDS = Thresholds.for_plans(Options.for_aircraft(PAPER))
+OPTIONS = Options.for_aircraft(PAPER)
+THRESHOLDS = Thresholds.for_plans(OPTIONS)
 SPEED, RATE = 75.0, math.radians(3.0)
 WINDS = [Wind(15.0, -8.0), Wind(-20.0, 5.0)]
 
@@ -119,7 +124,7 @@ def test_memory_goes_into_another_air_mass_and_back() -> None:
     amid[0] = (Counted(0, Area(Circle(4e3, 5e2, 3e2), velocity=(-5.0, 2.0)), 0.0, 1e3),)
     memory = watch.monitor.memory._replace(areas=amid)
     watch = replace(watch, monitor=watch.monitor._replace(memory=memory))
-    other = Frame(Wind(-3.0, 11.0), 7.0)
+    other = Frame(Wind(-3.0, 11.0, 1.5), 7.0)
     there = carry(watch.monitor, watch.frame, other)
     assert not np.allclose(there.memory.intruders.speed, watch.monitor.memory.intruders.speed)
     back = carry(there, other, watch.frame)
@@ -136,6 +141,12 @@ def test_memory_goes_into_another_air_mass_and_back() -> None:
     assert (shape.x, shape.y) == pytest.approx((4e3, 5e2), abs=1e-6)
     map_leaves(same, back.memory, watch.monitor.memory)
     map_leaves(same, back.expected, watch.monitor.expected)
+    # The intruder of the last request turns, so another wind makes another velocity of it.
+    mine, moved_on, again = (
+        one.request_traffic.velocity_std.item() for one in (watch.monitor, there, back)
+    )
+    assert moved_on > mine + 0.1
+    assert again == pytest.approx(mine, abs=1e-9)
 
 
 def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:
@@ -170,3 +181,82 @@ def test_what_is_missing_in_a_wind_stays_missing(wind: Wind) -> None:
     watch, _ = watch_flight(wind)
     watch, verdict = single.step(watch, 15.0, None, {}, own_age=3.0)
     assert verdict.state is not State.MONITORING
+
+
+UNSURE = [Wind(15.0, -8.0, 1.5), Wind(0.0, 0.0, 3.0)]
+
+
+def test_limits_are_those_of_the_planner() -> None:
+    assert THRESHOLDS.in_wind(NO_WIND) is THRESHOLDS
+    assert THRESHOLDS.in_wind(WINDS[0]) is THRESHOLDS
+    for wind in UNSURE:
+        found = THRESHOLDS.in_wind(wind)
+        assert found.limits == in_wind(OPTIONS, wind).limits
+        assert found.manoeuvre.yaw_rate_max == found.limits.yaw_rate_max
+        assert found.limits.speed_min <= found.manoeuvre.speed_min
+        assert found.manoeuvre.speed_max <= found.limits.speed_max
+        assert found.requirement == THRESHOLDS.requirement
+
+
+def goes_beyond(curves: Legs, wind: Wind) -> bool:
+    """Return whether legs go beyond what is left of the limits in an uncertain wind."""
+    left = narrow(THRESHOLDS.limits, OPTIONS.requirement.sigmas * float(wind.std))
+    after = curves.speed + curves.acceleration * curves.duration[..., None] / curves.x.shape[-1]
+    kept = (
+        (np.minimum(curves.speed, after) >= left.speed_min - 1e-6)
+        & (np.maximum(curves.speed, after) <= left.speed_max + 1e-6)
+        & (curves.acceleration >= left.acceleration_min - 1e-5)
+        & (curves.acceleration <= left.acceleration_max + 1e-5)
+        & (np.abs(curves.yaw_rate) <= left.yaw_rate_max + 1e-7)
+    )
+    return not kept.all()
+
+
+@pytest.mark.parametrize("wind", UNSURE)
+def test_backups_keep_the_limits_in_every_wind(wind: Wind) -> None:
+    generator = np.random.default_rng(8)
+    own = random_states(generator, 100)
+    own = own._replace(speed=np.clip(own.speed, 60.0, 90.0))
+    course, speed = own.heading + generator.uniform(-2.6, 2.6, 100), np.full(100, 100.0)
+    unsure = THRESHOLDS.in_wind(wind)
+    speed_left = np.full(100, unsure.manoeuvre.speed_max)
+    assert goes_beyond(legs(backup_states(own, course, speed, THRESHOLDS)), wind)
+    assert not goes_beyond(legs(backup_states(own, course, speed_left, unsure)), wind)
+    traffic = Traffic.straight(random_states(generator, 100, 2, extent=6_000.0))
+    found = search(own, traffic, np.zeros(100), unsure)
+    assert not goes_beyond(found.legs, wind)
+    assert 0 < found.safe.sum() < 100
+
+
+@pytest.mark.parametrize("wind", UNSURE)
+def test_the_uncertainty_of_the_plan_s_wind_reaches_the_monitor(wind: Wind) -> None:
+    watch, told = watch_flight(wind)
+    assert watch.frame.wind == wind
+    assert not goes_beyond(watch.monitor.backup.legs, wind)
+    turning = 0
+    for verdict in told:
+        traffic, ask = verdict.measured.traffic, verdict.ask
+        rate = float(traffic.turn_rate[0, 0])
+        turn = Intruder(other_at(0.0), turn_rate=rate, turn_time=THRESHOLDS.turn_time)
+        expected = report_in_air(turn, wind).velocity_std
+        assert traffic.velocity_std[0, 0] == expected
+        turning += expected > 0.0
+        # The planner makes its own of what is asked.
+        assert ask is None or ask.intruders[0].velocity_std == 0.0
+    assert turning > 0
+
+
+def test_a_plan_that_expects_a_turn_expects_it_as_the_planner_does() -> None:
+    turn = Intruder(other_at(0.0), 0.25, turn_rate=0.02, turn_time=60.0, velocity_std=0.3)
+    for wind in (NO_WIND, *WINDS, *UNSURE):
+        own = over_ground(own_at(0.0), wind, 0.0)
+        watch = single.activate(single.begin(THRESHOLDS), plan_in(wind), own, {"a": turn}, 0.0)
+        found = watch.monitor.expected.velocity_std[0, 0]
+        assert found == report_in_air(turn, wind).velocity_std
+
+
+def test_a_wind_that_leaves_nothing_of_the_limits_is_refused() -> None:
+    wind = Wind(5.0, 0.0, 20.0)
+    own = over_ground(own_at(0.0), wind, 0.0)
+    with pytest.raises(RequestError, match="leave nothing"):
+        single.activate(single.begin(THRESHOLDS), plan_in(wind), own, {}, 0.0)
