@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from envs.angles import wrap
 from envs.kinematics import Limits, VehicleState, advance
 from envs.waypoints import PlanStates, Waypoint, at, in_air, leg, on_ground
-from envs.wind import Wind, aim_point, narrow, over_ground, through_air
+from envs.wind import Wind, aim_point, narrow, over_ground, through_air, turned_error
 
 STATES = st.builds(
     VehicleState,
@@ -141,6 +141,17 @@ def test_what_hovers_keeps_speeds_turns_and_accelerations(
     assert within.yaw_rate_max > 0.0
     assert within.acceleration_min < 0.0 < within.acceleration_max
     assert within.speed_min >= slow + error
+
+
+@given(st.floats(-9.0, 9.0), st.floats(0.0, 5.0), st.floats(-math.pi, math.pi))
+def test_a_turn_in_another_wind_leads_to_a_velocity_within_the_error(
+    turn: float, error: float, side: float
+) -> None:
+    ground, wind = complex(20.0, 5.0), complex(3.0, -6.0)
+    other = wind + error * complex(math.cos(side), math.sin(side))
+    turned = complex(math.cos(turn), math.sin(turn))
+    after, instead = ((ground - blows) * turned + blows for blows in (wind, other))
+    assert abs(after - instead) <= turned_error(turn, error) + 1e-9
 
 
 def test_nothing_is_narrowed_where_the_wind_is_known() -> None:

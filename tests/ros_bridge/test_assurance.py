@@ -162,7 +162,7 @@ def test_the_uncertainty_of_the_wind_counts_in_the_monitor_as_in_the_plan():
 def test_a_plan_whose_wind_is_too_uncertain_is_refused(std: float, field: str):
     # As a message of Trajectory has them.
     stamps = (stamp(NOW + n * 20 * SECOND) for n in range(1, 21))
-    message = SimpleNamespace(
+    message: Any = SimpleNamespace(
         header=SimpleNamespace(stamp=stamp(NOW)),
         status=1,
         start=point(0, 47.0, 8.0, valid=14, time_of_arrival=stamp(NOW)),
