@@ -204,7 +204,7 @@ def _assured_pilot(
 ) -> Assured:
     """Return what flies plans ``[1]`` under the monitor, made with the known intruders."""
     options = campaign.options
-    usual = Thresholds.for_plans(options)
+    usual = Thresholds.for_plans(options).in_wind(scene.frame)
     margin = options.requirement.margin
     # What the margin covers is no reason for a new plan.
     track = {name: max(getattr(usual, name), margin) for name in ("cross_track", "along_track")}

@@ -113,7 +113,7 @@ class Assured:
     falls back to a backup.
 
     It was made at the start with the known intruders ``[1, K]``; the route is over the ground.
-    Areas are over the ground, as they are at the start.
+    Areas are over the ground, as they are at the start. The thresholds are those in the air mass.
     """
 
     def __init__(
@@ -221,7 +221,7 @@ class Assured:
             decision.traffic,
             route,
             float(clock),
-            self._frame,
+            self._frame._replace(std=0.0),  # the options hold its uncertainty already
             self._policy,
             options,
             self._areas,

@@ -40,6 +40,7 @@ from envs.waypoints import Legs, PlanStates, at, legs
 from envs.wind import NO_WIND, Wind, narrow, over_ground, through_air
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi import flights as hifi_flights
+from eval.hifi import pilots as hifi_pilots
 from eval.hifi.config import CONDITIONS, ConditionConfig, Drawn, HifiConfig, draw_conditions
 from eval.hifi.errors import against
 from eval.hifi.figures import distributions
@@ -395,6 +396,35 @@ def test_a_plan_in_an_uncertain_wind_keeps_the_limits_in_every_wind_within_it() 
     assert np.abs(curves.yaw_rate).max() <= kept.yaw_rate_max + 1e-6 < limits.yaw_rate_max
     assert curves.acceleration.min() >= kept.acceleration_min - 1e-6 > limits.acceleration_min
     assert curves.acceleration.max() <= kept.acceleration_max + 1e-6 < limits.acceleration_max
+
+
+def test_the_assured_loop_keeps_the_limits_in_every_wind_within_its_uncertainty(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    flown: list[Legs] = []
+
+    def follow_legs(curves: Legs, *given: Any) -> Track:
+        flown.append(curves)
+        return Track(curves, *given)
+
+    monkeypatch.setattr(hifi_pilots, "Path", follow_legs)
+    flying = campaign(
+        "mode=assured",
+        "scenario=maneuvering",
+        "condition.wind_mps=[10,10]",
+        "condition.wind_error_mps=1",
+        "planner.margin=60",
+        "aircraft.t_max_s=100",
+    )
+    rows = [fly(flying, number)[1] for number in (0, 2)]
+    # The planner knows the monitor's limits, so its new plans are taken up.
+    assert any(row["taken_up"] for row in rows)
+    assert any(row["backup_s"] > 0.0 for row in rows)
+    kept = narrow(flying.options.limits, flying.options.requirement.sigmas)
+    for curves in flown:
+        assert np.abs(curves.yaw_rate).max() <= kept.yaw_rate_max + 1e-6
+        assert curves.acceleration.min() >= kept.acceleration_min - 1e-6
+        assert curves.acceleration.max() <= kept.acceleration_max + 1e-6
 
 
 def test_a_wind_known_so_badly_that_nothing_can_be_flown_is_refused() -> None:
