@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from eval.runner.options import real, whole
+    from envs.edge.command import real, whole
 
     parser = Parser(prog="python -m eval.convert", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument

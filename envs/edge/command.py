@@ -82,6 +82,45 @@ class _Once(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
+def whole(least: int, most: int | None = None) -> Callable[[str], int]:
+    """Return a type of an option: a whole number of at least ``least``, at most ``most``."""
+    wanted = (
+        f"a whole number of at least {least}"
+        if most is None
+        else f"a whole number, {least} to {most}"
+    )
+
+    def value(text: str) -> int:
+        if (
+            not text.isascii()
+            or not text.isdecimal()
+            or int(text) < least
+            or (most is not None and int(text) > most)
+        ):
+            raise argparse.ArgumentTypeError(f"{text!r}; expected {wanted}")
+        return int(text)
+
+    return value
+
+
+def real(low: float, high: float, unit: str = "") -> Callable[[str], float]:
+    """Return a type of an option: a number from ``low`` to ``high``, in a unit for messages."""
+    unit = f" {unit}" if unit else ""
+
+    def value(text: str) -> float:
+        try:
+            found = float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(
+                f"{text!r}; expected a number, {low:g} to {high:g}{unit}"
+            ) from None
+        if not low <= found <= high:  # inverted for nan
+            raise argparse.ArgumentTypeError(f"{found:g}{unit}; expected {low:g} to {high:g}{unit}")
+        return found
+
+    return value
+
+
 def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
     """Run a program's main function and exit with its status.
 

@@ -12,13 +12,14 @@ from matplotlib.path import Path as Outline
 
 from agents.config.load import ConfigError, Parser
 from envs.areas import Area, Circle, Keep
+from envs.edge.command import real
 from envs.edge.figures import save_figure
 from envs.formats.areas import read_areas
 from envs.formats.local_frame import LocalFrame
 from eval.areas.config import AreasConfig
 from eval.plots import save as picture_folder
 from eval.plots.style import SKY, VERMILION
-from eval.runner.options import config_option, default_folder, load_given, real
+from eval.runner.options import config_option, default_folder, load_given
 
 _DESCRIPTION = """\
 Draw the areas of a file on a map, in the local frame about a place.

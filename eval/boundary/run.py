@@ -14,6 +14,7 @@ from typing import Any
 
 from agents.config.load import AIRCRAFT, ConfigError, Parser, file_of
 from envs.aircraft import PAPER, Aircraft
+from envs.edge.command import real
 from envs.edge.json_text import parse_json
 from eval.boundary.config import BoundaryConfig
 from eval.boundary.figure import boundary_figure
@@ -25,7 +26,6 @@ from eval.runner.options import (
     config_option,
     load_given,
     new_folder_option,
-    real,
     resume_option,
 )
 from eval.runner.parts import PartsFolder

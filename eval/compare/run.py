@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from agents.config.load import Parser
+from envs.edge.command import whole
 from envs.edge.figures import save_figure
 from envs.edge.files import check_space, write_whole
 from envs.edge.installation import versions
@@ -42,7 +43,6 @@ from eval.runner.options import (
     load_config,
     named_source,
     resume_option,
-    whole,
 )
 from eval.runner.outputs import arrow_table
 from eval.runner.parts import PartsFolder

@@ -406,7 +406,8 @@ def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure the rates, or make the box anew, and print what was found as JSON."""
-    from eval.runner.options import extension_option, load_extensions, whole
+    from envs.edge.command import whole
+    from eval.runner.options import extension_option, load_extensions
 
     parser = Parser(prog="python -m eval.evidence.outside", description=__doc__)
     add = parser.add_argument

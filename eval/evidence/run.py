@@ -19,6 +19,7 @@ from typing import Any
 
 from agents.config.load import Parser, load
 from agents.policy.inference import Policy
+from envs.edge.command import real
 from envs.edge.files import write_file
 from envs.edge.json_text import parse_json
 from eval.evidence.closing import show_closing
@@ -33,7 +34,6 @@ from eval.evidence.listed import (
     written_results,
 )
 from eval.evidence.tables import publish
-from eval.runner.options import real
 
 ROOT = Path(__file__).resolve().parents[2]
 """The checkout: list, results and pages are its."""

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from agents.config.load import ConfigError, Parser
+from envs.edge.command import whole
 from envs.edge.files import write_whole
 from envs.formats import encounter_file
 from envs.intruder import Intent
@@ -28,7 +29,6 @@ from eval.runner.options import (
     load_extensions,
     load_given,
     new_folder_option,
-    whole,
 )
 
 _DESCRIPTION = """\

@@ -14,6 +14,7 @@ from agents.config.load import Parser, dump
 from agents.config.world import AircraftConfig
 from agents.policy.domain import TRAFFIC_SPEED
 from envs.aircraft import ratios
+from envs.edge.command import whole
 from envs.edge.files import write_file
 from envs.scenarios import resolve
 from eval.family.aircraft import draw_aircraft
@@ -33,7 +34,6 @@ from eval.runner.options import (
     new_folder_option,
     policy_options,
     resume_option,
-    whole,
     workers_option,
 )
 from eval.runner.outputs import ResumableFolder

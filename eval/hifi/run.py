@@ -9,6 +9,7 @@ from typing import Any
 from agents.config.load import ConfigError, Parser
 from agents.planner.answer import RequestError
 from envs.c208.flightgear import flightgear_at
+from envs.edge.command import whole
 from envs.edge.progress import group_digits
 from envs.wind import Wind
 from eval.hifi.config import HifiConfig
@@ -18,7 +19,7 @@ from eval.hifi.summary import error_rows, rate_rows, summarise
 from eval.hifi.wind import options_in
 from eval.metrics.summary import print_table
 from eval.runner.command import Command, Resolved, run
-from eval.runner.options import first_options, last_options, named_evaluation, whole
+from eval.runner.options import first_options, last_options, named_evaluation
 
 _DESCRIPTION = """\
 Fly what the planner, the policy or the assured loop decide on the true aircraft, a Cessna 208B in

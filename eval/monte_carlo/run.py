@@ -9,6 +9,7 @@ from typing import Any
 
 from agents.config.load import Parser, load
 from agents.policy.domain import excess
+from envs.edge.command import whole
 from envs.edge.progress import group_digits
 from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
@@ -22,7 +23,6 @@ from eval.runner.options import (
     named_evaluation,
     named_policy,
     override,
-    whole,
 )
 from eval.runner.outputs import RunFolder
 

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from agents.config.load import ConfigError, Parser
 from agents.policy.inference import Policy
+from envs.edge.command import real, whole
 from envs.edge.installation import versions
 from eval.plots import save as picture_folder
 from eval.policy_map.advisory import FixedStates, advise, chatter
@@ -23,8 +24,6 @@ from eval.runner.options import (
     load_given,
     named_policy,
     policy_options,
-    real,
-    whole,
 )
 
 _DESCRIPTION = """\

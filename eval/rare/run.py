@@ -13,6 +13,7 @@ from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
 from agents.config.load import Parser
+from envs.edge.command import real, whole
 from envs.edge.figures import save_figure
 from envs.edge.installation import versions
 from envs.formats import encounter_file
@@ -32,9 +33,7 @@ from eval.runner.options import (
     named_evaluation,
     new_folder_option,
     policy_options,
-    real,
     resume_option,
-    whole,
 )
 from eval.runner.outputs import RunFolder
 from eval.runner.parts import PartsFolder

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from agents.config.load import ConfigError, Parser
+from envs.edge.command import whole
 from envs.edge.files import write_file, write_whole
 from envs.edge.installation import versions
 from envs.edge.progress import Progress
@@ -22,7 +23,7 @@ from eval.report.data import Choice, choose, flight_data, page_data, points
 from eval.report.flights import Replayed, evaluation_of, fly_again
 from eval.report.folder import Run, read_run
 from eval.report.page import page
-from eval.runner.options import extension_option, load_extensions, whole
+from eval.runner.options import extension_option, load_extensions
 
 _DESCRIPTION = """\
 Write report.html into a folder that eval.monte_carlo wrote: the numbers with their intervals, the

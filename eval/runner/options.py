@@ -4,7 +4,7 @@ import argparse
 import hashlib
 import json
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,6 +13,7 @@ from agents.policy import inputs
 from agents.policy.inference import Policy
 from envs import scenarios
 from envs.aircraft import Aircraft
+from envs.edge.command import real, whole
 from envs.edge.extension import is_extension, load_extension
 from envs.encounters import EncounterError, Sampler
 from eval.config import PREFIXES, EncountersConfig, MonteCarloConfig, PolicyConfig
@@ -21,45 +22,6 @@ from eval.flights.sources import Source, most_intruders, read_source
 
 Config = TypeVar("Config", bound=EncountersConfig)
 Model = TypeVar("Model", bound=Strict)
-
-
-def whole(least: int, most: int | None = None) -> Callable[[str], int]:
-    """Return a type of an option: a whole number of at least ``least``, at most ``most``."""
-    wanted = (
-        f"a whole number of at least {least}"
-        if most is None
-        else f"a whole number, {least} to {most}"
-    )
-
-    def value(text: str) -> int:
-        if (
-            not text.isascii()
-            or not text.isdecimal()
-            or int(text) < least
-            or (most is not None and int(text) > most)
-        ):
-            raise argparse.ArgumentTypeError(f"{text!r}; expected {wanted}")
-        return int(text)
-
-    return value
-
-
-def real(low: float, high: float, unit: str = "") -> Callable[[str], float]:
-    """Return a type of an option: a number from ``low`` to ``high``, in a unit for messages."""
-    unit = f" {unit}" if unit else ""
-
-    def value(text: str) -> float:
-        try:
-            found = float(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(
-                f"{text!r}; expected a number, {low:g} to {high:g}{unit}"
-            ) from None
-        if not low <= found <= high:  # inverted for nan
-            raise argparse.ArgumentTypeError(f"{found:g}{unit}; expected {low:g} to {high:g}{unit}")
-        return found
-
-    return value
 
 
 def first_options(parser: argparse.ArgumentParser) -> None:

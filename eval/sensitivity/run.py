@@ -12,6 +12,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from agents.config.load import ConfigError, Parser
+from envs.edge.command import whole
 from envs.edge.figures import save_figure
 from envs.edge.installation import versions
 from envs.edge.progress import group_digits
@@ -30,7 +31,6 @@ from eval.runner.options import (
     new_folder_option,
     policy_options,
     resume_option,
-    whole,
     workers_option,
 )
 from eval.runner.outputs import ResumableFolder

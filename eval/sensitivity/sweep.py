@@ -13,9 +13,9 @@ import numpy as np
 from agents.config.keys import one_of
 from agents.config.load import ConfigError
 from envs.aircraft import PAPER
+from envs.edge.command import real
 from envs.encounters import scenario
 from eval.monte_carlo.run import evaluate
-from eval.runner.options import real
 from eval.sensitivity.bins import rates, read_run, successes
 from eval.stats.paired import pairs, tango
 
