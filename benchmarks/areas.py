@@ -24,7 +24,7 @@ from benchmarks.questions import Question, time_plan
 from benchmarks.sampling_planner import Task, is_right, require, solve
 from envs.aircraft import Aircraft
 from envs.areas import Area
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser, real, run_cli
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.random_areas import random_areas
@@ -88,9 +88,9 @@ class Sampled(NamedTuple):
     right: bool  # whether that is one
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    given = _parser().parse_args()
+    given = _parser().parse_args(arguments)
     if given.ompl:
         require()
     policy = Policy.load(given.policy)
@@ -119,7 +119,7 @@ def _parser() -> Parser:
     request_options(parser, 100)
     parser.add_argument(
         "--deadlines",
-        type=float,
+        type=real(1.0, 60_000.0, "ms"),
         nargs="+",
         metavar="MS",
         default=[50.0, 150.0, 500.0],

@@ -27,7 +27,7 @@ import numpy as np
 
 from agents.inference import Policy
 from benchmarks.measure import report
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser, run_cli, whole
 from envs.edge.json_text import parse_json
 from eval.stats.intervals import clopper_pearson
 
@@ -339,9 +339,9 @@ def _draw_circles(axes: "Axes", circles: dict[str, Any]) -> None:
     axes.legend(frameon=False, fontsize=8, ncols=3, loc="upper center")
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    options = _parser().parse_args()
+    options = _parser().parse_args(arguments)
     for name in ("bluesky", "bluesky_gym"):
         if find_spec(name) is None:
             raise ModuleNotFoundError(name=name)
@@ -393,10 +393,10 @@ def measure_circles(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
 def _parser() -> Parser:
     parser = Parser(description=__doc__)
     add = parser.add_argument
-    add("--episodes", type=int, default=1000, help="episodes of BlueSky-Gym (default 1000)")
-    add("--draws", type=int, default=100, help="circles of each size (default 100)")
-    add("--seed", type=int, default=0, help="seed of the first episode and circle (default 0)")
-    add("--workers", type=int, default=2, help="processes (default 2)")
+    add("--episodes", type=whole(0), default=1000, help="episodes of BlueSky-Gym (default 1000)")
+    add("--draws", type=whole(0), default=100, help="circles of each size (default 100)")
+    add("--seed", type=whole(0), default=0, help="seed of the first episode and circle (default 0)")
+    add("--workers", type=whole(1), default=2, help="processes (default 2)")
     out = Path("runs/bluesky")
     add("--out", type=Path, default=out, help=f"folder of flights and picture (default {out})")
     what = "file of a SAC of Stable-Baselines3 that flies the episodes too"

@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.planner import Options
 from agents.policy.inference import Policy
-from envs.edge.command import ConfigError, InputError, Parser
+from envs.edge.command import ConfigError, InputError, Parser, real, whole
 from envs.edge.json_text import parse_json
 
 __all__ = [
@@ -49,14 +49,16 @@ def request_options(parser: Parser, requests: int) -> None:
     """Add the options of a benchmark that asks for plans: policy, number and seed of requests."""
     add = parser.add_argument
     add("--policy", type=Path, help="policy file (default: the one that ships)")
-    add("--requests", type=int, default=requests, help=f"requests to plan (default {requests})")
-    add("--seed", type=int, default=0, help="seed of the requests (default 0)")
+    add(
+        "--requests", type=whole(1), default=requests, help=f"requests to plan (default {requests})"
+    )
+    add("--seed", type=whole(0), default=0, help="seed of the requests (default 0)")
 
 
 def deadline_option(parser: Parser) -> None:
     """Add the option for the deadline of a plan."""
     what = "deadline of computation, ms (default: the planner's, 50)"
-    parser.add_argument("--deadline", type=float, metavar="MS", help=what)
+    parser.add_argument("--deadline", type=real(1.0, 60_000.0, "ms"), metavar="MS", help=what)
 
 
 def config_options(parser: Parser, default: str) -> None:

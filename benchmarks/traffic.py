@@ -27,7 +27,7 @@ from benchmarks.measure import (
 )
 from benchmarks.questions import Question, Timed, time_plan
 from envs.aircraft import Aircraft
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import ConfigError, Parser, real, run_cli, whole
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 
@@ -46,12 +46,17 @@ class Asked(NamedTuple):
     """Whether that, or five seconds, gave a SAFE plan."""
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    given = _parser().parse_args()
+    given = _parser().parse_args(arguments)
     policy = Policy.load(given.policy)
     usual = usual_options(policy, given.deadline)
-    radius = 1e3 * given.radius
+    radius, inner = 1e3 * given.radius, _APART * policy.aircraft.separation
+    if radius <= inner:
+        raise ConfigError(
+            f"--radius is {given.radius:g} km; expected more than {1e-3 * inner:g} km, within "
+            "which no aircraft begins"
+        )
     with threadpool_limits(1):
         # The first plan of a process makes tables.
         plan(*question(given.seed, 3, radius, policy.aircraft), policy)
@@ -78,9 +83,11 @@ def main() -> None:
 def _parser() -> Parser:
     parser = Parser(description=__doc__)
     request_options(parser, 100)
-    parser.add_argument("--intruders", type=int, default=100, help="other aircraft (default 100)")
+    parser.add_argument(
+        "--intruders", type=whole(1), default=100, help="other aircraft (default 100)"
+    )
     what = "radius of the disc, km (default 30)"
-    parser.add_argument("--radius", type=float, default=30.0, help=what)
+    parser.add_argument("--radius", type=real(1.0, 1_000.0, "km"), default=30.0, help=what)
     deadline_option(parser)
     return parser
 

@@ -23,7 +23,7 @@ from benchmarks.ardupilot.chaser import Chaser
 from benchmarks.ardupilot.encounters import encounter
 from benchmarks.ardupilot.reach import Ground, flight, program_process, wait
 from benchmarks.measure import processor_time, report
-from envs.edge.command import Parser
+from envs.edge.command import Parser, real, whole
 from ros_bridge.mavlink.flight import fly
 from ros_bridge.mavlink.messages import Mode
 
@@ -78,14 +78,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, and print."""
     parser = Parser(prog="python -m benchmarks.ardupilot.load", description=__doc__)
     add = parser.add_argument
-    add("--aircraft", type=int, default=30, help="aircraft in sight (default 30)")
+    add("--aircraft", type=whole(0), default=30, help="aircraft in sight (default 30)")
     add(
         "--seconds",
-        type=float,
+        type=real(1.0, 3_600.0, "s"),
         default=60.0,
         help="time over which a share is taken, s (default 60)",
     )
-    add("--encounters", type=int, default=10, help="encounters flown for the plans (default 10)")
+    add(
+        "--encounters",
+        type=whole(0),
+        default=10,
+        help="encounters flown for the plans (default 10)",
+    )
     options = parser.parse_args(arguments)
     figures = {"benchmark": "ardupilot.load", "aircraft": options.aircraft}
     if options.aircraft:

@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.ardupilot.encounters import encounter, ground_speed
 from benchmarks.ardupilot.run import fly_encounter
 from benchmarks.measure import parse_names, report
-from envs.edge.command import ConfigError, Parser
+from envs.edge.command import Parser, whole
 from ros_bridge.mavlink.flight import Encounter, Result
 from ros_bridge.mavlink.sitl import folder
 
@@ -70,12 +70,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Fly, and print."""
     parser = Parser(prog="python -m benchmarks.ardupilot.margin", description=__doc__)
     add = parser.add_argument
-    add("--encounters", type=int, default=20, help="encounters flown in each air (default 20)")
+    add("--encounters", type=whole(1), default=20, help="encounters flown in each air (default 20)")
     names = ",".join(AIRS)
     add("--only", default=names, help=f"names with commas (default {names})")
     options = parser.parse_args(arguments)
-    if options.encounters < 1:
-        raise ConfigError(f"--encounters is {options.encounters}; expected 1 or more")
     folder()
     rows = []
     for name in parse_names(options.only, AIRS):

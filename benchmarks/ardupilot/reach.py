@@ -31,7 +31,7 @@ import numpy as np
 from benchmarks.ardupilot.chaser import Chaser
 from benchmarks.ardupilot.relay import Relay
 from benchmarks.measure import parse_names, report
-from envs.edge.command import Parser
+from envs.edge.command import Parser, whole
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.mavlink.control import Phase
 from ros_bridge.mavlink.flight import SEPARATION, Row, advance, program_beside
@@ -313,9 +313,11 @@ def flight(instance: int, speedup: float) -> Generator[Sitl]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Try, and print."""
     parser = Parser(prog="python -m benchmarks.ardupilot.reach", description=__doc__)
-    parser.add_argument("--modes", type=int, default=50, help="foreign modes (default 50)")
-    parser.add_argument("--ends", type=int, default=20, help="ends of the program (default 20)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the moments (default 0)")
+    parser.add_argument("--modes", type=whole(0), default=50, help="foreign modes (default 50)")
+    parser.add_argument(
+        "--ends", type=whole(0), default=20, help="ends of the program (default 20)"
+    )
+    parser.add_argument("--seed", type=whole(0), default=0, help="seed of the moments (default 0)")
     names = ",".join(WAYS)
     parser.add_argument("--only", default=names, help=f"names with commas (default {names})")
     options = parser.parse_args(arguments)

@@ -23,10 +23,10 @@ from typing import TYPE_CHECKING, Any
 
 from benchmarks.ardupilot.encounters import encounter
 from benchmarks.measure import Kind, read_done, report
-from envs.edge.command import ConfigError, Parser
+from envs.edge.command import Parser, real, whole
 from envs.edge.json_text import parse_json
 from ros_bridge.mavlink.flight import BEGIN, SEPARATION, Encounter, Result, fly
-from ros_bridge.mavlink.sitl import SitlError, folder
+from ros_bridge.mavlink.sitl import LAST_INSTANCE, SitlError, folder
 
 if TYPE_CHECKING:
     from multiprocessing.queues import SimpleQueue
@@ -55,8 +55,6 @@ KINDS = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly what is missing, and print the table."""
     options = _parser().parse_args(arguments)
-    if options.workers < 1:
-        raise ConfigError(f"--workers is {options.workers}; expected 1 or more")
     folder()
     options.out.mkdir(parents=True, exist_ok=True)
     asked = {"seed": options.seed, "separation_m": SEPARATION}
@@ -236,19 +234,22 @@ def _mean(values: Sequence[float]) -> float | None:
 def _parser() -> Parser:
     parser = Parser(prog="python -m benchmarks.ardupilot", description=__doc__)
     add = parser.add_argument
-    add("--encounters", type=int, default=200, help="encounters to fly (default 200)")
-    add("--seed", type=int, default=0, help="seed of the encounters (default 0)")
+    add("--encounters", type=whole(1), default=200, help="encounters to fly (default 200)")
+    add("--seed", type=whole(0), default=0, help="seed of the encounters (default 0)")
     out = Path("runs/ardupilot")
     add("--out", type=Path, default=out, help=f"folder of the flights (default {out})")
     add("--anew", action="store_true", help="fly those again that have been flown")
     add(
-        "--speedup", type=float, default=40.0, help="simulated over real time, at most (default 40)"
+        "--speedup",
+        type=real(1.0, 1_000.0),
+        default=40.0,
+        help="simulated over real time, at most (default 40)",
     )
     add(
         "--instance",
-        type=int,
+        type=whole(0, LAST_INSTANCE),
         default=5,
         help="number of the simulation, or of the first worker's, which sets its ports (default 5)",
     )
-    add("--workers", type=int, default=1, help="simulations side by side (default 1)")
+    add("--workers", type=whole(1), default=1, help="simulations side by side (default 1)")
     return parser

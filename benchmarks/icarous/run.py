@@ -26,7 +26,7 @@ from benchmarks.icarous.judge import Verdict, judge
 from benchmarks.icarous.missions import Mission, aircraft, mission
 from benchmarks.measure import Kind, parse_names, read_done, report
 from envs.aircraft import Aircraft
-from envs.edge.command import Parser
+from envs.edge.command import Parser, whole
 from envs.edge.figures import save_figure
 from envs.edge.progress import Progress
 
@@ -218,10 +218,10 @@ def _parser() -> Parser:
     parser = Parser(prog="python -m benchmarks.icarous", description=__doc__)
     add = parser.add_argument
     add("--icarous", metavar="DIR", help=f"ICAROUS, as built (default: ${peer.VARIABLE})")
-    add("--missions", type=int, default=200, help="missions to fly (default 200)")
-    add("--seed", type=int, default=0, help="seed of the missions (default 0)")
+    add("--missions", type=whole(0), default=200, help="missions to fly (default 200)")
+    add("--seed", type=whole(0), default=0, help="seed of the missions (default 0)")
     add("--only", help=f"sides that fly, with commas (default {','.join(SIDES)})")
     out = Path("runs/icarous")
     add("--out", type=Path, default=out, help=f"folder of the flights (default {out})")
-    add("--picture", type=int, metavar="N", help="number of a mission to fly and draw too")
+    add("--picture", type=whole(0), metavar="N", help="number of a mission to fly and draw too")
     return parser

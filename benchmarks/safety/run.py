@@ -25,7 +25,7 @@ from agents.policy.inference import Policy
 from benchmarks.measure import read_done, report, request_options
 from benchmarks.safety.adversary import FAMILIES
 from benchmarks.safety.attack import HUNDRED, Batch, Tally, attack, tasks
-from envs.edge.command import Parser
+from envs.edge.command import Parser, whole
 from envs.edge.progress import Progress
 from eval.runner.workers import cores
 
@@ -118,19 +118,20 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
     request_options(parser, 1_000_000)
     add(
         "--single",
-        type=int,
+        type=whole(0),
         default=10_000,
         help="requests that go through plan too (default 10000)",
     )
-    add("--first", type=int, default=0, help="number of the first request (default 0)")
+    add("--first", type=whole(0), default=0, help="number of the first request (default 0)")
     add("--family", default="", help="plan only the requests of this family (default: of all)")
     add(
         "--any-aircraft",
         action="store_true",
         help="another aircraft, drawn at random, for each batch",
     )
-    add("--workers", type=int, default=cores(), help="processes (default: one for every core)")
-    add("--block", type=int, default=BLOCK, help=f"requests planned side by side (default {BLOCK})")
+    add("--workers", type=whole(1), default=cores(), help="processes (default: one for every core)")
+    block = f"requests planned side by side, a multiple of {HUNDRED} (default {BLOCK})"
+    add("--block", type=whole(HUNDRED), default=BLOCK, help=block)
     add("--out", type=Path, help="folder of what is done and of the violations, as JSON lines")
     options = parser.parse_args(arguments)
     _check(parser, options)
@@ -138,13 +139,7 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
     return options
 
 
-_LEAST = {"requests": 1, "single": 0, "seed": 0, "first": 0, "workers": 1, "block": HUNDRED}
-
-
 def _check(parser: Parser, options: argparse.Namespace) -> None:
-    for name, least in _LEAST.items():
-        if getattr(options, name) < least:
-            parser.error(f"--{name} is {getattr(options, name)}, expected {least} or more")
     if options.block % HUNDRED:
         parser.error(f"--block is {options.block}, expected a multiple of {HUNDRED}")
     families = [one.name for one in FAMILIES]

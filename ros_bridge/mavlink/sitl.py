@@ -20,7 +20,8 @@ from envs.edge.command import InputError
 HOME = (47.4, 8.5, 520.0)
 """Latitude, longitude, degrees, and height, m, of the simulated airfield."""
 
-_FIRST_PORT, _LAST_INSTANCE = 5_760, 5_000
+LAST_INSTANCE = 5_000
+_FIRST_PORT = 5_760
 _BEGINS = 60.0  # s of real time for a start or an upload, on a loaded machine too
 _BESIDE = Path(__file__).resolve().parents[3] / "shared" / "sitl"
 _RELATIVE = 6  # MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
@@ -98,8 +99,8 @@ class Sitl:
         speedup: float = 10.0,
         parameters: Mapping[str, float] | None = None,
     ) -> None:
-        if not 0 <= instance <= _LAST_INSTANCE:
-            raise SitlError(f"the instance is {instance}; expected 0 to {_LAST_INSTANCE}")
+        if not 0 <= instance <= LAST_INSTANCE:
+            raise SitlError(f"the instance is {instance}; expected 0 to {LAST_INSTANCE}")
         self.port = _FIRST_PORT + 10 * instance
         program = folder()
         _check_free(self.port)

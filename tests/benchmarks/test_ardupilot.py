@@ -8,11 +8,29 @@ import pytest
 
 pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
 
-from benchmarks.ardupilot import margin, run
+from benchmarks.ardupilot import load, margin, reach, run
 from benchmarks.ardupilot.chaser import Chaser
 from benchmarks.ardupilot.encounters import encounter
+from envs.edge.command import ConfigError
 from envs.edge.json_text import parse_json
 from ros_bridge.mavlink.flight import BEGIN, Row, place_of
+
+
+@pytest.mark.parametrize(
+    ("main", "given", "said"),
+    [
+        (run.main, ["--encounters", "-1"], "--encounters: '-1'; expected a whole number"),
+        (run.main, ["--workers", "0"], "--workers: '0'; expected a whole number of at least 1"),
+        (run.main, ["--speedup", "nan"], "--speedup: nan; expected 1 to 1000"),
+        (run.main, ["--instance", "5001"], "--instance: '5001'; expected a whole number, 0 to"),
+        (margin.main, ["--encounters", "0"], "--encounters: '0'; expected a whole number"),
+        (reach.main, ["--modes", "-1"], "--modes: '-1'; expected a whole number of at least 0"),
+        (load.main, ["--seconds", "0"], "--seconds: 0 s; expected 1 to 3600 s"),
+    ],
+)
+def test_a_bad_option_is_refused_in_a_sentence(main: Any, given: list[str], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        main(given)
 
 
 def test_stored_flights_are_those_of_their_encounters_and_stand_once() -> None:

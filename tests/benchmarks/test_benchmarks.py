@@ -16,12 +16,24 @@ from agents.config.load import ConfigError, dump, load
 from agents.policy import features
 from agents.policy.inference import Policy
 from agents.policy.set_features import TABLE, SetInputs
-from benchmarks import deadline, gemm, measure, monte_carlo, training, training_parts
+from benchmarks import (
+    areas,
+    bluesky,
+    deadline,
+    gemm,
+    measure,
+    monte_carlo,
+    traffic,
+    training,
+    training_parts,
+)
+from benchmarks.icarous import run as icarous
 from benchmarks.learning import run as learning
 from benchmarks.learning import sb3 as sb3_task
 from benchmarks.learning import sides as learning_sides
 from benchmarks.learning import training as learning_run
 from benchmarks.learning.sides import TrainingFlight, check
+from benchmarks.safety import run as safety
 from envs import surrogate
 from envs.gym.gymnasium_vector import DeconflictionVectorEnv
 from rlcas_jax import task
@@ -172,6 +184,25 @@ def test_parts_are_measured_of_ppo_on_sets_alone():
 def test_bad_repeats_are_refused():
     with pytest.raises(ConfigError, match="--repeats is 0"):
         training.main(["--repeats", "0"])
+
+
+@pytest.mark.parametrize(
+    ("main", "given", "said"),
+    [
+        (areas.main, ["--requests", "0"], "--requests: '0'; expected a whole number of at least 1"),
+        (areas.main, ["--deadlines", "50", "nan"], "--deadlines: nan ms; expected 1 to 60000 ms"),
+        (traffic.main, ["--seed", "-1"], "--seed: '-1'; expected a whole number of at least 0"),
+        (traffic.main, ["--radius", "inf"], "--radius: inf km; expected 1 to 1000 km"),
+        (traffic.main, ["--deadline", "-5"], "--deadline: -5 ms; expected 1 to 60000 ms"),
+        (bluesky.main, ["--workers", "0"], "--workers: '0'; expected a whole number of at least 1"),
+        (icarous.main, ["--missions", "-1"], "--missions: '-1'; expected a whole number"),
+        (safety.main, ["--block", "50"], "--block: '50'; expected a whole number of at least 100"),
+        (safety.main, ["--block", "150"], "--block is 150, expected a multiple of 100"),
+    ],
+)
+def test_bad_options_are_refused_in_a_sentence(main: Any, given: list[str], said: str):
+    with pytest.raises(ConfigError, match=said):
+        main(given)
 
 
 @needs_peers
