@@ -17,7 +17,7 @@ import multiprocessing
 import signal
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ from benchmarks.ardupilot.encounters import encounter
 from benchmarks.measure import Kind, read_done, report
 from envs.edge.command import Parser, real, whole
 from envs.edge.json_text import parse_json
+from eval.runner.workers import processes
 from ros_bridge.mavlink.flight import BEGIN, SEPARATION, Encounter, Result, fly
 from ros_bridge.mavlink.sitl import LAST_INSTANCE, SitlError, folder
 
@@ -88,32 +89,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _flights(wanted: Sequence[tuple[int, str]], options: argparse.Namespace) -> Iterator[Row]:
     """Fly encounters, given by their numbers, by methods, and yield the line of each when it is
-    flown; an interrupt reaches only this process, and waits for the flights under way.
+    flown; an interrupt ends those under way.
     """
     if options.workers == 1:
         yield from (_line(*one, options) for one in wanted)
         return
-    context = multiprocessing.get_context("spawn")
-    instances = context.SimpleQueue()
+    instances = multiprocessing.get_context("spawn").SimpleQueue()
     for number in range(options.workers):
         instances.put(options.instance + number)
-    executor = ProcessPoolExecutor(options.workers, context, _begin, (instances, options))
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        flights = [executor.submit(_work, *one) for one in wanted]
-        signal.signal(signal.SIGINT, before)
+    with processes(options.workers, _begin, instances, options) as pool:
+        flights = [pool.submit(_work, *one) for one in wanted]
         yield from (flight.result() for flight in as_completed(flights))
-    finally:
-        signal.signal(signal.SIGINT, before)
-        executor.shutdown(cancel_futures=True)
 
 
 _OPTIONS: list[argparse.Namespace] = []  # of a worker, with an instance of its own
 
 
 def _begin(instances: "SimpleQueue[int]", options: argparse.Namespace) -> None:
+    signal.signal(signal.SIGTERM, _end)
     options.instance = instances.get()
     _OPTIONS.append(options)
+
+
+def _end(*_: object) -> None:
+    """End the flight under way together with its simulation, and begin no other."""
+    _OPTIONS.clear()
+    raise KeyboardInterrupt
 
 
 def _work(number: int, method: str) -> Row:

@@ -11,12 +11,11 @@ last line is one JSON object; exit status 1 means that a violation was found.
 
 import argparse
 import json
-import multiprocessing
 import signal
 import sys
 import time
 from collections.abc import Generator, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
@@ -27,7 +26,7 @@ from benchmarks.safety.adversary import FAMILIES
 from benchmarks.safety.attack import HUNDRED, Batch, Tally, attack, tasks
 from envs.edge.command import Parser, whole
 from envs.edge.progress import Progress
-from eval.runner.workers import cores
+from eval.runner.workers import cores, processes
 
 __all__ = ["BLOCK", "main"]
 
@@ -42,7 +41,6 @@ _POLICY: list[Policy] = []  # of a worker
 
 
 def _prepare(path: Path | None) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _POLICY[:] = [Policy.load(path)]
 
 
@@ -59,25 +57,16 @@ def _work(batch: Batch) -> tuple[Batch, Tally]:
 def _results(
     batches: list[Batch], workers: int, path: Path | None
 ) -> Iterator[tuple[Batch, Tally]]:
-    """Yield each batch with its tally, in any order; interrupts reach only this process."""
+    """Yield each batch with its tally, in any order; an interrupt ends those under way, which take
+    minutes.
+    """
     if workers == 1:
         policy = Policy.load(path)
         yield from ((batch, attack(batch, policy)) for batch in batches)
         return
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(workers, context, _prepare, (path,))
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        futures = [executor.submit(_work, batch) for batch in batches]
-        signal.signal(signal.SIGINT, before)
+    with processes(workers, _prepare, path) as pool:
+        futures = [pool.submit(_work, batch) for batch in batches]
         yield from (future.result() for future in as_completed(futures))
-    except KeyboardInterrupt:  # a batch takes minutes; those under way are not waited for
-        for worker in multiprocessing.active_children():
-            worker.terminate()
-        raise
-    finally:
-        signal.signal(signal.SIGINT, before)
-        executor.shutdown(cancel_futures=True)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -52,7 +52,8 @@ def fly_chunks(
                 yield chunk, task.columns(prepared, *chunk)
         return
     size = min(workers, len(waiting))
-    with _pool(pack("run", task, work, Policy.load(work.policy).sha256), size) as pool:
+    packed = pack("run", task, work, Policy.load(work.policy).sha256)
+    with processes(size, _begin, packed) as pool:
         air: dict[Future[dict[str, np.ndarray]], Chunk] = {}
         while True:
             while len(air) < size and waiting and not stopped():
@@ -72,11 +73,15 @@ def fly_chunks(
 
 
 @contextmanager
-def _pool(data: bytes, size: int) -> Generator[ProcessPoolExecutor, None, None]:
-    """Give processes; on leaving they end, at once where an error ends the run."""
+def processes(
+    size: int, begin: Callable[..., object], *given: Any
+) -> Generator[ProcessPoolExecutor, None, None]:
+    """Give processes that begin with a call of ``begin``; Ctrl-C does not reach them. On leaving
+    they end, at once (SIGTERM) where an error or an interrupt ends the run.
+    """
     before = set(multiprocessing.active_children())
     # A fresh interpreter each: a fork would copy the locks of whatever threads numpy has started.
-    pool = ProcessPoolExecutor(size, multiprocessing.get_context("spawn"), _begin, (data,))
+    pool = ProcessPoolExecutor(size, multiprocessing.get_context("spawn"), begin, given)
     try:
         with _ignore_interrupts():
             for _ in range(size):
