@@ -442,8 +442,9 @@ def _area(area: Area, later: float) -> Document:
         circle = area.shape
         radius = max(circle.radius + later * area.growth, 0.0)
         shape = {"circle": _round((circle.x + x, circle.y + y, radius))}
+        grown = 0.0
     else:
-        rings = area.shape.rings
+        rings, grown = area.shape.rings, later * area.growth
         shape = {"rings": [[_round((px + x, py + y)) for px, py in ring] for ring in rings]}
     return {
         "name": area.name,
@@ -451,6 +452,7 @@ def _area(area: Area, later: float) -> Document:
         "valid": area.valid_from <= later <= area.valid_until,
         "clearance": round(area.clearance, 1),
         "growth": round(area.growth, 1),
+        "grown": round(grown, 1),
         **shape,
         "floor": _limit(area.floor),
         "ceiling": _limit(area.ceiling),

@@ -297,6 +297,7 @@ class FlightRecording:
             "valid": True,
             "clearance": float(area["clearance"]),
             "growth": 0.0,
+            "grown": 0.0,
             "rings": rings,
             "floor": None,
             "ceiling": None,

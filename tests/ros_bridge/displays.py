@@ -1,6 +1,7 @@
 """What the tests of the display share: scenes, and a server of a board on a free port."""
 
 import math
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +15,8 @@ __all__ = [
     "PREFIX",
     "SECOND",
     "Served",
+    "area",
+    "areas",
     "guidance",
     "known_scene",
     "plan",
@@ -109,6 +112,41 @@ def plan(status: int = 1, *, north: float = 3_000.0) -> Any:
         wind=SimpleNamespace(x=0.0, y=0.0, z=0.0),
         waypoints=[at(1, 4_000.0, north, 30.0 if north > 0.0 else 150.0, far)],
     )
+
+
+def area(ring: Sequence[tuple[float, float]] = (), **more: Any) -> Any:
+    """Return an Area message of a storm that moves east and grows: a polygon with corners in m, or
+    a circle.
+    """
+    corners = [FRAME.geodetic(x, y) for x, y in ring]
+    rings = SimpleNamespace(
+        latitude=[float(one.latitude) for one in corners],
+        longitude=[float(one.longitude) for one in corners],
+    )
+    fields = {
+        "id": "<i>storm",
+        "keep": 0,
+        "valid": 0,
+        "rings": [rings] if corners else [],
+        "latitude": 47.0,
+        "longitude": 8.0,
+        "radius": 0.0,
+        "velocity": SimpleNamespace(x=10.0, y=0.0, z=0.0),
+        "growth": 5.0,
+        "floor": 0.0,
+        "floor_reference": 0,
+        "ceiling": 3_000.0,
+        "ceiling_reference": 2,
+        "valid_from": stamp(0),
+        "valid_until": stamp(NOW + 60 * SECOND),
+        "clearance": 100.0,
+    }
+    return SimpleNamespace(**(fields | more))
+
+
+def areas(*every: Any, time: int = NOW) -> Any:
+    """Return an Areas message of a time, ns."""
+    return SimpleNamespace(header=SimpleNamespace(stamp=stamp(time)), areas=list(every))
 
 
 class Served(Beside):

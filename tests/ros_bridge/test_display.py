@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -33,6 +34,8 @@ from tests.ros_bridge.displays import (
     NOW,
     PREFIX,
     SECOND,
+    area,
+    areas,
     guidance,
     known_scene,
     plan,
@@ -539,25 +542,8 @@ def test_in_a_wind_bands_are_compared_with_the_direction_through_the_air():
 
 
 def test_areas_move_to_the_time_of_the_picture_and_say_when_they_hold():
-    circle = SimpleNamespace(
-        id="<i>storm",
-        keep=0,
-        valid=2 | 8,  # ceiling, until
-        rings=[],
-        latitude=47.0,
-        longitude=8.0,
-        radius=2_000.0,
-        velocity=SimpleNamespace(x=10.0, y=0.0, z=0.0),
-        growth=5.0,
-        floor=0.0,
-        floor_reference=0,
-        ceiling=3_000.0,
-        ceiling_reference=2,
-        valid_from=stamp(0),
-        valid_until=stamp(NOW + 60 * SECOND),
-        clearance=100.0,
-    )
-    message = SimpleNamespace(header=SimpleNamespace(stamp=stamp(NOW)), areas=[circle])
+    circle = area(valid=2 | 8, radius=2_000.0)  # ceiling, until
+    message = areas(circle)
     scene = take(known_scene(), f"{PREFIX}areas", message, NOW)
     before, later = (picture(scene, after(seconds))["areas"][0] for seconds in (0.0, 30.0))
     assert before["name"] == "<i>storm" and before["keep"] == "out"
@@ -571,3 +557,12 @@ def test_areas_move_to_the_time_of_the_picture_and_say_when_they_hold():
         one["text"] for one in told["health"] if one["name"] == "areas"
     )
     assert told["areas"] == picture(scene, NOW)["areas"]
+
+
+def test_a_polygon_says_by_how_much_it_has_grown():
+    ring = [(2_000.0, 0.0), (4_000.0, 0.0), (4_000.0, 3_000.0)]
+    scene = take(known_scene(), f"{PREFIX}areas", areas(area(ring, growth=-2.0)), NOW)
+    before, later = (picture(scene, after(seconds))["areas"][0] for seconds in (0.0, 30.0))
+    assert (before["grown"], later["grown"], later["growth"]) == (0.0, -60.0, -2.0)
+    moved = np.subtract(later["rings"], before["rings"])
+    np.testing.assert_allclose(moved, np.broadcast_to((300.0, 0.0), moved.shape), atol=0.2)

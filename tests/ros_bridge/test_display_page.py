@@ -6,6 +6,7 @@ import io
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,11 +22,24 @@ from playwright.sync_api import expect
 from ros_bridge.display.recording import read
 from ros_bridge.display.scene import take
 from ros_bridge.display.server import Board
-from tests.ros_bridge.displays import NOW, Served, guidance, known_scene, plan, serving, status
+from tests.ros_bridge.displays import (
+    NOW,
+    PREFIX,
+    SECOND,
+    Served,
+    area,
+    areas,
+    guidance,
+    known_scene,
+    plan,
+    serving,
+    status,
+)
 from tests.ros_bridge.scenes import aircraft
 from tests.ros_bridge.test_display import GUIDANCE, PLAN, STATUS, encounter
 
 HOSTILE = "<img src=x onerror=alert(1)>"
+AREAS = f"{PREFIX}areas"
 SIZES = {"desk": (1280, 800), "tablet": (1024, 768), "phone": (390, 844)}
 
 
@@ -129,6 +143,34 @@ def test_track_up_turns_the_map_about_the_ownship(alarmed: tuple[Page, Served]) 
     page.page.keyboard.press("t")
     right, up = page.page.evaluate(where)
     assert right > 50.0 and abs(up) < 2.0
+
+
+@pytest.mark.parametrize(("keep", "growth"), [(0, 10.0), (1, -10.0), (0, -10.0), (1, 10.0)])
+def test_a_polygon_is_drawn_as_large_as_it_is_by_now(
+    new_page: Any, keep: int, growth: float
+) -> None:
+    """What has become forbidden is tinted as well: 600 m on one side of the edges."""
+    ring = [(1_000.0, -4_000.0), (4_000.0, -4_000.0), (4_000.0, -1_000.0), (1_000.0, -1_000.0)]
+    storm = area(ring, keep=keep, growth=growth, velocity=SimpleNamespace(x=0.0, y=0.0, z=0.0))
+    board = Board(clock=lambda: NOW)
+    board.scene = take(known_scene(), AREAS, areas(storm, time=NOW - 60 * SECOND), NOW)
+    with serving(board) as server:
+        page = Page(new_page, server.url)
+        page.page.wait_for_function("state.picture")
+        tinted = page.page.evaluate(
+            """() => { draw(); const { width, height } = sky.canvas, ratio = width / sky.box.clientWidth;
+            const { place } = view(state.picture, sky.box.clientWidth, sky.box.clientHeight);
+            const [ring] = state.picture.areas[0].rings, east = Math.max(...ring.map(([x]) => x));
+            const y = Math.min(...ring.map(([, y]) => y)) + 800;
+            const { data } = sky.canvas.getContext("2d").getImageData(0, 0, width, height);
+            return [-750, -300, 300, 750].map((off) => {
+            const [u, v] = place(east + off, y).map((one) => Math.round(one * ratio));
+            return data[4 * (v * width + u) + 3] > 0; }); }"""
+        )
+        out = keep == 0
+        assert tinted == [out, out or growth < 0.0, out and growth > 0.0, False]
+        assert page.wrong == []
+        page.page.close()
 
 
 def test_a_picture_that_stands_still_is_said_to_be_old(new_page: Any) -> None:

@@ -212,17 +212,21 @@ function draw() {
   document.dispatchEvent(new CustomEvent("drawn", { detail: picture }));
 }
 
-function drawAreas(pen, areas, { place, scale }) {
-  const { colours } = state;
+function drawAreas(pen, areas, at) {
+  const { colours } = state, { place, scale } = at;
   for (const area of areas) {
+    const trace = () => {
+      if (area.circle) {
+        const [x, y] = place(area.circle[0], area.circle[1]);
+        pen.arc(x, y, area.circle[2] * scale, 0, 2 * Math.PI);
+      } else for (const ring of area.rings) {
+        ring.forEach(([x, y], n) => pen[n ? "lineTo" : "moveTo"](...place(x, y)));
+        pen.closePath();
+      }
+    };
+    if (area.valid) drawGrown(pen, area, trace, at);
     pen.beginPath();
-    if (area.circle) {
-      const [x, y] = place(area.circle[0], area.circle[1]);
-      pen.arc(x, y, area.circle[2] * scale, 0, 2 * Math.PI);
-    } else for (const ring of area.rings) {
-      ring.forEach(([x, y], n) => pen[n ? "lineTo" : "moveTo"](...place(x, y)));
-      pen.closePath();
-    }
+    trace();
     if (area.keep === "out" && area.valid) (pen.fillStyle = tint(colours.area, 0.16)), pen.fill("evenodd");
     stroke(pen, colours.area, area.valid ? 2 : 1, area.keep === "in" ? [12, 5] : area.valid ? [] : [2, 5]);
     const [x, y, radius] = area.circle ?? area.rings[0][0];
@@ -230,6 +234,20 @@ function drawAreas(pen, areas, { place, scale }) {
     const between = heights.some(Boolean) ? ` ${heights[0] || "0"}–${heights[1] || "…"} ${units().tall}` : "";
     text(pen, `${area.keep === "in" ? "stay in " : ""}${area.name}${between}`, ...place(x, area.circle && area.keep === "in" ? y + radius : y), colours.area, colours.paper, { size: 12 });
   }
+}
+
+// What else is forbidden since a polygon has grown, or one to stay in has shrunk: a strip along its edges.
+function drawGrown(pen, { keep, grown }, trace, { scale, width, height }) {
+  if (keep === "out" ? !(grown > 0) : !(grown < 0)) return;
+  pen.save();
+  pen.beginPath();
+  if (keep === "out") pen.rect(0, 0, width, height);
+  trace();
+  pen.clip("evenodd");
+  pen.beginPath();
+  trace();
+  stroke(pen, tint(state.colours.area, 0.3), 2 * Math.abs(grown) * scale);
+  pen.restore();
 }
 
 function drawUnresolved(pen, { line: points }, { place }) {
