@@ -32,7 +32,7 @@ from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reach import Reach, level, out_of_reach, vertically_apart
-from ros_bridge.core.replies import geodetic_points, to_frame, wind_of
+from ros_bridge.core.replies import geodetic_points, to_frame, true_wind, wind_of
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.situation import ACCURATE, Held, Situation, to_local
 from ros_bridge.core.tracks import Track
@@ -285,6 +285,8 @@ class Backup(NamedTuple):
     began: int  # ns
     start: PlanPoint
     points: tuple[PlanPoint, ...]
+    wind: tuple[float, float]  # that it is flown in, east and north at its start, m/s
+    wind_std: float  # one sigma of both, m/s
 
 
 def backup(supervision: Supervision, altitude: Altitude | None) -> Backup:
@@ -295,7 +297,9 @@ def backup(supervision: Supervision, altitude: Altitude | None) -> Backup:
     rows = np.stack(watch.backup_states(supervision.watch), axis=-1).tolist()
     waypoints = [Waypoint(number, *row) for number, row in enumerate(rows)]
     start, *points = geodetic_points(frame, waypoints, began, altitude)
-    return Backup(began, start, tuple(points))
+    air = supervision.watch.frame.wind
+    wind = true_wind(frame, air, start.latitude, start.longitude)
+    return Backup(began, start, tuple(points), wind, float(air.std))
 
 
 def _reach(own: Report, now: int, supervision: Supervision, situation: Situation) -> Reach:

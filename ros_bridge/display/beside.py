@@ -100,7 +100,6 @@ def supervise(
     if supervision.frame is None:
         return scene, shown
     names = supervision.watch.names
-    names = supervision.watch.names
     shown, found = guidance.guidance(shown, names, verdict, now, supervision.frame, limits)
     if found is None:
         return scene, shown
@@ -124,7 +123,9 @@ def _backup(
     own = situation.own.last
     made = backup(supervision, None if own is None else own.altitude)
     revision = 0 if scene.backup is None else scene.backup.revision
-    return Published(b"", revision, made.began, made.start, made.points, ())
+    return Published(
+        b"", revision, made.began, made.start, made.points, (), made.wind, made.wind_std
+    )
 
 
 def _guidance(found: guidance.Guidance, now: int) -> Guidance:

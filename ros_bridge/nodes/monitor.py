@@ -54,7 +54,7 @@ from ros_bridge.core.guidance import Guidance, blank, guidance
 from ros_bridge.core.looking import look
 from ros_bridge.core.status import status
 from ros_bridge.transport import process, topics
-from ros_bridge.transport.messages import add_wind, header, point_message, trajectory_message
+from ros_bridge.transport.messages import header, point_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import (
     aircraft_text,
@@ -234,8 +234,8 @@ class Monitor(ListeningNode):
         message = trajectory_message(Trajectory.STATUS_BACKUP, made.began, frame, self._backups)
         message.start = point_message(made.start)
         message.waypoints = [point_message(point) for point in made.points]
-        if self._supervision.frame is not None:
-            add_wind(message, self._supervision.frame, self._supervision.watch.frame.wind)
+        message.wind.x, message.wind.y = made.wind
+        message.wind_std = made.wind_std
         return message
 
     def _guide(self, now: int, judged: Supervision, verdict: Verdict | None) -> None:

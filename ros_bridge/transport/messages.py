@@ -16,8 +16,6 @@ from unique_identifier_msgs.msg import UUID
 
 from agents.planner.answer import Advisory, Plan
 from agents.planner.request import Altitude
-from envs.formats.local_frame import LocalFrame
-from envs.wind import Wind
 from ros_bridge.core.conversions import ALTITUDE_CODES, PlanPoint
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.replies import plan_points, start_point, true_wind
@@ -92,20 +90,15 @@ def plan_message(
         certificate=array("B", proof or b""),
     )
     if plan.wind is not None:
-        add_wind(message, task.frame, plan.wind)
+        at = message.start.latitude, message.start.longitude
+        message.wind.x, message.wind.y = true_wind(task.frame, plan.wind, *at)
+        message.wind_std = float(plan.wind.std)
     closest = float(plan.min_separation), float(plan.time_of_min_separation)
     if all(map(np.isfinite, closest)):
         message.min_separation, message.time_of_min_separation = closest
     if plan.goal_index is not None:
         message.rejoin_index = plan.goal_index
     return message
-
-
-def add_wind(message: Trajectory, frame: LocalFrame, wind: Wind) -> None:
-    """Write the wind that a trajectory's legs are flown in, in a frame, into its message."""
-    at = message.start.latitude, message.start.longitude
-    message.wind.x, message.wind.y = true_wind(frame, wind, *at)
-    message.wind_std = float(wind.std)
 
 
 def advisory_message(advisory: Advisory) -> AdvisoryMessage:

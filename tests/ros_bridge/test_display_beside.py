@@ -1,6 +1,8 @@
 """A display beside a program that supervises a plan by the monitor's core, without ROS."""
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,13 +12,13 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 
 from envs.waypoints import at, legs, plan_states
 from ros_bridge.core import updates
-from ros_bridge.core.assurance import activate, initial, step_monitor
+from ros_bridge.core.assurance import activate, initial, step_monitor, withdraw
 from ros_bridge.core.guidance import blank
 from ros_bridge.core.replies import to_frame
 from ros_bridge.display.beside import supervise
 from ros_bridge.display.picture import picture
 from ros_bridge.display.scene import Scene
-from tests.ros_bridge.scenes import FRAME, NOW, SECOND, THRESHOLDS, aircraft, heard
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
 from tests.ros_bridge.test_assurance import publish_plan, traffic
 from tests.ros_bridge.test_guidance import RULES, with_report
 
@@ -43,3 +45,18 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     assert found["bands"]["track_region"][east] == 2
     later, _ = supervise(scene, situation, supervision, None, shown, now + SECOND)
     assert picture(later, now + SECOND)["monitor"] is None
+
+
+def test_a_backup_is_shown_in_the_wind_that_it_is_flown_in():
+    blows, now = SimpleNamespace(x=12.0, y=-9.0, z=0.0), NOW + SECOND
+    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xE5, wind=blows)
+    before = traffic(heard(own=own), 0.0)
+    plan = publish_plan(before, settings=replace(SETTINGS, wind_std=1.5))
+    supervision = withdraw(activate(initial(THRESHOLDS), before, plan), plan.revision + 1)
+    own = aircraft(75.0, 0.0, 0.0, 75.0, id="own", valid=0xE5, wind=blows, time=now)
+    situation = updates.ownship(traffic(before, 1.0), own, now, RULES)
+    supervision, verdict = step_monitor(supervision, situation, now)
+    scene, _ = supervise(Scene(), situation, supervision, verdict, blank(THRESHOLDS), now)
+    assert scene.backup is not None
+    assert scene.backup.wind == pytest.approx((12.0, -9.0), abs=1e-3)
+    assert scene.backup.wind_std == 1.5
