@@ -7,8 +7,9 @@ judge.
 import math
 from dataclasses import replace
 
-from agents.assurance.frames import STILL, Frame
+from agents.assurance.frames import frame_of
 from agents.assurance.single import Verdict
+from agents.planner.answer import RequestError
 from envs.formats.local_frame import LocalFrame
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.assurance import Supervision, initial, step_monitor
@@ -22,7 +23,7 @@ def look(
     looking: Supervision, situation: Situation, now: int
 ) -> tuple[Supervision, Verdict | None]:
     """Return the monitor after the present moment, ``now`` in ns, and what it sees; None while the
-    ownship is unknown.
+    ownship is unknown, or where its wind is unknown and leaves nothing of its limits.
 
     It begins anew where the ownship has flown far, or where the wind has changed.
     """
@@ -37,18 +38,28 @@ def _serves(looking: Supervision, own: Report) -> bool:
     if frame is None:
         return False
     at = frame.place(own.latitude, own.longitude)
-    wind, before = _wind(frame, own), looking.watch.frame.wind
+    wind, before = _wind(looking, frame, own), looking.watch.frame.wind
     changed = math.hypot(wind.east - before.east, wind.north - before.north)
-    return math.hypot(float(at.x), float(at.y)) <= 0.5 * ACCURATE and changed <= _OTHER_WIND
+    near = math.hypot(float(at.x), float(at.y)) <= 0.5 * ACCURATE
+    return near and changed <= _OTHER_WIND and wind.std == before.std
 
 
 def _begin(looking: Supervision, own: Report, now: int) -> Supervision:
     frame = LocalFrame(own.latitude, own.longitude)
-    wind = _wind(frame, own)
+    wind = _wind(looking, frame, own)
     fresh = initial(looking.watch.thresholds, looking.unknown, looking.categories)
-    air = Frame(wind, 0.0) if wind.speed > 0.0 else STILL
-    return replace(fresh, watch=replace(fresh.watch, frame=air), frame=frame, zero=now)
+    try:
+        fresh.watch.thresholds.in_wind(wind)
+    except RequestError:
+        return fresh  # without a frame nothing is judged
+    watch = replace(fresh.watch, frame=frame_of(wind, 0.0))
+    return replace(fresh, watch=watch, frame=frame, zero=now)
 
 
-def _wind(frame: LocalFrame, own: Report) -> Wind:
-    return wind_in(frame, own.latitude, own.longitude, own.wind or (0.0, 0.0)) or NO_WIND
+def _wind(looking: Supervision, frame: LocalFrame, own: Report) -> Wind:
+    """Return the reported wind, as it is stated; one that is not reported may blow from
+    anywhere.
+    """
+    if own.wind is None:
+        return Wind(std=looking.unknown.wind_std)
+    return wind_in(frame, own.latitude, own.longitude, own.wind) or NO_WIND

@@ -1,0 +1,57 @@
+"""Before the first plan: what the monitor sees, in the wind that is reported or in any that may
+blow.
+"""
+
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
+
+from agents.planner.request import in_wind
+from envs.wind import Wind
+from ros_bridge.core.assurance import Supervision, initial
+from ros_bridge.core.looking import look
+from ros_bridge.core.reports import USUAL
+from ros_bridge.core.situation import Situation
+from tests.ros_bridge.scenes import NOW, OPTIONS, THRESHOLDS, aircraft, crossing, heard
+
+
+def situation_in(wind: tuple[float, float] | None) -> Situation:
+    known = {}
+    if wind is not None:
+        known = {"valid": 0xE5, "wind": SimpleNamespace(x=wind[0], y=wind[1], z=0.0)}
+    return heard(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", **known))
+
+
+def wind_of(looking: Supervision) -> Wind:
+    return looking.watch.frame.wind
+
+
+def test_a_wind_that_is_not_reported_may_blow_from_anywhere() -> None:
+    looking, seen = look(initial(THRESHOLDS), situation_in(None), NOW)
+    assert seen is not None
+    assert wind_of(looking) == Wind(std=USUAL.wind_std)
+    unsure = in_wind(OPTIONS, wind_of(looking))
+    assert looking.watch.thresholds_in_air.limits == unsure.limits != OPTIONS.limits
+
+
+def test_it_begins_anew_where_the_wind_becomes_known_or_unknown() -> None:
+    looking, _ = look(initial(THRESHOLDS), situation_in(None), NOW)
+    looking, seen = look(looking, situation_in((0.0, 0.0)), NOW)
+    assert seen is not None and wind_of(looking) == Wind()
+    assert look(looking, situation_in((0.5, 0.5)), NOW)[0].watch.frame == looking.watch.frame
+    looking, _ = look(looking, situation_in((8.0, -6.0)), NOW)
+    assert wind_of(looking) == pytest.approx((8.0, -6.0, 0.0))
+    looking, _ = look(looking, situation_in(None), NOW)
+    assert wind_of(looking) == Wind(std=USUAL.wind_std)
+
+
+def test_nothing_is_seen_where_an_unknown_wind_leaves_nothing_of_the_limits() -> None:
+    unsure = initial(THRESHOLDS, USUAL._replace(wind_std=40.0))
+    looking, seen = look(unsure, situation_in(None), NOW)
+    assert seen is None
+    looking, seen = look(looking, situation_in(None), NOW)
+    assert seen is None
+    _, seen = look(looking, situation_in((8.0, -6.0)), NOW)
+    assert seen is not None
