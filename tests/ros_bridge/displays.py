@@ -110,6 +110,7 @@ def plan(status: int = 1, *, north: float = 3_000.0) -> Any:
         intruder_ids=[],
         start=at(0, 0.0, 0.0, 90.0, 0.0),
         wind=SimpleNamespace(x=0.0, y=0.0, z=0.0),
+        wind_std=0.0,
         waypoints=[at(1, 4_000.0, north, 30.0 if north > 0.0 else 150.0, far)],
     )
 
