@@ -163,6 +163,9 @@ def _save(run: Run, evaluation: Evaluation, flight: Replayed) -> None:
     track, rules = flight.track, run.rules
     places = np.concatenate([track.own[None], track.intruders]).round(2)
     own, *intruders = ({"x": x.tolist(), "y": y.tolist()} for x, y in places)
+    if track.required is not None:
+        for one, required in zip(intruders, track.required, strict=True):
+            one["separation"] = round(float(required), 2)
     plan = None
     if flight.plan is not None:
         plan = dict(zip(("x", "y", "time"), flight.plan.round(2).tolist(), strict=True))

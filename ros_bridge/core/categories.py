@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+from ros_bridge.core.fields import FieldError
+
 LAST = 23
 """The greatest number of a category."""
 
@@ -34,6 +36,9 @@ class Categories(NamedTuple):
         )
 
 
+BY_CATEGORY = "separations by category, m"
+"""What the nodes' diagnostics call them."""
+
 NO_CATEGORIES = Categories()
 """The same from all."""
 
@@ -48,11 +53,18 @@ def number_of(name: object) -> int:
     return 8 * "ABC".index(found[1]) + int(found[2])
 
 
+def text_of(separations: Mapping[int, float]) -> str:
+    """Return separations by category, m, as a text that :func:`separations_of` reads."""
+    return ",".join(
+        f"{'ABC'[number // 8]}{number % 8}:{metres:g}" for number, metres in separations.items()
+    )
+
+
 def separations_of(parameter: str, text: str) -> dict[int, float]:
     """Return separations by category, m, from a text such as ``A5:2000, B6:300``.
 
     Raises:
-        ValueError: it is none; the message begins with the parameter's name.
+        FieldError: it is none; the message begins with the parameter's name.
     """
     found: dict[int, float] = {}
     for part in text.split(",") if text.strip() else ():
@@ -63,13 +75,14 @@ def separations_of(parameter: str, text: str) -> dict[int, float]:
         except ValueError:
             metres = math.nan
         if not category or not _LEAST <= metres <= _MOST:
-            raise ValueError(
-                f"{parameter} holds {part.strip()!r:.60}, expected a category (A1 to C7), a colon "
-                f"and {_LEAST:g} to {_MOST:g} m, such as A5:2000"
+            raise FieldError(
+                parameter,
+                f"holds {part.strip()!r:.60}, expected a category (A1 to C7), a colon and "
+                f"{_LEAST:g} to {_MOST:g} m, such as A5:2000",
             )
         if category in found:
-            raise ValueError(
-                f"{parameter} names {name.strip().upper()} twice, expected each category once"
+            raise FieldError(
+                parameter, f"names {name.strip().upper()} twice, expected each category once"
             )
         found[category] = metres
     return found

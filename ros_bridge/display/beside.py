@@ -90,6 +90,7 @@ def supervise(
         situation=situation,
         plan=supervision.held,
         separation=limits.requirement.separation,
+        by_category=supervision.categories.separations,
         arrived={**scene.arrived, **_arrivals(situation), "status": now},
     )
     if verdict is None:

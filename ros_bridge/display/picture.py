@@ -176,6 +176,7 @@ def _aircraft(
     for (name, track), plane in zip(traffic.items(), planes, strict=True):
         plane["level"], plane["loss"] = levels.get(name, _NO_ALERT)
         plane["relative_altitude"] = _relative(own.last, _last(track), now, undulation)
+        plane["separation"] = scene.by_category.get(_last(track).category)
     return own_plane, planes
 
 

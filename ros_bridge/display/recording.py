@@ -202,6 +202,10 @@ class FlightRecording:
             raise ValueError("places are not finite, or fewer than two")
         self.length = (steps - 1) * self._dt
         self._separation = float(document["separation"])
+        self._separations = [
+            float(one["separation"]) if "separation" in one else None
+            for one in document["intruders"]
+        ]
         self._goal = [float(one) for one in document["goal"]]
         self._bands = document["bands"]
         wind = document.get("wind")
@@ -261,9 +265,12 @@ class FlightRecording:
         ]
 
     def _add_levels(self, traffic: list[Document], row: int | None) -> None:
-        """Add what the bands of a row say of each intruder; None: there are no bands."""
+        """Add the separation of each intruder, and what the bands of a row say of it; None: there
+        are no bands.
+        """
         for k, one in enumerate(traffic):
             one |= {"level": 0, "loss": None, "relative_altitude": None}
+            one["separation"] = self._separations[k]
             if row is not None:
                 one["level"] = self._bands["level"][row][k]
                 one["loss"] = self._bands["loss"][row][k]

@@ -15,6 +15,7 @@ from agents.assurance.state import FlyMode, State
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.areas import AreaReport, areas, to_local
+from ros_bridge.core.categories import BY_CATEGORY, separations_of
 from ros_bridge.core.conversions import Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError, attempt, integer, nanoseconds, number, stamp
 from ros_bridge.core.reports import Report
@@ -100,6 +101,8 @@ class Scene:
     arrived: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     """When an input was last heard, ns, by the same."""
     separation: float | None = None  # that is kept from others, m, where it is known
+    by_category: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({}))
+    """What is kept from aircraft of an emitter category instead, m, by its number."""
     latest: int = 0  # ns
 
     def at(self, now: int) -> "Scene":
@@ -107,7 +110,12 @@ class Scene:
         that are silent are forgotten.
         """
         if now < self.latest - _BACKWARD:
-            return Scene(separation=self.separation, nodes=self.nodes, latest=now)
+            return Scene(
+                separation=self.separation,
+                by_category=self.by_category,
+                nodes=self.nodes,
+                latest=now,
+            )
         traffic, silent = forget_silent(self.situation.traffic, now, FORGET)
         situation = replace(self.situation, traffic=traffic) if silent else self.situation
         return replace(self, latest=max(now, self.latest), situation=situation)
@@ -293,16 +301,18 @@ def _areas(scene: Scene, message: "Areas", now: int) -> Scene:
 
 
 def _diagnostics(scene: Scene, message: "DiagnosticArray", now: int) -> Scene:
-    nodes, separation = dict(scene.nodes), scene.separation
+    nodes, separation, by_category = dict(scene.nodes), scene.separation, scene.by_category
     for one in list(message.status)[:_MOST]:
         level = one.level[0] if isinstance(one.level, bytes) else int(one.level)
         nodes[str(one.name)] = Health(now, min(level, 3), str(one.message))
         values = {pair.key: pair.value for pair in one.values}
         if "separation, m" in values:
             separation = number("separation", values["separation, m"], 0.0, _LONGEST, "m")
+        if BY_CATEGORY in values:
+            by_category = separations_of(BY_CATEGORY, values[BY_CATEGORY])
     if len(nodes) > _MOST:  # names that are made up anew each time
         nodes = {}
-    return replace(scene, nodes=nodes, separation=separation)
+    return replace(scene, nodes=nodes, separation=separation, by_category=by_category)
 
 
 def _clock(scene: Scene, message: "Clock", now: int) -> Scene:

@@ -15,6 +15,7 @@ from envs.areas import Keep, Level
 from envs.formats.areas.geodetic import GeodeticArea
 from ros_bridge.core import conversions as codes
 from ros_bridge.core.areas import CEILING, FLOOR, FROM, REFERENCES, UNTIL
+from ros_bridge.core.categories import BY_CATEGORY, text_of
 from ros_bridge.core.conversions import PlanPoint, Published, Route
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report, Sighting
@@ -196,9 +197,18 @@ def areas(every: tuple[GeodeticArea, ...], now: int) -> Fields:
     return {**_header(now), "areas": [_area(one, now) for one in every]}
 
 
-def diagnostics(nodes: Mapping[str, Health], separation: float | None, now: int) -> Fields:
-    """Return a DiagnosticArray; the separation, m, stands beside each state of health."""
-    values = [] if separation is None else [{"key": "separation, m", "value": f"{separation:g}"}]
+def diagnostics(
+    nodes: Mapping[str, Health],
+    separation: float | None,
+    by_category: Mapping[int, float],
+    now: int,
+) -> Fields:
+    """Return a DiagnosticArray; the separation, m, and those by category stand beside each state of
+    health.
+    """
+    values = [{"key": BY_CATEGORY, "value": text_of(by_category)}]
+    if separation is not None:
+        values.append({"key": "separation, m", "value": f"{separation:g}"})
     every = [
         {"level": one.level, "name": name, "message": one.text, "values": values}
         for name, one in nodes.items()

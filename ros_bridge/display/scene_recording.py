@@ -80,7 +80,7 @@ class SceneRecorder:
             fields = messages.guidance(scene.guidance)
             self._write(f"{_MONITOR}/output/guidance", fields, now)
         if scene.nodes != before.nodes:
-            fields = messages.diagnostics(scene.nodes, scene.separation, now)
+            fields = messages.diagnostics(scene.nodes, scene.separation, scene.by_category, now)
             self._write("/diagnostics", fields, now)
 
     def _write_track(self, name: str, before: Track, track: Track, now: int) -> None:

@@ -17,6 +17,7 @@ from rclpy.qos import QoSPolicyKind
 
 from ros_bridge.core import updates
 from ros_bridge.core.areas import areas_of_file
+from ros_bridge.core.categories import BY_CATEGORY
 from ros_bridge.core.fields import SECOND, nanoseconds
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forget_silent
@@ -175,6 +176,7 @@ class ListeningNode(LifecycleNode):
         values = {
             "aircraft": aircraft_text(options),
             "separation, m": f"{options.requirement.separation:g}",
+            BY_CATEGORY: self._value("category_separations") or "",
             "outside domain": "; ".join(outside),
         } | values
         if rclpy.ok(context=self.context):

@@ -169,7 +169,7 @@ def separations_by_category(value: Callable[[str], Any]) -> Categories:
     """Return the separations by emitter category, from a node's parameters.
 
     Raises:
-        ValueError: one is none; the message begins with the parameter's name.
+        FieldError: one is none; the message begins with the parameter's name.
     """
     names = "category_separations", "category_vertical_separations"
     return Categories(*(separations_of(name, value(name) or "") for name in names))

@@ -15,7 +15,7 @@ from agents.policy.inference import Policy
 from ros_bridge.core.adapters import adsb_vehicle
 from ros_bridge.core.adsb_live import AircraftJson, Traffic
 from ros_bridge.core.assurance import activate, initial, step_monitor
-from ros_bridge.core.categories import Categories, number_of, separations_of
+from ros_bridge.core.categories import Categories, number_of, separations_of, text_of
 from ros_bridge.core.conversions import aircraft as report_of
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reports import USUAL
@@ -37,6 +37,8 @@ def test_categories_are_the_codes_of_mavlink() -> None:
 def test_separations_are_read_from_a_parameter() -> None:
     assert separations_of("x", " A5:2500, b6 : 400 ") == {HEAVY: 2_500.0, DRONE: 400.0}
     assert separations_of("x", "  ") == {}
+    for given in ({HEAVY: 2_500.0, DRONE: 400.5}, {}):
+        assert separations_of("x", text_of(given)) == given
 
 
 @pytest.mark.parametrize(

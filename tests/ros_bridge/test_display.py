@@ -23,6 +23,7 @@ from websockets.sync.client import connect
 
 from envs.edge.command import InputError
 from envs.formats.local_frame import LocalFrame, distance, fly_straight
+from ros_bridge.core.categories import BY_CATEGORY
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reports import Report, Sighting
 from ros_bridge.display.picture import OWN_STALE, STALE, VERSION, picture
@@ -407,6 +408,19 @@ def test_an_encounter_in_a_wind_is_shown_with_its_speed_through_the_air(tmp_path
         read(encounter(tmp_path, wind=[20.0]))
 
 
+def test_an_encounters_intruder_has_its_own_separation(tmp_path: Path):
+    path = encounter(tmp_path)
+    assert read(path).player()(5.0)["traffic"][0]["separation"] is None
+    document = json.loads(path.read_text(encoding="utf-8"))
+    for separation in (2_500.0, math.nan):
+        document["intruders"][0]["separation"] = separation
+        path.write_text(json.dumps(document), encoding="utf-8")
+        if math.isfinite(separation):
+            assert read(path).player()(5.0)["traffic"][0]["separation"] == separation
+    with pytest.raises(InputError, match="is no whole encounter"):
+        read(path)
+
+
 @pytest.mark.parametrize(
     ("content", "says"),
     [
@@ -539,6 +553,24 @@ def test_in_a_wind_bands_are_compared_with_the_direction_through_the_air():
     shown = picture(scene, NOW)
     assert shown["own"]["air"]["track_deg"] == pytest.approx(135.0, abs=0.1)
     assert shown["advice"]["turn"] == "right" and shown["advice"]["track_deg"] == 140.0
+
+
+def test_aircraft_have_the_separation_of_their_category():
+    def said(text: str) -> Any:
+        values = [SimpleNamespace(key=BY_CATEGORY, value=text)]
+        node = SimpleNamespace(level=b"\0", name="runner", message="ready", values=values)
+        return SimpleNamespace(status=[node])
+
+    heavy = aircraft(5_000.0, 0.0, 0.0, 80.0, id="a", category=5)
+    scene = known_scene(heavy, aircraft(0.0, 5_000.0, 0.0, 80.0, id="b"))
+    scene = take(scene, "/diagnostics", said("A5:2500,B6:300"), NOW)
+    assert [one["separation"] for one in picture(scene, NOW)["traffic"]] == [2_500.0, None]
+    wrong = picture(take(scene, "/diagnostics", said("A5:no"), NOW), NOW)
+    assert [one["separation"] for one in wrong["traffic"]] == [2_500.0, None]
+    assert any("holds 'A5:no', expected" in one["text"] for one in wrong["health"])
+    assert (
+        picture(take(scene, "/diagnostics", said(""), NOW), NOW)["traffic"][0]["separation"] is None
+    )
 
 
 def test_areas_move_to_the_time_of_the_picture_and_say_when_they_hold():

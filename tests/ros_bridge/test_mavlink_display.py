@@ -19,6 +19,7 @@ from envs.edge.command import InputError
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.aircraft import load_policy
+from ros_bridge.core.categories import Categories
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report, Unknown
 from ros_bridge.core.situation import Situation
@@ -200,6 +201,8 @@ def test_a_recording_without_ros_shows_what_the_display_showed(
 
     file, board = tmp_path / "flight.mcap", Board()
     recorder = SceneRecorder(file)
+    light = replace(followed.settings, categories=Categories({1: 400.0}))
+    followed = followed._replace(settings=light)
     showings = [Showing(followed, feed) for feed in (recorder.feed, board.feed)]
     shown = []
     for seconds in (0.0, 5.0, 5.5):
@@ -208,6 +211,7 @@ def test_a_recording_without_ros_shows_what_the_display_showed(
         for showing in showings:
             showing(seen)
         shown.append(picture(board.scene, seen.time))
+    assert [one["separation"] for one in shown[-1]["traffic"]] == [400.0]
     recorder.close()
     again = GraphRecording(file).player()
     for at, before in zip((0.0, 5.0, 5.5), shown, strict=True):

@@ -279,13 +279,14 @@ function drawPlan(pen, plan, now, colour, dash, { place, centre, radius }) {
   }
 }
 
-function drawTraffic(pen, { traffic, own }, { place, width, height, turn, centre }) {
+function drawTraffic(pen, { traffic, own }, { place, scale, width, height, turn, centre }) {
   const { colours } = state, taken = [];
   const apart = (one) => (own ? Math.hypot(one.x - own.x, one.y - own.y) : 0);
   const shown = traffic.map((one) => ({ one, at: place(one.x, one.y) })).filter(({ at: [x, y] }) => x > -40 && y > -40 && x < width + 40 && y < height + 40);
   shown.sort((a, b) => b.one.level - a.one.level || apart(a.one) - apart(b.one));
   for (const { one, at: [x, y] } of shown.toReversed()) {
     const colour = one.level > 0 ? colours[NAMES[one.level]] : colours.traffic, late = one.state !== "fresh";
+    if (one.separation) (circle(pen, x, y, one.separation * scale), stroke(pen, tint(colour, 0.7), 1.2, [5, 5]));
     line(pen, ahead(one).map(([px, py]) => place(px, py)));
     stroke(pen, tint(colour, late ? 0.45 : 0.9), one.level > 0 ? 2.4 : 1.5, late ? [3, 4] : []);
     mark(pen, x, y, one.level, 8, colour, colours.paper, late);
