@@ -18,6 +18,7 @@ _JUMP = 177
 _WITH_PLACE = frozenset({16, 17, 18, 19, 21, 22, 31, 82})
 _INCLUSION, _EXCLUSION, _CIRCLE_IN, _CIRCLE_OUT = 5001, 5002, 5003, 5004
 _RETURN = 5000
+_SAME = 1.0  # m between places that are the same
 SUB = 1_000
 """Points of a leg: the index of a route's point is that of the item that the leg leads to, times
 this, and its number on the leg, of which the last is the item's own place.
@@ -77,6 +78,19 @@ def remaining_items(items: Sequence[Item], current: int) -> tuple[Item, ...]:
         elif one.flies or one.command == _JUMP:
             break
     return tuple(found)
+
+
+def flown_to(
+    left: tuple[Item, ...], items: Sequence[Item], latitude: int, longitude: int
+) -> tuple[Item, ...]:
+    """Return the waypoints that are left, the first of them where the autopilot flies to, 1e-7
+    degrees, if no item is there: where a mission is replaced in AUTO, it still flies to the place
+    that the item had.
+    """
+    place = 1e-7 * latitude, 1e-7 * longitude
+    if any(distance(*one.place, *place) < _SAME for one in items):
+        return left
+    return (left[0]._replace(latitude=place[0], longitude=place[1]), *left[1:])
 
 
 def before(items: Sequence[Item], current: int) -> Item | None:

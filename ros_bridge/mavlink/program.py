@@ -98,8 +98,8 @@ means that the program does not keep up, and for :data:`RECOVERED` no plan is ca
 RECOVERED = 5.0
 """For how long it must have kept up after it has been late, s."""
 
-FENCE_AGAIN = 5.0
-"""After which the fence is downloaded again, in case that it has changed, s."""
+DOWNLOAD_AGAIN = 5.0
+"""After which mission and fence are downloaded again, in case that they have changed, s."""
 
 _REPORT = 60.0  # s between two lines about the processor, and about a receiver
 _JUDGE = 0.25  # s between two judgements
@@ -231,28 +231,11 @@ class _Last:
 
     beat: float = 0.0  # our heartbeat; ours
     rates: float = 0.0  # the autopilot was asked for its messages; ours
-    fence: float = 0.0  # a download of the fence was begun; the autopilot's, as all below
+    download: float = 0.0  # mission and fence; the autopilot's, as all below
     judgement: float = 0.0
     steering: float = 0.0
     airspeed: float = 0.0
     late: float = -math.inf  # it did not keep up
-
-
-class _MissionId(NamedTuple):
-    """What MISSION_CURRENT says of the mission, by which another one is known."""
-
-    size: int
-    number: int
-
-
-_NO_MISSION = _MissionId(0, 0)
-
-
-class _Current(NamedTuple):
-    """Where a mission is."""
-
-    mission: _MissionId
-    item: int
 
 
 class _Leg(NamedTuple):
@@ -309,16 +292,15 @@ class Program:
         self._causes: set[Cause] = set()
         self._remarked: set[str] = set()
         self._downloads: dict[int, Download] = {}
-        self._downloaded = _NO_MISSION
-        self._current = _Current(_NO_MISSION, 0)
         self._leg: _Leg | None = None
         self._followed: _Followed | None = None
         self._air = Air()
         self._moved = False  # whether a new place has come
         self._targets: set[tuple[int, int]] = set()  # that it has been sent to, 1e-7 degrees
         self._reached_ours = False  # whether one of them has been its target in GUIDED
-        self._left_at: _Current | None = None  # where GUIDED has left the mission
-        self._asked_for: _Current | None = None  # where we have asked AUTO to go on
+        self._left_at: int | None = None  # item at which GUIDED has left the mission
+        self._asked_for: int | None = None  # item at which we have asked AUTO to go on
+        self._replaced = False  # whether there is another mission since then
         self._live: LiveReports | None = None
 
         found = _question(link, options)
@@ -447,7 +429,7 @@ class Program:
         if kind == "PARAM_VALUE" and message.param_id == "AVD_ENABLE" and message.param_value:
             self._refuse("AVD_ENABLE was set: the autopilot's own avoidance is on")
         if kind == "MISSION_CURRENT":
-            self._note_current(message, now)
+            self._note_current(before.current, now)
         if kind == "HEARTBEAT" and before.heartbeat != self._received.heartbeat:
             assert self._received.heartbeat is not None
             self.log(f"mode {self._received.heartbeat.mode_name}", now)
@@ -455,22 +437,22 @@ class Program:
         self._moved = self._moved or kind == "GLOBAL_POSITION_INT"
         if kind in ("MISSION_COUNT", "MISSION_ITEM_INT"):
             self._accept(message, now)
+        if kind == "MISSION_ACK" and message.type:
+            # What was asked for is not there any more: it is downloaded anew when that is due.
+            self._downloads.pop(message.mission_type, None)
 
-    def _note_current(self, message: Any, now: int) -> None:
-        """Note where the mission is, and say where somebody else has changed it while a plan is
-        flown: the autopilot itself does not in GUIDED.
+    def _note_current(self, before: int, now: int) -> None:
+        """Note at which item GUIDED has left the mission, and say which one somebody else sets
+        meanwhile: the autopilot itself sets none.
         """
-        number = int(getattr(message, "mission_id", 0))
-        before = self._current
-        self._current = _Current(_MissionId(int(message.total), number), int(message.seq))
         if self._control.phase is not Phase.GUIDING:
             return
+        current = self._received.current
         if self._left_at is None:
-            self._left_at = self._current
-        elif self._current not in (before, self._left_at):
-            same = self._current.mission == before.mission
-            what = f"item {self._current.item} set" if same else "mission changed"
-            self._tell(what, f"{what} by others: AUTO goes on there", now, send=True)
+            self._left_at = current
+        elif current not in (before, self._left_at):
+            what = f"item {current} set by others"
+            self._tell(what, f"{what}: AUTO goes on there", now, send=True)
 
     def _take_live(self, live: LiveReports) -> None:
         """Take in the traffic of a receiver beside the autopilot's own."""
@@ -510,11 +492,6 @@ class Program:
         if problem:
             self._tell("adsb", problem, now, send=True, again=_REPORT)
         phase = self._control.phase
-        if self._current.mission != self._downloaded and not self._control.flies:
-            # MISSION_CURRENT says that it is another one.
-            if self._downloaded != _NO_MISSION:
-                self._downloads[MISSION] = Download(MISSION)
-            self._downloaded = self._current.mission
         try:
             route = self._route()
         except FieldError as error:
@@ -544,10 +521,11 @@ class Program:
     # Missions and fences that change.
 
     def _ask(self, now: float) -> None:
-        """Ask for what is missing of a download, and for the fence every now and then."""
-        if not 0.0 <= now - self._last.fence < FENCE_AGAIN and now:
-            self._last.fence = now
-            self._downloads.setdefault(FENCE, Download(FENCE))
+        """Ask for what is missing of a download, and for mission and fence every now and then."""
+        if not 0.0 <= now - self._last.download < DOWNLOAD_AGAIN and now:
+            self._last.download = now
+            for kind in (MISSION, FENCE):
+                self._downloads.setdefault(kind, Download(kind))
         for kind, download in self._downloads.items():
             if due(download, now):
                 number = None if download.count is None else len(download.items)
@@ -565,13 +543,23 @@ class Program:
                 return
             if kind == FENCE:
                 self._change_fence(download.items, now)
-            elif not self._control.flies:
-                self._items, self._leg = download.items, None
-                self.log(f"the mission has changed: {len(self._items)} items", now)
+            else:
+                self._change_mission(download.items, now)
         except (FieldError, InputError) as problem:
             self._tell(f"download {kind}", f"{problem}", now, send=True)
         del self._downloads[kind]
         self._link.thank(kind)
+
+    def _change_mission(self, items: tuple[Item, ...], now: int) -> None:
+        """Take over another mission; while a plan is flown, only note that there is one."""
+        if items[1:] == self._items[1:]:  # the first is home
+            return
+        if not self._control.flies:
+            self._items, self._leg = items, None
+            self.log(f"the mission has changed: {len(items)} items", now)
+        elif not self._replaced:
+            self._replaced = True
+            self._tell("mission", "mission changed by others: AUTO flies it", now, send=True)
 
     def _change_fence(self, corners: tuple[Item, ...], now: int) -> None:
         if corners != self._corners:
@@ -589,11 +577,13 @@ class Program:
         """Return the mission from the current item on, its first leg from where it began; while a
         plan is flown, from the item that it has left.
         """
-        current = (self._left_at or self._current).item
+        current = self._received.current if self._left_at is None else self._left_at
         own = self._received.situation.own.last
         left = mission.remaining_items(self._items, current)
         if not left or own is None:
             raise FieldError("mission", f"is at item {current}, where no waypoint is flown to")
+        if not self._control.flies and self._received.target is not None:
+            left = mission.flown_to(left, self._items, *self._received.target)
         if self._leg is None or self._leg.item != current:
             came_from = mission.before(self._items, current)
             self._leg = _Leg(current, own.place if came_from is None else came_from.place)
@@ -676,8 +666,10 @@ class Program:
             self.log(f"{was.value} -> {self._control.phase.value}", now)
             if not self._control.flies:
                 self._left_at = self._asked_for = None
+                self._replaced, self._last.download = False, -math.inf
             if self._control.phase is Phase.WATCHING:
                 self._targets.clear()
+                self._received = replace(self._received, target=None)  # it was ours
                 revision = self._judgement.revision
                 supervision = replace(self._rules.begin(), revision=revision)
                 self._judgement = Judgement(supervision, revision=revision)
@@ -730,12 +722,11 @@ class Program:
 
     def _give_back(self) -> None:
         """Ask for AUTO, at the item after the rejoin point unless somebody else has set one."""
-        ours = self._left_at is None or self._current in (self._left_at, self._asked_for)
-        rejoin = self._judgement.rejoin
-        if ours and rejoin is not None and rejoin.point is not None:
-            number = mission.item_after_rejoin(rejoin.point, self._items)
-            self._asked_for = self._current._replace(item=number)
-            self._link.set_current(number)
+        current, rejoin = self._received.current, self._judgement.rejoin
+        ours = self._left_at is None or current in (self._left_at, self._asked_for)
+        if ours and not self._replaced and rejoin is not None and rejoin.point is not None:
+            self._asked_for = mission.item_after_rejoin(rejoin.point, self._items)
+            self._link.set_current(self._asked_for)
         self._link.set_mode(messages.Mode.AUTO)
 
     def _is_diverted(self) -> bool:

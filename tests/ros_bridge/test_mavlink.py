@@ -222,6 +222,18 @@ def test_a_routes_points_lie_on_its_legs_and_say_where_the_mission_goes_on(
             assert number == one.index // SUB
 
 
+def test_a_place_that_no_item_has_is_flown_to_instead_of_the_current_item() -> None:
+    items = tuple(waypoint(number, number) for number in range(1, 4))
+    elsewhere = waypoint(9, 7.0)
+    at = [round(1e7 * degrees) for degrees in elsewhere.place]
+    assert mission.flown_to(items[1:], items, *at)[0].place == pytest.approx(elsewhere.place)
+    assert mission.flown_to(items[1:], items, *at)[1:] == items[2:]
+    # The item that has just been passed, or is next, is no news of the mission.
+    for one in items:
+        at = [round(1e7 * degrees) for degrees in one.place]
+        assert mission.flown_to(items[1:], items, *at) == items[1:]
+
+
 def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
     """Of an aircraft that is known within nothing, and an ownship that reports no wind."""
     flown = vehicle.vehicle_of(PARAMETERS, 200.0)

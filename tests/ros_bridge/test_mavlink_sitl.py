@@ -283,6 +283,37 @@ def test_an_item_that_a_ground_station_sets_in_guided_is_where_auto_goes_on(
     assert flight.texts.count(told) == (item is not None)
 
 
+ELSEWHERE = Leg(100.0, 0.0, 60.0, 22, 15.0), Leg(400.0, 0.0), Leg(1_600.0, 3e3), Leg(3e3, 6e3)
+
+
+@pytest.mark.parametrize("in_guided", [False, True])
+def test_a_mission_that_is_uploaded_in_flight_counts_whatever_its_length(in_guided: bool) -> None:
+    crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
+    waiting = [30.0 if in_guided else 2.0]
+
+    def upload(sitl: Sitl, seconds: float, row: Any) -> None:
+        if waiting and seconds > waiting[0]:
+            waiting.clear()
+            sitl.signal(signal.SIGCONT)
+            sitl.upload(ELSEWHERE)
+            sitl.signal(signal.SIGSTOP)
+
+    flight = fly(
+        Encounter(0, (crossing,), 0.0, 300.0),
+        "ours",
+        instance=INSTANCE,
+        until=130.0,
+        watch=upload,
+    )
+    # In AUTO the autopilot flies on to where the current item was, until that is set anew.
+    assert flight.separation >= SEPARATION
+    assert flight.taken_over == 1
+    assert flight.rows[-1].mode == Mode.AUTO
+    assert flight.rows[-1].y > 500.0
+    told = "RLCAS: mission changed by others: AUTO flies it"
+    assert flight.texts.count(told) == in_guided
+
+
 def test_the_autopilots_own_avoidance_set_in_flight_ends_it_and_auto_is_back() -> None:
     crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
     waiting = [25.0]
