@@ -159,7 +159,9 @@ def check_flyable(parameters: Mapping[str, float]) -> None:
 
 
 def failsafe_notes(parameters: Mapping[str, float], system: int) -> tuple[str, ...]:
-    """Return what of the autopilot's settings leaves it in GUIDED where this program dies."""
+    """Return what of the autopilot's settings keeps it from going on with its mission where this
+    program dies.
+    """
     watched = parameters.get("FS_GCS_ENABL", 0.0) != 0.0
     ours = parameters.get("MAV_GCS_SYSID", parameters.get("SYSID_MYGCS", 255.0))
     if not watched or round(ours) != system:
@@ -170,6 +172,8 @@ def failsafe_notes(parameters: Mapping[str, float], system: int) -> tuple[str, .
         )
     if parameters.get("FS_LONG_ACTN", 0.0) == 0.0:
         return ("FS_LONG_ACTN is 0: where this program dies the autopilot stays in GUIDED",)
+    if parameters.get("MIS_RESTART", 0.0) != 0.0:
+        return ("MIS_RESTART is not 0: where this program dies the mission begins anew",)
     return ()
 
 

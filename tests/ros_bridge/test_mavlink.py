@@ -357,6 +357,24 @@ def test_names_of_older_autopilots_are_read() -> None:
     assert vehicle.vehicle_of(old, 200.0) == vehicle.vehicle_of(PARAMETERS, 200.0)
 
 
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, ""),
+        ({"FS_GCS_ENABL": 0.0}, "stays in GUIDED"),
+        ({"MAV_GCS_SYSID": 255.0}, "stays in GUIDED"),
+        ({"FS_LONG_ACTN": 0.0}, "stays in GUIDED"),
+        ({"MIS_RESTART": 1.0}, "begins anew"),
+    ],
+)
+def test_what_keeps_the_failsafe_from_going_on_with_the_mission_is_said(
+    changes: dict[str, float], said: str
+) -> None:
+    safe = {"FS_GCS_ENABL": 1.0, "MAV_GCS_SYSID": 245.0, "FS_LONG_ACTN": 4.0}
+    assert said in " ".join(vehicle.failsafe_notes(safe | changes, 245))
+    assert bool(vehicle.failsafe_notes(safe | changes, 245)) == bool(changes)
+
+
 def test_both_avoidances_at_once_are_refused() -> None:
     vehicle.check_flyable(PARAMETERS | {"AVD_ENABLE": 0.0})
     with pytest.raises(vehicle.ParameterError, match="AVD_ENABLE is 1; expected 0 with --fly"):
