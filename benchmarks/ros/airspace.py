@@ -19,7 +19,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from agents.inference import Policy
-from benchmarks.measure import percentiles_ms, processor_time, report, show
+from benchmarks.measure import (
+    deadline_option,
+    percentiles_ms,
+    processor_time,
+    report,
+    show,
+)
 from benchmarks.questions import Question
 from benchmarks.ros.graph import (
     FRAME,
@@ -33,7 +39,7 @@ from benchmarks.ros.graph import (
 )
 from benchmarks.traffic import question
 from envs.areas import Area
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser, real, run_cli, whole
 from envs.random_areas import random_areas
 from ros_bridge.transport.children import stop
 
@@ -175,11 +181,13 @@ class Caller:
         self._executor.spin_once(timeout_sec=0.002)
 
 
-def measure(sky: Sky, radius: float, requests: int) -> Measured:
-    """Ask so many times for a plan in one sky of a radius, m."""
-    wind = "--ros-args", "-p", f"wind_std:={_WIND_STD}"
+def measure(sky: Sky, radius: float, requests: int, deadline: float | None) -> Measured:
+    """Ask so many times for a plan in one sky of a radius, m; with a deadline, ms, or the usual."""
+    parameters = ["--ros-args", "-p", f"wind_std:={_WIND_STD}"]
+    if deadline is not None:
+        parameters += ["-p", f"deadline:={1e-3 * deadline}"]
     nodes = {
-        "runner": start("ros_bridge.runner", *wind),
+        "runner": start("ros_bridge.runner", *parameters),
         "monitor": start("ros_bridge.monitor"),
     }
     caller = Caller(sky, radius)
@@ -218,7 +226,7 @@ def main() -> None:
     with own_domain():
         for number in range(given.skies):
             sky = Sky.draw(given.seed + number, given.aircraft, radius, policy)
-            skies.append(measure(sky, radius, given.requests))
+            skies.append(measure(sky, radius, given.requests, given.deadline))
             print(f"sky {number + 1} of {given.skies}", flush=True)
     found = {"benchmark": "ros_airspace", **vars(given), **figures(skies)}
     show(found)
@@ -228,11 +236,13 @@ def main() -> None:
 def _parser() -> Parser:
     parser = Parser(description=__doc__)
     add = parser.add_argument
-    add("--skies", type=int, default=10, help="skies, one after the other (default 10)")
-    add("--requests", type=int, default=20, help="requests in each sky (default 20)")
-    add("--aircraft", type=int, default=100, help="aircraft beside the ownship (default 100)")
-    add("--radius", type=float, default=30.0, help="radius of a sky, km (default 30)")
-    add("--seed", type=int, default=0, help="seed of the first sky (default 0)")
+    add("--skies", type=whole(1), default=10, help="skies, one after the other (default 10)")
+    add("--requests", type=whole(1), default=20, help="requests in each sky (default 20)")
+    add("--aircraft", type=whole(1), default=100, help="aircraft beside the ownship (default 100)")
+    what = "radius of a sky, km (default 30)"
+    add("--radius", type=real(1.0, 1_000.0, "km"), default=30.0, help=what)
+    add("--seed", type=whole(0), default=0, help="seed of the first sky (default 0)")
+    deadline_option(parser)
     return parser
 
 
