@@ -21,7 +21,7 @@ from agents.planner.areas import Counted
 from agents.planner.traffic import Requirement, Traffic
 from benchmarks.measure import hold_to_one_core, report
 from envs.areas import Area, Circle, Polygon
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser, run_cli, whole
 from envs.kinematics import C208_PUBLISHED, VehicleState
 
 INTRUDERS = 1, 10, 100
@@ -100,10 +100,8 @@ def measure(bands: Callable[..., Bands], count: int, kind: str, repeats: int) ->
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument("--repeats", type=int, default=200, help="timed calls (default 200)")
+    parser.add_argument("--repeats", type=whole(1), default=200, help="timed calls (default 200)")
     given = parser.parse_args()
-    if given.repeats < 1:
-        parser.error(f"--repeats {given.repeats}: expected 1 or more")
     hold_to_one_core()
     found: dict[str, Any] = {"repeats": given.repeats}
     with threadpool_limits(1):

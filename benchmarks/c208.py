@@ -32,7 +32,7 @@ from envs.c208.guidance import follow
 from envs.c208.gymnasium_env import C208Env
 from envs.c208.point_mass import PointMassVehicle
 from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle, FlightError, StartError
-from envs.edge.command import InputError, Parser, run_cli
+from envs.edge.command import InputError, Parser, run_cli, whole
 from envs.encounters import scenario
 from envs.follower import PERIOD, deviation, offset
 from envs.gym.gymnasium_env import DeconflictionEnv
@@ -411,21 +411,18 @@ def main() -> None:
 def _parse() -> argparse.Namespace:
     parser = Parser(description=__doc__)
     add = parser.add_argument
-    add("--plans", type=int, default=100, help="plans made; SAFE ones are flown (default 100)")
+    add("--plans", type=whole(1), default=100, help="plans made; SAFE ones are flown (default 100)")
     add("--scenario", default="circle", help="scenario of the encounters (default circle)")
-    add("--seed", type=int, default=0, help="seed of the encounters (default 0)")
+    add("--seed", type=whole(0), default=0, help="seed of the encounters (default 0)")
     add(
         "--resets",
-        type=int,
+        type=whole(1),
         default=3_000,
         help="resets over which memory is watched (default 3000)",
     )
     what = "encounters flown by the policy in closed loop (default 300)"
-    add("--encounters", type=int, default=300, help=what)
-    options = parser.parse_args()
-    if options.plans < 1 or options.resets < 1 or options.encounters < 0:
-        parser.error("--plans and --resets: expected at least 1; --encounters: at least 0")
-    return options
+    add("--encounters", type=whole(0), default=300, help=what)
+    return parser.parse_args()
 
 
 if __name__ == "__main__":

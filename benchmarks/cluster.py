@@ -16,7 +16,7 @@ from distributed import LocalCluster
 from agents.policy.inference import Policy
 from benchmarks.measure import report
 from envs.aircraft import PAPER
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser, run_cli, whole
 from envs.encounters import scenario
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.runner.cluster import Cluster, connect_scheduler
@@ -51,9 +51,9 @@ def _parser() -> Parser:
     parser = Parser(description=__doc__)
     add = parser.add_argument
     what = "encounters of a measurement (default 10000)"
-    add("--encounters", type=int, default=10_000, help=what)
-    add("--chunk", type=int, default=1_250, help="encounters of a chunk (default 1250)")
-    add("--chunks", type=int, default=200, help="chunks that are not flown (default 200)")
+    add("--encounters", type=whole(1), default=10_000, help=what)
+    add("--chunk", type=whole(1), default=1_250, help="encounters of a chunk (default 1250)")
+    add("--chunks", type=whole(1), default=200, help="chunks that are not flown (default 200)")
     return parser
 
 

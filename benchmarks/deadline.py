@@ -25,7 +25,7 @@ from benchmarks.measure import report
 from benchmarks.planner import question
 from benchmarks.questions import Question, time_plan
 from envs.aircraft import PAPER
-from envs.edge.command import InputError, Parser, run_cli
+from envs.edge.command import InputError, Parser, run_cli, whole
 from envs.edge.figures import save_figure
 from envs.edge.files import write_file
 from envs.edge.json_text import parse_json
@@ -202,7 +202,12 @@ def _parser() -> Parser:
     add = parser.add_argument
     what = "folder of the blocks, the result and the figure"
     add("--out", type=Path, required=True, help=what)
-    add("--requests", type=int, default=300, help="requests, in whole blocks of 100 (default 300)")
+    add(
+        "--requests",
+        type=whole(1),
+        default=300,
+        help="requests, in whole blocks of 100 (default 300)",
+    )
     add("--policy", type=Path, help="policy file (default: the one that ships)")
     return parser
 

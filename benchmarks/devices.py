@@ -18,7 +18,7 @@ from pathlib import Path
 
 from agents.config.load import load
 from benchmarks.measure import report
-from envs.edge.command import InputError, Parser, run_cli
+from envs.edge.command import InputError, Parser, run_cli, whole
 from rlcas_jax import metrics
 from rlcas_jax.config import TrainConfig
 
@@ -59,12 +59,9 @@ def _parse() -> argparse.Namespace:
     add = parser.add_argument
     default = "configs/sprint.yaml"
     add("--config", default=default, help=f"what is trained, from nothing (default {default})")
-    add("--updates", type=int, default=10, help="updates of each run (default 10)")
-    add("--turns", type=int, default=2, help="runs of each kind (default 2)")
-    options = parser.parse_args()
-    if options.updates <= _IGNORED or options.turns < 1:
-        parser.error(f"expected --updates of more than {_IGNORED} and --turns of 1 or more")
-    return options
+    add("--updates", type=whole(_IGNORED + 1), default=10, help="updates of each run (default 10)")
+    add("--turns", type=whole(1), default=2, help="runs of each kind (default 2)")
+    return parser.parse_args()
 
 
 def _training_arguments(config: str, updates: int) -> list[str]:

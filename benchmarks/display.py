@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.measure import find_chromium, processor_time, report
 from benchmarks.ros.graph import own_domain
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser, run_cli, whole
 from ros_bridge.transport.children import FLAG, stop
 
 if TYPE_CHECKING:
@@ -75,8 +75,8 @@ def main(argv: list[str] | None = None) -> None:
     )
     add = parser.add_argument
     add("--seconds", type=float, default=60.0, help="time that is measured, s (default 60)")
-    add("--aircraft", type=int, default=100, help="aircraft that report (default 100)")
-    add("--night", type=int, default=20_000, help="pictures of the night (default 20000)")
+    add("--aircraft", type=whole(1), default=100, help="aircraft that report (default 100)")
+    add("--night", type=whole(0), default=20_000, help="pictures of the night (default 20000)")
     options = parser.parse_args(argv)
     browser = find_chromium()
     with own_domain():

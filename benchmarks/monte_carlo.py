@@ -20,7 +20,7 @@ from agents.policy.inference import Policy
 from agents.resolvability.classify import classify
 from benchmarks.measure import layers, report, seconds
 from envs.aircraft import PAPER
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser, run_cli, whole
 from envs.encounters import scenario
 from envs.starts import encounters_of_seed
 from eval.config import MonteCarloConfig
@@ -125,10 +125,10 @@ def _parser() -> Parser:
     add = parser.add_argument
     add("--policy", type=Path, help="policy file (default: the one that ships)")
     what = "encounters of a measurement (default 10000)"
-    add("--encounters", type=int, default=10_000, help=what)
-    add("--repeats", type=int, default=3, help="measurements (default 3)")
+    add("--encounters", type=whole(1), default=10_000, help=what)
+    add("--repeats", type=whole(1), default=3, help="measurements (default 3)")
     what = "processes (default: one for every core)"
-    add("--workers", type=int, default=cores(), help=what)
+    add("--workers", type=whole(1), default=cores(), help=what)
     what = "what computes the decisions (default auto, as in eval.monte_carlo)"
     add("--backend", choices=("auto", "numpy", "jax"), default="auto", help=what)
     return parser

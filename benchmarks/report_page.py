@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.measure import find_chromium, report
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser, run_cli, whole
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -31,7 +31,11 @@ def main(argv: list[str] | None = None) -> None:
     parser = Parser(prog="python -m benchmarks.report_page", description=_DESCRIPTION)
     parser.add_argument("page", type=Path, help="report.html, as eval.report writes it")
     parser.add_argument(
-        "--repeats", type=int, default=5, metavar="N", help="how often it is opened (default 5)"
+        "--repeats",
+        type=whole(1),
+        default=5,
+        metavar="N",
+        help="how often it is opened (default 5)",
     )
     options = parser.parse_args(argv)
     if not options.page.is_file():

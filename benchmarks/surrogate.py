@@ -20,7 +20,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from benchmarks.measure import report, seconds
 from envs import encounters, intruder, kinematics, observation, perception, relative, surrogate
 from envs.aircraft import PAPER
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser, run_cli, whole
 from envs.outcome import RULES
 
 WORLD = surrogate.World(RULES, PAPER)
@@ -149,10 +149,10 @@ def _parser() -> Parser:
     parser = Parser(description=__doc__)
     add = parser.add_argument
     what = "encounters in parallel (default 2048)"
-    add("--environments", type=int, default=2048, help=what)
-    add("--steps", type=int, default=256, help="steps a measurement (default 256)")
-    add("--rows", type=int, default=16, help="rows of the pool of starts (default 16)")
-    add("--repeats", type=int, default=7, help="measurements of each side (default 7)")
+    add("--environments", type=whole(1), default=2048, help=what)
+    add("--steps", type=whole(1), default=256, help="steps a measurement (default 256)")
+    add("--rows", type=whole(1), default=16, help="rows of the pool of starts (default 16)")
+    add("--repeats", type=whole(1), default=7, help="measurements of each side (default 7)")
     return parser
 
 

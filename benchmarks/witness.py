@@ -23,7 +23,7 @@ from agents.resolvability.witness import least_cost
 from benchmarks.measure import report, show
 from envs.aircraft import PAPER
 from envs.angles import wrap
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser, run_cli, whole
 from envs.encounters import Encounter, scenario
 from envs.kinematics import SURROGATE, VehicleState, advance, commands
 from envs.outcome import RULES
@@ -213,9 +213,14 @@ def main() -> None:
     parser = Parser(description=__doc__)
     add = parser.add_argument
     what = "circle encounters in conflict (default 60)"
-    add("--encounters", type=int, default=60, help=what)
-    add("--seed", type=int, default=0, help="seed of the encounters (default 0)")
-    add("--iterations", type=int, default=40, help="iterations of each optimisation (default 40)")
+    add("--encounters", type=whole(1), default=60, help=what)
+    add("--seed", type=whole(0), default=0, help="seed of the encounters (default 0)")
+    add(
+        "--iterations",
+        type=whole(1),
+        default=40,
+        help="iterations of each optimisation (default 40)",
+    )
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     encounters = conflicts(options.encounters, options.seed)

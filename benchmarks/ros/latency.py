@@ -40,7 +40,7 @@ from benchmarks.ros.graph import (
     start,
 )
 from envs.aircraft import PAPER
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser, run_cli, whole
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed
@@ -359,7 +359,9 @@ def time_to_active() -> Start:
 def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument("--calls", type=int, default=1000, help="calls of each kind (default 1000)")
+    parser.add_argument(
+        "--calls", type=whole(1), default=1000, help="calls of each kind (default 1000)"
+    )
     parser.add_argument("--serve-empty", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.serve_empty:

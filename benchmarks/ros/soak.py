@@ -34,7 +34,7 @@ from benchmarks.ros.graph import (
     start,
 )
 from envs.angles import wrap
-from envs.edge.command import Parser, run_cli
+from envs.edge.command import Parser, real, run_cli, whole
 from envs.kinematics import VehicleState
 
 if TYPE_CHECKING:
@@ -188,20 +188,14 @@ class World:
 def main() -> int:
     """Measure and print."""
     parser = Parser(description=__doc__)
-    parser.add_argument(
-        "--requests", type=int, default=10_000, help="requests to plan (default 10000)"
-    )
-    parser.add_argument(
-        "--hours", type=float, default=1.0, help="hours of simulated time (default 1)"
-    )
-    parser.add_argument(
-        "--rate", type=float, default=10.0, help="simulated over real time, at most (default 10)"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the traffic (default 0)")
+    add = parser.add_argument
+    add("--requests", type=whole(100), default=10_000, help="requests to plan (default 10000)")
+    what = "hours of simulated time (default 1)"
+    add("--hours", type=real(0.02, 1_000.0, "h"), default=1.0, help=what)
+    what = "simulated over real time, at most (default 10)"
+    add("--rate", type=real(0.1, 1_000.0), default=10.0, help=what)
+    add("--seed", type=whole(0), default=0, help="seed of the traffic (default 0)")
     options = parser.parse_args()
-    for name, least in (("requests", 100), ("hours", 0.02), ("rate", 0.1)):
-        if not getattr(options, name) >= least:
-            parser.error(f"--{name} is {getattr(options, name)}, expected {least} or more")
     with own_domain():
         found = figures(measure(options))
     show(found)
