@@ -41,7 +41,7 @@ class Processes:
         self.scheduler = self._start(
             "scheduler", "--port", "0", "--scheduler-file", str(self._file), "--no-dashboard"
         )
-        wait_until(self._file.exists)
+        wait_until(lambda: self._file.is_file() and self._file.read_bytes().endswith(b"}"))
         self.address = json.loads(self._file.read_text(encoding="utf-8"))["address"]
 
     def worker(self, *options: str, **environment: str) -> subprocess.Popen[bytes]:
