@@ -309,6 +309,7 @@ def test_intruders_of_the_usual_separation_need_no_share():
     )
 
 
+@pytest.mark.slow
 def test_own_separations_are_seen_alike_by_numpy_jax_and_plain_floats():
     own, others, mask, *goal = states(300)
     share = own_shares(mask)

@@ -205,6 +205,7 @@ def test_the_follower_finds_a_near_intruder_and_a_plan_that_starts_elsewhere(pla
     assert refly(plans.plan_states, elsewhere, OPTIONS.requirement, OPTIONS.limits).astray.all()
 
 
+@pytest.mark.slow
 def test_the_follower_judges_each_intruder_by_its_own_separation(plans: Plans) -> None:
     moved = all_towards_the_intruder(plans)  # to 990 m
     for own, wrong in ((600.0, False), (985.0, False), (1_000.0, True)):

@@ -151,6 +151,7 @@ def commands() -> list[str]:
     return sorted(set(found) - {"agents.check"})  # which is to import nothing of the project
 
 
+@pytest.mark.slow
 def test_without_extras_every_program_has_help_that_names_what_to_install(tmp_path: Path):
     names = {*PACKAGES, "numpy", "safetensors", "sitecustomize"}
     (tmp_path / "sitecustomize.py").write_text(BLOCKER.format(names=names), encoding="utf-8")

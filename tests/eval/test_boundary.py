@@ -192,6 +192,7 @@ def test_the_program_writes_figures_and_answers(tmp_path: Path, capsys: pytest.C
     assert config == BoundaryConfig(slices=((100.0, 0.0, 45.0),), spacing=500.0, grid="coarse")
 
 
+@pytest.mark.slow
 def test_an_interrupted_check_goes_on_from_its_slices(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

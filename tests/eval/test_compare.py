@@ -59,6 +59,7 @@ def make(
     return Comparison(entries, Evaluation(policy_path, scenario(name, PAPER), None, 4, PAPER))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["circle", "noisy"])
 def test_a_policy_flies_here_as_in_the_evaluation(policy_path: Path, name: str) -> None:
     made = make(policy_path, name, ("none",))
@@ -171,6 +172,7 @@ def test_the_command_and_its_files(
         assert (again / name).read_bytes() == (out / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_an_interrupted_comparison_goes_on_from_its_chunks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -518,6 +520,7 @@ def test_a_manoeuvre_is_not_stopped_by_a_loss(starts: Encounter, best: Found) ->
     assert flights.duration.min() > 30.0
 
 
+@pytest.mark.slow
 def test_the_command_says_how_much_longer_than_the_witness(
     tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

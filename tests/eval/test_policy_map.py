@@ -237,6 +237,7 @@ def test_cases_are_different_failures_of_the_groups(count: int, seed: int, wante
         assert chosen
 
 
+@pytest.mark.slow
 def test_a_run_s_failures_are_listed_and_drawn(
     report_run: Path, policy_path: Path, tmp_path: Path
 ) -> None:

@@ -207,6 +207,7 @@ def test_proven_unresolvable_encounters_can_be_left_out(policy) -> None:
     assert np.all(values[excluded] < RULES.separation)
 
 
+@pytest.mark.slow
 def test_files_of_an_estimate(tmp_path: Path, policy_path: Path) -> None:
     out = tmp_path / "rare"
     arguments = ["--policy", str(policy_path), "--mode", "none", "--closer-than", "30", *SMALL]
@@ -262,6 +263,7 @@ def test_the_same_seed_gives_the_same_estimate(tmp_path: Path, policy_path: Path
     assert rates[0] == rates[1] != rates[2]
 
 
+@pytest.mark.slow
 def test_the_configuration_of_an_estimate_repeats_it(tmp_path: Path, policy_path: Path) -> None:
     first, again = tmp_path / "first", tmp_path / "again"
     arguments = ["--policy", str(policy_path), "--mode", "none", "--closer-than", "400"]
@@ -277,6 +279,7 @@ def test_the_configuration_of_an_estimate_repeats_it(tmp_path: Path, policy_path
         assert (first / name).read_bytes() == (again / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_an_interrupted_estimate_goes_on_from_its_repetitions(
     tmp_path: Path, policy_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:

@@ -151,6 +151,7 @@ def test_flights_of_the_true_aircraft_show_wind_and_turbulence(tmp_path: Path) -
     assert (out / "turbulence.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_sweep_flies_the_same_encounters_and_goes_on(tmp_path: Path, policy_path: Path) -> None:
     out = tmp_path / "out"
     asked = ["--vary", "position_std=0,200", "--encounters", "12", "--seed", "3", "--workers", "1"]
@@ -176,6 +177,7 @@ def test_a_sweep_flies_the_same_encounters_and_goes_on(tmp_path: Path, policy_pa
     assert again["sweeps"] == found["sweeps"]
 
 
+@pytest.mark.slow
 def test_the_configuration_of_a_study_repeats_it(tmp_path: Path, policy_path: Path) -> None:
     out, again = tmp_path / "out", tmp_path / "again"
     asked = ["--run", str(make_run(tmp_path / "run")), "--vary", "latency=0,2"]

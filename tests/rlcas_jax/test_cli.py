@@ -259,6 +259,7 @@ def test_a_signal_while_a_training_starts_ends_it_with_130(
     assert "Traceback" not in output
 
 
+@pytest.mark.slow
 def test_one_folder_has_one_training(config: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
     process = start_process("-m", "rlcas_jax.train", "--config", config, "--out", out, "--quiet")

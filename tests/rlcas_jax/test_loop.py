@@ -200,6 +200,7 @@ def test_another_seed_is_another_run_and_the_same_seed_the_same(
     assert figures(tmp_path / "two" / "seed-1") != figures(uninterrupted)
 
 
+@pytest.mark.slow
 def test_what_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(
     config_file: Path, tmp_path: Path
 ) -> None:

@@ -180,6 +180,7 @@ def test_a_short_run_can_be_drawn(tmp_path: Path):
     training_figures([log(tmp_path / "run", updates=1)], tmp_path / "figures")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "drawn"),
     [

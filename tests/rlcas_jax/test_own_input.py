@@ -91,6 +91,7 @@ def test_the_module_of_the_page_is_short():
     assert len(MODULE.splitlines()) <= 40
 
 
+@pytest.mark.slow
 def test_sizes_contract_and_tensors_follow_from_the_table():
     made = content(wake(), NEAREST)
     assert made.metadata["schema"] == EXTENDED_SCHEMA

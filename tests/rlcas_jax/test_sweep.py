@@ -211,6 +211,7 @@ def test_no_combination_of_the_example_is_refused() -> None:
         load(TrainConfig, ROOT / "configs/quick.yaml", overrides(values))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_every_trial_is_shown_with_its_state_and_why_it_was_pruned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -246,6 +247,7 @@ def test_a_sheet_of_many_keys_fits_a_page(tmp_path: Path) -> None:
         assert width <= 1_500 and height <= 1_800, name
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_a_sweep_leaves_its_study_and_the_best_configuration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -385,6 +387,7 @@ sweep.main(sys.argv[1:])
 """
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_a_killed_sweep_goes_on_with_the_killed_trial(tmp_path: Path) -> None:
     program = PROGRAM.format(tests=str(Path(__file__).parent), root=str(ROOT))

@@ -239,6 +239,7 @@ def test_far_aircraft_without_velocity_or_reports_is_excluded_by_name(world: Wor
     assert becomes(world, Code.INVALID_INTRUDER, near).field == "intruder novelo.valid"
 
 
+@pytest.mark.slow
 def test_frozen_ownship_is_refused_until_it_moves(world: World):
     becomes(world, Code.SAFE, lambda _: world.ownship(id="4b1a2c"))
 

@@ -42,6 +42,7 @@ def of_all(encounters: Encounter, separation: float) -> Encounter:
     return encounters._replace(separation=np.full(encounters.mask.shape, separation))
 
 
+@pytest.mark.slow
 def test_the_usual_separation_as_their_own_changes_nothing():
     for family in (CLOSE, CROWDED):
         some = encounters_of_seed(family, 2, 0, 25)
@@ -51,6 +52,7 @@ def test_the_usual_separation_as_their_own_changes_nothing():
             np.testing.assert_array_equal(ours, theirs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("separation", [600.0, 2_000.0])
 def test_one_separation_of_all_is_that_of_the_rules(separation: float):
     some = encounters_of_seed(CLOSE, 2, 0, 40)
@@ -84,6 +86,7 @@ def test_witnesses_keep_every_separation_in_an_independent_simulation(
         check_witness(encounter, flown)
 
 
+@pytest.mark.slow
 def test_nobody_solves_what_is_proven(encounters: Encounter, judged: Resolvability):
     proven = judged.verdict == Verdict.UNRESOLVABLE
     assert proven.sum() >= 8

@@ -203,6 +203,7 @@ print("shown")
 """
 
 
+@pytest.mark.slow
 def test_human_mode_shows_a_window():
     server = shutil.which("Xvfb")
     if server is None:

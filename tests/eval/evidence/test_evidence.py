@@ -262,6 +262,7 @@ def test_no_plan_breaks_its_promise_is_claimed_where_intruders_turn() -> None:
         assert {"safe_plans_broken", "safe_plans_not_promised"} <= {*LISTED.readings[module].keys}
 
 
+@pytest.mark.slow
 def test_an_attack_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
     some, command = (
         (tmp_path / "list.yaml"),
@@ -345,6 +346,7 @@ def test_a_goal_of_the_dossier_is_as_good_as_its_worst_evidence(tmp_path: Path) 
     assert "one 12 of 24" in page and "a &lt; b" in page
 
 
+@pytest.mark.slow
 def test_a_requirement_of_the_dossier_is_as_good_as_its_tests(tmp_path: Path) -> None:
     some, about = (
         small_checkout(tmp_path, CASE.replace(", results: [one]", "")),

@@ -114,6 +114,7 @@ def test_what_comes_first_is_the_outcome() -> None:
     assert (ended.score[[0, 2]] == PAPER.rules().reward_violation).all()
 
 
+@pytest.mark.slow
 def test_breaches_are_counted_and_drawn() -> None:
     flying = pilot()
     table = columns(flying, 0, 2)

@@ -91,6 +91,7 @@ def own_separations() -> Encounter:
     return encounters_of_seed(scenario(OWN, PAPER), 5, 0, 30, heeds=("separation",))
 
 
+@pytest.mark.slow
 def test_safe_plans_keep_the_separation_of_each_intruder(own_separations: Encounter) -> None:
     plans = plan_at_start(own_separations, Policy.load(), PAPER, OPTIONS)
     flown = fly_once(own_separations, plans, PAPER, OPTIONS).flights
@@ -203,6 +204,7 @@ def test_flights_of_plans_are_drawn(tmp_path: Path) -> None:
     assert (out / "trajectories.png").stat().st_size > 20_000
 
 
+@pytest.mark.slow
 def test_a_broken_promise_is_no_excuse(encounters: Encounter, plans: Plans) -> None:
     """Among straight intruders what a plan loses is what it promised to keep."""
     tighter = PAPER._replace(separation=3.0 * PAPER.separation)
@@ -237,6 +239,7 @@ def assured(turning: Encounter, begun: Plans, policy: Policy) -> Assured:
     return fly_assured(turning, begun, policy, PAPER, OPTIONS)
 
 
+@pytest.mark.slow
 def test_more_is_saved_than_by_the_plan_flown_once(
     turning: Encounter, begun: Plans, assured: Assured
 ) -> None:

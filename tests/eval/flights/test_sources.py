@@ -53,6 +53,7 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_model_s_traffic_is_weighted_and_repeatable(model: Path, tmp_path: Path) -> None:
     common = ("--scenario", f"lincoln:{model}")
     summary = fly(tmp_path / "one", *common, "--encounters", "10")

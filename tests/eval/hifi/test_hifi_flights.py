@@ -258,6 +258,7 @@ def test_a_safe_plan_promised_what_an_aircraft_that_leaves_it_loses(
     assert row["promised_min_separation_m"] == pytest.approx(row["min_separation_m"], abs=0.05)
 
 
+@pytest.mark.slow
 def test_no_safe_plan_promised_what_an_intruder_that_turns_costs() -> None:
     turning = campaign("scenario=maneuvering", "planner.margin=30")._replace(vehicle="surrogate")
     rows = [fly(turning, number)[1] for number in range(12)]
@@ -283,6 +284,7 @@ def test_a_start_that_the_aircraft_cannot_fly_is_refused() -> None:
     assert "the plan asks for air speeds of" in row["reason"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "areas"), [("plan", 0), ("assured", 0), ("closed", 0), ("closed", 2)]
 )
@@ -296,6 +298,7 @@ def test_the_usual_separation_of_each_changes_no_row(mode: str, areas: int) -> N
         np.testing.assert_equal(same, row)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["plan", "assured"])
 def test_safe_plans_keep_the_separation_of_each_intruder(mode: str) -> None:
     resolve(SEPARATIONS)
@@ -398,6 +401,7 @@ def test_a_plan_in_an_uncertain_wind_keeps_the_limits_in_every_wind_within_it() 
     assert curves.acceleration.max() <= kept.acceleration_max + 1e-6 < limits.acceleration_max
 
 
+@pytest.mark.slow
 def test_the_assured_loop_keeps_the_limits_in_every_wind_within_its_uncertainty(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

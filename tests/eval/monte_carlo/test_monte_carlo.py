@@ -199,6 +199,7 @@ def test_a_backend_is_chosen_by_what_is_installed_and_flown(
     assert auto.backend_for(shipped, 10_000) == "numpy"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in BASELINES if name != "none"])
 def test_every_baseline_flies_in_the_policy_s_place(
     name: str, tmp_path: Path, policy_path: Path

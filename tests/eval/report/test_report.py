@@ -111,6 +111,7 @@ def test_what_is_no_whole_run_is_refused_with_a_sentence(sentence: str, copy: Pa
     assert sorted(path.name for path in copy.iterdir()) == before  # nothing is left behind
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -214,6 +215,7 @@ def test_the_bands_of_a_flight_are_those_of_its_single_moments(report_run: Path)
     assert np.array_equal(plain.speeds, image.speeds)
 
 
+@pytest.mark.slow
 def test_bands_in_a_wind_are_those_of_the_air_mass(policy_path: Path) -> None:
     # The first moment of an encounter is the same in the air mass of any wind.
     at_start = []
