@@ -80,7 +80,7 @@ def remaining_items(items: Sequence[Item], current: int) -> tuple[Item, ...]:
     return tuple(found)
 
 
-def flown_to(
+def begin_at_target(
     left: tuple[Item, ...], items: Sequence[Item], latitude: int, longitude: int
 ) -> tuple[Item, ...]:
     """Return the waypoints that are left, the first of them where the autopilot flies to, 1e-7

@@ -583,7 +583,7 @@ class Program:
         if not left or own is None:
             raise FieldError("mission", f"is at item {current}, where no waypoint is flown to")
         if not self._control.flies and self._received.target is not None:
-            left = mission.flown_to(left, self._items, *self._received.target)
+            left = mission.begin_at_target(left, self._items, *self._received.target)
         if self._leg is None or self._leg.item != current:
             came_from = mission.before(self._items, current)
             self._leg = _Leg(current, own.place if came_from is None else came_from.place)

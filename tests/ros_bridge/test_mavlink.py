@@ -226,12 +226,12 @@ def test_a_place_that_no_item_has_is_flown_to_instead_of_the_current_item() -> N
     items = tuple(waypoint(number, number) for number in range(1, 4))
     elsewhere = waypoint(9, 7.0)
     at = [round(1e7 * degrees) for degrees in elsewhere.place]
-    assert mission.flown_to(items[1:], items, *at)[0].place == pytest.approx(elsewhere.place)
-    assert mission.flown_to(items[1:], items, *at)[1:] == items[2:]
+    assert mission.begin_at_target(items[1:], items, *at)[0].place == pytest.approx(elsewhere.place)
+    assert mission.begin_at_target(items[1:], items, *at)[1:] == items[2:]
     # The item that has just been passed, or is next, is no news of the mission.
     for one in items:
         at = [round(1e7 * degrees) for degrees in one.place]
-        assert mission.flown_to(items[1:], items, *at) == items[1:]
+        assert mission.begin_at_target(items[1:], items, *at) == items[1:]
 
 
 def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
