@@ -256,10 +256,11 @@ def test_frozen_ownship_is_refused_until_it_moves(world: World):
 
 
 def test_two_aircraft_under_one_id_are_told_apart(world: World):
+    becomes(world, Code.SAFE, lambda _: world.ownship(id="4b1a2c"))
     began = world.client.now()
 
     def both(number: int) -> None:
-        world.ownship(y=500.0, id="4b1a2c", valid=0xE5)
+        world.ownship(id="4b1a2c", valid=0xE5)
         for x, y in ((60_000.0, 0.0), (8_000.0, 8_000.0)):
             flown = 75.0 * (world.client.now() - began) / 1e9
             world.intruder(x - flown, y, math.pi, 75.0, id="shared")
