@@ -170,7 +170,7 @@ JUSTIFIED = {
     "ros_bridge/core/conversions.py": "bounds of what a message may hold",
     "ros_bridge/transport/parameters.py": "ranges and defaults of parameters",
     "ros_bridge/core/tracks.py": "of receivers",
-    "ros_bridge/mavlink/program.py": "ranges of options",
+    "ros_bridge/mavlink/options.py": "ranges of options",
     "ros_bridge/sim/world.py": "seconds of an encounter",
 }
 """Modules that may name the paper's aircraft or its numbers, and why."""

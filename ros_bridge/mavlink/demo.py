@@ -19,7 +19,7 @@ from pathlib import Path
 from envs.edge.command import InputError, Parser, run_cli
 from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, Result, fly, place_of
 from ros_bridge.mavlink.messages import Mode
-from ros_bridge.mavlink.program import check_folder, options_of
+from ros_bridge.mavlink.options import check_folder, options_of
 
 _UNTIL = 160.0  # s
 _STRONGEST = 8.0  # m/s of wind

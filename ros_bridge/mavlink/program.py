@@ -16,60 +16,36 @@ this program or the link dies: docs/howto/mavlink.md.
 
 import argparse
 import math
-import re
 import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any, NamedTuple
 
 from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Cause
-from agents.policy.domain import OutsideDomainError
-from agents.policy.inference import Policy
-from envs.backend import FLOATS
-from envs.edge.command import InputError, Parser, run_cli
+from envs.edge.command import InputError, run_cli
 from envs.edge.files import write_file
 from envs.formats.areas.geodetic import GeodeticArea
-from envs.perception import carry_back
-from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.assurance import to_fly
-from ros_bridge.core.categories import Categories, separations_of
 from ros_bridge.core.conversions import Route
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.planning import rehearse
-from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD, Unknown
-from ros_bridge.core.situation import Situation, to_local
+from ros_bridge.core.situation import Situation
 from ros_bridge.mavlink import messages, mission
 from ros_bridge.mavlink.control import Control, Order, Phase, Seen, step
-from ros_bridge.mavlink.download import Download, accept, due, note_question
 from ros_bridge.mavlink.intake import Reading, Received, forget, take, take_traffic
-from ros_bridge.mavlink.judging import (
-    SPACING,
-    Judgement,
-    Rules,
-    ToFly,
-    rules,
-    supervise,
-    to_follow,
-    watch,
-)
-from ros_bridge.mavlink.link import FENCE, MISSION, Link
+from ros_bridge.mavlink.judging import SPACING, Judgement, Rules, supervise, to_follow, watch
+from ros_bridge.mavlink.link import FENCE, Link
 from ros_bridge.mavlink.mission import Item
+from ros_bridge.mavlink.options import options_of, rules_of
+from ros_bridge.mavlink.pilot import Pilot
 from ros_bridge.mavlink.plan_file import geojson, kml
-from ros_bridge.mavlink.steering import (
-    PERIOD,
-    Air,
-    Command,
-    Follower,
-    command,
-    errors,
-    guide,
-    sense,
-)
+from ros_bridge.mavlink.refresh import Refresh
+from ros_bridge.mavlink.steering import PERIOD
+from ros_bridge.mavlink.texts import Texts
 from ros_bridge.mavlink.vehicle import (
     Vehicle,
     check_flyable,
@@ -77,10 +53,8 @@ from ros_bridge.mavlink.vehicle import (
     own_address,
     vehicle_of,
 )
-from ros_bridge.transport.adsb_receiver import LiveReports, check_source
-
-MARGIN = 25.0
-"""Added to the separation for what the autopilot leaves of its plan, m (docs/howto/mavlink.md)."""
+from ros_bridge.mavlink.view import View
+from ros_bridge.transport.adsb_receiver import LiveReports
 
 STALE = 1.5
 """Age of the own state beyond which nothing is commanded, s."""
@@ -98,27 +72,10 @@ means that the program does not keep up, and for :data:`RECOVERED` no plan is ca
 RECOVERED = 5.0
 """For how long it must have kept up after it has been late, s."""
 
-DOWNLOAD_AGAIN = 5.0
-"""After which mission and fence are downloaded again, in case that they have changed, s."""
-
 _REPORT = 60.0  # s between two lines about the processor, and about a receiver
 _JUDGE = 0.25  # s between two judgements
 _BEAT = 0.5  # s between our heartbeats
-_SPEED = 0.5  # s between two airspeeds
 _RATES_AGAIN = 5.0  # s after which the rates are asked for again where the own state is stale
-_AGAIN = 5.0  # s between two texts of the same kind
-_BANK_MAX = math.radians(50.0)
-_RANGES = {
-    "separation": (10.0, 10_000.0, "m"),
-    "margin": (0.0, 1_000.0, "m"),
-    "vertical_filter": (0.0, 10_000.0, "m"),
-    "unknown_position_std": (0.0, 1_000.0, "m"),
-    "unknown_velocity_std": (0.0, 50.0, "m/s"),
-    "unknown_wind_std": (0.0, 50.0, "m/s"),
-    "wind_std": (0.0, 50.0, "m/s"),
-    "deadline": (0.01, 10.0, "s"),
-    "wait": (1.0, 3_600.0, "s"),
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -136,93 +93,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Return the options of a command line, or raise :class:`InputError`."""
-    options = _parser().parse_args(arguments)
-    for name, (low, high, unit) in _RANGES.items():
-        value = getattr(options, name)
-        if value is not None and not low <= value <= high:
-            called = name.replace("_", "-")
-            raise InputError(f"--{called} is {value:g} {unit}; expected {low:g} to {high:g} {unit}")
-    if not 1 <= options.system <= 255:
-        raise InputError(f"--system is {options.system}; expected 1 to 255")
-    if options.own and not options.adsb:
-        raise InputError("--own goes with --adsb; the autopilot leaves itself out of its traffic")
-    if not re.fullmatch("(?:[0-9a-fA-F]{6})?", options.own):
-        raise InputError(f"--own is {options.own!r}; expected six hexadecimal digits")
-    try:
-        options.adsb = options.adsb and check_source(options.adsb)
-    except ValueError as problem:
-        raise InputError(f"--{problem}") from None
-    options.categories = _categories(
-        options.category_separations, options.category_vertical_separations
-    )
-    if options.seconds is not None and not options.seconds > 0.0:
-        raise InputError(f"--seconds is {options.seconds:g} s; expected more than 0 s")
-    options.policy = _policy(options.policy)
-    _check_outputs(options)
-    return options
-
-
-def _policy(file: str) -> Policy:
-    """Return the policy of a file, for "" the one that ships; InputError: it is none."""
-    try:
-        return load_policy(file)
-    except ValueError as problem:
-        raise InputError(str(problem).replace("policy_file:", "--policy")) from None
-
-
-def check_folder(option: str, file: Path) -> None:
-    """Raise :class:`InputError` where a file of an option would be in a folder that is not there,
-    or is a folder itself.
-    """
-    folder = file.absolute().parent
-    if not folder.is_dir():
-        raise InputError(f"--{option} {file}: there is no folder {folder}")
-    if file.is_dir():
-        raise InputError(f"--{option} {file} is a folder; expected a file")
-
-
-def _check_outputs(options: argparse.Namespace) -> None:
-    """Raise :class:`InputError` where the display or a file could not be had in flight."""
-    for name, file in (("record", options.record), ("plan-file", options.plan_file)):
-        if file is not None:
-            check_folder(name, file)
-    if options.record is not None and options.record.exists():
-        raise InputError(f"--record {options.record} exists already")
-    if options.display is not None:
-        from ros_bridge.mavlink.showing import host_and_port
-
-        host_and_port(options.display)
-
-
-class Steered(NamedTuple):
-    """A period of the follower."""
-
-    time: float  # s
-    cross_track: float  # m
-    along_track: float
-    late: float  # s
-    speed: float  # over the ground, m/s
-    airspeed: float
-    told: Command
-
-
 class Spent(NamedTuple):
     """Time that has passed, and what of it this process has computed, s."""
 
     wall: float
     computed: float
-
-
-class View(NamedTuple):
-    """What the program knows at a moment, for a display or a log beside it."""
-
-    time: int  # ns, on the autopilot's clock
-    received: Received
-    judgement: Judgement
-    control: Control
-    mission: tuple[Item, ...]
 
 
 @dataclass
@@ -231,10 +106,7 @@ class _Last:
 
     beat: float = 0.0  # our heartbeat; ours
     rates: float = 0.0  # the autopilot was asked for its messages; ours
-    download: float = 0.0  # mission and fence; the autopilot's, as all below
-    judgement: float = 0.0
-    steering: float = 0.0
-    airspeed: float = 0.0
+    judgement: float = 0.0  # the autopilot's, as below
     late: float = -math.inf  # it did not keep up
 
 
@@ -243,13 +115,6 @@ class _Leg(NamedTuple):
 
     item: int  # that it leads to
     began: tuple[float, float]  # latitude and longitude, degrees
-
-
-class _Followed(NamedTuple):
-    """A plan or backup that is flown."""
-
-    what: ToFly
-    follower: Follower
 
 
 class _Autopilot(NamedTuple):
@@ -275,38 +140,30 @@ class Program:
     """The program between messages: what is known, judged and flown.
 
     Attributes:
-        steered: the last periods of the follower.
+        pilot: what the autopilot is told while it is flown.
         planned: what the last plans took from their request.
         viewers: called after each judgement, in the program's own thread: they must not wait.
     """
 
     def __init__(self, link: Link, options: argparse.Namespace) -> None:
         self._link, self._options, self._fly = link, options, bool(options.fly)
-        self._out: TextIO | None = None if options.quiet else sys.stdout
-        self.steered: deque[Steered] = deque(maxlen=20_000)
+        self._texts = Texts(link, None if options.quiet else sys.stdout)
         self.planned: deque[Spent] = deque(maxlen=20_000)
         self.viewers: list[Callable[[View], object]] = []
         self._open = ExitStack()
         self._last = _Last()
-        self._told: dict[str, float] = {}
         self._causes: set[Cause] = set()
         self._remarked: set[str] = set()
-        self._downloads: dict[int, Download] = {}
+        self._refresh = Refresh(link)
         self._leg: _Leg | None = None
-        self._followed: _Followed | None = None
-        self._air = Air()
         self._moved = False  # whether a new place has come
-        self._targets: set[tuple[int, int]] = set()  # that it has been sent to, 1e-7 degrees
-        self._reached_ours = False  # whether one of them has been its target in GUIDED
-        self._left_at: int | None = None  # item at which GUIDED has left the mission
-        self._asked_for: int | None = None  # item at which we have asked AUTO to go on
-        self._replaced = False  # whether there is another mission since then
         self._live: LiveReports | None = None
 
         found = _question(link, options)
-        fence = _fence(found.corners, options.margin)
+        fence = _areas(found.corners, options.margin)
         self._vehicle, self._corners, self._items = found.vehicle, found.corners, found.mission
-        self._rules = _rules(self._vehicle, options)
+        self._rules = rules_of(options, self._vehicle)
+        self.pilot = Pilot(link, self._texts, self._vehicle)
         above_sea = options.traffic_altitude == "msl"
         self._reading = Reading({0: "msl", 1: "msl"} if above_sea else {})
         self._received = Received(Situation(fixed_areas=fence), parameters=found.parameters)
@@ -322,14 +179,14 @@ class Program:
 
     def _introduce(self, found: _Autopilot, areas: int) -> None:
         """Log what the autopilot has answered, and what follows from it."""
-        link = self._link
-        self.log(f"autopilot {link.system}/{link.component}, mission of {len(self._items)} items")
-        self.log(f"fence of {areas} areas")
+        link, log = self._link, self._texts.log
+        log(f"autopilot {link.system}/{link.component}, mission of {len(self._items)} items")
+        log(f"fence of {areas} areas")
         for note in found.vehicle.notes:
-            self.log(note)
+            log(note)
         if self._fly:
             for note in failsafe_notes(found.parameters, self._options.system):
-                self.log(f"warning: {note}")
+                log(f"warning: {note}")
 
     def show(self) -> None:
         """Serve the display, and write the recording, that the options ask for, until the program
@@ -339,14 +196,14 @@ class Program:
         if file is not None:
             from ros_bridge.mavlink.showing import Recording, Showing
 
-            recording = self._open.enter_context(Recording(file, self.log))
+            recording = self._open.enter_context(Recording(file, self._texts.log))
             self.viewers.append(Showing(self._rules, recording.feed))
         if address is None:
             return
         from ros_bridge.mavlink.showing import show
 
         name = f"MAVLink {self._options.connect}"
-        showing, beside = show(address, name, self._rules, lambda: self.view.time, self.log)
+        showing, beside = show(address, name, self._rules, lambda: self.view.time, self._texts.log)
         self.viewers.append(showing)
         self._open.enter_context(beside)
         print(f"display: http://{address.rpartition(':')[0]}:{beside.port}/", flush=True)
@@ -359,7 +216,7 @@ class Program:
     def _listen(self, source: str, own: str) -> LiveReports:
         """Return a receiver beside the autopilot's own, to which is listened."""
         left_out = f"without {own}, the ownship" if own else "the ownship's address is unknown"
-        self.log(f"traffic of {source} too, {left_out}")
+        self._texts.log(f"traffic of {source} too, {left_out}")
         live = LiveReports(source, own, lambda: self._link.clock.now(time.monotonic()))
         live.start()
         self._open.callback(live.stop)
@@ -387,9 +244,9 @@ class Program:
             self.turn()
             spent = _clocks()
             if spent.wall - reported.wall > _REPORT:
-                self.log(self._load(reported, spent))
+                self._texts.log(self._load(reported, spent))
                 reported = spent
-        self.log(self._load(began, _clocks()))
+        self._texts.log(self._load(began, _clocks()))
 
     def _load(self, before: Spent, after: Spent) -> str:
         share = (after.computed - before.computed) / max(after.wall - before.wall, 1e-9)
@@ -411,14 +268,14 @@ class Program:
             self._last.rates = ours
             if self._received.situation.own.age(now) > STALE:
                 self._link.ask_rates()  # it was lost, or the autopilot has begun anew
-        self._ask(now / SECOND)
+        self._refresh.ask(now / SECOND)
         since = now / SECOND - self._last.judgement
         if now and not 0.0 <= since < _JUDGE:
             if self._last.judgement:
                 self._keep_pace(since, now)
             self._last.judgement = now / SECOND
             self._judge(now)
-        elif self._moved and not 0.0 <= now / SECOND - self._last.steering < 0.9 * PERIOD:
+        elif self._moved and not 0.0 <= now / SECOND - self.pilot.steered_at < 0.9 * PERIOD:
             self._control_step(now)
         self._moved = False
 
@@ -428,31 +285,17 @@ class Program:
         self._received = take(before, message, now, self._reading)
         if kind == "PARAM_VALUE" and message.param_id == "AVD_ENABLE" and message.param_value:
             self._refuse("AVD_ENABLE was set: the autopilot's own avoidance is on")
-        if kind == "MISSION_CURRENT":
-            self._note_current(before.current, now)
+        if kind == "MISSION_CURRENT" and self._control.phase is Phase.GUIDING:
+            self.pilot.note_current(before.current, self._received.current, now)
         if kind == "HEARTBEAT" and before.heartbeat != self._received.heartbeat:
             assert self._received.heartbeat is not None
-            self.log(f"mode {self._received.heartbeat.mode_name}", now)
+            self._texts.log(f"mode {self._received.heartbeat.mode_name}", now)
             self._control_step(now)
         self._moved = self._moved or kind == "GLOBAL_POSITION_INT"
         if kind in ("MISSION_COUNT", "MISSION_ITEM_INT"):
             self._accept(message, now)
         if kind == "MISSION_ACK" and message.type:
-            # What was asked for is not there any more: it is downloaded anew when that is due.
-            self._downloads.pop(message.mission_type, None)
-
-    def _note_current(self, before: int, now: int) -> None:
-        """Note at which item GUIDED has left the mission, and say which one somebody else sets
-        meanwhile: the autopilot itself sets none.
-        """
-        if self._control.phase is not Phase.GUIDING:
-            return
-        current = self._received.current
-        if self._left_at is None:
-            self._left_at = current
-        elif current not in (before, self._left_at):
-            what = f"item {current} set by others"
-            self._tell(what, f"{what}: AUTO goes on there", now, send=True)
+            self._refresh.drop(message.mission_type)
 
     def _take_live(self, live: LiveReports) -> None:
         """Take in the traffic of a receiver beside the autopilot's own."""
@@ -460,7 +303,7 @@ class Program:
         for found, now in live.take():
             seen = found.sighting
             if seen is None:
-                self._tell("adsb message", f"{found}", now, send=False)
+                self._texts.tell("adsb message", f"{found}", now, send=False)
             else:
                 name = seen.identifier
                 self._received = take_traffic(self._received, name, found, now, self._reading)
@@ -468,8 +311,8 @@ class Program:
     def _refuse(self, why: str) -> None:
         if self._fly:
             self._fly = False
-            self.log(f"{why}; nothing is taken over any more")
-            self._link.say("RLCAS: off, AVD_ENABLE is set")
+            self._texts.log(f"{why}; nothing is taken over any more")
+            self._texts.send("off, AVD_ENABLE is set")
 
     def _keep_pace(self, since: float, now: int) -> None:
         """Note, and say, where so many seconds have passed unseen; what is flown goes on, but is
@@ -482,7 +325,7 @@ class Program:
         text = f"late by {since:.1f} s, separation not assured"
         wall, computed = self._spent.wall - before.wall, self._spent.computed - before.computed
         more = f"{computed:.2f} s of processor time in {wall:.2f} s"
-        self._tell("late", text, now, send=True, more=more)
+        self._texts.tell("late", text, now, send=True, more=more)
 
     # Judging.
 
@@ -490,13 +333,13 @@ class Program:
         self._received = forget(self._received, now)
         problem = "" if self._live is None else self._live.take_problem()
         if problem:
-            self._tell("adsb", problem, now, send=True, again=_REPORT)
+            self._texts.tell("adsb", problem, now, send=True, again=_REPORT)
         phase = self._control.phase
         try:
             route = self._route()
         except FieldError as error:
             route = None
-            self._tell("mission", f"{error}", now, send=False)
+            self._texts.tell("mission", f"{error}", now, send=False)
         before, began = self._judgement, _clocks()
         situation = self._received.situation
         if route is not None and phase in (Phase.TAKING, Phase.GUIDING):
@@ -520,35 +363,16 @@ class Program:
 
     # Missions and fences that change.
 
-    def _ask(self, now: float) -> None:
-        """Ask for what is missing of a download, and for mission and fence every now and then."""
-        if not 0.0 <= now - self._last.download < DOWNLOAD_AGAIN and now:
-            self._last.download = now
-            for kind in (MISSION, FENCE):
-                self._downloads.setdefault(kind, Download(kind))
-        for kind, download in self._downloads.items():
-            if due(download, now):
-                number = None if download.count is None else len(download.items)
-                self._link.ask_item(kind, number)
-                self._downloads[kind] = note_question(download, now)
-
     def _accept(self, message: Any, now: int) -> None:
         """Take in an item; what cannot be read leaves what is there."""
-        kind = getattr(message, "mission_type", MISSION)
-        if kind not in self._downloads:
-            return
         try:
-            download = self._downloads[kind] = accept(self._downloads[kind], message)
-            if not download.done:
-                return
-            if kind == FENCE:
-                self._change_fence(download.items, now)
-            else:
-                self._change_mission(download.items, now)
+            whole = self._refresh.take(message)
+            if whole is not None and whole.kind == FENCE:
+                self._change_fence(whole.items, now)
+            elif whole is not None:
+                self._change_mission(whole.items, now)
         except (FieldError, InputError) as problem:
-            self._tell(f"download {kind}", f"{problem}", now, send=True)
-        del self._downloads[kind]
-        self._link.thank(kind)
+            self._texts.tell("download", f"{problem}", now, send=True)
 
     def _change_mission(self, items: tuple[Item, ...], now: int) -> None:
         """Take over another mission; while a plan is flown, only note that there is one."""
@@ -556,18 +380,18 @@ class Program:
             return
         if not self._control.flies:
             self._items, self._leg = items, None
-            self.log(f"the mission has changed: {len(items)} items", now)
-        elif not self._replaced:
-            self._replaced = True
-            self._tell("mission", "mission changed by others: AUTO flies it", now, send=True)
+            self._texts.log(f"the mission has changed: {len(items)} items", now)
+        elif not self.pilot.replaced:
+            self.pilot.replaced = True
+            self._texts.tell("mission", "mission changed by others: AUTO flies it", now, send=True)
 
     def _change_fence(self, corners: tuple[Item, ...], now: int) -> None:
         if corners != self._corners:
-            fence = _fence(corners, self._options.margin)
+            fence = _areas(corners, self._options.margin)
             self._corners = corners
             situation = replace(self._received.situation, fixed_areas=fence)
             self._received = replace(self._received, situation=situation)
-            self._tell("fence", f"fence has changed: {len(fence)} areas", now, send=True)
+            self._texts.tell("fence", f"fence has changed: {len(fence)} areas", now, send=True)
 
     @property
     def _mode(self) -> int:
@@ -577,7 +401,8 @@ class Program:
         """Return the mission from the current item on, its first leg from where it began; while a
         plan is flown, from the item that it has left.
         """
-        current = self._received.current if self._left_at is None else self._left_at
+        left_at = self.pilot.left_at
+        current = self._received.current if left_at is None else left_at
         own = self._received.situation.own.last
         left = mission.remaining_items(self._items, current)
         if not left or own is None:
@@ -595,7 +420,7 @@ class Program:
         done = _clocks()
         took = Spent(done.wall - began.wall, done.computed - began.computed)
         self.planned.append(took)
-        self._tell("time", f"planned within {1e3 * took.wall:.0f} ms", now, send=False)
+        self._texts.tell("time", f"planned within {1e3 * took.wall:.0f} ms", now, send=False)
 
     def _explain(self, now: int) -> None:
         """Log why the monitor is not content, where that changes."""
@@ -605,10 +430,11 @@ class Program:
         if causes != self._causes:
             self._causes = causes
             state = "" if verdict is None else verdict.state.name
-            self.log(f"{state}: {'; '.join(why.message for why in reasons) or 'no remark'}", now)
+            why = "; ".join(one.message for one in reasons) or "no remark"
+            self._texts.log(f"{state}: {why}", now)
         problem = self._judgement.problem
         if problem:
-            self._tell(
+            self._texts.tell(
                 f"replan {'' if verdict is None else verdict.state.name}",
                 f"no plan: {problem}",
                 now,
@@ -620,12 +446,12 @@ class Program:
         for remark in self._judgement.remarks:
             if remark not in self._remarked:
                 self._remarked.add(remark)
-                self.log(remark, now)
+                self._texts.log(remark, now)
 
     def _advise(self, now: int) -> None:
         found, answer = self._judgement.conflict, self._judgement.plan
         if self._judgement.problem:
-            self._tell("problem", self._judgement.problem, now, send=True)
+            self._texts.tell("problem", self._judgement.problem, now, send=True)
         if found is None or answer is None:
             return
         safe = self._safe(now)
@@ -634,12 +460,12 @@ class Program:
         if not safe:
             reasons = "; ".join(reason.message for reason in answer.reasons)
             more = reasons or "the program has been late"
-            self._tell(kind, f"{text}no plan is safe", now, send=True, more=more)
+            self._texts.tell(kind, f"{text}no plan is safe", now, send=True, more=more)
             return
         first = answer.waypoints[0]
         turn = f"{math.degrees(0.5 * math.pi - first.heading) % 360.0:.0f} deg"
         text += f"plan by {turn}, {first.speed:.0f} m/s"
-        if self._tell(kind, text, now, send=True, more=f"rejoins {answer.goal_index}"):
+        if self._texts.tell(kind, text, now, send=True, more=f"rejoins {answer.goal_index}"):
             self._write_plan()
 
     def _write_plan(self) -> None:
@@ -650,7 +476,7 @@ class Program:
         try:
             write_file(file, (kml if file.suffix == ".kml" else geojson)(held))
         except OSError as error:
-            self.log(f"{file}: cannot be written: {error}")
+            self._texts.log(f"{file}: cannot be written: {error}")
 
     # Flying.
 
@@ -660,15 +486,14 @@ class Program:
         done = step(self._control, seen, fly=self._fly)
         self._control = done.control
         if done.text:
-            self.log(done.text, now)
-            self._link.say(f"RLCAS: {done.text}")
+            self._texts.log(done.text, now)
+            self._texts.send(done.text)
         if was is not self._control.phase:
-            self.log(f"{was.value} -> {self._control.phase.value}", now)
+            self._texts.log(f"{was.value} -> {self._control.phase.value}", now)
             if not self._control.flies:
-                self._left_at = self._asked_for = None
-                self._replaced, self._last.download = False, -math.inf
+                self.pilot.release()
+                self._refresh.hasten()
             if self._control.phase is Phase.WATCHING:
-                self._targets.clear()
                 self._received = replace(self._received, target=None)  # it was ours
                 revision = self._judgement.revision
                 supervision = replace(self._rules.begin(), revision=revision)
@@ -676,7 +501,7 @@ class Program:
         for order in done.orders:
             self._obey(order, now, before)
         if self._control.phase is Phase.GUIDING and not seen.fresh:
-            self._tell("stale", "own state cannot be used, nothing commanded", now, send=True)
+            self._texts.tell("stale", "own state cannot be used, nothing commanded", now, send=True)
 
     def _make_seen(self, now: int) -> Seen:
         judged, received = self._judgement, self._received
@@ -685,6 +510,7 @@ class Program:
         rejoin = judged.rejoin
         on_plan = to_fly(judged.supervision) is FlyMode.PLAN
         watching = self._control.phase is Phase.WATCHING
+        guiding = self._control.phase is Phase.GUIDING
         return Seen(
             time=now / SECOND,
             mode=self._mode,
@@ -693,7 +519,7 @@ class Program:
             conflict=judged.conflict is not None and judged.conflict.time <= self._rules.engage,
             flyable=self._safe(now) if watching else to_follow(judged) is not None,
             rejoined=on_plan and rejoin is not None and now >= rejoin.time,
-            diverted=self._is_diverted(),
+            diverted=guiding and self.pilot.is_diverted(received.target),
         )
 
     def _safe(self, now: int) -> bool:
@@ -701,96 +527,15 @@ class Program:
         return self._judgement.safe and now / SECOND - self._last.late > RECOVERED
 
     def _obey(self, order: Order, now: int, before: Control) -> None:
+        judged, received = self._judgement, self._received
         if order is Order.TAKE_OVER:
-            self._take_over()
+            self.pilot.take_over(judged.supervision.held, received.situation.own.last)
         elif order is Order.STEER:
-            self._steer(now)
+            self.pilot.steer(judged, received, now)
         elif order is Order.GIVE_BACK:
-            self._give_back()
+            self.pilot.give_back(received.current, judged.rejoin, self._items)
         elif before.restore is not None:
             self._link.set_mode(before.restore)
-
-    def _take_over(self) -> None:
-        held = self._judgement.supervision.held
-        own = self._received.situation.own.last
-        if held is None or own is None or own.altitude is None:
-            return
-        point = held.points[-1]
-        target = messages.target(point.latitude, point.longitude, own.altitude)
-        self._targets.add((target.latitude, target.longitude))
-        self._link.reposition(target)
-
-    def _give_back(self) -> None:
-        """Ask for AUTO, at the item after the rejoin point unless somebody else has set one."""
-        current, rejoin = self._received.current, self._judgement.rejoin
-        ours = self._left_at is None or current in (self._left_at, self._asked_for)
-        if ours and not self._replaced and rejoin is not None and rejoin.point is not None:
-            self._asked_for = mission.item_after_rejoin(rejoin.point, self._items)
-            self._link.set_current(self._asked_for)
-        self._link.set_mode(messages.Mode.AUTO)
-
-    def _is_diverted(self) -> bool:
-        """Return whether the autopilot has had our target in GUIDED, and now has another one."""
-        if self._control.phase is not Phase.GUIDING:
-            self._reached_ours = False
-            return False
-        ours = self._received.target in self._targets
-        self._reached_ours = self._reached_ours or ours
-        return self._reached_ours and not ours
-
-    def _steer(self, now: int) -> None:
-        """Command roll and airspeed of what is to be flown."""
-        wanted, report = to_follow(self._judgement), self._received.situation.own.last
-        if wanted is None or report is None:
-            return
-        follower = self._follow(wanted, now)
-        age = (now - report.time) / SECOND
-        state = carry_back(to_local(wanted.frame, report), -age, FLOATS)
-        clock = (now - wanted.began) / SECOND
-        speeds = self._vehicle.airspeed_min, self._vehicle.airspeed_max
-        airspeed = self._received.airspeed
-        self._air = sense(self._air, state, report.wind, airspeed)
-        told = command(follower, state, clock, self._air, speeds, _BANK_MAX)
-        self._last.steering = seconds = now / SECOND
-        off = errors(follower, state, clock)
-        self.steered.append(Steered(seconds, *off, state.speed, airspeed or math.nan, told))
-        with_speed = not 0.0 <= seconds - self._last.airspeed < _SPEED
-        if with_speed:
-            self._last.airspeed = seconds
-        self._link.steer(told, now // 1_000_000, speed=with_speed)
-
-    def _follow(self, wanted: ToFly, now: int) -> Follower:
-        """Return the follower of what is to be flown, a new one where that is another."""
-        if self._followed is None or self._followed.what.key != wanted.key:
-            follower = guide(wanted.own, wanted.waypoints, wanted.wind)
-            self._followed = _Followed(wanted, follower)
-            self.log(f"flying {wanted.key[0]} {wanted.key[1]}", now)
-        return self._followed.follower
-
-    # Texts.
-
-    def _tell(
-        self, kind: str, text: str, now: int, *, send: bool, more: str = "", again: float = _AGAIN
-    ) -> bool:
-        """Log a text, and send it, unless one of its kind has just been; return whether it has."""
-        seconds = now / SECOND
-        if 0.0 <= seconds - self._told.get(kind, -math.inf) < again:
-            return False
-        self._told[kind] = seconds
-        self.log(f"{text} ({more})" if more else text, now)
-        if send:
-            self._link.say(f"RLCAS: {text}")
-        return True
-
-    def log(self, text: str, now: int | None = None) -> None:
-        """Write a line; where it cannot be written, as on a full disk, nothing stops for it."""
-        if self._out is None:
-            return
-        moment = "" if now is None else f"{now / SECOND:8.2f} "
-        try:
-            print(f"{moment}{text}", file=self._out, flush=True)
-        except OSError:
-            self._out = None
 
 
 def _clocks() -> Spent:
@@ -798,113 +543,11 @@ def _clocks() -> Spent:
     return Spent(time.monotonic(), time.process_time())
 
 
-def _fence(corners: Sequence[Item], clearance: float) -> tuple[GeodeticArea, ...]:
+def _areas(corners: Sequence[Item], clearance: float) -> tuple[GeodeticArea, ...]:
     try:
         return mission.fence(corners, clearance)
     except FieldError as error:
         raise InputError(f"the autopilot's fence: {error}") from None
-
-
-def _rules(vehicle: Vehicle, options: argparse.Namespace) -> Rules:
-    try:
-        policy = options.policy.for_aircraft(vehicle.aircraft)
-    except OutsideDomainError as problem:
-        raise InputError(
-            f"--separation {options.separation:g} m with the autopilot's parameters: {problem}"
-        ) from None
-    fastest, wind = vehicle.aircraft.limits.speed_max, options.unknown_wind_std
-    unknown = Unknown(
-        options.unknown_position_std,
-        options.unknown_velocity_std,
-        UNKNOWN_WIND_STD * fastest if wind is None else wind,
-    )
-    return rules(
-        vehicle.aircraft,
-        policy,
-        margin=options.margin,
-        vertical=options.vertical_filter,
-        unknown=unknown,
-        wind_std=WIND_STD * fastest if options.wind_std is None else options.wind_std,
-        deadline=options.deadline,
-        categories=options.categories,
-    )
-
-
-def _categories(separations: str, vertical: str) -> Categories:
-    try:
-        return Categories(
-            separations_of("--category-separations", separations),
-            separations_of("--category-vertical-separations", vertical),
-        )
-    except ValueError as problem:
-        raise InputError(str(problem)) from None
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="python -m ros_bridge.mavlink", description=__doc__)
-    add = parser.add_argument
-    add(
-        "--connect",
-        required=True,
-        metavar="ADDRESS",
-        help="udp:HOST:PORT (listens), udpout:HOST:PORT, tcp:HOST:PORT or a serial port",
-    )
-    add("--baud", type=int, default=57_600, help="speed of a serial port, baud (default 57600)")
-    add("--system", type=int, default=245, help="our number, 1 to 255 (default 245)")
-    add("--fly", action="store_true", help="take over in GUIDED while a conflict lasts")
-    numbers = (
-        ("separation", 610.0, "kept from traffic, m"),
-        ("margin", MARGIN, "added for the distance of flights from their plans, m"),
-        ("vertical-filter", 600.0, "traffic farther above or below does not count, m"),
-        ("unknown-position-std", USUAL.position_std, "one sigma of positions without one, m"),
-        ("unknown-velocity-std", USUAL.velocity_std, "one sigma of velocities without one, m/s"),
-        ("deadline", 0.2, "computation in which a plan must be found, s"),
-        ("wait", 30.0, "time to wait for the first heartbeat, s"),
-    )
-    for name, default, what in numbers:
-        add(f"--{name}", type=float, default=default, help=f"{what} (default {default:g})")
-    for name, what in (
-        ("category-separations", "separations from aircraft of emitter categories, m"),
-        ("category-vertical-separations", "vertical filters likewise"),
-    ):
-        text = f"{what}, such as A5:2000,B6:300 (default: the same from all)"
-        add(f"--{name}", default="", metavar="LIST", help=text)
-    for name, share, what in (
-        ("wind-std", WIND_STD, "the wind that the autopilot sends"),
-        ("unknown-wind-std", UNKNOWN_WIND_STD, "a wind that it does not send, about calm"),
-    ):
-        usual = f"default {share:g} of the highest speed"
-        add(f"--{name}", type=float, help=f"one sigma of {what}, m/s ({usual})")
-    add(
-        "--traffic-altitude",
-        choices=("unknown", "msl"),
-        default="unknown",
-        help="what altitudes of ADS-B are above (default unknown: every aircraft counts)",
-    )
-    add("--adsb", default="", metavar="URL", help="live receiver, tcp://HOST:30003 or http://...")
-    own = "address of the ownship among its aircraft (default: the autopilot's ADSB_ICAO_ID)"
-    add("--own", default="", metavar="HEX", help=own)
-    add("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")
-    plan_file = "write the plan that is advised or flown: KML where it ends in .kml, or GeoJSON"
-    add("--plan-file", type=Path, metavar="FILE", help=plan_file)
-    add(
-        "--display",
-        nargs="?",
-        const="127.0.0.1:8642",
-        metavar="HOST:PORT",
-        help="serve a traffic display for the browser (default address 127.0.0.1:8642)",
-    )
-    add(
-        "--record",
-        type=Path,
-        metavar="FILE.mcap",
-        help="record what the display shows (default: no recording)",
-    )
-    add("--seconds", type=float, help="end after this time, s (default: never)")
-    add("--quiet", action="store_true", help="print nothing")
-    simulated = "the autopilot is a simulation, whose time may run faster than real time"
-    add("--simulated", action="store_true", help=simulated)
-    return parser
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from ros_bridge.display.server import Board
 from ros_bridge.mavlink import mission
 from ros_bridge.mavlink.control import Phase
 from ros_bridge.mavlink.judging import Rules
-from ros_bridge.mavlink.program import View
+from ros_bridge.mavlink.view import View
 
 __all__ = ["Recording", "Showing", "show"]
 

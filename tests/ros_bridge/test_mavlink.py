@@ -34,7 +34,8 @@ from ros_bridge.mavlink.judging import Judgement, rules, watch
 from ros_bridge.mavlink.link import Clock, Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.mission import SUB, Item
-from ros_bridge.mavlink.program import main, options_of
+from ros_bridge.mavlink.options import options_of
+from ros_bridge.mavlink.program import main
 from ros_bridge.mavlink.sitl import Sitl
 
 READING = Reading({})
@@ -370,9 +371,25 @@ def test_names_of_older_autopilots_are_read() -> None:
 def test_what_keeps_the_failsafe_from_going_on_with_the_mission_is_said(
     changes: dict[str, float], said: str
 ) -> None:
-    safe = {"FS_GCS_ENABL": 1.0, "MAV_GCS_SYSID": 245.0, "FS_LONG_ACTN": 4.0}
+    safe = {"FS_GCS_ENABL": 1.0, "MAV_GCS_SYSID": 245.0, "FS_LONG_ACTN": 4.0, "MIS_RESTART": 0.0}
     assert said in " ".join(vehicle.failsafe_notes(safe | changes, 245))
     assert bool(vehicle.failsafe_notes(safe | changes, 245)) == bool(changes)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("MAV_GCS_SYSID", "stays in GUIDED"), ("MIS_RESTART", "begins anew")],
+)
+def test_an_unknown_setting_of_the_failsafe_is_taken_for_the_worse(name: str, said: str):
+    settings = {
+        "FS_GCS_ENABL": 1.0,
+        "MAV_GCS_SYSID": 255.0,
+        "FS_LONG_ACTN": 1.0,
+        "MIS_RESTART": 0.0,
+    }
+    assert not vehicle.failsafe_notes(settings, 255)
+    del settings[name]
+    assert said in " ".join(vehicle.failsafe_notes(settings, 255))
 
 
 def test_both_avoidances_at_once_are_refused() -> None:

@@ -31,10 +31,11 @@ from ros_bridge.mavlink.control import Control
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.judging import Judgement, Rules, rules, watch
 from ros_bridge.mavlink.mission import Item
+from ros_bridge.mavlink.options import options_of
 from ros_bridge.mavlink.plan_file import geojson, kml
-from ros_bridge.mavlink.program import View, options_of
 from ros_bridge.mavlink.showing import Showing, show
 from ros_bridge.mavlink.vehicle import vehicle_of
+from ros_bridge.mavlink.view import View
 from tests.ros_bridge.test_mavlink import PARAMETERS
 
 HOME = LocalFrame(47.4, 8.5)

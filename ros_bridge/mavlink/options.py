@@ -1,0 +1,196 @@
+"""The command line of ``python -m ros_bridge.mavlink``, and the rules that follow from it."""
+
+import argparse
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from agents.policy.domain import OutsideDomainError
+from agents.policy.inference import Policy
+from envs.edge.command import InputError, Parser
+from ros_bridge.core.aircraft import load_policy
+from ros_bridge.core.categories import Categories, separations_of
+from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD, Unknown
+from ros_bridge.mavlink.judging import Rules, rules
+from ros_bridge.mavlink.vehicle import Vehicle
+from ros_bridge.transport.adsb_receiver import check_source
+
+MARGIN = 25.0
+"""Added to the separation for what the autopilot leaves of its plan, m (docs/howto/mavlink.md)."""
+
+_RANGES = {
+    "separation": (10.0, 10_000.0, "m"),
+    "margin": (0.0, 1_000.0, "m"),
+    "vertical_filter": (0.0, 10_000.0, "m"),
+    "unknown_position_std": (0.0, 1_000.0, "m"),
+    "unknown_velocity_std": (0.0, 50.0, "m/s"),
+    "unknown_wind_std": (0.0, 50.0, "m/s"),
+    "wind_std": (0.0, 50.0, "m/s"),
+    "deadline": (0.01, 10.0, "s"),
+    "wait": (1.0, 3_600.0, "s"),
+}
+
+
+def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return the options of a command line, or raise :class:`InputError`."""
+    options = _parser().parse_args(arguments)
+    for name, (low, high, unit) in _RANGES.items():
+        value = getattr(options, name)
+        if value is not None and not low <= value <= high:
+            called = name.replace("_", "-")
+            raise InputError(f"--{called} is {value:g} {unit}; expected {low:g} to {high:g} {unit}")
+    if not 1 <= options.system <= 255:
+        raise InputError(f"--system is {options.system}; expected 1 to 255")
+    if options.own and not options.adsb:
+        raise InputError("--own goes with --adsb; the autopilot leaves itself out of its traffic")
+    if not re.fullmatch("(?:[0-9a-fA-F]{6})?", options.own):
+        raise InputError(f"--own is {options.own!r}; expected six hexadecimal digits")
+    try:
+        options.adsb = options.adsb and check_source(options.adsb)
+    except ValueError as problem:
+        raise InputError(f"--{problem}") from None
+    options.categories = _categories(
+        options.category_separations, options.category_vertical_separations
+    )
+    if options.seconds is not None and not options.seconds > 0.0:
+        raise InputError(f"--seconds is {options.seconds:g} s; expected more than 0 s")
+    options.policy = _policy(options.policy)
+    _check_outputs(options)
+    return options
+
+
+def check_folder(option: str, file: Path) -> None:
+    """Raise :class:`InputError` where a file of an option would be in a folder that is not there,
+    or is a folder itself.
+    """
+    folder = file.absolute().parent
+    if not folder.is_dir():
+        raise InputError(f"--{option} {file}: there is no folder {folder}")
+    if file.is_dir():
+        raise InputError(f"--{option} {file} is a folder; expected a file")
+
+
+def rules_of(options: argparse.Namespace, vehicle: Vehicle) -> Rules:
+    """Return how an autopilot's aircraft is watched and planned for, or raise :class:`InputError`
+    where the policy is for no such aircraft.
+    """
+    try:
+        policy = options.policy.for_aircraft(vehicle.aircraft)
+    except OutsideDomainError as problem:
+        raise InputError(
+            f"--separation {options.separation:g} m with the autopilot's parameters: {problem}"
+        ) from None
+    fastest, wind = vehicle.aircraft.limits.speed_max, options.unknown_wind_std
+    unknown = Unknown(
+        options.unknown_position_std,
+        options.unknown_velocity_std,
+        UNKNOWN_WIND_STD * fastest if wind is None else wind,
+    )
+    return rules(
+        vehicle.aircraft,
+        policy,
+        margin=options.margin,
+        vertical=options.vertical_filter,
+        unknown=unknown,
+        wind_std=WIND_STD * fastest if options.wind_std is None else options.wind_std,
+        deadline=options.deadline,
+        categories=options.categories,
+    )
+
+
+def _policy(file: str) -> Policy:
+    """Return the policy of a file, for "" the one that ships; InputError: it is none."""
+    try:
+        return load_policy(file)
+    except ValueError as problem:
+        raise InputError(str(problem).replace("policy_file:", "--policy")) from None
+
+
+def _check_outputs(options: argparse.Namespace) -> None:
+    """Raise :class:`InputError` where the display or a file could not be had in flight."""
+    for name, file in (("record", options.record), ("plan-file", options.plan_file)):
+        if file is not None:
+            check_folder(name, file)
+    if options.record is not None and options.record.exists():
+        raise InputError(f"--record {options.record} exists already")
+    if options.display is not None:
+        from ros_bridge.mavlink.showing import host_and_port
+
+        host_and_port(options.display)
+
+
+def _categories(separations: str, vertical: str) -> Categories:
+    try:
+        return Categories(
+            separations_of("--category-separations", separations),
+            separations_of("--category-vertical-separations", vertical),
+        )
+    except ValueError as problem:
+        raise InputError(str(problem)) from None
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m ros_bridge.mavlink", description=__doc__)
+    add = parser.add_argument
+    add(
+        "--connect",
+        required=True,
+        metavar="ADDRESS",
+        help="udp:HOST:PORT (listens), udpout:HOST:PORT, tcp:HOST:PORT or a serial port",
+    )
+    add("--baud", type=int, default=57_600, help="speed of a serial port, baud (default 57600)")
+    add("--system", type=int, default=245, help="our number, 1 to 255 (default 245)")
+    add("--fly", action="store_true", help="take over in GUIDED while a conflict lasts")
+    numbers = (
+        ("separation", 610.0, "kept from traffic, m"),
+        ("margin", MARGIN, "added for the distance of flights from their plans, m"),
+        ("vertical-filter", 600.0, "traffic farther above or below does not count, m"),
+        ("unknown-position-std", USUAL.position_std, "one sigma of positions without one, m"),
+        ("unknown-velocity-std", USUAL.velocity_std, "one sigma of velocities without one, m/s"),
+        ("deadline", 0.2, "computation in which a plan must be found, s"),
+        ("wait", 30.0, "time to wait for the first heartbeat, s"),
+    )
+    for name, default, what in numbers:
+        add(f"--{name}", type=float, default=default, help=f"{what} (default {default:g})")
+    for name, what in (
+        ("category-separations", "separations from aircraft of emitter categories, m"),
+        ("category-vertical-separations", "vertical filters likewise"),
+    ):
+        text = f"{what}, such as A5:2000,B6:300 (default: the same from all)"
+        add(f"--{name}", default="", metavar="LIST", help=text)
+    for name, share, what in (
+        ("wind-std", WIND_STD, "the wind that the autopilot sends"),
+        ("unknown-wind-std", UNKNOWN_WIND_STD, "a wind that it does not send, about calm"),
+    ):
+        usual = f"default {share:g} of the highest speed"
+        add(f"--{name}", type=float, help=f"one sigma of {what}, m/s ({usual})")
+    add(
+        "--traffic-altitude",
+        choices=("unknown", "msl"),
+        default="unknown",
+        help="what altitudes of ADS-B are above (default unknown: every aircraft counts)",
+    )
+    add("--adsb", default="", metavar="URL", help="live receiver, tcp://HOST:30003 or http://...")
+    own = "address of the ownship among its aircraft (default: the autopilot's ADSB_ICAO_ID)"
+    add("--own", default="", metavar="HEX", help=own)
+    add("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")
+    plan_file = "write the plan that is advised or flown: KML where it ends in .kml, or GeoJSON"
+    add("--plan-file", type=Path, metavar="FILE", help=plan_file)
+    add(
+        "--display",
+        nargs="?",
+        const="127.0.0.1:8642",
+        metavar="HOST:PORT",
+        help="serve a traffic display for the browser (default address 127.0.0.1:8642)",
+    )
+    add(
+        "--record",
+        type=Path,
+        metavar="FILE.mcap",
+        help="record what the display shows (default: no recording)",
+    )
+    add("--seconds", type=float, help="end after this time, s (default: never)")
+    add("--quiet", action="store_true", help="print nothing")
+    simulated = "the autopilot is a simulation, whose time may run faster than real time"
+    add("--simulated", action="store_true", help=simulated)
+    return parser
