@@ -163,8 +163,8 @@ def failsafe_notes(parameters: Mapping[str, float], system: int) -> tuple[str, .
     program dies.
     """
     watched = parameters.get("FS_GCS_ENABL", 0.0) != 0.0
-    ours = parameters.get("MAV_GCS_SYSID", parameters.get("SYSID_MYGCS", 255.0))
-    if not watched or round(ours) != system:
+    ours = parameters.get("MAV_GCS_SYSID", parameters.get("SYSID_MYGCS"))
+    if not watched or ours != system:
         return (
             f"FS_GCS_ENABL, MAV_GCS_SYSID do not watch this program (system {system}): where it "
             "dies while it flies, the autopilot stays in GUIDED at the rejoin waypoint until "
@@ -172,8 +172,10 @@ def failsafe_notes(parameters: Mapping[str, float], system: int) -> tuple[str, .
         )
     if parameters.get("FS_LONG_ACTN", 0.0) == 0.0:
         return ("FS_LONG_ACTN is 0: where this program dies the autopilot stays in GUIDED",)
-    if parameters.get("MIS_RESTART", 0.0) != 0.0:
-        return ("MIS_RESTART is not 0: where this program dies the mission begins anew",)
+    if parameters.get("MIS_RESTART") != 0.0:
+        return (
+            "MIS_RESTART is not 0, or unknown: where this program dies the mission begins anew",
+        )
     return ()
 
 
