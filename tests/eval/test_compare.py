@@ -122,6 +122,7 @@ def test_replayed_intruders_fly_their_recording() -> None:
         np.testing.assert_array_equal(getattr(again, field), getattr(plain, field), err_msg=field)
 
 
+@pytest.mark.slow
 def test_the_command_and_its_files(
     policy_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

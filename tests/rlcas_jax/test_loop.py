@@ -128,6 +128,7 @@ def test_a_runs_own_configuration_repeats_it(uninterrupted: Path, tmp_path: Path
         assert (tmp_path / "again" / name).read_bytes() == (uninterrupted / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_resuming_after_a_kill_equals_an_uninterrupted_run(
     uninterrupted: Path, config_file: Path, tmp_path: Path
 ) -> None:

@@ -352,7 +352,8 @@ def test_a_phase_goes_on_with_the_networks_of_the_one_before(
         np.testing.assert_array_equal(mine, theirs)
 
 
-@pytest.mark.parametrize("least", [pytest.param(5, marks=pytest.mark.slow), 25])
+@pytest.mark.slow
+@pytest.mark.parametrize("least", [5, 25])
 def test_a_kill_in_either_phase_loses_nothing(
     whole: Run, file: Path, tmp_path: Path, least: int
 ) -> None:

@@ -159,6 +159,7 @@ def test_a_window_that_covers_all_is_judged_like_none() -> None:
         assert one == two
 
 
+@pytest.mark.slow
 def test_plans_keep_all_intruders_away_in_three_dimensions_and_prove_it() -> None:
     timed = safe = 0
     for seed in range(24):

@@ -163,7 +163,7 @@ def test_a_run_repeats_from_its_own_configuration(finished: Path, tmp_path: Path
     assert again == (finished / "encounters.parquet").read_bytes()
 
 
-@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize("workers", [pytest.param("1", marks=pytest.mark.slow), "2"])
 def test_chunks_and_workers_change_no_byte(finished: Path, tmp_path: Path, workers: str) -> None:
     config = ("--config", str(finished / "config.yaml"))
     other = fly(tmp_path / "other", *config, *QUICK[:4], "--workers", workers, "--set", "chunk=57")
