@@ -19,8 +19,8 @@ from benchmarks.ardupilot.encounters import GOAL
 from benchmarks.measure import parse_names, report
 from envs.edge.command import Parser
 from eval.plots.style import legend, sample
-from ros_bridge.mavlink.demo import draw
 from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, fly, place_of
+from ros_bridge.mavlink.flight_picture import draw
 from ros_bridge.mavlink.messages import Mode
 
 if TYPE_CHECKING:

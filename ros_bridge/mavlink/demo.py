@@ -17,7 +17,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from envs.edge.command import InputError, Parser, run_cli
-from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, Result, fly, place_of
+from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, fly
+from ros_bridge.mavlink.flight_picture import draw
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.options import check_folder, options_of
 
@@ -60,43 +61,6 @@ def _check_picture(file: Path) -> None:
     kinds = FigureCanvasBase.get_supported_filetypes()
     if file.suffix.lower().removeprefix(".") not in kinds:
         raise InputError(f"--out {file}: expected a name that ends in .{', .'.join(kinds)}")
-
-
-def draw(encounter: Encounter, flight: Result, file: Path) -> None:
-    """Draw the tracks from above, and the distance over time, into a file."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, (above, over) = plt.subplots(1, 2, figsize=(11.0, 4.5), layout="constrained")
-    for mode, colour, name in ((Mode.AUTO, "0.5", "AUTO"), (Mode.GUIDED, "C0", "GUIDED")):
-        rows = [row for row in flight.rows if row.mode == mode]
-        above.plot([r.x for r in rows], [r.y for r in rows], ".", ms=2.0, color=colour, label=name)
-    if encounter.fence:
-        above.fill(*zip(*encounter.fence, strict=True), color="C1", alpha=0.3, label="fence")
-    times = [row.time for row in flight.rows]
-    for one in encounter.intruders:
-        places = [place_of(one, time, encounter.cruise) for time in times]
-        above.plot(
-            [p[0] for p in places], [p[1] for p in places], "--", color="C3", label="traffic"
-        )
-        apart = [
-            math.hypot(row.x - p[0], row.y - p[1])
-            for row, p in zip(flight.rows, places, strict=True)
-        ]
-        over.plot(times, apart, color="C0")
-        nearest = apart.index(min(apart))
-        ends = flight.rows[nearest], places[nearest]
-        above.plot([ends[0].x, ends[1][0]], [ends[0].y, ends[1][1]], "o-", color="k", lw=1.0, ms=4)
-    over.axhline(SEPARATION, color="C3", ls=":", label="to be kept")
-    above.set(xlabel="east, m", ylabel="north, m", aspect="equal", title="from above")
-    above.set_ylim(-1_200, 1_200)
-    over.set(xlabel="time, s", ylabel="distance, m", ylim=(0, None), title="distance")
-    above.legend()
-    over.legend()
-    figure.savefig(file, dpi=110)
-    plt.close(figure)
 
 
 def _parser() -> argparse.ArgumentParser:

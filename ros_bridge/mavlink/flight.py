@@ -223,6 +223,7 @@ class _Log:
         self._encounter, self._frame = encounter, frame
         self._began: float | None = None  # on the simulation's clock, s; None: not yet
         self._airspeed, self._mode = 0.0, -1
+        self._long: dict[tuple[int, int], int] = {}  # where texts stand, by sender and number
 
     def take(self, message: Any) -> Row | None:
         """Take in a message, and return the row that it completes; None: none."""
@@ -232,7 +233,7 @@ class _Log:
         elif kind == "HEARTBEAT" and message.get_srcComponent() == 1:
             self._mode = message.custom_mode
         elif kind == "STATUSTEXT":
-            self.texts.append(message.text)
+            self._take_text(message)
         elif kind == "GLOBAL_POSITION_INT":
             return self._take_position(message)
         return None
@@ -240,6 +241,15 @@ class _Log:
     def over(self, until: float) -> bool:
         """Return whether the flight has arrived, or lasted longer than ``until``, s."""
         return bool(self.rows) and (self.rows[-1].time > until or self.arrived is not None)
+
+    def _take_text(self, message: Any) -> None:
+        """Take in a text, or a further part of a long one, which has the same number."""
+        number = message.get_srcSystem(), message.id
+        if message.chunk_seq and number in self._long:
+            self.texts[self._long[number]] += message.text
+        else:
+            self._long[number] = len(self.texts)
+            self.texts.append(message.text)
 
     def _take_position(self, message: Any) -> Row | None:
         at = self._frame.place(1e-7 * message.lat, 1e-7 * message.lon)

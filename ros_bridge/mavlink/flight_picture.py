@@ -1,0 +1,126 @@
+"""A flight of :mod:`ros_bridge.mavlink.flight` as a picture: tracks, distance and speed."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, Result, Row, place_of
+from ros_bridge.mavlink.messages import Mode
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_MODES = {Mode.AUTO: "0.5", Mode.GUIDED: "C0"}
+_OTHER = "C3"
+_MARKS = 20  # s between two marks on the tracks
+_ROOM = 500.0  # m drawn about the ownship's track
+
+
+def draw(encounter: Encounter, flight: Result, file: Path) -> None:
+    """Draw the tracks from above, and distance and speed over time, into a file."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplot_mosaic(
+        [["tracks", "tracks"], ["distance", "speed"]],
+        figsize=(9.0, 6.5),
+        height_ratios=(3, 2),
+        layout="constrained",
+    )
+    _draw_tracks(axes["tracks"], encounter, flight)
+    _draw_distances(axes["distance"], encounter, flight)
+    _draw_speed(axes["speed"], flight)
+    figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+def _draw_tracks(axis: "Axes", encounter: Encounter, flight: Result) -> None:
+    """Draw where all were until the mission is flown again, with the times, and the separation
+    about each intruder where it was nearest.
+    """
+    shown = _until_back(flight)
+    for mode, colour in _MODES.items():
+        flown = [(row.x, row.y) if row.mode == mode else (math.nan, math.nan) for row in shown]
+        axis.plot(*zip(*flown, strict=True), lw=2, color=colour, label=mode.name)
+    if encounter.fence:
+        axis.fill(*zip(*encounter.fence, strict=True), color="C1", alpha=0.3, label="fence")
+    axis.set(xlabel="east, m", ylabel="north, m", aspect="equal")
+    axis.set_xlim(shown[0].x - _ROOM, shown[-1].x + _ROOM)
+    axis.set_ylim(min(row.y for row in shown) - _ROOM, max(row.y for row in shown) + _ROOM)
+    marks = _marked(shown)
+    _mark(axis, [(row.time, row.x, row.y) for row in marks], "C0")
+    for number, one in enumerate(encounter.intruders):
+        places = [place_of(one, row.time, encounter.cruise)[:2] for row in shown]
+        label = "_" if number else "traffic"
+        axis.plot(*zip(*places, strict=True), "--", lw=1, color=_OTHER, label=label)
+        others = [(row.time, *place_of(one, row.time, encounter.cruise)[:2]) for row in marks]
+        _mark(axis, others, _OTHER)
+        _draw_nearest(axis, one, encounter, flight)
+    axis.legend(loc="upper right")
+
+
+def _mark(axis: "Axes", places: Sequence[tuple[float, float, float]], colour: str) -> None:
+    """Draw points with their times: s, m, m."""
+    for time, x, y in places:
+        axis.plot(x, y, "o", ms=4, color=colour)
+        axis.annotate(
+            f"{time:.0f} s",
+            (x, y),
+            (4, 4),
+            textcoords="offset points",
+            fontsize=8,
+            color=colour,
+            annotation_clip=True,
+            clip_on=True,
+        )
+
+
+def _draw_nearest(axis: "Axes", one: Intruder, encounter: Encounter, flight: Result) -> None:
+    """Draw the required separation about an intruder when it was nearest, and where it was seen
+    from.
+    """
+    from matplotlib.patches import Circle
+
+    nearest = min(flight.rows, key=lambda row: _apart(row, one, encounter))
+    x, y, _ = place_of(one, nearest.time, encounter.cruise)
+    axis.add_patch(Circle((x, y), SEPARATION, fill=False, color=_OTHER, ls=":"))
+    axis.plot([nearest.x, x], [nearest.y, y], "-", lw=1, color="black")
+
+
+def _draw_distances(axis: "Axes", encounter: Encounter, flight: Result) -> None:
+    times = [row.time for row in flight.rows]
+    for one in encounter.intruders:
+        axis.plot(times, [_apart(row, one, encounter) for row in flight.rows], color=_OTHER)
+    axis.axhline(SEPARATION, color=_OTHER, ls=":", label="to be kept")
+    axis.set(ylabel="distance, m", ylim=(0, None))
+    axis.legend()
+
+
+def _draw_speed(axis: "Axes", flight: Result) -> None:
+    for mode, colour in _MODES.items():
+        speeds = [row.speed if row.mode == mode else math.nan for row in flight.rows]
+        axis.plot([row.time for row in flight.rows], speeds, color=colour, label=mode.name)
+    axis.set(xlabel="time, s", ylabel="speed over the ground, m/s")
+    axis.legend()
+
+
+def _until_back(flight: Result) -> tuple[Row, ...]:
+    """Return the rows until some time after the last in GUIDED; all where there is none."""
+    last = max((row.time for row in flight.rows if row.mode == Mode.GUIDED), default=math.inf)
+    return tuple(row for row in flight.rows if row.time <= last + _MARKS)
+
+
+def _marked(rows: Sequence[Row]) -> list[Row]:
+    """Return the first row of every so many seconds."""
+    found: dict[int, Row] = {}
+    for row in rows:
+        found.setdefault(int(row.time) // _MARKS, row)
+    return list(found.values())
+
+
+def _apart(row: Row, one: Intruder, encounter: Encounter) -> float:
+    x, y, _ = place_of(one, row.time, encounter.cruise)
+    return math.hypot(row.x - x, row.y - y)
