@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _MODES = {Mode.AUTO: "0.5", Mode.GUIDED: "C0"}
 _OTHER = "C3"
 _MARKS = 20  # s between two marks on the tracks
-_ROOM = 500.0  # m drawn about the ownship's track
+_ROOM = 2.5 * SEPARATION  # m drawn about the ownship's track
 
 
 def draw(encounter: Encounter, flight: Result, file: Path) -> None:
