@@ -305,7 +305,7 @@ def backup(supervision: Supervision, altitude: Altitude | None) -> Backup:
 def _reach(own: Report, now: int, supervision: Supervision, situation: Situation) -> Reach:
     """Return what matters to the ownship while the plan that is held lasts."""
     limits, held = supervision.watch.thresholds, supervision.held
-    options = limits.options
+    options, unknown = limits.options, supervision.unknown
     separation, vertical = supervision.categories.greatest(
         limits.requirement.separation, options.vertical_filter
     )
@@ -314,7 +314,7 @@ def _reach(own: Report, now: int, supervision: Supervision, situation: Situation
     # Over the ground all are faster by the wind at most: the reported one, or the plan's.
     winds = (own.wind or (0.0, 0.0), (0.0, 0.0) if held is None else held.wind)
     unsure = (
-        supervision.unknown.wind_std if own.wind is None else 0.0,
+        unknown.wind_std if own.wind is None else unknown.reported_wind_std,
         0.0 if held is None else held.wind_std,
     )
     blows = max(math.hypot(*wind) for wind in winds) + limits.requirement.sigmas * max(unsure)

@@ -11,10 +11,9 @@ from agents.assurance.frames import frame_of
 from agents.assurance.single import Verdict
 from agents.planner.answer import RequestError
 from envs.formats.local_frame import LocalFrame
-from envs.wind import NO_WIND, Wind
 from ros_bridge.core.assurance import Supervision, initial, step_monitor
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import ACCURATE, Situation, wind_in
+from ros_bridge.core.situation import ACCURATE, Situation, ownship_wind
 
 _OTHER_WIND = 1.0  # m/s from the wind that it began in, from which on it begins anew
 
@@ -23,7 +22,7 @@ def look(
     looking: Supervision, situation: Situation, now: int
 ) -> tuple[Supervision, Verdict | None]:
     """Return the monitor after the present moment, ``now`` in ns, and what it sees; None while the
-    ownship is unknown, or where its wind is unknown and leaves nothing of its limits.
+    ownship is unknown, or where its wind is so uncertain that nothing is left of its limits.
 
     It begins anew where the ownship has flown far, or where the wind has changed.
     """
@@ -38,7 +37,7 @@ def _serves(looking: Supervision, own: Report) -> bool:
     if frame is None:
         return False
     at = frame.place(own.latitude, own.longitude)
-    wind, before = _wind(looking, frame, own), looking.watch.frame.wind
+    wind, before = ownship_wind(frame, own, looking.unknown), looking.watch.frame.wind
     changed = math.hypot(wind.east - before.east, wind.north - before.north)
     near = math.hypot(float(at.x), float(at.y)) <= 0.5 * ACCURATE
     return near and changed <= _OTHER_WIND and wind.std == before.std
@@ -46,7 +45,7 @@ def _serves(looking: Supervision, own: Report) -> bool:
 
 def _begin(looking: Supervision, own: Report, now: int) -> Supervision:
     frame = LocalFrame(own.latitude, own.longitude)
-    wind = _wind(looking, frame, own)
+    wind = ownship_wind(frame, own, looking.unknown)
     fresh = initial(looking.watch.thresholds, looking.unknown, looking.categories)
     try:
         fresh.watch.thresholds.in_wind(wind)
@@ -54,12 +53,3 @@ def _begin(looking: Supervision, own: Report, now: int) -> Supervision:
         return fresh  # without a frame nothing is judged
     watch = replace(fresh.watch, frame=frame_of(wind, 0.0))
     return replace(fresh, watch=watch, frame=frame, zero=now)
-
-
-def _wind(looking: Supervision, frame: LocalFrame, own: Report) -> Wind:
-    """Return the reported wind, as it is stated; one that is not reported may blow from
-    anywhere.
-    """
-    if own.wind is None:
-        return Wind(std=looking.unknown.wind_std)
-    return wind_in(frame, own.latitude, own.longitude, own.wind) or NO_WIND

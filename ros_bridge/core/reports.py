@@ -26,12 +26,13 @@ class Unknown(NamedTuple):
     position_std: float = 378.0  # m: NACp 5, 95 % within 926 m
     velocity_std: float = 1.23  # m/s: NACv 2, 95 % within 3 m/s
     wind_std: float = 5.0  # m/s, of the wind about calm: UNKNOWN_WIND_STD of 100 m/s
+    reported_wind_std: float = 1.0  # m/s, of a wind that is reported: WIND_STD of 100 m/s
 
 
 USUAL = Unknown()
 """The defaults of the nodes' parameters."""
 
-EXACT = Unknown(0.0, 0.0, 0.0)
+EXACT = Unknown(0.0, 0.0, 0.0, 0.0)
 """For judgements in which noise that nobody declared must excuse nothing."""
 
 

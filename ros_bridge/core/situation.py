@@ -125,7 +125,6 @@ class Settings:
     request_max_age: float = 1.0  # oldest request, s
     future_tolerance: float = 0.5  # by how much a stamp may lie ahead of the clock, s
     wind_max: float = 20.0  # strongest wind that is planned in, m/s
-    wind_std: float = 0.0  # one sigma of the reported wind's components, m/s
     unknown: Unknown = USUAL  # what is taken for standard deviations that reports lack
     categories: Categories = NO_CATEGORIES  # separations by emitter category
 
@@ -548,22 +547,31 @@ def wind_in(
     return Wind(east * cosine - north * sine, north * cosine + east * sine, std)
 
 
+def ownship_wind(frame: LocalFrame, report: Report, unknown: Unknown) -> Wind:
+    """Return the wind that the ownship reports, in a frame; where it reports none, one that may
+    blow from anywhere.
+    """
+    if report.wind is None:
+        return Wind(std=unknown.wind_std)
+    at = report.latitude, report.longitude
+    return wind_in(frame, *at, report.wind, unknown.reported_wind_std) or NO_WIND
+
+
 def _wind(
     frame: LocalFrame, report: Report, settings: Settings
 ) -> tuple[Wind, tuple[Advisory, ...]]:
-    """Return the wind that the ownship reports, in a frame; where it reports none, one that may
-    blow from anywhere, with what is said of that.
+    """Return the wind at the ownship, in a frame, with what is said of one that it does not
+    report.
     """
+    wind = ownship_wind(frame, report, settings.unknown)
     if report.wind is None:
-        std = settings.unknown.wind_std
-        calm = f"is unknown and taken as calm within {std:.2g} m/s (one sigma)"
-        return Wind(std=std), (Advisory(AdvisoryCode.WIND_UNKNOWN, "ownship.wind", calm),)
+        calm = f"is unknown and taken as calm within {wind.std:.2g} m/s (one sigma)"
+        return wind, (Advisory(AdvisoryCode.WIND_UNKNOWN, "ownship.wind", calm),)
     speed = math.hypot(*report.wind)
     if speed > settings.wind_max:
         what = f"is {speed:.1f} m/s, expected {settings.wind_max:g} m/s at most"
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", what)
-    at = report.latitude, report.longitude
-    return wind_in(frame, *at, report.wind, settings.wind_std) or NO_WIND, ()
+    return wind, ()
 
 
 def _options_in_wind(options: Options, wind: Wind) -> Options:

@@ -119,7 +119,6 @@ def rules(
     margin: float,
     vertical: float,
     unknown: Unknown,
-    wind_std: float,
     deadline: float,
     categories: Categories = NO_CATEGORIES,
 ) -> Rules:
@@ -148,7 +147,6 @@ def rules(
         limits.turn_time,
         (limits.turn_rate_min, limits.turn_rate_max),
         intruder_max_age=limits.intruder_age,
-        wind_std=wind_std,
         unknown=unknown,
         categories=categories,
     )

@@ -81,10 +81,12 @@ def rules_of(options: argparse.Namespace, vehicle: Vehicle) -> Rules:
             f"--separation {options.separation:g} m with the autopilot's parameters: {problem}"
         ) from None
     fastest, wind = vehicle.aircraft.limits.speed_max, options.unknown_wind_std
+    reported = options.wind_std
     unknown = Unknown(
-        options.unknown_position_std,
-        options.unknown_velocity_std,
-        UNKNOWN_WIND_STD * fastest if wind is None else wind,
+        position_std=options.unknown_position_std,
+        velocity_std=options.unknown_velocity_std,
+        wind_std=UNKNOWN_WIND_STD * fastest if wind is None else wind,
+        reported_wind_std=WIND_STD * fastest if reported is None else reported,
     )
     return rules(
         vehicle.aircraft,
@@ -92,7 +94,6 @@ def rules_of(options: argparse.Namespace, vehicle: Vehicle) -> Rules:
         margin=options.margin,
         vertical=options.vertical_filter,
         unknown=unknown,
-        wind_std=WIND_STD * fastest if options.wind_std is None else options.wind_std,
         deadline=options.deadline,
         categories=options.categories,
     )

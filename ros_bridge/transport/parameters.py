@@ -253,9 +253,8 @@ PARAMETERS = (
         0.5,
         "V",
     ),
-    Parameter("runner", "wind_max", 0.2, "strongest wind that is planned in", 0.0, 1.0, "V"),
     Parameter(
-        "runner",
+        _BOTH,
         "wind_std",
         WIND_STD,
         "standard deviation of the wind that the ownship reports, per axis",
@@ -263,6 +262,7 @@ PARAMETERS = (
         0.2,
         "V",
     ),
+    Parameter("runner", "wind_max", 0.2, "strongest wind that is planned in", 0.0, 1.0, "V"),
     Parameter(
         f"{_BOTH} pilot",
         "ownship_max_age",

@@ -152,7 +152,6 @@ def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settin
         "request_max_age",
         "future_tolerance",
         "wind_max",
-        "wind_std",
     )
     turns = usual.turn_time, (usual.turn_rate_min, usual.turn_rate_max)
     given = {name: value(name) for name in names}
@@ -177,7 +176,12 @@ def separations_by_category(value: Callable[[str], Any]) -> Categories:
 
 def unknown_spread(value: Callable[[str], Any]) -> Unknown:
     """Return what is taken for standard deviations that reports lack, from a node's parameters."""
-    return Unknown(*(value(f"unknown_{name}") for name in Unknown._fields))
+    return Unknown(
+        position_std=value("unknown_position_std"),
+        velocity_std=value("unknown_velocity_std"),
+        wind_std=value("unknown_wind_std"),
+        reported_wind_std=value("wind_std"),
+    )
 
 
 def report_rules(value: Callable[[str], Any]) -> Rules:

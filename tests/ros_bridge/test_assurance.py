@@ -40,7 +40,7 @@ from ros_bridge.core.conversions import Published
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reach import Reach, vertically_apart
 from ros_bridge.core.replies import plan_points, start_point, to_frame, wind_of
-from ros_bridge.core.reports import Report
+from ros_bridge.core.reports import USUAL, Report
 from ros_bridge.core.situation import Held, Settings, Situation, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import (
@@ -145,7 +145,7 @@ def test_a_plan_in_a_wind_is_monitored_in_it():
 
 
 def test_the_uncertainty_of_the_wind_counts_in_the_monitor_as_in_the_plan():
-    settings = replace(SETTINGS, wind_std=1.5)
+    settings = replace(SETTINGS, unknown=USUAL._replace(reported_wind_std=1.5))
     situation = traffic(heard(own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xE5)), 0.0)
     held = publish_plan(situation, settings=settings)
     assert (held.wind, held.wind_std) == ((0.0, 0.0), 1.5)

@@ -15,6 +15,7 @@ from ros_bridge.core import updates
 from ros_bridge.core.assurance import activate, initial, step_monitor, withdraw
 from ros_bridge.core.guidance import blank
 from ros_bridge.core.replies import to_frame
+from ros_bridge.core.reports import USUAL
 from ros_bridge.display.beside import supervise
 from ros_bridge.display.picture import picture
 from ros_bridge.display.scene import Scene
@@ -51,7 +52,8 @@ def test_a_backup_is_shown_in_the_wind_that_it_is_flown_in():
     blows, now = SimpleNamespace(x=12.0, y=-9.0, z=0.0), NOW + SECOND
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xE5, wind=blows)
     before = traffic(heard(own=own), 0.0)
-    plan = publish_plan(before, settings=replace(SETTINGS, wind_std=1.5))
+    settings = replace(SETTINGS, unknown=USUAL._replace(reported_wind_std=1.5))
+    plan = publish_plan(before, settings=settings)
     supervision = withdraw(activate(initial(THRESHOLDS), before, plan), plan.revision + 1)
     own = aircraft(75.0, 0.0, 0.0, 75.0, id="own", valid=0xE5, wind=blows, time=now)
     situation = updates.ownship(traffic(before, 1.0), own, now, RULES)

@@ -1,7 +1,6 @@
-"""Before the first plan: what the monitor sees, in the wind that is reported or in any that may
-blow.
-"""
+"""Before the first plan: what the monitor sees, in the winds that may blow."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -13,8 +12,17 @@ from envs.wind import Wind
 from ros_bridge.core.assurance import Supervision, initial
 from ros_bridge.core.looking import look
 from ros_bridge.core.reports import USUAL
-from ros_bridge.core.situation import Situation
-from tests.ros_bridge.scenes import NOW, OPTIONS, THRESHOLDS, aircraft, crossing, heard
+from ros_bridge.core.situation import Situation, task
+from tests.ros_bridge.scenes import (
+    NOW,
+    OPTIONS,
+    SECOND,
+    SETTINGS,
+    THRESHOLDS,
+    aircraft,
+    crossing,
+    heard,
+)
 
 
 def situation_in(wind: tuple[float, float] | None) -> Situation:
@@ -28,30 +36,58 @@ def wind_of(looking: Supervision) -> Wind:
     return looking.watch.frame.wind
 
 
+def assert_as_for_plans(looking: Supervision) -> None:
+    unsure = in_wind(OPTIONS, wind_of(looking))
+    assert looking.watch.thresholds_in_air.limits == unsure.limits != OPTIONS.limits
+
+
 def test_a_wind_that_is_not_reported_may_blow_from_anywhere() -> None:
     looking, seen = look(initial(THRESHOLDS), situation_in(None), NOW)
     assert seen is not None
     assert wind_of(looking) == Wind(std=USUAL.wind_std)
-    unsure = in_wind(OPTIONS, wind_of(looking))
-    assert looking.watch.thresholds_in_air.limits == unsure.limits != OPTIONS.limits
+    assert_as_for_plans(looking)
+
+
+@pytest.mark.parametrize("wind", [(0.0, 0.0), (8.0, -6.0)])
+def test_a_wind_that_is_reported_is_as_uncertain_as_for_plans(wind: tuple[float, float]) -> None:
+    situation = situation_in(wind)
+    looking, seen = look(initial(THRESHOLDS), situation, NOW)
+    assert seen is not None
+    assert wind_of(looking) == pytest.approx((*wind, USUAL.reported_wind_std))
+    assert wind_of(looking) == task(situation, NOW, SETTINGS).wind
+    assert_as_for_plans(looking)
 
 
 def test_it_begins_anew_where_the_wind_becomes_known_or_unknown() -> None:
     looking, _ = look(initial(THRESHOLDS), situation_in(None), NOW)
     looking, seen = look(looking, situation_in((0.0, 0.0)), NOW)
-    assert seen is not None and wind_of(looking) == Wind()
+    assert seen is not None and wind_of(looking) == Wind(std=USUAL.reported_wind_std)
     assert look(looking, situation_in((0.5, 0.5)), NOW)[0].watch.frame == looking.watch.frame
     looking, _ = look(looking, situation_in((8.0, -6.0)), NOW)
-    assert wind_of(looking) == pytest.approx((8.0, -6.0, 0.0))
+    assert wind_of(looking) == pytest.approx((8.0, -6.0, USUAL.reported_wind_std))
     looking, _ = look(looking, situation_in(None), NOW)
     assert wind_of(looking) == Wind(std=USUAL.wind_std)
 
 
-def test_nothing_is_seen_where_an_unknown_wind_leaves_nothing_of_the_limits() -> None:
+def test_nothing_is_seen_where_an_uncertain_wind_leaves_nothing_of_the_limits() -> None:
     unsure = initial(THRESHOLDS, USUAL._replace(wind_std=40.0))
     looking, seen = look(unsure, situation_in(None), NOW)
     assert seen is None
     looking, seen = look(looking, situation_in(None), NOW)
     assert seen is None
-    _, seen = look(looking, situation_in((8.0, -6.0)), NOW)
+    looking, seen = look(looking, situation_in((8.0, -6.0)), NOW)
     assert seen is not None
+    unsure = initial(THRESHOLDS, USUAL._replace(reported_wind_std=40.0))
+    assert look(unsure, situation_in((8.0, -6.0)), NOW)[1] is None
+
+
+def test_who_can_come_near_in_a_wind_within_its_uncertainty_counts() -> None:
+    """One that has long been silent, too far away unless both have the wind behind them."""
+    known = {"valid": 0xE5, "wind": SimpleNamespace(x=0.0, y=0.0, z=0.0)}
+    silent = aircraft(128_000.0, 0.0, math.pi, 75.0, time=NOW - 6 * SECOND)
+    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", **known)
+    situation = heard(silent, own=own)
+    for std, counts in ((0.0, False), (5.0, True)):
+        begun = initial(THRESHOLDS, USUAL._replace(reported_wind_std=std))
+        looking, _ = look(begun, situation, NOW)
+        assert ("4b1a2c" in looking.watch.names) == counts

@@ -25,7 +25,7 @@ from envs.edge.command import ConfigError, InputError
 from envs.formats.local_frame import distance
 from ros_bridge.core.categories import Categories
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.reports import USUAL, Report
+from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.mavlink import demo, messages, mission, sitl, vehicle
 from ros_bridge.mavlink.control import CLEAR, Control, Order, Phase, Seen, Step, step
 from ros_bridge.mavlink.download import AGAIN, Download, accept, due, note_question
@@ -244,8 +244,7 @@ def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
         policy,
         margin=25.0,
         vertical=100.0,
-        unknown=USUAL._replace(wind_std=1.2),
-        wind_std=0.2,
+        unknown=USUAL._replace(wind_std=1.2, reported_wind_std=0.2),
         deadline=5.0,
     )
     route = mission.route((47.4, 8.5), [waypoint(1, 3.0)], 1_000.0)
@@ -284,8 +283,7 @@ def test_an_emitter_category_is_kept_its_own_separation(wire: Any) -> None:
             policy,
             margin=25.0,
             vertical=100.0,
-            unknown=USUAL._replace(position_std=5.0, velocity_std=0.2, wind_std=0.0),
-            wind_std=0.0,
+            unknown=Unknown(5.0, 0.2, 0.0, 0.0),
             deadline=5.0,
             categories=categories,
         )

@@ -57,8 +57,7 @@ def followed() -> Rules:
         load_policy("").for_aircraft(aircraft),
         margin=25.0,
         vertical=600.0,
-        unknown=Unknown(5.0, 0.2, 1.0),
-        wind_std=0.2,
+        unknown=Unknown(5.0, 0.2, 1.0, 0.2),
         deadline=20.0,
     )
 

@@ -22,7 +22,7 @@ from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.replies import plan_points, start_point, to_frame
-from ros_bridge.core.reports import Unknown
+from ros_bridge.core.reports import USUAL, Unknown
 from ros_bridge.core.situation import NOTHING, Code, PlanTask, Situation, in_terms_of_messages, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import (
@@ -272,7 +272,7 @@ def test_msl_heights_are_comparable_with_the_undulation_only():
 
 @given(st.floats(-12.0, 12.0), st.floats(-12.0, 12.0))
 def test_the_wind_is_planned_in_and_narrows_nothing(east: float, north: float):
-    settings = replace(SETTINGS, wind_std=0.7)
+    settings = replace(SETTINGS, unknown=USUAL._replace(reported_wind_std=0.7))
     blows = SimpleNamespace(x=east, y=north, z=0.0)
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=blows)
     wanted = task(heard(own=own), NOW, settings)
@@ -282,7 +282,8 @@ def test_the_wind_is_planned_in_and_narrows_nothing(east: float, north: float):
 
 
 def test_an_unknown_wind_may_blow_from_anywhere():
-    wanted = task(heard(), NOW, replace(SETTINGS, unknown=Unknown(wind_std=4.0), wind_std=0.7))
+    unknown = Unknown(wind_std=4.0, reported_wind_std=0.7)
+    wanted = task(heard(), NOW, replace(SETTINGS, unknown=unknown))
     assert wanted.wind == (0.0, 0.0, 4.0)
     said = [note.text for note in wanted.notes if note.code is AdvisoryCode.WIND_UNKNOWN]
     assert said == ["is unknown and taken as calm within 4 m/s (one sigma)"]

@@ -237,7 +237,7 @@ def _spread(reader: str, scene: Scene, unsaid: frozenset[str], wanted: PlanTask)
         "BaseStation": {"position_std", "velocity_std"},
     }
     unsaid = unsaid | never.get(reader, set())
-    position, velocity, _ = SETTINGS.unknown
+    position, velocity = SETTINGS.unknown.position_std, SETTINGS.unknown.velocity_std
     position = position if "position_std" in unsaid else 30.0 / _SIGMA
     velocity = velocity if "velocity_std" in unsaid else 3.0 / _SIGMA
     if reader == "mavros":
