@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.assurance.inputs import Memory, no_areas
 from agents.assurance.state import Monitor
-from agents.planner.reports import Intruder, report_in_air
+from agents.planner.reports import Intruder, velocity_std_in
 from agents.planner.traffic import Traffic
 from envs.areas import Area, in_air
 from envs.arrays import Array
@@ -51,8 +51,11 @@ class Frame(NamedTuple):
 
     def report(self, given: Intruder, time: float) -> Intruder:
         """Return a report over the ground, as it is known at a time, s, as the air mass sees it."""
-        state = self.to_air(given.state, time - given.age)
-        return replace(report_in_air(given, self.wind), state=state)
+        return replace(
+            given,
+            state=self.to_air(given.state, time - given.age),
+            velocity_std=velocity_std_in(given, self.wind),
+        )
 
     def area(self, given: Area, time: float) -> Area:
         """Return an area as it is over the ground at a time, s, as the air mass sees it."""

@@ -135,16 +135,23 @@ def _check_separation(name: Field, kind: str, separation: Any) -> float | None:
 def report_in_air(report: Intruder, wind: Wind) -> Intruder:
     """Return a report over the ground as the air mass sees it, which lies there at the request.
 
-    A turn is one through the air: its rate and its time stay. What the ground velocity becomes by
-    a turn depends on the wind, whose error e moves it by up to ``2 e sin(turn / 2)``; the
-    velocity's error of an intruder that turns grows by that at least.
+    A turn is one through the air: its rate and its time stay.
     """
-    error = float(turned_error(report.turn_rate * report.turn_time, float(wind.std)))
     return replace(
         report,
         state=through_air(report.state, wind, -report.age),
-        velocity_std=report.velocity_std + error,
+        velocity_std=velocity_std_in(report, wind),
     )
+
+
+def velocity_std_in(report: Intruder, wind: Wind) -> float:
+    """Return one sigma of an intruder's velocity where the wind may be another, m/s.
+
+    What the ground velocity becomes by a turn depends on the wind, whose error e moves it by up to
+    ``2 e sin(turn / 2)``; the velocity's error of an intruder that turns grows by that at least.
+    """
+    turn = report.turn_rate * report.turn_time
+    return report.velocity_std + float(turned_error(turn, float(wind.std)))
 
 
 class _Report(NamedTuple):

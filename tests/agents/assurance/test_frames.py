@@ -255,6 +255,14 @@ def test_a_plan_that_expects_a_turn_expects_it_as_the_planner_does() -> None:
         assert found == report_in_air(turn, wind).velocity_std
 
 
+@pytest.mark.parametrize("wind", [NO_WIND, *WINDS, *UNSURE])
+def test_a_report_is_seen_in_the_air_as_the_planner_sees_it(wind: Wind) -> None:
+    turn = Intruder(other_at(0.0), 0.25, turn_rate=0.02, turn_time=60.0, velocity_std=0.3)
+    assert Frame(wind).report(turn, 0.0) == report_in_air(turn, wind)
+    missing = Intruder(VehicleState(*[math.nan] * 4), 0.25)
+    assert np.isnan(Frame(wind, 2.0).report(missing, 5.0).state).all()
+
+
 def test_a_wind_that_leaves_nothing_of_the_limits_is_refused() -> None:
     wind = Wind(5.0, 0.0, 20.0)
     own = over_ground(own_at(0.0), wind, 0.0)
