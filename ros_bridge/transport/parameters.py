@@ -207,7 +207,7 @@ PARAMETERS = (
         _BOTH,
         "category_vertical_separations",
         "",
-        "vertical separations by category, beyond which it does not count; empty: vertical_filter",
+        "vertical separations by category, m, such as B6:150; empty: vertical_filter",
     ),
     Parameter(
         _BOTH,
