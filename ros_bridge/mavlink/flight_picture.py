@@ -95,7 +95,7 @@ def _draw_distances(axis: "Axes", encounter: Encounter, flight: Result) -> None:
     for one in encounter.intruders:
         axis.plot(times, [_apart(row, one, encounter) for row in flight.rows], color=_OTHER)
     axis.axhline(SEPARATION, color=_OTHER, ls=":", label="to be kept")
-    axis.set(ylabel="distance, m", ylim=(0, None))
+    axis.set(xlabel="time, s", ylabel="distance, m", ylim=(0, None))
     axis.legend()
 
 
