@@ -16,7 +16,7 @@ from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter
-from eval.flights.chunks import Evaluation, ReadyEvaluation, noise_of
+from eval.flights.chunks import Conditioned, Evaluation, ReadyEvaluation, noise_of
 from eval.flights.conditions import verdicts
 from eval.flights.optimal import WitnessSearch, fly_witnesses
 from eval.flights.recorded import fly_in_mode
@@ -188,7 +188,7 @@ def _fly_on(
         )
         return flights, recorder.stack()
     ready = ReadyEvaluation(evaluation._replace(mode=resolver.mode), resolver.policy)
-    _, flights = fly_in_mode(ready, starts, noise, recorder, endless=True)
+    _, flights = fly_in_mode(ready, Conditioned(starts, noise), recorder, endless=True)
     return flights, until(recorder.stack(), flights.duration, evaluation.aircraft.dt)
 
 

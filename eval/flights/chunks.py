@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from enum import IntEnum
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -116,9 +116,9 @@ def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndar
     beside = {"baseline": fly(starts, Direct(aircraft), aircraft)}
     if plans:
         beside["policy"] = fly(starts, ready.resolver, aircraft, noise=noise)
-        flights, more = _plan(ready, _conditions_of(evaluation, starts, number, noise))
+        flights, more = _plan(ready, conditions_of(evaluation, starts, number, noise))
     else:
-        flights, more = _decide(ready, _conditions_of(evaluation, starts, number, noise))
+        flights, more = _decide(ready, conditions_of(evaluation, starts, number, noise))
     solved = reduce(np.logical_or, (_reached(one) for one in (flights, *beside.values())))
     judged = verdicts(starts, aircraft, solved=solved)
     begun = conditions(starts, aircraft)
@@ -160,42 +160,63 @@ def _flight_columns(flights: Flights, route_length: np.ndarray) -> dict[str, np.
     }
 
 
-class _Conditioned(NamedTuple):
+class Conditioned(NamedTuple):
     """Encounters ``[N]`` in the wind and among the areas in which they are flown."""
 
     starts: Encounter  # in the air mass, the goals over the ground
-    noise: Callable[[int], np.ndarray] | None  # of the sensors by step, [4, N, K]
-    wind: Wind | None
-    areas: np.ndarray | None  # over the ground, object [N]
+    # of the sensors by step, [4, N, K]; None: perfect knowledge
+    noise: Callable[[int], np.ndarray] | None
+    wind: Wind | None = None
+    areas: np.ndarray | None = None  # over the ground, object [N]
 
     def recorder(self) -> TrajectoryRecorder | None:
         """Return what records flights that must be judged against areas."""
         return None if self.areas is None else TrajectoryRecorder(self.starts)
 
 
-def _conditions_of(
+def conditions_of(
     evaluation: Evaluation,
     starts: Encounter,
     numbers: np.ndarray,
     noise: Callable[[int], np.ndarray] | None,
-) -> _Conditioned:
+) -> Conditioned:
     """Return encounters ``[N]`` by their numbers in the evaluation's wind, among its areas."""
     wind = evaluation.wind(numbers)
     carried = carry(starts, wind)
-    return _Conditioned(carried, noise, wind, evaluation.areas_of(carried, numbers))
+    return Conditioned(carried, noise, wind, evaluation.areas_of(carried, numbers))
 
 
-def _decide(ready: ReadyEvaluation, given: _Conditioned) -> tuple[Flights, dict[str, np.ndarray]]:
-    """Return the flights of what decides once a time step, and the columns of areas."""
-    aircraft, recorder, standing = ready.evaluation.aircraft, given.recorder(), None
-    if given.areas is not None:
-        standing = what_stands_in_each(given.areas, aircraft)
-    how: dict[str, Any] = {"noise": given.noise, "recorder": recorder, "standing": standing}
-    flights = fly(given.starts, ready.resolver, aircraft, **how)
-    return _judge_areas(flights, recorder, given, aircraft)
+def fly_resolver(
+    ready: ReadyEvaluation,
+    given: Conditioned,
+    recorder: TrajectoryRecorder | None,
+    *,
+    endless: bool = False,
+) -> Flights:
+    """Return the flights ``[N]`` of what decides once a time step, not judged against the areas.
+
+    A recorder takes the trajectories; endless flights lose nothing.
+    """
+    aircraft, areas = ready.evaluation.aircraft, given.areas
+    return fly(
+        given.starts,
+        ready.resolver,
+        aircraft,
+        noise=given.noise,
+        recorder=recorder,
+        endless=endless,
+        standing=None if areas is None else what_stands_in_each(areas, aircraft),
+    )
 
 
-def _plan(ready: ReadyEvaluation, given: _Conditioned) -> tuple[Flights, dict[str, np.ndarray]]:
+def _decide(ready: ReadyEvaluation, given: Conditioned) -> tuple[Flights, dict[str, np.ndarray]]:
+    """Return the flights of mode policy, and the columns of areas."""
+    recorder = given.recorder()
+    flights = fly_resolver(ready, given, recorder)
+    return _judge_areas(flights, recorder, given, ready.evaluation.aircraft)
+
+
+def _plan(ready: ReadyEvaluation, given: Conditioned) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return the flights of a mode that plans, and the columns that only it has."""
     evaluation, (starts, noise, wind, areas) = ready.evaluation, given
     options, aircraft = evaluation.options, evaluation.aircraft
@@ -268,7 +289,7 @@ def _broken_promises(
 def _judge_areas(
     flights: Flights,
     recorder: TrajectoryRecorder | None,
-    given: _Conditioned,
+    given: Conditioned,
     aircraft: Aircraft,
 ) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return flights with their breaches of areas, and the columns that tell of areas."""

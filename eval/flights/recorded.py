@@ -12,12 +12,19 @@ from envs.trees import take
 from envs.waypoints import on_ground
 from envs.wind import Wind
 from eval.flights.among_areas import judge, with_breaches
-from eval.flights.areas_seen import what_stands_in_each
 from eval.flights.assured_mode import fly_assured
-from eval.flights.chunks import Evaluation, ReadyEvaluation, noise_of, pick
-from eval.flights.in_wind import carry, to_ground
+from eval.flights.chunks import (
+    Conditioned,
+    Evaluation,
+    ReadyEvaluation,
+    conditions_of,
+    fly_resolver,
+    noise_of,
+    pick,
+)
+from eval.flights.in_wind import to_ground
 from eval.flights.plan_mode import fly_once, plan_at_start
-from eval.flights.simulate import Flights, fly
+from eval.flights.simulate import Flights
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
 
@@ -64,11 +71,10 @@ def fly_recorded(ready: ReadyEvaluation, numbers: Sequence[int]) -> Recorded:
     evaluation, aircraft = ready.evaluation, ready.evaluation.aircraft
     starts = pick(evaluation, numbers)
     noise = _noise(evaluation, starts, numbers)
+    given = conditions_of(evaluation, starts, np.asarray(numbers), noise)
+    starts, _, wind, areas = given
     recorder = TrajectoryRecorder(starts)
-    wind = evaluation.wind(np.asarray(numbers))
-    starts = carry(starts, wind)
-    areas = evaluation.areas_of(starts, np.asarray(numbers))
-    plans, flights = fly_in_mode(ready, starts, noise, recorder, wind=wind, areas=areas)
+    plans, flights = fly_in_mode(ready, given, recorder)
     seen = to_ground(recorder.stack(), wind, aircraft.dt)
     if areas is not None:
         flights = with_breaches(flights, judge(seen, areas, aircraft.dt), aircraft.rules())
@@ -94,31 +100,25 @@ def _noise(
 
 def fly_in_mode(
     ready: ReadyEvaluation,
-    starts: Encounter,
-    noise: Callable[[int], np.ndarray] | None,
+    given: Conditioned,
     recorder: TrajectoryRecorder | None,
     *,
     endless: bool = False,
-    wind: Wind | None = None,
-    areas: np.ndarray | None = None,
 ) -> tuple[Plans | None, Flights]:
     """Plan where the evaluation's mode does, and fly encounters ``[M]``; a recorder takes the
     trajectories.
 
-    The noise of the sensors is by step, ``[4, M, K]``, None for perfect knowledge; endless flights
-    lose nothing. Where the mode plans, a wind carries all of it. Areas are over the ground; flights
-    are not judged against them.
+    Endless flights lose nothing. Where the mode plans, a wind carries all of it. Flights are not
+    judged against areas.
     """
     evaluation, policy = ready.evaluation, ready.policy
-    aircraft, options = evaluation.aircraft, evaluation.options
-    how: dict[str, Any] = {"recorder": recorder, "endless": endless}
     if evaluation.mode == "policy":
-        standing = None if areas is None else what_stands_in_each(areas, aircraft)
-        how |= {"noise": noise, "standing": standing}
-        return None, fly(starts, ready.resolver, aircraft, **how)
+        return None, fly_resolver(ready, given, recorder, endless=endless)
+    aircraft, options = evaluation.aircraft, evaluation.options
+    starts, noise, wind, areas = given
     first = None if noise is None else noise(0)
     plans = plan_at_start(starts, policy, aircraft, options, first, wind=wind, areas=areas)
-    how["wind"] = wind
+    how: dict[str, Any] = {"recorder": recorder, "endless": endless, "wind": wind}
     if evaluation.mode == "plan":
         return plans, fly_once(starts, plans, aircraft, options, **how).flights
     how |= {"noise": noise, "areas": areas}

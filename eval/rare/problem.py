@@ -9,7 +9,7 @@ import numpy as np
 from agents.resolvability.classify import Verdict
 from envs.encounters import Encounter, Scenario, sample
 from envs.trees import take
-from eval.flights.chunks import ReadyEvaluation
+from eval.flights.chunks import Conditioned, ReadyEvaluation
 from eval.flights.conditions import verdicts
 from eval.flights.recorded import fly_in_mode
 from eval.flights.simulate import Direct, Flights, fly
@@ -96,4 +96,6 @@ class FlightProblem:
         if self._ready.evaluation.mode == "none":
             return fly(starts, Direct(self._aircraft), self._aircraft, endless=self._endless)
         by_step = (lambda step: np.moveaxis(noise[:, step], 0, 1)) if noise.size else None
-        return fly_in_mode(self._ready, starts, by_step, None, endless=self._endless)[1]
+        given = Conditioned(starts, by_step)
+        _, flights = fly_in_mode(self._ready, given, None, endless=self._endless)
+        return flights
