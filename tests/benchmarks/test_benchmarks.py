@@ -112,6 +112,7 @@ def test_layers_are_those_of_the_shipped_network():
     assert monte_carlo.flops([(3, 5), (5, 2)]) == 2 * (15 + 10)
 
 
+@pytest.mark.slow
 def test_deadlines_are_measured_once_and_lateness_is_counted(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ):

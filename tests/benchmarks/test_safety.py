@@ -457,6 +457,7 @@ def test_batches_follow_from_the_numbers_alone() -> None:
         assert len(variants) == 1
 
 
+@pytest.mark.slow
 def test_parts_of_a_batch_add_up_to_it(policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
     batch, sum_ = Batch(0, (0,), 0, 40, False), Tally()
     requests = draw_requests(0, 0, 100).request

@@ -134,6 +134,7 @@ def test_files_of_a_run_cut_into_bins(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_flights_of_the_true_aircraft_show_wind_and_turbulence(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     words = np.array(["none", "light", "moderate"], object)[rng.integers(0, 3, COUNT)]

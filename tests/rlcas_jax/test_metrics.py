@@ -336,6 +336,7 @@ def test_steps_and_updates_are_counted_over_all_phases(whole: Run) -> None:
     assert log["learning_rate"][0] == log["learning_rate"][20] > log["learning_rate"][19]
 
 
+@pytest.mark.slow
 def test_a_phase_goes_on_with_the_networks_of_the_one_before(
     whole: Run, file: Path, tmp_path: Path
 ) -> None:

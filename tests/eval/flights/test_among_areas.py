@@ -45,12 +45,13 @@ def dense_distance(flown: Recorded, row: int) -> float:
     return least
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "wind"),
     [
         ("plan", (0.0, 0.0)),
-        pytest.param("plan", (10.0, 15.0), marks=pytest.mark.slow),
-        pytest.param("assured", (5.0, 10.0), marks=pytest.mark.slow),
+        ("plan", (10.0, 15.0)),
+        ("assured", (5.0, 10.0)),
     ],
 )
 def test_safe_plans_keep_out_of_areas_over_the_ground(mode: str, wind: tuple[float, float]) -> None:

@@ -172,10 +172,8 @@ def test_a_run_tells_of_plans(tmp_path: Path) -> None:
     assert (again / "encounters.parquet").read_bytes() == (out / "encounters.parquet").read_bytes()
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["noisy", *(pytest.param(name, marks=pytest.mark.slow) for name in ("multi", "maneuvering"))],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["noisy", "multi", "maneuvering"])
 def test_every_scenario_can_be_planned_for(tmp_path: Path, name: str) -> None:
     out = tmp_path / name
     arguments = [

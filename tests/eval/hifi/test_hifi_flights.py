@@ -190,6 +190,7 @@ def test_a_flight_in_closed_loop_ends_where_it_is_decided() -> None:
         assert row["plan_status"] == "none"
 
 
+@pytest.mark.slow
 def test_the_assured_loop_plans_anew_for_an_intruder_that_turns() -> None:
     turning = (
         "scenario=maneuvering",

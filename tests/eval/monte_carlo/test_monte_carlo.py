@@ -312,7 +312,8 @@ def _alive(process: str) -> bool:
         return False
 
 
-@pytest.mark.parametrize("workers", [pytest.param("1", marks=pytest.mark.slow), "2"])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", ["1", "2"])
 def test_ctrl_c_keeps_finished_chunks_and_says_how_to_go_on(
     finished: Path, tmp_path: Path, workers: str
 ) -> None:
