@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.measure import find_chromium, processor_time, report
 from benchmarks.ros.graph import own_domain
-from envs.edge.command import Parser, run_cli, whole
+from envs.edge.command import Parser, real, run_cli, whole
 from ros_bridge.transport.children import FLAG, stop
 
 if TYPE_CHECKING:
@@ -74,7 +74,8 @@ def main(argv: list[str] | None = None) -> None:
         description="Measure latency and load of the traffic display, and the page's memory.",
     )
     add = parser.add_argument
-    add("--seconds", type=float, default=60.0, help="time that is measured, s (default 60)")
+    what = "time that is measured, s (default 60)"
+    add("--seconds", type=real(1.0, 36_000.0, "s"), default=60.0, help=what)
     add("--aircraft", type=whole(1), default=100, help="aircraft that report (default 100)")
     add("--night", type=whole(0), default=20_000, help="pictures of the night (default 20000)")
     options = parser.parse_args(argv)

@@ -35,7 +35,7 @@ from benchmarks.learning import sb3 as sb3_task
 from benchmarks.learning.sb3 import Cell
 from benchmarks.measure import config_options, machine, report
 from envs import observation
-from envs.edge.command import run_cli
+from envs.edge.command import run_cli, whole
 from rlcas_jax import task
 from rlcas_jax.algorithm import ppo_settings
 from rlcas_jax.config import TrainConfig
@@ -382,7 +382,8 @@ def _parser() -> Parser:
     parser = Parser(prog="python -m benchmarks.training", description=__doc__)
     add = parser.add_argument
     config_options(parser, "configs/sprint.yaml")
-    add("--repeats", type=int, help="measurements of each side (default 5; 3 with --quick)")
+    what = "measurements of each side (default 5; 3 with --quick)"
+    add("--repeats", type=whole(1), help=what)
     what = "a quarter of the rollout, fewer repeats and a smaller grid"
     add("--quick", action="store_true", help=what)
     add("--no-sb3", action="store_true", help="leave Stable-Baselines3 out")
@@ -390,12 +391,10 @@ def _parser() -> Parser:
 
 
 def _extent(options: argparse.Namespace) -> Extent:
-    """Return the extent that the options ask for; raise ConfigError where it is none."""
+    """Return the extent that the options ask for."""
     extent = QUICK if options.quick else Extent()
     if options.repeats is None:
         return extent
-    if options.repeats < 1:
-        raise ConfigError(f"--repeats is {options.repeats}; expected 1 or more")
     return replace(extent, repeats=options.repeats)
 
 

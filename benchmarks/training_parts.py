@@ -28,7 +28,7 @@ from benchmarks import gemm
 from benchmarks.measure import config_options, report
 from benchmarks.training import Training
 from envs import surrogate
-from envs.edge.command import run_cli
+from envs.edge.command import real, run_cli
 from envs.encounters import Scenario
 from rlcas_jax import starts, task
 from rlcas_jax.collect import Environment, collect
@@ -280,10 +280,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = Parser(prog="python -m benchmarks.training_parts", description=__doc__)
     config_options(parser, "configs/best.yaml")
     what = "time for each part, s (default 2)"
-    parser.add_argument("--seconds", type=float, default=2.0, help=what)
+    parser.add_argument("--seconds", type=real(0.001, 3_600.0, "s"), default=2.0, help=what)
     options = parser.parse_args(argv)
-    if not options.seconds > 0.0:
-        raise ConfigError(f"--seconds is {options.seconds:g}; expected a number above 0")
     config = load(TrainConfig, options.config, options.set)
     if config.algorithm != PPO or config.network.feature_set != "set":
         raise ConfigError(

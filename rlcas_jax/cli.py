@@ -11,6 +11,7 @@ from typing import Any
 
 from agents.config.keys import help_text
 from agents.config.load import ConfigError, Parser, dump, load
+from envs.edge.command import whole
 from envs.edge.files import write_file
 from envs.edge.folder_lock import is_unused
 from rlcas_jax.config import SEED_END, TrainConfig
@@ -67,8 +68,6 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
     The moment ``now`` stands in the default name of the directory.
     """
     given = _parser().parse_args(argv)
-    if given.devices is not None and given.devices < 1:
-        raise ConfigError(f"--devices is {given.devices}; expected 1 or more")
     processes = _processes(given.coordinator, given.processes, given.process)
     if given.resume is not None:
         for name in ("config", "set", "steps", "seeds", "out"):
@@ -91,7 +90,7 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
 def _seeds(config: TrainConfig, given: int | None) -> int:
     """Return how many seeds are trained."""
     seeds = 1 if given is None else given
-    if not 1 <= seeds <= SEED_END - config.seed:
+    if seeds > SEED_END - config.seed:
         raise ConfigError(
             f"--seeds is {seeds}; expected 1 to {SEED_END - config.seed} (seeds are below "
             f"{SEED_END})"
@@ -247,7 +246,7 @@ def _parser() -> Parser:
     add = parser.add_argument
     add(
         "--seeds",
-        type=int,
+        type=whole(1),
         metavar="N",
         help="train N seeds one after another (seed, seed + 1, ...; default: 1)",
     )
@@ -267,17 +266,17 @@ def _parser() -> Parser:
         "devices of each process to split the encounters over (default: all that JAX sees); a "
         "CPU is divided by N"
     )
-    add("--devices", type=int, metavar="N", help=text)
+    add("--devices", type=whole(1), metavar="N", help=text)
     text = (
         "train in several processes, on one host or many: address of the first one, or auto on a "
         "cluster that JAX "
         "knows; every process gets the same command but for --process"
     )
     add("--coordinator", metavar="HOST:PORT", help=text)
-    add("--processes", type=int, metavar="N", help="how many processes train together")
+    add("--processes", type=whole(1), metavar="N", help="how many processes train together")
     add(
         "--process",
-        type=int,
+        type=whole(0),
         metavar="I",
         help="number of this process, 0 to N - 1; the first one writes the files",
     )

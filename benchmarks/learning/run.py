@@ -29,6 +29,7 @@ from benchmarks.learning.sides import LEARNERS, PACKAGES, available, check
 from benchmarks.learning.training import Log
 from benchmarks.learning.trials import Trial, best, describe, settings, with_setting
 from benchmarks.measure import config_options, machine, report
+from envs.edge.command import real, whole
 from envs.edge.files import write_file
 from eval.stats.intervals import Interval
 from rlcas_jax.config import SEED_END, TrainConfig
@@ -236,7 +237,7 @@ def _as_json(interval: Interval) -> dict[str, float | None]:
 
 def _parser() -> Parser:
     parser = Parser(prog="python -m benchmarks.learning", description=__doc__)
-    add = parser.add_argument
+    add, seconds = parser.add_argument, real(0.1, 1e6, "s")
     config_options(parser, "configs/sprint.yaml")
     add(
         "--learner",
@@ -246,32 +247,32 @@ def _parser() -> Parser:
     )
     add(
         "--steps",
-        type=int,
+        type=whole(1),
         help="environment steps of a training (default 5000000; 400000 with --quick)",
     )
-    add("--seeds", type=int, help="trainings of each learner (default 3; 2 with --quick)")
+    add("--seeds", type=whole(1), help="trainings of each learner (default 3; 2 with --quick)")
     add(
         "--budget",
         dest="budget_s",
-        type=float,
+        type=seconds,
         metavar="SECONDS",
         help="most time of a training, s (default 600; 30 with --quick)",
     )
     add(
         "--trials",
-        type=int,
+        type=whole(0),
         help="settings that every learner tries first; 0: none (default 4; 2 with --quick)",
     )
     add(
         "--trial-seconds",
         dest="trial_s",
-        type=float,
+        type=seconds,
         help="most time of each of them, s (default 40; 6 with --quick)",
     )
-    add("--trial-seeds", type=int, help="trainings of each of them (default 1)")
+    add("--trial-seeds", type=whole(1), help="trainings of each of them (default 1)")
     add(
         "--trial-target",
-        type=float,
+        type=real(-100.0, 100.0),
         metavar="SCORE",
         help="choose the setting that comes to this training score soonest (default: the best "
         "score at the end)",
@@ -291,24 +292,11 @@ def _parser() -> Parser:
 
 
 def _extent(options: argparse.Namespace) -> Extent:
-    """Return the extent that the options ask for; raise ConfigError where it is none."""
+    """Return the extent that the options ask for."""
     given = {name: getattr(options, name) for name in asdict(QUICK)}
-    extent = replace(
+    return replace(
         QUICK if options.quick else Extent(), **{k: v for k, v in given.items() if v is not None}
     )
-    for name, least in (("steps", 1), ("seeds", 1), ("trials", 0), ("trial_seeds", 1)):
-        if getattr(extent, name) < least:
-            option = name.replace("_", "-")
-            raise ConfigError(f"--{option} is {getattr(extent, name)}; expected {least} or more")
-    for option, seconds in (("--budget", extent.budget_s), ("--trial-seconds", extent.trial_s)):
-        if not 0.0 < seconds < math.inf:
-            raise ConfigError(f"{option} is {seconds}; expected more than 0 s")
-    if extent.trial_target is not None and not -100.0 < extent.trial_target < 100.0:
-        raise ConfigError(
-            f"--trial-target is {extent.trial_target}; expected a training score between -100 and "
-            "100"
-        )
-    return extent
 
 
 def _parse(argv: Sequence[str] | None) -> tuple[argparse.Namespace, Extent, TrainConfig]:

@@ -25,7 +25,7 @@ from benchmarks.learning.sides import (
     side,
     updates,
 )
-from envs.edge.command import run_cli
+from envs.edge.command import real, run_cli
 from envs.edge.installation import versions
 from envs.edge.json_text import parse_json
 from rlcas_jax.config import TrainConfig
@@ -179,20 +179,18 @@ def main(argv: Sequence[str] | None = None) -> None:
     add("--config", type=Path, required=True, help="YAML file of the training")
     add(
         "--seconds",
-        type=float,
+        type=real(0.1, 1e6, "s"),
         default=600.0,
         help="most time of the training, s; starting is not counted",
     )
     add(
         "--until",
-        type=float,
+        type=real(-100.0, 100.0),
         metavar="SCORE",
         help="end where a window has this training score (default: none does)",
     )
     add("--out", type=Path, required=True, help="file of the run; what is there is replaced")
     options = parser.parse_args(argv)
-    if not options.seconds > 0.0:
-        raise ConfigError(f"--seconds is {options.seconds}; expected more than 0")
     if not available(options.learner):
         raise ConfigError(
             f"--learner {options.learner}: {LEARNERS[options.learner]} is not installed"

@@ -42,6 +42,7 @@ from benchmarks.safety.mutation import mutate
 from envs.aircraft import Aircraft
 from envs.arrays import Array
 from envs.edge.command import InputError, Parser, run_cli
+from envs.edge.command import whole as whole_number
 from envs.edge.json_text import parse_json
 from envs.trees import map_leaves, take
 from envs.waypoints import Waypoint
@@ -280,17 +281,14 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
         prog="python -m benchmarks.safety.certificates", description=__doc__.split("\n\n")[0]
     )
     add = parser.add_argument
-    add("--plans", type=int, default=1_000, help="SAFE plans at least (default 1000)")
-    add("--seed", type=int, default=0, help="seed of the requests (default 0)")
-    add("--first", type=int, default=0, help="number of the first block (default 0)")
-    add("--workers", type=int, default=cores(), help="processes (default: one for every core)")
+    add("--plans", type=whole_number(1), default=1_000, help="SAFE plans at least (default 1000)")
+    add("--seed", type=whole_number(0), default=0, help="seed of the requests (default 0)")
+    add("--first", type=whole_number(0), default=0, help="number of the first block (default 0)")
+    what = "processes (default: one for every core)"
+    add("--workers", type=whole_number(1), default=cores(), help=what)
     what = "directory for the figures of each block; a stopped run goes on there"
     add("--out", type=Path, help=what)
-    options = parser.parse_args(arguments)
-    for name, least in (("plans", 1), ("seed", 0), ("first", 0), ("workers", 1)):
-        if getattr(options, name) < least:
-            parser.error(f"--{name} is {getattr(options, name)}, expected {least} or more")
-    return options
+    return parser.parse_args(arguments)
 
 
 def _check_blocks(

@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import Field
 
 from agents.config.load import ConfigError, Parser, Strict, file_of, load, validate
+from envs.edge.command import whole
 from envs.edge.folder_lock import is_unused
 from envs.edge.yaml import YamlError, read
 from rlcas_jax.cli import add_configuration, is_named, overrides_of
@@ -130,7 +131,8 @@ def _parser() -> Parser:
         metavar="FILE",
         help=f"what varies: YAML file (see below), or a name: {_SPACE}",
     )
-    add("--trials", type=int, metavar="N", help="trials in all, also those of earlier calls")
+    what = "trials in all, also those of earlier calls"
+    add("--trials", type=whole(1), metavar="N", help=what)
     add("--out", type=Path, metavar="DIR", help="directory of the sweep")
     add(
         "--resume",
@@ -139,7 +141,7 @@ def _parser() -> Parser:
     )
     add(
         "--seeds",
-        type=int,
+        type=whole(1),
         metavar="N",
         help="training runs of a trial, whose mean counts (default: 1)",
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from agents.policy.domain import OutsideDomainError
 from agents.policy.inference import Policy
-from envs.edge.command import InputError, Parser
+from envs.edge.command import InputError, Parser, whole
 from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.categories import Categories, separations_of
 from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD, Unknown
@@ -39,8 +39,6 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
         if value is not None and not low <= value <= high:
             called = name.replace("_", "-")
             raise InputError(f"--{called} is {value:g} {unit}; expected {low:g} to {high:g} {unit}")
-    if not 1 <= options.system <= 255:
-        raise InputError(f"--system is {options.system}; expected 1 to 255")
     if options.own and not options.adsb:
         raise InputError("--own goes with --adsb; the autopilot leaves itself out of its traffic")
     if not re.fullmatch("(?:[0-9a-fA-F]{6})?", options.own):
@@ -139,8 +137,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="ADDRESS",
         help="udp:HOST:PORT (listens), udpout:HOST:PORT, tcp:HOST:PORT or a serial port",
     )
-    add("--baud", type=int, default=57_600, help="speed of a serial port, baud (default 57600)")
-    add("--system", type=int, default=245, help="our number, 1 to 255 (default 245)")
+    baud = "speed of a serial port, baud (default 57600)"
+    add("--baud", type=whole(1), default=57_600, help=baud)
+    add("--system", type=whole(1, 255), default=245, help="our number, 1 to 255 (default 245)")
     add("--fly", action="store_true", help="take over in GUIDED while a conflict lasts")
     numbers = (
         ("separation", 610.0, "kept from traffic, m"),

@@ -33,6 +33,7 @@ from benchmarks.learning import sb3 as sb3_task
 from benchmarks.learning import sides as learning_sides
 from benchmarks.learning import training as learning_run
 from benchmarks.learning.sides import TrainingFlight, check
+from benchmarks.safety import certificates
 from benchmarks.safety import run as safety
 from envs import surrogate
 from envs.gym.gymnasium_vector import DeconflictionVectorEnv
@@ -183,7 +184,7 @@ def test_parts_are_measured_of_ppo_on_sets_alone():
 
 
 def test_bad_repeats_are_refused():
-    with pytest.raises(ConfigError, match="--repeats is 0"):
+    with pytest.raises(ConfigError, match="--repeats: '0'; expected a whole number of at least 1"):
         training.main(["--repeats", "0"])
 
 
@@ -199,6 +200,9 @@ def test_bad_repeats_are_refused():
         (icarous.main, ["--missions", "-1"], "--missions: '-1'; expected a whole number"),
         (safety.main, ["--block", "50"], "--block: '50'; expected a whole number of at least 100"),
         (safety.main, ["--block", "150"], "--block is 150, expected a multiple of 100"),
+        (certificates.main, ["--plans", "0"], "--plans: '0'; expected a whole number of at least"),
+        (certificates.main, ["--seed", "-1"], "--seed: '-1'; expected a whole number of at least"),
+        (training_parts.main, ["--seconds", "0"], "--seconds: 0 s; expected 0.001 to 3600 s"),
     ],
 )
 def test_bad_options_are_refused_in_a_sentence(main: Any, given: list[str], said: str):
@@ -416,13 +420,13 @@ def test_a_peer_learns_in_a_process_of_its_own(peer: str, tmp_path: Path):
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--steps", "0", "--steps is 0"),
-        ("--seeds", "0", "--seeds is 0"),
-        ("--trials", "-1", "--trials is -1"),
-        ("--budget", "nan", "--budget is nan"),
-        ("--trial-seconds", "0", "--trial-seconds is 0"),
-        ("--trial-seeds", "0", "--trial-seeds is 0"),
-        ("--trial-target", "nan", "--trial-target is nan"),
+        ("--steps", "0", "--steps: '0'; expected a whole number"),
+        ("--seeds", "0", "--seeds: '0'; expected a whole number"),
+        ("--trials", "-1", "--trials: '-1'; expected a whole number"),
+        ("--budget", "nan", "--budget: nan s; expected 0.1 to 1e"),
+        ("--trial-seconds", "0", "--trial-seconds: 0 s; expected 0.1 to 1e"),
+        ("--trial-seeds", "0", "--trial-seeds: '0'; expected a whole number"),
+        ("--trial-target", "nan", "--trial-target: nan; expected -100 to 100"),
         ("--learner", "theirs", "invalid choice: 'theirs'"),
     ],
 )

@@ -100,7 +100,8 @@ def test_a_resumed_run_is_the_prepared_one(tmp_path: Path, seeds: int):
         ),
         (
             ["--set", "seed=0", "--seeds", "0"],
-            "--seeds is 0; expected 1 to 2147483648 (seeds are below 2147483648)",
+            "argument --seeds: '0'; expected a whole number of at least 1 (see python -m rlcas_jax.train "
+            "--help)",
         ),
         (
             ["--set", "seed=2147483647", "--seeds", "2"],
@@ -108,7 +109,8 @@ def test_a_resumed_run_is_the_prepared_one(tmp_path: Path, seeds: int):
         ),
         (
             ["--seeds", "x"],
-            "argument --seeds: invalid int value: 'x' (see python -m rlcas_jax.train --help)",
+            "argument --seeds: 'x'; expected a whole number of at least 1 (see python -m rlcas_jax.train "
+            "--help)",
         ),
         (["--resume", "none"], "--resume none: there is no such directory"),
         (["--resume", "."], "--resume .: it holds no config.yaml, so it is no run"),

@@ -191,7 +191,7 @@ def test_a_platform_without_devices_is_refused_with_those_that_there_are(tmp_pat
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--devices", "0"], "--devices is 0; expected 1 or more"),
+        (["--devices", "0"], "--devices: '0'; expected a whole number of at least 1"),
         (["--processes", "2"], "--processes and --process need --coordinator"),
         (["--coordinator", "here"], "--coordinator is 'here'; expected HOST:PORT"),
         (

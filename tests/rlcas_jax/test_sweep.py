@@ -164,7 +164,8 @@ def test_a_value_that_is_valid_only_with_some_others_is_taken(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        ("--seeds 0", "seeds is 0; expected a whole number at least 1"),
+        ("--seeds 0", "--seeds: '0'; expected a whole number of at least 1"),
+        ("--resume --trials 0", "--trials: '0'; expected a whole number of at least 1"),
         ("--set ppo.clap=1", "did you mean ppo.clip?"),
         ("--resume", "cannot change a sweep"),
     ],

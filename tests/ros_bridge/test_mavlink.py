@@ -550,7 +550,8 @@ def test_an_address_that_cannot_be_is_refused_in_a_sentence(text: str) -> None:
     [
         (["--separation", "1"], "--separation is 1 m; expected 10 to 10000 m"),
         (["--margin", "nan"], "--margin is nan m"),
-        (["--system", "0"], "--system is 0; expected 1 to 255"),
+        (["--system", "0"], "--system: '0'; expected a whole number, 1 to 255"),
+        (["--baud", "-1"], "--baud: '-1'; expected a whole number of at least 1"),
         (["--seconds", "-1"], "--seconds is -1 s"),
         (["--adsb", "host:30003"], "--adsb is 'host:30003', expected tcp://HOST:30003"),
         (["--own", "abc123"], "--own goes with --adsb"),
