@@ -8,6 +8,7 @@ import numpy as np
 
 from agents.resolvability.classify import Verdict
 from envs.encounters import Encounter, Scenario, sample
+from envs.starts import check_heeded
 from envs.trees import take
 from eval.flights.chunks import Conditioned, ReadyEvaluation
 from eval.flights.conditions import verdicts
@@ -39,6 +40,10 @@ class FlightProblem:
 
         Flights closer than ``closer_than``, m, count, and go on after a loss; None: below the
         required separation.
+
+        Raises:
+            EncounterError: the scenario's intruders have separations of their own, are reported in
+                part, or answer the ownship.
         """
         scenario = ready.evaluation.source
         if not isinstance(scenario, Scenario):
@@ -60,6 +65,9 @@ class FlightProblem:
         self._noise = (steps, 4, scenario.intruders[1])
         # Draws of the start, then of the sensors' noise step by step where there is any.
         self.dimensions = scenario.dimensions + math.prod(self._noise)
+        # Neither plans nor the file of lost encounters know of optional fields.
+        some, _ = self.sample_encounters(np.zeros((1, self.dimensions)))
+        check_heeded(some, f"scenario {scenario.name!r}")
 
     def sample_encounters(self, draws: np.ndarray) -> tuple[Encounter, np.ndarray]:
         """Return the encounters, ``[N]``, and which meet the scenario's conditions, bool
