@@ -159,8 +159,8 @@ class EncountersConfig(Strict):
             )
         },
     )
-    """Where the encounters come from: a scenario's name; module:name for a sampler of one's own,
-    which is imported; file:PATH for a CSV file of one's own; tracks:PATH for recorded tracks;
+    """Where the encounters come from: a scenario's name; module:name for a sampler of your own,
+    which is imported; file:PATH for a CSV file of your own; tracks:PATH for recorded tracks;
     lincoln:PATH for traffic of an encounter model."""
     scenario_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """SHA-256 that the scenario's file must have; null: any."""

@@ -26,7 +26,7 @@ class FamilyConfig(PolicyConfig):
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Seed of encounters and sensor noise."""
     scenario: str = "circle"
-    """A sampled scenario; module:name for one's own, which is imported."""
+    """A sampled scenario; module:name for your own, which is imported."""
     intruders: tuple[int, int] = (1, 1)
     """Fewest and most intruders of an encounter, at least 1."""
     turning: bool = False

@@ -24,7 +24,7 @@ class SensitivityConfig(PolicyConfig):
     mode: Literal["policy", "plan", "assured"] = "policy"
     """What decides."""
     scenario: str = "circle"
-    """A sampled scenario; module:name for one's own, which is imported."""
+    """A sampled scenario; module:name for your own, which is imported."""
     extensions: tuple[str, ...] = Field(default=(), max_length=64)
     """Inputs that the policy needs, and scenarios, of your own, `module:name` each; they are
     imported."""
