@@ -35,6 +35,7 @@ __all__ = [
     "available",
     "environment",
     "in_peers_form",
+    "keep_no_log",
     "numbers",
 ]
 
@@ -246,9 +247,19 @@ def algorithm(
     """
     torch: Any = importlib.import_module("torch")
     peer: Any = importlib.import_module("stable_baselines3")
-    return peer.PPO(
+    model = peer.PPO(
         "MlpPolicy",
         environment(config, cell.environments) if flying is None else flying,
         learning_rate=config.ppo.learning_rate if rate is None else rate,
         **numbers(config, cell, torch.nn.Tanh),
     )
+    keep_no_log(model)
+    return model
+
+
+def keep_no_log(model: Any) -> None:
+    """Let a learner of Stable-Baselines3 or SBX write no log: by default every call of ``learn``
+    leaves a folder among the temporary files.
+    """
+    logger: Any = importlib.import_module("stable_baselines3.common.logger")
+    model.set_logger(logger.Logger(None, []))

@@ -237,6 +237,7 @@ def _sbx(config: TrainConfig, cell: Cell, flying: Any, rate: Callable[[float], f
         learning_rate=rate,
         **sb3_task.numbers(config, cell, jnp.tanh),
     )
+    sb3_task.keep_no_log(model)
     # It would begin with smaller weights: it has an option for the actor's head alone.
     actor_key, critic_key = jax.random.split(jax.random.key(config.seed))
     policy = model.policy

@@ -4,6 +4,7 @@ as we are.
 
 import json
 import math
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -353,7 +354,10 @@ def test_noisy_reports_are_refused():
 @pytest.mark.slow
 @peers
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::FutureWarning")
-def test_a_peer_begins_as_we_do_and_follows_our_schedule(peer: str):
+def test_a_peer_begins_as_we_do_and_follows_our_schedule(
+    peer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     config = tiny("steps=1280", "ppo.learning_rate_final=1e-4")
     theirs = learning_sides.side(peer, config)
     assert isinstance(theirs, learning_sides._Peer)
@@ -374,6 +378,7 @@ def test_a_peer_begins_as_we_do_and_follows_our_schedule(peer: str):
         np.any(old != new)
         for old, new in zip(kernels, kernels_of(peer, theirs._weights.get()), strict=True)
     )
+    assert not list(tmp_path.glob("SB3-*"))  # it keeps no log
 
 
 def rate_of(peer: str, policy: Any) -> float:

@@ -483,12 +483,14 @@ def test_the_scenario_of_another_aircraft_is_refused(make: Any) -> None:
 @pytest.mark.slow
 def test_stable_baselines_trains_its_policy_for_dicts_unchanged() -> None:
     peer = pytest.importorskip("stable_baselines3")
+    logger = pytest.importorskip("stable_baselines3.common.logger")
     env = gymnasium.make(
         f"envs.gym.gymnasium_env:{ENV_ID}", scenario="multi", aircraft=UAS, intruders=4
     )
     model = peer.PPO(
         "MultiInputPolicy", env, n_steps=128, batch_size=64, n_epochs=2, seed=0, device="cpu"
     )
+    model.set_logger(logger.Logger(None, []))  # by default it leaves a folder
     before = [parameter.detach().clone() for parameter in model.policy.parameters()]
     model.learn(256)
     assert any(
