@@ -267,6 +267,12 @@ class World:
         message = self._state(x, y, heading, speed, **more)
         self.client.say(AircraftState, f"{self.node}/input/traffic", message, qos.TRAFFIC)
 
+    def begin_anew(self) -> list[str]:
+        """Let every aircraft begin where it is reported next; return the names of the others."""
+        others = [name for name in self._since if name != "own"]
+        self._since.clear()
+        return others
+
     def alert(self, *ids: str, **more: Any) -> None:
         message = alert(more.pop("time", None) or self.client.now(), *ids, **more)
         self.client.say(TrafficAlert, f"{self.node}/input/alerts", message, qos.EVENTS)

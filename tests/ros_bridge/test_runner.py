@@ -75,8 +75,30 @@ def client(number: int, runner: Process) -> Iterator[Client]:
 
 
 @pytest.fixture(scope="module")
-def world(client: Client) -> World:
-    return World(client)
+def only_world(client: Client) -> World:
+    world = World(client)
+    world.reference()
+    world.route()
+    return world
+
+
+@pytest.fixture
+def world(client: Client, only_world: World) -> World:
+    """Return the world with the ownship at the origin and all others far away, whatever the test
+    before left.
+    """
+    others = only_world.begin_anew()
+
+    def apart() -> None:
+        only_world.ownship()
+        for name in others:
+            only_world.intruder(-60_000.0, -60_000.0, -math.pi / 2.0, id=name)
+        client.idle(0.05)
+
+    for _ in range(2):  # a second report of another place confirms it
+        apart()
+    answer(client, Code.SAFE, apart)
+    return only_world
 
 
 def ask(client: Client, **more) -> GenerateTrajectory.Response:
@@ -108,13 +130,21 @@ def answer(
         client.idle(0.05)
 
 
-def test_missing_inputs_are_refused_one_by_one_until_a_plan(client: Client, world: World):
-    assert answer(client, Code.NO_GEO_REFERENCE).message == "geo_reference has not been received"
-    world.reference()
-    answer(client, Code.NO_OWNSHIP)
-    answer(client, Code.NO_ROUTE, world.ownship)
-    world.route()
-    response = answer(client, Code.SAFE, world.ownship)
+def test_missing_inputs_are_refused_one_by_one_until_a_plan():
+    with domain() as number:
+        process, client = Process("ros_bridge.runner", number), Client(number)
+        try:
+            world = World(client)
+            refused = answer(client, Code.NO_GEO_REFERENCE)
+            assert refused.message == "geo_reference has not been received"
+            world.reference()
+            answer(client, Code.NO_OWNSHIP)
+            answer(client, Code.NO_ROUTE, world.ownship)
+            world.route()
+            response = answer(client, Code.SAFE, world.ownship)
+        finally:
+            client.close()
+            process.stop()
     assert response.message == "" and response.field == ""
     assert Advisory.WIND_UNKNOWN in [one.code for one in response.advisories]
     assert "ownship.wind is unknown and taken as calm" in response.advisory
@@ -122,16 +152,24 @@ def test_missing_inputs_are_refused_one_by_one_until_a_plan(client: Client, worl
     assert response.trajectory.intruder_ids == []
 
 
-def encounter(world: World, **more) -> None:
+def encounter(world: World, name: str = "4b1a2c", **more) -> None:
     world.ownship(**more)
-    world.intruder(8_000.0, -8_000.0, math.pi / 2.0)
+    world.intruder(8_000.0, -8_000.0, math.pi / 2.0, id=name)
+
+
+def answer_encounter(client: Client, world: World, name: str) -> GenerateTrajectory.Response:
+    """Ask until a plan counts the intruder, which no test before has reported elsewhere."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        encounter(world, name)
+        response = answer(client, Code.SAFE, lambda: encounter(world, name))
+        if name in response.trajectory.intruder_ids:
+            return response
+    raise AssertionError("no plan counts the intruder")
 
 
 def test_safe_plan_is_published_and_latched(client: Client, world: World):
-    response = answer(client, Code.SAFE, world.ownship)
-    while list(response.trajectory.intruder_ids) != ["4b1a2c"]:
-        encounter(world)
-        response = answer(client, Code.SAFE, lambda: encounter(world))
+    response = answer_encounter(client, world, "shown1")
     plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
     paths = client.hear(PathMessage, f"{NODE}/output/path", qos.LATCHED)
     markers = client.hear(MarkerArray, f"{NODE}/output/markers", qos.LATCHED)
@@ -160,7 +198,7 @@ def test_trajectory_carries_the_certificate_that_proves_it(
     client: Client, world: World, tmp_path: Path
 ):
     plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
-    response = answer(client, Code.SAFE, lambda: encounter(world))
+    response = answer_encounter(client, world, "proof1")
     client.spin(lambda: plans and plans[-1].id == response.trajectory.id)
     file = tmp_path / "plan.json"
     file.write_bytes(bytes(plans[-1].certificate))
@@ -242,15 +280,6 @@ def test_unsafe_plan_is_answered_and_advised_but_not_published(client: Client, w
     assert bytes(response.trajectory.id.uuid) not in {bytes(plan.id.uuid) for plan in plans}
 
 
-def clear_scene(world: World) -> None:
-    """Put the aircraft of the tests before out of the way, and the ownship at the origin."""
-    for _ in range(2):
-        world.ownship()
-        world.intruder(-60_000.0, -60_000.0, -math.pi / 2.0, id="close1")
-        world.client.idle(0.02)
-        world.intruder(-60_000.0, -60_000.0, -math.pi / 2.0)
-
-
 @pytest.mark.parametrize(
     ("change", "code", "field"),
     [
@@ -265,8 +294,6 @@ def clear_scene(world: World) -> None:
 def test_a_bad_ownship_is_refused_until_a_good_one_comes(
     client: Client, world: World, change, code, field
 ):
-    answer(client, Code.SAFE, lambda: clear_scene(world))
-
     def bad() -> None:
         given = dict(change)
         if "ahead" in given:
@@ -293,13 +320,12 @@ def test_requests_are_checked(client: Client, world: World):
 
 
 def test_an_alert_about_an_unknown_aircraft_is_refused(client: Client, world: World):
-    answer(client, Code.SAFE, lambda: clear_scene(world))
     response = answer(client, Code.NO_INTRUDER, lambda: world.alert("beef01"))
     assert response.field == "intruder beef01"
     world.alert("beef01", "beef01")
     assert answer(client, Code.INVALID_ALERT).field == "alert.intruder_ids[1]"
     world.alert(level=0)
-    answer(client, Code.SAFE, lambda: clear_scene(world))
+    answer(client, Code.SAFE, world.ownship)
 
 
 def set_to(client: Client, name: str, value: float):
@@ -314,8 +340,8 @@ def set_to(client: Client, name: str, value: float):
     return result
 
 
-def test_a_silent_ownship_is_stale(client: Client, world: World):
-    answer(client, Code.SAFE, lambda: clear_scene(world))
+@pytest.mark.usefixtures("world")
+def test_a_silent_ownship_is_stale(client: Client):
     assert set_to(client, "ownship_max_age", 0.3).successful
     client.idle(0.4)
     assert answer(client, Code.STALE_OWNSHIP).field == "ownship.header.stamp"
@@ -364,7 +390,7 @@ def test_a_publisher_that_does_not_fit_is_reported(client: Client):
 
 def test_deactivation_withdraws_the_plan(client: Client, world: World):
     plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
-    held = answer(client, Code.SAFE, lambda: clear_scene(world)).trajectory
+    held = answer(client, Code.SAFE, world.ownship).trajectory
     client.spin(lambda: plans and plans[-1].revision == held.revision)
     change = ChangeState.Request()
     change.transition.id = 4
@@ -379,7 +405,7 @@ def test_deactivation_withdraws_the_plan(client: Client, world: World):
         client.call(GetState, f"{NODE}/get_state", GetState.Request()).current_state.label
         == "active"
     )
-    answer(client, Code.SAFE, lambda: clear_scene(world))
+    answer(client, Code.SAFE, world.ownship)
 
 
 def test_traffic_outside_the_domain_shows_in_answer_and_diagnostics(client: Client, world: World):
@@ -387,13 +413,11 @@ def test_traffic_outside_the_domain_shows_in_answer_and_diagnostics(client: Clie
     began = client.now()
 
     def fast() -> None:
-        clear_scene(world)
+        world.ownship()
         world.intruder(
             30_000.0 + 140.0 * (client.now() - began) / 1e9, 30_000.0, 0.0, 140.0, id="fa57aa"
         )
 
-    world.reference()
-    world.route()
     while (
         "outside_domain: intruder_speed is 140 m/s" not in answer(client, Code.SAFE, fast).advisory
     ):
