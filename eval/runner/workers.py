@@ -77,11 +77,14 @@ def processes(
     size: int, begin: Callable[..., object], *given: Any
 ) -> Generator[ProcessPoolExecutor, None, None]:
     """Give processes that begin with a call of ``begin``; Ctrl-C does not reach them. On leaving
-    they end, at once (SIGTERM) where an error or an interrupt ends the run.
+    they end, at once (SIGTERM) where an error or an interrupt ends the run, or this process is
+    killed.
     """
     before = set(multiprocessing.active_children())
     # A fresh interpreter each: a fork would copy the locks of whatever threads numpy has started.
-    pool = ProcessPoolExecutor(size, multiprocessing.get_context("spawn"), begin, given)
+    pool = ProcessPoolExecutor(
+        size, multiprocessing.get_context("spawn"), _begin_beside, (begin, *given)
+    )
     try:
         with _ignore_interrupts():
             for _ in range(size):
@@ -93,6 +96,19 @@ def processes(
         raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _begin_beside(begin: Callable[..., object], *given: Any) -> None:
+    """Begin a process, which ends (SIGTERM) without its parent."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        wait_for_any([parent.sentinel])
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=watch, daemon=True).start()
+    begin(*given)
 
 
 @contextmanager
@@ -116,15 +132,6 @@ _payloads: list[Payload] = []  # of a worker's process: the one that it works fo
 
 
 def _begin(data: bytes) -> None:
-    """Begin a worker, which ends at once without its parent."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        wait_for_any([parent.sentinel])
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
     _payloads.append(unpack(data))
 
 
