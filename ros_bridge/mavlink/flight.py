@@ -178,7 +178,7 @@ def program_beside(sitl: Sitl, more: Sequence[str] = ()) -> Program:
     """
     given = (
         f"--simulated --fly --quiet --separation {SEPARATION:g} --unknown-position-std 5 "
-        "--unknown-velocity-std 0.2 --traffic-altitude msl --deadline 0.5"
+        "--unknown-velocity-std 0.2 --traffic-altitude msl"
     )
     address = [] if "--connect" in more else ["--connect", sitl.address]
     options: argparse.Namespace = options_of([*given.split(), *address, *more])
