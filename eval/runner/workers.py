@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -23,6 +24,8 @@ from threadpoolctl import threadpool_limits
 
 from agents.policy.inference import Policy
 from eval.runner.payload import Chunk, Payload, Work, WorkerError, fly, pack, unpack
+
+_ENDING = 10.0  # s that a process without its parent has to end by itself
 
 
 def cores() -> int:
@@ -99,13 +102,15 @@ def processes(
 
 
 def _begin_beside(begin: Callable[..., object], *given: Any) -> None:
-    """Begin a process, which ends (SIGTERM) without its parent."""
+    """Begin a process, which ends without its parent: by SIGTERM, and at last at once."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
     def watch() -> None:
         wait_for_any([parent.sentinel])
         os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(_ENDING)
+        os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
     begin(*given)
