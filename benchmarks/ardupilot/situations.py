@@ -11,6 +11,7 @@ not as expected.
 
 import json
 import math
+import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -22,6 +23,7 @@ from eval.plots.style import legend, sample
 from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, fly, place_of
 from ros_bridge.mavlink.flight_picture import draw
 from ros_bridge.mavlink.messages import Mode
+from ros_bridge.mavlink.sitl import Sitl
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +34,7 @@ _LEFT, _BACK = 0.5 * math.pi, math.pi
 _DRONE, _LIGHT = 18.0, 55.0  # m/s
 _BESIDE = (1_600.0, 150.0), (2_900.0, 150.0), (2_900.0, 800.0), (1_600.0, 800.0)
 _ACROSS_IT = (2_200.0, -250.0), (2_700.0, -250.0), (2_700.0, 150.0), (2_200.0, 150.0)
-_AROUND = (700.0, -150.0), (1_400.0, -150.0), (1_400.0, 150.0), (700.0, 150.0)
+_AROUND = (700.0, -150.0), (1_900.0, -150.0), (1_900.0, 150.0), (700.0, 150.0)
 
 
 class Situation(NamedTuple):
@@ -41,7 +43,7 @@ class Situation(NamedTuple):
     intruders: tuple[Intruder, ...]
     acts: bool  # whether it must take over
     fence: tuple[tuple[float, float], ...] = ()
-    inside: bool = False  # whether it begins inside the fence
+    inside: bool = False  # whether the fence comes while the aircraft is inside of it
 
 
 SITUATIONS = {
@@ -67,6 +69,21 @@ SITUATIONS = {
         (Intruder(-_LEFT, 25.0, 60.0, 0.0),), acts=True, fence=_AROUND, inside=True
     ),
 }
+
+
+def _fly(encounter: Encounter, one: Situation) -> Result:
+    if not one.inside:
+        return fly(encounter, "ours", instance=12, speedup=40.0, until=_UNTIL)
+    waiting = [one.fence]
+
+    def upload(sitl: Sitl, seconds: float, row: Row) -> None:
+        if waiting:
+            sitl.signal(signal.SIGCONT)
+            sitl.upload_fence(waiting.pop(), keep_in=False)
+            sitl.signal(signal.SIGSTOP)
+
+    without = encounter._replace(fence=())
+    return fly(without, "ours", instance=12, speedup=40.0, until=_UNTIL, watch=upload)
 
 
 def row_of(name: str, one: Situation, flight: Result) -> dict[str, Any]:
@@ -150,7 +167,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in parse_names(options.only, SITUATIONS):
         one = SITUATIONS[name]
         encounter = Encounter(0, one.intruders, 0.0, 300.0, fence=one.fence, goal=GOAL)
-        flight = fly(encounter, "ours", instance=12, speedup=40.0, until=_UNTIL)
+        flight = _fly(encounter, one)
         flights[name] = flight
         rows.append(row_of(name, one, flight))
         print(json.dumps(rows[-1]), flush=True)
