@@ -9,7 +9,6 @@ and told in a line of JSON: the smallest distance, when which mode began, and wh
 import json
 import math
 import random
-import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -111,11 +110,10 @@ def _stall(sitl: Sitl, seconds: float, row: Row, sleep: int = _STALL) -> None:
     """Let the simulation go on without the program for so many ms."""
     if not _SPELL[0] <= seconds < _SPELL[1]:
         return
-    sitl.signal(signal.SIGCONT)
-    began = sitl.wait("GLOBAL_POSITION_INT").time_boot_ms
-    while sitl.wait("GLOBAL_POSITION_INT").time_boot_ms < began + sleep:
-        pass
-    sitl.signal(signal.SIGSTOP)
+    with sitl.awake():
+        began = sitl.wait("GLOBAL_POSITION_INT").time_boot_ms
+        while sitl.wait("GLOBAL_POSITION_INT").time_boot_ms < began + sleep:
+            pass
 
 
 def faults() -> dict[str, Fault]:

@@ -11,7 +11,6 @@ not as expected.
 
 import json
 import math
-import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,7 +19,7 @@ from benchmarks.ardupilot.encounters import GOAL
 from benchmarks.measure import parse_names, report
 from envs.edge.command import Parser
 from eval.plots.style import legend, sample
-from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, fly, place_of
+from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, apart, fly, place_of
 from ros_bridge.mavlink.flight_picture import draw
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.sitl import Sitl
@@ -78,9 +77,8 @@ def _fly(encounter: Encounter, one: Situation) -> Result:
 
     def upload(sitl: Sitl, seconds: float, row: Row) -> None:
         if waiting:
-            sitl.signal(signal.SIGCONT)
-            sitl.upload_fence(waiting.pop(), keep_in=False)
-            sitl.signal(signal.SIGSTOP)
+            with sitl.awake():
+                sitl.upload_fence(waiting.pop(), keep_in=False)
 
     without = encounter._replace(fence=())
     return fly(without, "ours", instance=12, speedup=40.0, until=_UNTIL, watch=upload)
@@ -151,8 +149,7 @@ def _draw(axis: "Axes", one: Situation, flight: Result) -> None:
 
 def _separation(row: Row, one: Situation, cruise: float) -> float:
     """Return the distance to the nearest intruder at a row of a flight, m; inf without any."""
-    places = [place_of(other, row.time, cruise)[:2] for other in one.intruders]
-    return min((math.dist((row.x, row.y), place) for place in places), default=math.inf)
+    return min((apart(row, other, cruise) for other in one.intruders), default=math.inf)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

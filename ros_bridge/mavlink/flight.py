@@ -6,7 +6,6 @@ The simulation stands still while a plan is sought, so that a loaded machine cha
 import argparse
 import itertools
 import math
-import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
@@ -122,6 +121,11 @@ def place_of(one: Intruder, time: float, cruise: float) -> tuple[float, float, f
     return x + left * math.cos(course), y + left * math.sin(course), course
 
 
+def apart(row: Row, one: Intruder, cruise: float) -> float:
+    """Return the horizontal distance to an intruder at a row of a flight, m."""
+    return math.dist((row.x, row.y), place_of(one, row.time, cruise)[:2])
+
+
 def fly(
     encounter: Encounter,
     method: str,
@@ -199,16 +203,13 @@ def advance(sitl: Sitl, positions: int) -> list[Any]:
     """Let the simulation go on until it has reported its position so often, and return what it has
     sent.
     """
-    sitl.signal(signal.SIGCONT)
-    try:
+    with sitl.awake():
         found = [sitl.station.recv_match(blocking=True, timeout=0.05)]
         until = time.monotonic() + 0.2 * positions
         while positions and time.monotonic() < until:
             message = sitl.station.recv_match(blocking=True, timeout=0.005)
             found.append(message)
             positions -= message is not None and message.get_type() == "GLOBAL_POSITION_INT"
-    finally:
-        sitl.signal(signal.SIGSTOP)
     found += iter(sitl.station.recv_match, None)  # what is there, until it is None
     return [message for message in found if message is not None]
 
@@ -308,8 +309,7 @@ def _judge(encounter: Encounter, log: _Log, program: Program | None) -> Result:
     least, lost = math.inf, False
     for row in rows:
         for one in encounter.intruders:
-            x, y, _ = place_of(one, row.time, encounter.cruise)
-            away = math.hypot(row.x - x, row.y - y)
+            away = apart(row, one, encounter.cruise)
             if abs(row.above - _ABOVE) < VERTICAL:
                 least = min(least, away)
                 lost = lost or away < SEPARATION

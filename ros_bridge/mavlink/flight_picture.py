@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, Result, Row, place_of
+from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, Result, Row, apart, place_of
 from ros_bridge.mavlink.messages import Mode
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def _draw_nearest(axis: "Axes", one: Intruder, encounter: Encounter, flight: Res
     """
     from matplotlib.patches import Circle
 
-    nearest = min(flight.rows, key=lambda row: _apart(row, one, encounter))
+    nearest = min(flight.rows, key=lambda row: apart(row, one, encounter.cruise))
     x, y, _ = place_of(one, nearest.time, encounter.cruise)
     axis.add_patch(Circle((x, y), SEPARATION, fill=False, color=_OTHER, ls=":"))
     axis.plot([nearest.x, x], [nearest.y, y], "-", lw=1, color="black")
@@ -93,7 +93,7 @@ def _draw_nearest(axis: "Axes", one: Intruder, encounter: Encounter, flight: Res
 def _draw_distances(axis: "Axes", encounter: Encounter, flight: Result) -> None:
     times = [row.time for row in flight.rows]
     for one in encounter.intruders:
-        axis.plot(times, [_apart(row, one, encounter) for row in flight.rows], color=_OTHER)
+        axis.plot(times, [apart(row, one, encounter.cruise) for row in flight.rows], color=_OTHER)
     axis.axhline(SEPARATION, color=_OTHER, ls=":", label="to be kept")
     axis.set(xlabel="time, s", ylabel="distance, m", ylim=(0, None))
     axis.legend()
@@ -119,8 +119,3 @@ def _marked(rows: Sequence[Row]) -> list[Row]:
     for row in rows:
         found.setdefault(int(row.time) // _MARKS, row)
     return list(found.values())
-
-
-def _apart(row: Row, one: Intruder, encounter: Encounter) -> float:
-    x, y, _ = place_of(one, row.time, encounter.cruise)
-    return math.hypot(row.x - x, row.y - y)

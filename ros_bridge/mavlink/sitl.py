@@ -11,7 +11,8 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -164,6 +165,15 @@ class Sitl:
     def signal(self, number: int) -> None:
         """Send a signal to the simulation, such as to stop it and let it go on."""
         self._process.send_signal(number)
+
+    @contextmanager
+    def awake(self) -> Generator[None, None, None]:
+        """Let the simulation, which stands still, go on meanwhile."""
+        self.signal(signal.SIGCONT)
+        try:
+            yield
+        finally:
+            self.signal(signal.SIGSTOP)
 
     def _connect(self) -> Any:
         os.environ.setdefault("MAVLINK20", "1")

@@ -2,7 +2,6 @@
 operator, and where it dies the autopilot flies on."""
 
 import math
-import signal
 import socket
 import subprocess
 import sys
@@ -128,9 +127,8 @@ def test_an_encounter_is_resolved_beside_a_fence_and_the_mission_flown_on(in_fli
 
     def upload(sitl: Sitl, seconds: float, row: Any) -> None:
         if waiting:
-            sitl.signal(signal.SIGCONT)
-            sitl.upload_fence(waiting.pop(), keep_in=False)
-            sitl.signal(signal.SIGSTOP)
+            with sitl.awake():
+                sitl.upload_fence(waiting.pop(), keep_in=False)
 
     # The simulation stands still while the program computes: a loaded machine changes nothing.
     given = Encounter(0, (crossing,), 0.0, 300.0, 0.0, () if in_flight else fence)
@@ -151,11 +149,10 @@ def test_a_program_that_did_not_keep_up_says_so_and_calls_nothing_safe_for_a_whi
         """Let the simulation go on for a while without the program, before it would take over."""
         if seconds > 5.0 and not stalled:
             stalled.append(seconds)
-            sitl.signal(signal.SIGCONT)
-            began = sitl.wait("GLOBAL_POSITION_INT").time_boot_ms
-            while sitl.wait("GLOBAL_POSITION_INT").time_boot_ms < began + 3_000:
-                pass
-            sitl.signal(signal.SIGSTOP)
+            with sitl.awake():
+                began = sitl.wait("GLOBAL_POSITION_INT").time_boot_ms
+                while sitl.wait("GLOBAL_POSITION_INT").time_boot_ms < began + 3_000:
+                    pass
 
     flight = fly(
         Encounter(0, (crossing,), 0.0, 300.0), "ours", instance=INSTANCE, until=45.0, watch=stall
@@ -264,9 +261,8 @@ def test_an_item_that_a_ground_station_sets_in_guided_is_where_auto_goes_on(
             waiting.clear()
             sitl.command(224, float(item))  # MAV_CMD_DO_SET_MISSION_CURRENT
         if seconds > 130.0 and not flown_to:
-            sitl.signal(signal.SIGCONT)
-            flown_to.append(sitl.wait("MISSION_CURRENT").seq)
-            sitl.signal(signal.SIGSTOP)
+            with sitl.awake():
+                flown_to.append(sitl.wait("MISSION_CURRENT").seq)
 
     flight = fly(
         Encounter(0, (crossing,), 0.0, 300.0),
@@ -294,9 +290,8 @@ def test_a_mission_that_is_uploaded_in_flight_counts_whatever_its_length(in_guid
     def upload(sitl: Sitl, seconds: float, row: Any) -> None:
         if waiting and seconds > waiting[0]:
             waiting.clear()
-            sitl.signal(signal.SIGCONT)
-            sitl.upload(ELSEWHERE)
-            sitl.signal(signal.SIGSTOP)
+            with sitl.awake():
+                sitl.upload(ELSEWHERE)
 
     flight = fly(
         Encounter(0, (crossing,), 0.0, 300.0),
