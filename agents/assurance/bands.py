@@ -130,9 +130,13 @@ class _Against(NamedTuple):
         return predict(self.traffic, time)
 
     def required_distance(self, time: Array) -> Array:
-        """Return the required distance at some times, m, less what the validator tolerates."""
+        """Return the required distance from each intruder at each time, m, less what the validator
+        tolerates; the times broadcast against the intruders.
+        """
         grown = self.base + growth(self.traffic, time, self.requirement.sigmas)
-        return np.maximum(grown - CLOSE, separations(self.traffic, self.requirement) - ROUNDING)
+        need = np.maximum(grown - CLOSE, separations(self.traffic, self.requirement) - ROUNDING)
+        # Where nothing grows, it is one distance for all times.
+        return np.broadcast_to(need, np.broadcast_shapes(np.shape(need), np.shape(time)))
 
     def pick(self, which: tuple[Array, ...]) -> "_Against":
         """Return the intruders of some pairs, numbers of rows and of intruders, ``[m, 1]``."""
@@ -446,7 +450,6 @@ def _judge_ramp(
     nodes = np.arange(int(np.ceil(float(reached.max()) / step - 1e-9)) + 1) * step
     times = nodes[None, :, None]
     there, need = against.intruders_at(times), against.required_distance(times)
-    need = np.broadcast_to(need, there.x.shape)
     paths = []
     for yaw_rate, acceleration in zip(ramp.yaw_rate, ramp.acceleration, strict=True):
         moving = _state(column(own), yaw_rate, acceleration, nodes)
@@ -528,9 +531,7 @@ def _judge_among_turning(
     since = np.linspace(0.0, 1.0, steps + 1) * lasts[which][:, None]
     times = reached[n, band, None] + since
     path = _relative(_straight_on(take(own, (n, band)), since), one.intruders_at(times))
-    steps_of = _judge_steps(
-        path, times, np.broadcast_to(one.required_distance(times), times.shape), 1
-    )
+    steps_of = _judge_steps(path, times, one.required_distance(times), 1)
     _write(found, which, _drop_uncounted(steps_of, one.traffic, times[:, :-1], times[:, 1:]))
     return found
 
