@@ -34,7 +34,7 @@ from benchmarks.measure import parse_names, report
 from envs.edge.command import Parser, whole
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.mavlink.control import Phase
-from ros_bridge.mavlink.flight import SEPARATION, Row, advance, program_beside
+from ros_bridge.mavlink.flight import KNOWN, SEPARATION, Row, advance, program_beside
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.program import Program
 from ros_bridge.mavlink.sitl import HOME, Leg, Sitl
@@ -284,8 +284,7 @@ def wait(
 def program_process(address: str, *, full: bool = False) -> "Generator[subprocess.Popen[bytes]]":
     """Give a running program; ``full``: whose log is on a full disk."""
     command = [sys.executable, "-m", "ros_bridge.mavlink", "--connect", address, "--simulated"]
-    command += ["--separation", "200", "--fly", "--traffic-altitude", "msl"]
-    command += ["--unknown-position-std", "5", "--unknown-velocity-std", "0.2"]
+    command += ["--separation", "200", "--fly", *KNOWN]
     log = Path("/dev/full" if full else "/dev/null")
     with log.open("w", encoding="utf-8") as out:
         process = subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL)

@@ -4,11 +4,13 @@
 
 Each encounter (:mod:`benchmarks.ardupilot.encounters`) is flown by ArduPlane in its simulation,
 which RLCAS_SITL names (docs/howto/mavlink.md): ``mission`` passes over the traffic, ``climb`` and
-``sideways`` are ArduPilot's own avoidance by height and horizontally, ``ours`` is the program with
---fly. A loss is an aircraft nearer than 200 m while within 50 m of the height. The simulation
-stands still while the program computes. Every flight is a line of ``flights.jsonl``; the same
-command goes on after the last one. Flights that ``flights.jsonl`` beside this module holds are not
-flown again. The last line is one JSON object.
+``sideways`` are ArduPilot's own avoidance by height and horizontally. ``ours`` is the program with
+--fly, told the accuracies that a good receiver gives (:data:`ros_bridge.mavlink.flight.KNOWN`);
+``ours_unknown`` is the program at its defaults, which take what is unknown as the worst. A loss is
+an aircraft nearer than 200 m while within 50 m of the height. The simulation stands still while
+the program computes. Every flight is a line of ``flights.jsonl``; the same command goes on after
+the last one. Flights that ``flights.jsonl`` beside this module holds are not flown again. The last
+line is one JSON object.
 """
 
 import argparse
@@ -26,13 +28,13 @@ from benchmarks.measure import Kind, read_done, report
 from envs.edge.command import Parser, real, whole
 from envs.edge.json_text import parse_json
 from eval.runner.workers import processes
-from ros_bridge.mavlink.flight import BEGIN, SEPARATION, Encounter, Result, fly
+from ros_bridge.mavlink.flight import AVOIDANCES, BEGIN, OURS, SEPARATION, Encounter, Result, fly
 from ros_bridge.mavlink.sitl import LAST_INSTANCE, SitlError, folder
 
 if TYPE_CHECKING:
     from multiprocessing.queues import SimpleQueue
 
-METHODS = "mission", "climb", "sideways", "ours"
+METHODS = "mission", *AVOIDANCES, *OURS
 _FILE = "flights.jsonl"
 _FLOWN = Path(__file__).with_name(_FILE)
 _LATE = 120.0  # s after the mission alone, within which it must have arrived
@@ -216,12 +218,12 @@ def _figures(flights: Sequence[Row]) -> Row:
 def table(rows: Sequence[Row]) -> str:
     """Return the figures as a table."""
     lines = [
-        f"{'':20} {'':9} flights losses breaches arrivals  least, m  path, m  on the mission, %"
+        f"{'':20} {'':12} flights losses breaches arrivals  least, m  path, m  on the mission, %"
     ]
     for one in figures(rows):
         path = "-" if one["path_m"] is None else f"{one['path_m']:.0f}"
         lines.append(
-            f"{one['kind']:20} {one['method']:9} {one['flights']:7} {one['losses']:6} "
+            f"{one['kind']:20} {one['method']:12} {one['flights']:7} {one['losses']:6} "
             f"{one['breaches']:8} {one['arrivals']:8} {one['least_separation_m']:10.0f} "
             f"{path:>8} {100.0 * one['on_mission']:18.0f}"
         )

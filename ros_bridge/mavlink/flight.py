@@ -38,6 +38,20 @@ AVOIDANCES = {
 }
 """ArduPilot's own avoidance, and back to the mission: by height, and horizontally."""
 
+KNOWN = (
+    *("--unknown-position-std", "5", "--unknown-velocity-std", "0.2"),  # m, m/s
+    *("--traffic-altitude", "msl"),
+)
+"""Options of the program where the traffic is known as a good receiver knows it, and above sea
+level, which ADSB_VEHICLE cannot say. 5 m and 0.2 m/s are one sigma of NACp 10 and of NACv 4 (95 %
+within 10 m and 0.3 m/s). Without them the program's defaults for what is unknown count.
+"""
+
+OURS = {"ours": KNOWN, "ours_unknown": ()}
+"""The program with --fly: with accuracies of the traffic that a good receiver gives, and at its
+defaults.
+"""
+
 BEGIN, GOAL = 1_100.0, 6_000.0
 """m east of home: where the clock begins, and where the mission ends by default."""
 
@@ -141,7 +155,7 @@ def fly(
 
     Args:
         encounter: what is flown.
-        method: ``ours``, ``mission``, or a name of :data:`AVOIDANCES`.
+        method: ``mission``, or a name of :data:`OURS` or :data:`AVOIDANCES`.
         instance: of the simulation.
         speedup: times real time at most.
         until: s, after which the flight ends.
@@ -168,7 +182,7 @@ def fly(
         sitl.rate(33, 1e5)  # GLOBAL_POSITION_INT
         sitl.rate(74, 1e5)  # VFR_HUD
         sitl.rate(0, 2e5)  # HEARTBEAT
-        program = program_beside(sitl, more) if method == "ours" else None
+        program = program_beside(sitl, more, OURS[method]) if method in OURS else None
         try:
             return _fly(encounter, sitl, program, frame, until, watch)
         finally:
@@ -176,16 +190,13 @@ def fly(
                 program.close()
 
 
-def program_beside(sitl: Sitl, more: Sequence[str] = ()) -> Program:
-    """Return the program with --fly beside a simulation, with more options; --connect may be one
-    of them.
+def program_beside(sitl: Sitl, more: Sequence[str] = (), traffic: Sequence[str] = KNOWN) -> Program:
+    """Return the program with --fly beside a simulation, with options that say how exactly the
+    traffic is known, and more options; --connect may be one of them.
     """
-    given = (
-        f"--simulated --fly --quiet --separation {SEPARATION:g} --unknown-position-std 5 "
-        "--unknown-velocity-std 0.2 --traffic-altitude msl"
-    )
+    given = f"--simulated --fly --quiet --separation {SEPARATION:g}"
     address = [] if "--connect" in more else ["--connect", sitl.address]
-    options: argparse.Namespace = options_of([*given.split(), *address, *more])
+    options: argparse.Namespace = options_of([*given.split(), *traffic, *address, *more])
     link = Link(options.connect, system=options.system, simulated=True)
     program = Program(link, options)
     program.show()
