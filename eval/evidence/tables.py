@@ -59,7 +59,7 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
         rows += (
             _parts(results[one], table)
             if table.each
-            else [row_of(listed.results[one], results[one], table.columns)]
+            else [row_of(listed.results[one], {**results[one], "name": one}, table.columns)]
         )
     if not table.columns:
         rows = rows_of_cells(listed, results, names)

@@ -33,7 +33,7 @@ from eval.runner.options import (
 
 _DESCRIPTION = """\
 Group the encounters in which a run of eval.monte_carlo failed and that are not proven
-unresolvable, by how they failed (near miss: at least 95 % of the separation was kept; deep loss;
+unresolvable, by how they failed (narrow loss: at least 95 % of the separation was kept; deep loss;
 time-out), by the angle between the courses and by the distance at the start; and draw some of
 each group beside a flight that would have succeeded.
 
@@ -48,8 +48,8 @@ examples:
   python -m eval.failures --config runs/failed/config.yaml --out runs/again          repeat one"""
 
 
-HOW = ("near miss", "deep loss", "time-out")
-_DEEP = 0.95  # a violation that keeps this share of the separation is a near miss
+HOW = ("narrow loss", "deep loss", "time-out")
+_DEEP = 0.95  # a violation that keeps this share of the separation is a narrow loss
 # Ranges of the angle between the courses at the start, degrees; the upper end of the last belongs
 # to it.
 _COURSES = ((0.0, 30.0), (30.0, 60.0), (60.0, 135.0), (135.0, 180.0))
@@ -221,7 +221,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _title(number: int, group: Group, table: Mapping[str, np.ndarray]) -> str:
     closest, angle = table["min_separation_m"][number], abs(table["relative_heading_deg"][number])
-    digits = 2 if group.how == "near miss" else 0  # of centimetres, where they decide
+    digits = 2 if group.how == "narrow loss" else 0  # of centimetres, where they decide
     return (
         f"{number}: {group.how}, {closest:.{digits}f} m\nfrom "
         f"{table['distance_m'][number]:.0f} m, courses {angle:.0f}°"

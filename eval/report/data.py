@@ -54,9 +54,9 @@ _NUMBERS = (
     "t_cpa_s",
     "d_cpa_m",
 )
-NEAR = 1.05  # a success that came nearer than this times the required separation is a near miss
+NEAR = 1.05  # a success that came nearer than this times the required separation is a close success
 NEAREST, OTHERS, POINTS = 200, 100, 20_000
-"""At most so many near misses and other successes are replayed; at most so many encounters are
+"""At most so many close successes and other successes are replayed; at most so many encounters are
 points.
 """
 
@@ -83,14 +83,14 @@ def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
         ("asked for", np.array(wanted, dtype=int), most),
         ("failures", np.flatnonzero(np.isin(kinds, ("violation", BREACH, "time-out"))), most),
         ("proven unresolvable", np.flatnonzero(kinds == "proven unresolvable"), most),
-        ("near misses", nearest, NEAREST),
+        ("close successes", nearest, NEAREST),
         ("other successes", np.flatnonzero(success & ~near), OTHERS),
     )
     left, before, chosen = most, np.array([], dtype=int), []
     for name, found, bound in groups:
         fresh = found[~np.isin(found, before)]
         count = min(left, bound, len(fresh))
-        numbers = fresh[:count] if name == "near misses" else spread(fresh, count)
+        numbers = fresh[:count] if name == "close successes" else spread(fresh, count)
         before, left = np.concatenate([before, numbers]), left - count
         chosen.append(Choice(name, numbers, len(found)))
     return [choice for choice in chosen if choice.total]

@@ -29,7 +29,7 @@ _DESCRIPTION = """\
 Write report.html into a folder that eval.monte_carlo wrote: the numbers with their intervals, the
 figures, and the encounters, to be filtered and replayed. It is one file that needs no network.
 
-Failures, near misses and a sample of the other encounters are flown again for the replay."""
+Failures, close successes and a sample of the other encounters are flown again for the replay."""
 
 _EPILOG = """\
 examples:

@@ -136,7 +136,7 @@ PARAMETERS = (
     Parameter(
         _BOTH,
         "margin",
-        0.145,
+        0.21,
         "added to the separation for the autopilot's distance from the plan (C208B)",
         0.0,
         5.0,

@@ -165,7 +165,7 @@ def test_the_aircraft_in_flight_is_that_of_the_evaluations():
 def test_defaults_are_the_usual_options_of_the_aircraft():
     usual = Options.for_aircraft(PAPER)
     options = planning_options(values_of("runner"), PAPER)
-    assert options == replace(usual, requirement=usual.requirement._replace(margin=145.0))
+    assert options == replace(usual, requirement=usual.requirement._replace(margin=210.0))
     for name in ("uas", "jet"):
         aircraft = load(
             AircraftConfig, PACKAGE.parent / "configs" / "aircraft" / f"{name}.yaml"

@@ -371,7 +371,7 @@ def test_diagnostics_name_policy_and_aircraft(client: Client):
     client.spin(lambda: health)
     values = {one.key: one.value for one in health[-1].status[0].values}
     assert values["policy sha256"] == Policy.load().sha256
-    assert values["aircraft"].endswith("separation 1000 m, margin 145 m")
+    assert values["aircraft"].endswith("separation 1000 m, margin 210 m")
 
 
 def test_a_publisher_that_does_not_fit_is_reported(client: Client):

@@ -336,7 +336,7 @@ def test_parameters_of_the_node_itself_are_taken():
 @pytest.mark.parametrize("node", [Runner, Monitor])
 def test_default_margin_is_an_aircrafts(node: Any):
     with beside(node) as (made, _):
-        assert made.get_parameter("margin").value == 145.0
+        assert made.get_parameter("margin").value == 210.0
 
 
 @pytest.mark.parametrize(

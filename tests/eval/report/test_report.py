@@ -353,11 +353,11 @@ def test_failures_come_first_and_nobody_twice(kinds: list[str], most: int) -> No
     if most > len(failures):
         assert set(failures) <= set(numbers)
     by_group = {choice.group: choice for choice in chosen}
-    for group, bound in (("near misses", NEAREST), ("other successes", OTHERS)):
+    for group, bound in (("close successes", NEAREST), ("other successes", OTHERS)):
         if group in by_group:
             assert len(by_group[group].numbers) <= bound
-    if "near misses" in by_group:
-        nearest = run.table["min_separation_m"][by_group["near misses"].numbers]
+    if "close successes" in by_group:
+        nearest = run.table["min_separation_m"][by_group["close successes"].numbers]
         assert (np.diff(nearest) >= 0.0).all()
 
 
