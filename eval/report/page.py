@@ -207,8 +207,8 @@ def _tracks(chosen: Sequence[Choice], data: Mapping[str, Any]) -> str:
     differing = sum("differs" in flight for flight in flights.values())
     witnesses = sum("witness" in flight for flight in flights.values())
     text = (
-        f"{group_digits(len(flights))} encounters have tracks: {', '.join(parts)}. Close successes are "
-        f"successes nearer than {100.0 * (NEAR - 1.0):g} % beyond the required separation; at most "
+        f"{group_digits(len(flights))} encounters have tracks: {', '.join(parts)}. Close successes "
+        f"are those nearer than {100.0 * (NEAR - 1.0):g} % beyond the required separation; at most "
         f"the {NEAREST} nearest have tracks. They were flown again when this page was made, "
         f"{group_digits(witnesses)} failures beside a flight that resolves them."
     )
