@@ -68,9 +68,16 @@ class Supervision:
     held: Published | None = None  # the plan that is monitored; None: none, or it was withdrawn
     revision: int = 0  # the greatest that was received
     asked: int = 0  # when the last request went out, ns
-    reported: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
+    reported: "Mapping[str, Reported]" = field(default_factory=lambda: MappingProxyType({}))
     """What the monitor got last, by aircraft."""
     areas: "FrameAreas | None" = None  # None: none have been placed yet
+
+
+class Reported(NamedTuple):
+    """A report, and its state in the monitor's frame."""
+
+    report: Report
+    state: VehicleState
 
 
 class AreaSource(NamedTuple):
@@ -132,7 +139,9 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
     own, waypoints = to_frame(frame, published)
     tracks = ((name, situation.traffic.get(name)) for name in published.identifiers)
     intruders = {
-        name: _intruder(supervision, situation, track.estimate, published.began)
+        name: _intruder(
+            supervision, situation, _placed(frame, track.estimate, None), published.began
+        )
         for name, track in tracks
         if track is not None and track.estimate is not None
     }
@@ -198,27 +207,29 @@ class _Traffic(NamedTuple):
     """What the monitor is given of the traffic at a moment."""
 
     intruders: dict[str, Intruder]  # of an unknown state where there is no good report
-    reported: dict[str, Report]  # that they were made of
+    reported: dict[str, Reported]  # that they were made of
     gone: list[str]  # that it is to forget
 
 
 def _traffic(supervision: Supervision, situation: Situation, now: int) -> _Traffic:
     """Return what the monitor is given; who cannot come near is left out."""
     limits, known = supervision.watch.thresholds, supervision.watch.names
-    own = situation.own.last
+    own, frame = situation.own.last, supervision.frame
+    assert frame is not None, "reports are placed in a frame"
     reach = None if own is None else _reach(own, now, supervision, situation)
     left_out = frozenset() if reach is None else _unusable_aircraft(situation, reach, limits)
     intruders: dict[str, Intruder] = {}
-    reported: dict[str, Report] = {}
+    reported: dict[str, Reported] = {}
     for name, track in situation.traffic.items():
         if name in left_out:
             continue
         if reach is not None and _vertically_apart(track, reach, supervision):
             continue
-        report = _report_due(supervision.reported.get(name), track, limits)
+        before = supervision.reported.get(name)
+        report = _report_due(None if before is None else before.report, track, limits)
         if report is not None:
-            reported[name] = report
-            intruders[name] = _intruder(supervision, situation, report, now)
+            reported[name] = _placed(frame, report, before)
+            intruders[name] = _intruder(supervision, situation, reported[name], now)
         elif name not in known:
             # An aircraft without any good report must be missed all the same.
             intruders[name] = Intruder(_UNKNOWN)
@@ -380,14 +391,24 @@ def _age(zero: int, time: int, now: int) -> float:
     return _clock(zero, now) - _clock(zero, time)
 
 
-def _intruder(supervision: Supervision, situation: Situation, report: Report, now: int) -> Intruder:
+def _placed(frame: LocalFrame, report: Report, before: Reported | None) -> Reported:
+    """Return a report with its state in a frame; ``before`` is what the aircraft had in it: to
+    place every report of many aircraft anew takes longer than a step.
+    """
+    if before is not None and before.report is report:
+        return before
+    return Reported(report, to_local(frame, report))
+
+
+def _intruder(
+    supervision: Supervision, situation: Situation, reported: Reported, now: int
+) -> Intruder:
     """Return a report in the monitor's frame, with its separations and its altitude."""
-    frame, categories = supervision.frame, supervision.categories
-    assert frame is not None, "reports are placed in a frame"
+    report, categories = reported.report, supervision.categories
     position_std, velocity_std = report.spread(supervision.unknown)
     climb = supervision.watch.thresholds.options.unknown_climb
     return Intruder(
-        to_local(frame, report),
+        reported.state,
         _age(supervision.zero, report.time, now),
         position_std=position_std,
         velocity_std=velocity_std,

@@ -146,6 +146,7 @@ class Code(IntEnum):
     INVALID_REQUEST = 45
     SUPERSEDED = 46
     INVALID_TASK = 47
+    CANCELLED = 48
     INTERNAL_ERROR = 255
 
 

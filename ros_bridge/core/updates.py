@@ -24,9 +24,21 @@ from ros_bridge.core.tracks import (
 )
 
 if TYPE_CHECKING:
-    from rlcas_msgs.msg import AircraftState, Areas, GeoReference, TrafficAlert, Trajectory
+    from rlcas_msgs.msg import (
+        AircraftState,
+        Areas,
+        GeoReference,
+        TrafficAlert,
+        TrafficArray,
+        Trajectory,
+    )
 
 _T = TypeVar("_T")
+
+_OWN_ELSEWHERE = 2.0
+"""For how long a report of another place counts of the ownship, s: its source has been replaced, or
+another one was taken for it by mistake. Of traffic it counts as long as an aircraft that is silent.
+"""
 
 
 def ownship(situation: Situation, message: "AircraftState", now: int, rules: Rules) -> Situation:
@@ -39,7 +51,7 @@ def ownship(situation: Situation, message: "AircraftState", now: int, rules: Rul
         attempt(lambda: conversions.aircraft(message, "ownship")),
         "ownship",
         now,
-        rules,
+        replace(rules, elsewhere=_OWN_ELSEWHERE),
     )
     traffic, before, last = situation.traffic, situation.own.last, own.last
     if last is not None and (before is None or before.identifier != last.identifier):
@@ -63,6 +75,15 @@ def traffic(situation: Situation, message: "AircraftState", now: int, rules: Rul
     if own is not None and own.identifier == name and _near(own, found.sighting, rules):
         return situation
     return replace(situation, traffic=follow(situation.traffic, name, found, now, rules))
+
+
+def traffic_array(
+    situation: Situation, message: "TrafficArray", now: int, rules: Rules
+) -> Situation:
+    """Take in a TrafficArray: each state as if it had come alone."""
+    for state in message.states:
+        situation = traffic(situation, state, now, rules)
+    return situation
 
 
 def alert(situation: Situation, message: "TrafficAlert", now: int, rules: Rules) -> Situation:

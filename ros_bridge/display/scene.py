@@ -131,7 +131,8 @@ def _note_arrival(scene: Scene, name: str, now: int) -> Scene:
 
 def take(scene: Scene, name: str, message: Any, now: int) -> Scene:
     """Return the scene after a message of an input (:data:`INPUTS`) that arrives at ``now``, ns."""
-    short = name.rpartition("/")[2]
+    # Traffic is one input, by itself or in arrays.
+    short = name.rpartition("/")[2].removesuffix("_array")
     scene = _note_arrival(scene, short, now)
     try:
         found = attempt(lambda: INPUTS[name].change(scene, message, now))
@@ -332,6 +333,9 @@ INPUTS: Mapping[str, Input] = {
     "/clock": Input("rosgraph_msgs/msg/Clock", _clock),
     "rlcas_runner/input/ownship": Input(_AIRCRAFT, _situation(updates.ownship)),
     "rlcas_runner/input/traffic": Input(_AIRCRAFT, _situation(updates.traffic)),
+    "rlcas_runner/input/traffic_array": Input(
+        "rlcas_msgs/msg/TrafficArray", _situation(updates.traffic_array)
+    ),
     "rlcas_runner/input/alerts": Input("rlcas_msgs/msg/TrafficAlert", _situation(updates.alert)),
     "rlcas_runner/input/route": Input(_TRAJECTORY, _situation(updates.route)),
     "rlcas_runner/input/geo_reference": Input(

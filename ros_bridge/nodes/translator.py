@@ -13,7 +13,9 @@ r"""The translator: messages of other packages as the runner's inputs.
           ~/input/inspva     novatel_oem7_msgs/INSPVA or INSPVAX
           ~/input/adsb       mavros_msgs/ADSBVehicle
           adsb (parameter)   a live receiver, tcp://HOST:30003 or http://HOST/.../aircraft.json
-    out   rlcas_runner/input/ownship, rlcas_runner/input/traffic    rlcas_msgs/AircraftState
+    out   rlcas_runner/input/ownship          rlcas_msgs/AircraftState
+          rlcas_runner/input/traffic_array    rlcas_msgs/TrafficArray, up to 200 states in each,
+                              every 0.05 s while there are some
           /diagnostics       what was passed on, what could not be translated, and why
 
 A fix is the ownship's or, in a second translator, an intruder's (traffic_source nav_sat_fix, and
@@ -24,16 +26,19 @@ known: requests are refused unless it is out of reach. ADS-B vehicles on the gro
 """
 
 import importlib
-from collections import Counter
+import time
+from collections import Counter, deque
 from collections.abc import Callable, Collection
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rlcas_msgs.msg import AircraftState
+from rlcas_msgs.msg import AircraftState, TrafficArray
 from sensor_msgs.msg import NavSatFix
 
 from ros_bridge.core import adapters
@@ -42,11 +47,9 @@ from ros_bridge.core.fields import SECOND, FieldError, attempt, readable, stamp
 from ros_bridge.core.reports import Report
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.adsb_receiver import LiveReports, check_source
+from ros_bridge.transport.losses import Losses
 from ros_bridge.transport.messages import aircraft_message, sighting_message
 from ros_bridge.transport.settings import declare
-
-if TYPE_CHECKING:
-    from rclpy.publisher import Publisher
 
 
 class _Kind(NamedTuple):
@@ -69,7 +72,13 @@ _INERTIAL: dict[str, Callable[[Any, str], Report]] = {
 
 _OWN_SOURCES = ("none", "nav_sat_fix", *_INERTIAL)
 _TRAFFIC_SOURCES = ("none", "nav_sat_fix", "adsb")
+_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+_Whose = Literal["own", "traffic"]
 _DRAINED = 0.1  # s between two looks at what a receiver has sent
+
+_PERIOD = 0.05  # s between two messages of traffic
+_TOGETHER = 200  # states in one: 44 kB, a datagram
+_MANY = 4_000  # states that may wait, for a second; more go out faster
 
 
 def pair(
@@ -127,10 +136,15 @@ class Translator(Node):
         self._twist: TwistStamped | Odometry | None = None
         self._counts: Counter[str] = Counter()
         self._wrong = ""
+        self._waiting: deque[AircraftState] = deque()
+        self._losses = Losses()
         self._own = self.create_publisher(*topics.OWNSHIP)
-        self._traffic = self.create_publisher(*topics.TRAFFIC)
+        self._traffic = self.create_publisher(*topics.TRAFFIC_ARRAY)
         self._health = self.create_publisher(*topics.DIAGNOSTICS)
         self._listen(sources)
+        if sources.traffic != "none" or sources.live:
+            # What a whole sky sends at once goes out in turns that subscribers have time for.
+            self.create_timer(_PERIOD, self._send_traffic, clock=_STEADY)
         self.create_timer(self._value("diagnostics_period"), self._on_timer)
 
     def destroy_node(self) -> None:
@@ -171,26 +185,25 @@ class Translator(Node):
 
     def _listen(self, sources: _Sources) -> None:
         if sources.own == "nav_sat_fix":
-            self._listen_to_fixes(self._own, self._value("own_id"))
+            self._listen_to_fixes("own", self._value("own_id"))
         elif sources.traffic == "nav_sat_fix":
-            self._listen_to_fixes(self._traffic, self._value("traffic_id"))
+            self._listen_to_fixes("traffic", self._value("traffic_id"))
         if sources.own in _INERTIAL:
             heard = partial(self._on_inertial, _INERTIAL[sources.own])
             self.create_subscription(
                 _message_type(sources.own), "~/input/inspva", heard, qos.SENSOR
             )
         if sources.traffic == "adsb":
-            self.create_subscription(
-                _message_type("adsb"), "~/input/adsb", self._on_adsb, qos.TRAFFIC
-            )
+            heard = self._losses.counting("~/input/adsb", self._on_adsb, time.monotonic)
+            self.create_subscription(_message_type("adsb"), "~/input/adsb", heard, qos.TRAFFIC)
         if sources.live:
             self._listen_live(sources.live)
 
-    def _listen_to_fixes(self, into: "Publisher[Any]", name: str) -> None:
+    def _listen_to_fixes(self, whose: _Whose, name: str) -> None:
         """Pass on fixes, with the velocity beside each, as an aircraft of a name."""
         for kind, topic in ((TwistStamped, "~/input/velocity"), (Odometry, "~/input/odometry")):
             self.create_subscription(kind, topic, self._on_velocity, qos.SENSOR)
-        heard = partial(self._on_fix, into, name)
+        heard = partial(self._on_fix, whose, name)
         self.create_subscription(NavSatFix, "~/input/fix", heard, qos.SENSOR)
 
     def _listen_live(self, url: str) -> None:
@@ -205,15 +218,15 @@ class Translator(Node):
     def _on_velocity(self, message: TwistStamped | Odometry) -> None:
         self._twist = message
 
-    def _on_fix(self, into: "Publisher[Any]", name: str, message: NavSatFix) -> None:
+    def _on_fix(self, whose: _Whose, name: str, message: NavSatFix) -> None:
         apart = self._value("velocity_apart")
-        self._pass(into, attempt(lambda: pair(message, self._twist, name, self._reference, apart)))
+        self._pass(whose, attempt(lambda: pair(message, self._twist, name, self._reference, apart)))
 
     def _on_inertial(self, read: Callable[[Any, str], Report], message: Any) -> None:
-        self._pass(self._own, attempt(lambda: read(message, self._value("own_id"))))
+        self._pass("own", attempt(lambda: read(message, self._value("own_id"))))
 
     def _on_adsb(self, message: Any) -> None:
-        self._pass(self._traffic, attempt(lambda: adapters.adsb_vehicle(message, self._references)))
+        self._pass("traffic", attempt(lambda: adapters.adsb_vehicle(message, self._references)))
 
     def _on_ownship(self, live: LiveReports, message: AircraftState) -> None:
         # The runner says why it cannot be read.
@@ -222,23 +235,37 @@ class Translator(Node):
     def _on_live(self, live: LiveReports) -> None:
         """Pass on what the receiver has sent since the last look."""
         for found, _ in live.take():
-            self._pass(self._traffic, found)
+            self._pass("traffic", found)
 
-    def _pass(self, publisher: "Publisher[Any]", found: Report | FieldError | None) -> None:
-        """Publish a report; of traffic that cannot be translated its name and, if known,
-        its place.
+    def _pass(self, whose: _Whose, found: Report | FieldError | None) -> None:
+        """Pass on a report; of traffic that cannot be translated its name and, if known, its
+        place.
         """
-        name = "own" if publisher is self._own else "traffic"
+        name: str = whose
         if found is None:
             name = "on the ground, left out"
         elif isinstance(found, Report):
-            publisher.publish(aircraft_message(found))
+            self._send(whose, aircraft_message(found))
         else:
-            self._wrong, name = str(found), f"{name} not translated"
+            self._wrong, name = str(found), f"{whose} not translated"
             self.get_logger().error(f"not translated: {found}", throttle_duration_sec=5.0)
-            if publisher is self._traffic and found.sighting is not None:
-                publisher.publish(sighting_message(found.sighting))
+            if whose == "traffic" and found.sighting is not None:
+                self._send(whose, sighting_message(found.sighting))
         self._counts[name] += 1
+
+    def _send(self, whose: _Whose, state: AircraftState) -> None:
+        if whose == "own":
+            self._own.publish(state)
+        else:
+            self._waiting.append(state)
+
+    def _send_traffic(self) -> None:
+        """Publish what waits of the traffic, or the first part of it."""
+        for _ in range(1 + len(self._waiting) // _MANY):
+            count = min(len(self._waiting), _TOGETHER)
+            if count:
+                states = [self._waiting.popleft() for _ in range(count)]
+                self._traffic.publish(TrafficArray(states=states))
 
     def _count_left_out(self) -> dict[str, int]:
         """Return what of a live receiver was left out; a receiver that cannot be read or is silent
@@ -260,6 +287,9 @@ class Translator(Node):
         if self._wrong:
             level, message = DiagnosticStatus.WARN, self._wrong
         self._wrong = ""
+        lost = self._losses.problem(time.monotonic())
+        if lost:
+            level, message = DiagnosticStatus.ERROR, lost
         self._health.publish(views.diagnostics(self, level, message, values))
 
 

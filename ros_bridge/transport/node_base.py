@@ -3,6 +3,7 @@
 back.
 """
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -22,6 +23,7 @@ from ros_bridge.core.fields import SECOND, nanoseconds
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forget_silent
 from ros_bridge.transport import topics, views
+from ros_bridge.transport.losses import Losses
 from ros_bridge.transport.settings import aircraft_text, declare, planning_options, report_rules
 from ros_bridge.transport.topics import Topic
 
@@ -29,7 +31,18 @@ _BACKWARD = SECOND // 2
 """By how much the clock may step back before everything received is forgotten, ns."""
 
 _IN_FLIGHT = SECOND  # for how long after that messages may arrive that were sent before
-_AGING = updates.ownship, updates.traffic, updates.alert  # take in what belongs to a moment
+_COUNTED = topics.TRAFFIC, topics.TRAFFIC_ARRAY, topics.ALERTS
+"""Of the inputs those where each message counts; of the others a newer one follows soon, or only
+the last one holds.
+"""
+
+
+def _is_ahead(update: Callable[..., Situation], message: Any, most: float) -> bool:
+    """Return whether a message belongs to a moment after a time, ns."""
+    if update not in (updates.ownship, updates.traffic, updates.traffic_array, updates.alert):
+        return False  # it holds until the next
+    parts = message.states if update is updates.traffic_array else [message]
+    return any(nanoseconds(part.header.stamp) > most for part in parts)
 
 
 class ListeningNode(LifecycleNode):
@@ -44,6 +57,7 @@ class ListeningNode(LifecycleNode):
         self._entities: list[Callable[[], Any]] = []  # how each of them is destroyed
         self._qos_problems: dict[str, str] = {}
         """Sentences, by topic, until the node is configured anew."""
+        self._losses = Losses()
         self._active = False
         aircraft = declare(self, self.kind)
         assert aircraft is not None, "runner and monitor have an aircraft"
@@ -99,7 +113,9 @@ class ListeningNode(LifecycleNode):
     def _subscribe(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         says = "a publisher offers less {} than asked for; nothing of it is received"
         events = SubscriptionEventCallbacks(incompatible_qos=self._misfit(topic.name, says))
-        made = topic.subscribe(self, callback, event_callbacks=events)
+        counted = any(topic.name in (one.name, one.private.name) for one in _COUNTED)
+        heard = self._losses.counting(topic.name, callback, time.monotonic) if counted else callback
+        made = topic.subscribe(self, heard, event_callbacks=events)
         self._entities.append(lambda: self.destroy_subscription(made))
 
     def _advertise(self, topic: Topic) -> Any:
@@ -133,6 +149,7 @@ class ListeningNode(LifecycleNode):
         for topic, update in (
             (topics.OWNSHIP, updates.ownship),
             (topics.TRAFFIC, updates.traffic),
+            (topics.TRAFFIC_ARRAY, updates.traffic_array),
             (topics.GEO_REFERENCE, updates.geo_reference),
             (topics.AREAS, updates.areas),
         ):
@@ -145,9 +162,8 @@ class ListeningNode(LifecycleNode):
         used.
         """
         now, rules = self._now(), report_rules(self._value)  # may reset the situation
-        # Just after the clock has stepped back, what is ahead of it was sent before that.
-        late = now < self._settled and update in _AGING
-        if late and nanoseconds(message.header.stamp) > now + rules.future * SECOND:
+        if now < self._settled and _is_ahead(update, message, now + rules.future * SECOND):
+            # Just after the clock has stepped back, what is ahead of it was sent before that.
             return
         before = self._situation
         self._situation = after = update(before, message, now, rules)
@@ -168,8 +184,10 @@ class ListeningNode(LifecycleNode):
         level, message = problem if problem[1] else (DiagnosticStatus.OK, "ready")
         if not self._active:
             level, message = DiagnosticStatus.WARN, "not active"
-        if self._qos_problems:
-            level, message = DiagnosticStatus.ERROR, "; ".join(self._qos_problems.values())
+        lost = self._losses.problem(time.monotonic())
+        if self._qos_problems or lost:
+            texts = [*self._qos_problems.values(), *([lost] if lost else [])]
+            level, message = DiagnosticStatus.ERROR, "; ".join(texts)
         if outside and level == DiagnosticStatus.OK:
             level, message = DiagnosticStatus.WARN, "; ".join(outside)
         options = planning_options(self._value, self._aircraft)
@@ -178,6 +196,7 @@ class ListeningNode(LifecycleNode):
             "separation, m": f"{options.requirement.separation:g}",
             BY_CATEGORY: self._value("category_separations") or "",
             "outside domain": "; ".join(outside),
+            **{f"lost of {topic}": str(n) for topic, n in sorted(self._losses.counts.items())},
         } | values
         if rclpy.ok(context=self.context):
             self._health.publish(views.diagnostics(self, level, message, values))

@@ -8,8 +8,11 @@ _RELIABLE = ReliabilityPolicy.RELIABLE
 SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of the ownship: takes every publisher; a lost report is followed by another."""
 
-TRAFFIC = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Of the intruders: room for the reports of many that arrive together."""
+TRAFFIC = QoSProfile(depth=4096, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Of single intruders: room for the reports of many that arrive together."""
+
+TRAFFIC_ARRAY = QoSProfile(depth=100, reliability=_RELIABLE)
+"""Of many intruders in one message, which is sent again until it has arrived."""
 
 EVENTS = QoSProfile(depth=10, reliability=_RELIABLE)
 """Of alerts and advice: each counts, an old one does not."""

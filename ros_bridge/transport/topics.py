@@ -16,6 +16,7 @@ from rlcas_msgs.msg import (
     GeoReference,
     GuidanceBands,
     TrafficAlert,
+    TrafficArray,
     Trajectory,
 )
 from rosgraph_msgs.msg import Clock
@@ -49,6 +50,7 @@ class Topic(NamedTuple):
 CLOCK = Topic(Clock, "/clock", qos.CLOCK)
 OWNSHIP = Topic(AircraftState, f"{RUNNER}/input/ownship", qos.SENSOR)
 TRAFFIC = Topic(AircraftState, f"{RUNNER}/input/traffic", qos.TRAFFIC)
+TRAFFIC_ARRAY = Topic(TrafficArray, f"{RUNNER}/input/traffic_array", qos.TRAFFIC_ARRAY)
 ALERTS = Topic(TrafficAlert, f"{RUNNER}/input/alerts", qos.EVENTS)
 ROUTE = Topic(Trajectory, f"{RUNNER}/input/route", qos.LATCHED)
 GEO_REFERENCE = Topic(GeoReference, f"{RUNNER}/input/geo_reference", qos.LATCHED)
@@ -62,7 +64,7 @@ BACKUP = Topic(Trajectory, f"{MONITOR}/output/backup", qos.LATCHED)
 GUIDANCE = Topic(GuidanceBands, f"{MONITOR}/output/guidance", qos.LATCHED)
 DIAGNOSTICS = Topic(DiagnosticArray, "/diagnostics", qos.EVENTS)
 
-INPUTS = (OWNSHIP, TRAFFIC, ALERTS, ROUTE, GEO_REFERENCE)
+INPUTS = (OWNSHIP, TRAFFIC, TRAFFIC_ARRAY, ALERTS, ROUTE, GEO_REFERENCE)
 EVERY = (
     CLOCK,
     *INPUTS,

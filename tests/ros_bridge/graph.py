@@ -33,7 +33,14 @@ from rclpy.context import Context  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
-from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory, Waypoint  # noqa: E402
+from rlcas_msgs.msg import (  # noqa: E402
+    AircraftState,
+    GeoReference,
+    TrafficAlert,
+    TrafficArray,
+    Trajectory,
+    Waypoint,
+)
 
 from ros_bridge.transport import qos  # noqa: E402
 from ros_bridge.transport.children import free_domain  # noqa: E402
@@ -141,6 +148,15 @@ class Client:
         """Return a list that grows with what is heard."""
         heard: list[Any] = []
         self.node.create_subscription(kind, topic, heard.append, quality)
+        return heard
+
+    def hear_traffic(self) -> list[AircraftState]:
+        """Return a list that grows with the states of all arrays of traffic."""
+        heard: list[AircraftState] = []
+        topic = f"{NODE}/input/traffic_array"
+        self.node.create_subscription(
+            TrafficArray, topic, lambda message: heard.extend(message.states), qos.TRAFFIC_ARRAY
+        )
         return heard
 
     def call(self, kind: type, service: str, request: Any, once: bool = False) -> Any:

@@ -525,7 +525,7 @@ def test_a_translator_passes_live_traffic_on_and_says_what_is_wrong() -> None:
             client,
         ),
     ):
-        states = client.hear(AircraftState, f"{graph.NODE}/input/traffic", qos.TRAFFIC)
+        states = client.hear_traffic()
         health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
         connection, _ = server.accept()
         with connection:

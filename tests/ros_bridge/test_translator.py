@@ -146,7 +146,7 @@ def test_good_states_are_passed_on_and_others_reported():
 
 def test_traffic_that_cannot_be_translated_is_named():
     with beside(Translator, traffic_source="nav_sat_fix", traffic_id="N 42") as (_, client):
-        states = client.hear(AircraftState, f"{NODE}/input/traffic", qos.TRAFFIC)
+        states = client.hear_traffic()
         client.say(NavSatFix, f"{TRANSLATOR}/input/fix", fix(NOW), qos.SENSOR)
         client.spin(lambda: states)
         assert (states[0].id, states[0].valid, states[0].latitude) == (
@@ -264,7 +264,7 @@ def test_translator_reads_the_messages_of_mavros_and_novatel(
         client = Client(number)
         try:
             own = client.hear(AircraftState, f"{NODE}/input/ownship", qos.SENSOR)
-            traffic = client.hear(AircraftState, f"{NODE}/input/traffic", qos.TRAFFIC)
+            traffic = client.hear_traffic()
             client.spin(
                 lambda: own and {one.id for one in traffic} >= {"000001", "000002", "000003"}, 30.0
             )

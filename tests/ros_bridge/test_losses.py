@@ -1,0 +1,66 @@
+"""Traffic of a whole sky arrives whole, and what is lost is told."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.ros_bridge.graph import MISSING, NODE, beside
+
+pytest.importorskip("rclpy", reason=MISSING)
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rlcas_msgs.msg import AircraftState
+
+from ros_bridge.core.reports import Report
+from ros_bridge.nodes.runner import Runner
+from ros_bridge.nodes.translator import Translator
+from ros_bridge.transport import qos
+from ros_bridge.transport.losses import Losses
+
+
+@given(st.lists(st.booleans(), min_size=2, max_size=50))
+def test_what_does_not_come_between_two_messages_is_lost(came: list[bool]):
+    losses = Losses()
+    for number, here in enumerate([True, *came, True]):
+        losses.note("traffic", b"1", number if here else None, 0.0)
+        losses.note("traffic", b"2", number, 0.0)  # of another publisher none is missing
+    assert losses.counts["traffic"] == came.count(False)
+    assert (f"{came.count(False)} messages of traffic were lost" in losses.problem(1.0)) == (
+        not all(came)
+    )
+    assert losses.problem(60.0) == ""
+
+
+def test_a_whole_sky_at_once_is_passed_on_whole():
+    names = {f"{number:06x}" for number in range(1, 802)}
+    with beside(Translator, traffic_source="nav_sat_fix", traffic_id="n1") as (node, client):
+        states = client.hear_traffic()
+        client.spin(lambda: node.count_subscribers(f"{NODE}/input/traffic_array"))
+        client.idle(0.5)
+        for name in sorted(names):
+            node._pass("traffic", Report(name, client.now(), 47.0, 8.0, 60.0, 0.0))
+        client.spin(lambda: {state.id for state in states} == names)
+    assert len(states) == len(names)
+
+
+def test_lost_reports_are_an_error_in_the_diagnostics():
+    with beside(Runner, diagnostics_period=0.2) as (node, client):
+        node.trigger_configure()
+        node.trigger_activate()
+        health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        topic = f"{NODE}/input/traffic"
+        small = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+        client.say(AircraftState, topic, AircraftState(id="0"), small)
+        client.idle(0.3)
+        # More than the runner's queue holds, while it is busy.
+        for number in range(5_000):
+            client.say(AircraftState, topic, AircraftState(id=str(number)), small)
+        told = client.spin(
+            lambda: next(
+                (one.status[0] for one in health if "were lost" in one.status[0].message), None
+            )
+        )
+    assert told.level == DiagnosticStatus.ERROR
+    values = {pair.key: pair.value for pair in told.values}
+    assert int(values["lost of ~/input/traffic"]) > 0
