@@ -42,6 +42,7 @@ ALTITUDE_CODES = {1: "wgs84", 2: "msl", 3: "pressure"}
 STATUS_SAFE, STATUS_ROUTE, STATUS_BACKUP = 1, 4, 5
 ROUTE_POINT, PLAN_POINT = 0, 1
 _LAST_INDEX = 2**31 - 1
+_LONGEST_ROUTE = 1_000  # points: in 100 km, one every 100 m; of more, reading holds up the node
 _BITS = (1 << 9) - 1  # of AircraftState.valid, all that are known
 _CLIMB = (-100.0, 100.0, "m/s")
 _WIND = 100.0  # m/s
@@ -281,11 +282,13 @@ def alert(message: "TrafficAlert", name: str = "alert") -> Alert:
 
 
 def route(waypoints: Collection["Waypoint"], name: str = "route") -> Route:
-    """Return the route that waypoints of origin ROUTE make, two or more, or raise
+    """Return the route that waypoints of origin ROUTE make, 2 to 1000, or raise
     :class:`FieldError`.
     """
-    if len(waypoints) < 2:
-        raise FieldError(f"{name}.waypoints", f"has {len(waypoints)} points, expected 2 or more")
+    if not 2 <= len(waypoints) <= _LONGEST_ROUTE:
+        raise FieldError(
+            f"{name}.waypoints", f"has {len(waypoints)} points, expected 2 to {_LONGEST_ROUTE}"
+        )
     points = []
     for number_, point in enumerate(waypoints):
         at = f"{name}.waypoints[{number_}]"

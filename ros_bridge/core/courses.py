@@ -8,7 +8,9 @@ the reported velocities.
 
 The estimate after each report is :mod:`agents.assurance.tracker` on the ellipsoid: a report itself,
 with standard deviations of its own. Where reports declare no noise, or begin anew, it is the
-report, to the bit. So it is where the noise is unknown: nothing can be averaged then.
+report, to the bit. So it is where the noise is unknown: nothing can be averaged then. Where places
+scatter by much more than they declare, as those of two aircraft under one name a hundred metres
+apart, the scatter counts as their noise.
 """
 
 import math
@@ -34,6 +36,10 @@ _ALLOWED = Tolerance(60.0, 0.4, _SIGMAS)
 """Rounded digits, stamps set on reception, positions held for a second; velocities in knots for m/s
 differ by 0.49. Like the windows it describes receivers and the traffic's aircraft, so that nothing
 of it follows from the ownship."""
+
+_SCATTER_OF = 5  # reports
+_SCATTER_BEYOND = 3.0  # times the declared noise, from where on it counts, and ...
+_SCATTER_LEAST = 10.0  # m, besides
 
 _TURN_BASELINE = (0.2, 5.0)  # s between two reports that a turn may be read from
 
@@ -72,6 +78,18 @@ class Course:
     reference: Report  # an earlier estimate, far enough back to read a turn from
     contradiction: str = ""  # how the places contradict the velocities; empty: they do not
     turn: Turn = STRAIGHT
+    residuals: tuple[float, ...] = ()
+    """How far the last reports' places were from what the velocities make of those before, m."""
+
+    @property
+    def scatter(self) -> float:
+        """One sigma per axis of the places as measured, m; 0 where what they declare excuses it."""
+        if not self.residuals or self.newest.position_std is None:
+            return 0.0
+        # Two places differ, on two axes.
+        measured = 0.5 * math.sqrt(sum(off**2 for off in self.residuals) / len(self.residuals))
+        excused = _SCATTER_BEYOND * self.newest.spread(EXACT)[0] + _SCATTER_LEAST
+        return measured if measured > excused else 0.0
 
 
 def begin_course(report: Report) -> Course:
@@ -103,9 +121,30 @@ def extend(course: Course, report: Report) -> Course:
             contradiction = ""
         if length >= longest:
             windows[number] = _Window(report)
+    residuals = _residuals(course, report, (east, north), seconds)
+    course = replace(course, newest=report, residuals=residuals)
     estimate, tracks = _improve(course, report)
     reference, turn = _measure_turn(course, estimate)
-    return Course(report, tuple(windows), estimate, tracks, reference, contradiction, turn)
+    return replace(
+        course,
+        windows=tuple(windows),
+        estimate=estimate,
+        tracks=tracks,
+        reference=reference,
+        contradiction=contradiction,
+        turn=turn,
+    )
+
+
+def _residuals(
+    course: Course, report: Report, flown: tuple[float, float], seconds: float
+) -> tuple[float, ...]:
+    """Return the residuals after one more report; ``flown`` is what the velocities make, m."""
+    if seconds > _TURN_BASELINE[1]:
+        return ()  # a manoeuvre would count as scatter
+    moved = displacement(*course.newest.place, *report.place)
+    off = math.hypot(moved[0] - flown[0], moved[1] - flown[1])
+    return (*course.residuals[1 - _SCATTER_OF :], off)
 
 
 def _compare(window: _Window, report: Report, seconds: float) -> tuple[str, bool]:
@@ -152,6 +191,10 @@ def _improve(course: Course, report: Report) -> tuple[Report, Tracks]:
     """Return the estimate after one more report, later than those before, and what the tracker
     remembers then.
     """
+    if course.scatter:
+        # Its noise is no white one: nothing is averaged.
+        report = replace(report, position_std=course.scatter)
+        return report, _first(report)
     spread = report.spread(EXACT)
     if report.position_std is None or report.velocity_std is None or not any(spread):
         return report, _first(report)

@@ -336,6 +336,10 @@ def _assumptions(number: int, track: Track, unknown: Unknown) -> Iterator[Adviso
         field_ = Field(Subject.INTRUDERS, "header.stamp", number)
         what = f"is known within {report.time_std:.2g} s (one sigma)"
         yield Advisory(AdvisoryCode.TIME_UNCERTAIN, field_, what)
+    if track.course is not None and track.course.scatter:
+        field_ = Field(Subject.INTRUDERS, "position", number)
+        what = f"scatters by {track.course.scatter:.0f} m (one sigma), which its reports do not say"
+        yield Advisory(AdvisoryCode.ASSUMED, field_, what)
     if track.divided:
         what = "is a name of several aircraft, which are told apart by their places"
         yield Advisory(AdvisoryCode.ASSUMED, Field(Subject.INTRUDERS, "id", number), what)
@@ -431,7 +435,8 @@ def _fly_turn(state: VehicleState, rate: float, seconds: float) -> VehicleState:
 def _aircraft_of_alert(situation: Situation, now: int, settings: Settings) -> frozenset[str]:
     """Return the aircraft that an alert that holds is about."""
     alert, fault = situation.alert
-    if fault is not None:
+    # What cannot be read counts for as long as what can.
+    if fault is not None and (now - fault.arrived) / SECOND <= settings.alert_max_age:
         raise Refusal(Code.INVALID_ALERT, fault.field, fault.problem)
     if alert is None or (now - alert.time) / SECOND > settings.alert_max_age:
         return frozenset()

@@ -68,6 +68,7 @@ class Rules:
     jump_speed: float = 50.0  # ... which grows with the time between the reports, m/s
     same: float = 1.0  # two reports of the same time agree within this, m and m/s
     fresh_start: float = 30.0  # after so long without a report, s, any place is accepted
+    elsewhere: float = 30.0  # for how long a report of another place counts, s
 
     def allowed_distance(self, time: int) -> float:
         """Return how far from where it is expected an aircraft may be after or before a time, ns,
@@ -172,7 +173,7 @@ def _forget_rival(track: Track, report: Report, rules: Rules) -> Track:
     if track.rival is None:
         return track
     silence = (report.time - track.rival.newest.time) / SECOND
-    if silence <= rules.fresh_start:
+    if silence <= rules.elsewhere:
         return track
     return replace(track, rival=None, since=0, shared=False)
 
@@ -258,7 +259,7 @@ def _add_sighting(track: Track, sighting: Sighting, now: int, rules: Rules) -> T
     """Return the track with a sighting, which replaces those that may be of the same aircraft."""
     new, others = Sighted(sighting, now), []
     for old in track.sightings:
-        if (now - old.arrived) / SECOND > rules.fresh_start:
+        if (now - old.arrived) / SECOND > rules.elsewhere:
             continue
         here, there = sighting.place, old.sighting.place
         if here is None or there is None:
@@ -280,7 +281,7 @@ def _unexplained_sightings(
     found = []
     for one in track.sightings:
         place = one.sighting.place
-        if place is None or (now - one.arrived) / SECOND > rules.fresh_start:
+        if place is None or (now - one.arrived) / SECOND > rules.elsewhere:
             continue
         if report.off(place, one.time) > rules.allowed_distance(one.time - report.time):
             found.append(one._replace(since=one.since + 1))
@@ -325,11 +326,13 @@ def _take_elsewhere(
     if again is not Verdict.TAKEN:
         return _count_verdict(track, again)
     rival = _next(rival, report, rules)
-    if track.since or track.shared or found.verdict is Verdict.CONFLICT:
+    gone = (report.time - course.newest.time) / SECOND > rules.elsewhere
+    if not gone and (track.since or track.shared or found.verdict is Verdict.CONFLICT):
         return _take_good(replace(track, rival=rival, since=0, shared=True), course, arrival)
     # Nothing came from the old place since: the aircraft is here. If the old place is reported
     # again, there are two.
-    return _take_good(replace(track, rival=course, since=_OUTLIER), rival, arrival)
+    alone = replace(track, rival=course, since=_OUTLIER, shared=False)
+    return _take_good(alone, rival, arrival)
 
 
 def _compare(before: Report, report: Report, rules: Rules) -> _Comparison:

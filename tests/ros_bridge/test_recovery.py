@@ -1,0 +1,124 @@
+"""What is wrong leaves when its cause leaves, and runner and monitor judge one traffic alike."""
+
+import math
+
+import pytest
+
+pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
+
+from agents.assurance.state import State
+from ros_bridge.core import updates
+from ros_bridge.core.assurance import activate, initial, step_monitor
+from ros_bridge.core.situation import Code, Refusal, Situation, task
+from tests.ros_bridge.scenes import (
+    NOW,
+    RULES,
+    SECOND,
+    SETTINGS,
+    THRESHOLDS,
+    aircraft,
+    alert,
+    heard,
+    publish,
+    refusal,
+    route_points,
+)
+from tests.ros_bridge.test_assurance import publish_plan
+
+
+def at(seconds: float) -> int:
+    return NOW + round(seconds * SECOND)
+
+
+def refused(situation: Situation, now: int) -> Code | None:
+    try:
+        task(situation, now, SETTINGS)
+    except Refusal as refusal:
+        return refusal.code
+    return None
+
+
+def test_an_alert_that_cannot_be_read_counts_as_long_as_others():
+    situation = updates.alert(heard(), alert("a", level=9), NOW, RULES)
+
+    def later(seconds: float) -> Code | None:
+        own = aircraft(75.0 * seconds, 0.0, 0.0, 75.0, id="own", time=at(seconds))
+        return refused(updates.ownship(situation, own, at(seconds), RULES), at(seconds))
+
+    assert later(1.0) is Code.INVALID_ALERT
+    assert later(SETTINGS.alert_max_age - 0.1) is Code.INVALID_ALERT
+    assert later(SETTINGS.alert_max_age + 0.1) is None
+
+
+def own_reports(situation: Situation, begin: float, end: float, *, y: float = 0.0, ahead=0.0):
+    """Return the situation after the ownship's reports at 5 Hz, by a source of its name."""
+    for tick in range(round(begin * 5.0), round(end * 5.0)):
+        held = tick / 5.0 + ahead
+        own = aircraft(75.0 * held, y, 0.0, 75.0, id="own", time=at(held))
+        situation = updates.ownship(situation, own, at(tick / 5.0), RULES)
+    return situation
+
+
+def twins(situation: Situation, begin: float, end: float) -> Situation:
+    for tick in range(round(begin * 5.0), round(end * 5.0)):
+        situation = own_reports(situation, tick / 5.0, (tick + 1) / 5.0)
+        late = at(tick / 5.0 + 0.1)
+        other = aircraft(75.0 * tick / 5.0, 2_000.0, 0.0, 75.0, id="own", time=late)
+        situation = updates.ownship(situation, other, late, RULES)
+    return situation
+
+
+@pytest.mark.parametrize("side", [0.0, 2_000.0])
+def test_ownship_with_one_source_again_is_usable_within_seconds(side: float):
+    situation = twins(heard(), 0.2, 4.0)
+    assert refused(situation, at(4.0)) is Code.INVALID_OWNSHIP
+    # Whichever of the two goes on.
+    assert refused(own_reports(situation, 4.0, 7.0, y=side), at(7.0)) is None
+
+
+def test_ownship_of_two_sources_is_refused_however_long():
+    situation = heard()
+    for second in range(1, 40):
+        situation = twins(situation, float(second), second + 1.0)
+        if second > 2:
+            assert refused(situation, at(second + 1.0)) is Code.INVALID_OWNSHIP
+
+
+def test_ownship_whose_clock_is_right_again_is_usable_within_seconds():
+    situation = own_reports(heard(), 0.2, 2.0)
+    situation = own_reports(situation, 2.0, 4.0, ahead=100.0)
+    assert refused(situation, at(4.0)) is Code.FUTURE_OWNSHIP
+    assert refused(own_reports(situation, 4.0, 7.0), at(7.0)) is None
+
+
+@pytest.mark.parametrize("apart", [30.0, 100.0])
+@pytest.mark.parametrize("every", [0.2, 1.0])
+def test_runner_and_monitor_agree_about_a_name_at_two_near_places(apart: float, every: float):
+    situation, states = heard(), []
+    supervision = None
+    for count in range(round(20.0 / every)):
+        seconds = count * every
+        y = 6_000.0 + apart * (count % 2)
+        message = aircraft(30_000.0 - 75.0 * seconds, y, math.pi, 75.0, time=at(seconds))
+        situation = updates.traffic(situation, message, at(seconds), RULES)
+        situation = own_reports(situation, seconds, seconds + 0.2)
+        if supervision is None and seconds >= 3.0:
+            plan = publish_plan(situation, seconds=seconds)
+            supervision = activate(initial(THRESHOLDS), situation, plan)
+        if supervision is not None:
+            supervision, _ = step_monitor(supervision, situation, at(seconds))
+            states.append(State(int(supervision.watch.monitor.state[0])))
+    assert set(states) == {State.MONITORING}
+    wanted = task(situation, at(20.0 - every), SETTINGS)
+    [intruder] = wanted.intruders
+    assert intruder.position_std == pytest.approx(0.5 * apart, rel=0.2)
+    assert any("scatters" in note.text for note in wanted.notes)
+
+
+def test_a_route_is_as_long_as_it_can_be_read_in_time():
+    longest, longer = (publish(route_points(count=count, spacing=50.0)) for count in (1000, 1001))
+    assert refused(updates.route(heard(), longest, NOW, RULES), NOW) is None
+    assert refusal(updates.route(heard(), longer, NOW, RULES)) == (
+        Code.INVALID_ROUTE,
+        "route.waypoints",
+    )
