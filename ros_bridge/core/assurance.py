@@ -223,8 +223,9 @@ def _traffic(supervision: Supervision, situation: Situation, now: int) -> _Traff
     for name, track in situation.traffic.items():
         if name in left_out:
             continue
-        if reach is not None and _vertically_apart(track, reach, supervision):
-            continue
+        usable = track.fault is None and track.age(now) <= limits.intruder_age
+        if usable and reach is not None and _vertically_apart(track, reach, supervision):
+            continue  # by its last report, which says nothing of an aircraft that is silent
         before = supervision.reported.get(name)
         report = _report_due(None if before is None else before.report, track, limits)
         if report is not None:

@@ -27,6 +27,7 @@ from ros_bridge.core.areas import AreaReport, Placed, place_areas
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal
+from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
 from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.tracks import UNKNOWN, Fault, Track, Verdict, sharing
@@ -119,11 +120,8 @@ class Settings:
     # for how long after its report an intruder goes on with the turn that its reports show, s
     turn_time: float
     turn_rates: tuple[float, float]  # least and greatest turn rates that count as a turn, rad/s
-    ownship_max_age: float = 1.5  # oldest own state, s
-    intruder_max_age: float = 5.0  # oldest state of an intruder, s
-    alert_max_age: float = 10.0  # for how long an alert holds, s
+    freshness: Freshness = USUAL_FRESHNESS
     request_max_age: float = 1.0  # oldest request, s
-    future_tolerance: float = 0.5  # by how much a stamp may lie ahead of the clock, s
     wind_max: float = 20.0  # strongest wind that is planned in, m/s
     unknown: Unknown = USUAL  # what is taken for standard deviations that reports lack
     categories: Categories = NO_CATEGORIES  # separations by emitter category
@@ -208,7 +206,8 @@ def task(
             "stands at zero, expected a running clock (is /clock published?)",
         )
     frame, undulation = _newest_usable(situation.origin, _ORIGIN, "has not been received")
-    report = _usable_report(situation.own, _OWNSHIP, now, settings.ownship_max_age, settings)
+    fresh = settings.freshness
+    report = _usable_report(situation.own, _OWNSHIP, now, fresh.own, fresh.future)
     _check_turn(situation.own, _OWNSHIP, settings)
     wind, notes = _wind(frame, report, settings)
     turn, age = turn_of(situation.own, settings), (now - report.time) / SECOND
@@ -365,7 +364,7 @@ def _newest_usable(held: Held[_T], wanted: _Input, missing: str) -> _T:
 
 
 def _usable_report(
-    track: Track, whose: _Aircraft, now: int, oldest: float, settings: Settings
+    track: Track, whose: _Aircraft, now: int, oldest: float, future: float
 ) -> Report:
     """Return the last good report of an aircraft if nothing newer spoils it and it is fresh."""
     if track.fault is not None:
@@ -375,7 +374,7 @@ def _usable_report(
     if track.last is None:
         raise Refusal(whose.missing, whose.name, "has not been received")
     stamp = f"{whose.name}.header.stamp"
-    check_age(whose.age, stamp, track.age(now), oldest, settings.future_tolerance)
+    check_age(whose.age, stamp, track.age(now), oldest, future)
     return track.last
 
 
@@ -436,9 +435,9 @@ def _aircraft_of_alert(situation: Situation, now: int, settings: Settings) -> fr
     """Return the aircraft that an alert that holds is about."""
     alert, fault = situation.alert
     # What cannot be read counts for as long as what can.
-    if fault is not None and (now - fault.arrived) / SECOND <= settings.alert_max_age:
+    if fault is not None and (now - fault.arrived) / SECOND <= settings.freshness.alert:
         raise Refusal(Code.INVALID_ALERT, fault.field, fault.problem)
-    if alert is None or (now - alert.time) / SECOND > settings.alert_max_age:
+    if alert is None or (now - alert.time) / SECOND > settings.freshness.alert:
         return frozenset()
     held = {name: sharing(situation.traffic, name) for name in alert.identifiers}
     unknown = [name for name, aircraft in held.items() if not aircraft]
@@ -478,11 +477,11 @@ def _traffic(
     Raises :class:`Refusal` for an aircraft that cannot be planned with, unless it is out of reach
     and no alert is about it.
     """
-    found = _Traffic([], [], [])
+    found, fresh = _Traffic([], [], []), settings.freshness
     for name, track in sorted(situation.traffic.items()):
         whose = _intruder_called(name)
         try:
-            _usable_report(track, whose, now, settings.intruder_max_age, settings)
+            _usable_report(track, whose, now, fresh.intruder, fresh.future)
             _check_turn(track, whose, settings)
         except Refusal:
             why = None if name in alerted else out_of_reach(track, reach)

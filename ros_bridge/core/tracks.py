@@ -18,6 +18,7 @@ from typing import NamedTuple
 from envs.formats.local_frame import distance
 from ros_bridge.core.courses import Course, begin_course, extend
 from ros_bridge.core.fields import SECOND, FieldError, not_ahead
+from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
 
@@ -63,7 +64,7 @@ class Fault:
 class Rules:
     """What reports must keep to; see :mod:`ros_bridge.transport.parameters`."""
 
-    future: float = 0.5  # by how much a stamp may lie ahead of the clock, s
+    future: float = USUAL_FRESHNESS.future  # by how much a stamp may lie ahead of the clock, s
     jump_distance: float = 500.0  # largest distance from where the aircraft was expected, m, ...
     jump_speed: float = 50.0  # ... which grows with the time between the reports, m/s
     same: float = 1.0  # two reports of the same time agree within this, m and m/s
@@ -108,6 +109,7 @@ class Track:
     sightings: tuple[Sighted, ...] = ()
     """Of the reports that cannot be used and that no good report explains; the newest last."""
     verdict: Verdict = Verdict.TAKEN  # what became of the newest report
+    arrived: int = 0  # when the newest message came, whatever became of it and time it tells, ns
     counts: Mapping[Verdict, int] = field(default_factory=lambda: MappingProxyType({}))
     """How many reports there were of each verdict."""
 
@@ -147,7 +149,7 @@ def take_in(track: Track, report: Report, name: str, now: int, rules: Rules) -> 
     """Take in a report, checked, of an aircraft with a name such as ``intruder 4b1a2c``; ``now`` is
     in ns.
     """
-    arrival = _Arrival(name, now, rules)
+    arrival, track = _Arrival(name, now, rules), replace(track, arrived=now)
     try:
         not_ahead(f"{name}.header.stamp", report.time, now, rules.future)
     except FieldError as error:
@@ -194,7 +196,7 @@ def follow(
     if not after.shared or after.rival is None or not free:
         return {**tracks, key: after}
     rival = after.rival
-    other = Track(rival.newest, rival.estimate, course=rival, divided=True)
+    other = Track(rival.newest, rival.estimate, course=rival, divided=True, arrived=now)
     problem = rival.contradiction
     if problem:
         other = _set_fault(
@@ -236,6 +238,7 @@ def _holder(tracks: Mapping[str, Track], name: str, seen: Sighting | None, rules
 
 def note_refused(track: Track, error: FieldError, now: int, rules: Rules) -> Track:
     """Note that a report could not be used."""
+    track = replace(track, arrived=now)
     track = track if error.sighting is None else _add_sighting(track, error.sighting, now, rules)
     return _set_fault(track, Verdict.INVALID, error.field, error.problem, now)
 
@@ -243,15 +246,10 @@ def note_refused(track: Track, error: FieldError, now: int, rules: Rules) -> Tra
 def forget_silent(
     tracks: Mapping[str, Track], now: int, after: float
 ) -> tuple[dict[str, Track], tuple[str, ...]]:
-    """Return the tracks that are still reported, and the names of those that have been silent for
-    ``after`` seconds.
+    """Return the tracks that are still reported, and the names of those of which no message has
+    arrived for ``after`` seconds. What still arrives is not silent, however old it says that it is.
     """
-    silent = tuple(
-        name
-        for name, track in tracks.items()
-        if track.age(now) > after
-        and (track.fault is None or (now - track.fault.arrived) / SECOND > after)
-    )
+    silent = tuple(name for name, track in tracks.items() if (now - track.arrived) / SECOND > after)
     return {name: track for name, track in tracks.items() if name not in silent}, silent
 
 

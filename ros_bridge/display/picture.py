@@ -21,26 +21,24 @@ from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from ros_bridge.core.areas import to_local
 from ros_bridge.core.conversions import PlanPoint, Published, Route
 from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.freshness import Freshness
 from ros_bridge.core.reach import level
 from ros_bridge.core.replies import wind_of
 from ros_bridge.core.reports import Report
+from ros_bridge.core.status import Status
 from ros_bridge.core.tracks import Track
 from ros_bridge.display.scene import Guidance, Health, HeldAreas, Monitor, Scene
 
 VERSION = 1
 """Of the document; it changes where a field changes its meaning or goes."""
 
-COASTING, STALE, OWN_STALE = 2.5, 5.0, 1.5
-"""Age, s, from which on an aircraft is marked: it is carried on without reports; nothing is planned
-with it any more; the same for the ownship (docs/reference/ros.md, timing).
-"""
-
 _TURN = 15.0  # s that an aircraft is expected to turn on after its report
 _STEP = 4.0  # s between the points of a drawn plan
 _POINTS = 400  # of a drawn plan at most
 _NEAR = 100_000.0  # m from the ownship that areas are drawn
-_ALERT = 10.0  # s that an alert of another function holds
-_LATE = {"status": 1.0, "guidance": 5.0, "diagnostics": 3.0}  # s without a message
+_COASTING = 0.5  # share of the age that counts, from which on an aircraft is marked as carried on
+_BANDS = 5.0  # s that bands hold
+_LATE = {"guidance": _BANDS, "diagnostics": 3.0}  # s without a message
 _HELD_COURSE = math.radians(2.0)  # turns smaller than this are none
 _NO_CLIMB = 10.0  # m/s either way where it is unknown, as the nodes' parameter unknown_climb
 _NAMES = {
@@ -58,6 +56,9 @@ _NAMES = {
     "diagnostics": "diagnostics",
     "receiver": "receiver",
 }
+
+_OK = Health(0, 0, "")
+_SILENT = Health(0, 3, "silent")
 
 Document = dict[str, Any]
 
@@ -84,7 +85,7 @@ def picture(scene: Scene, now: int, centre: tuple[float, float] | None = None) -
         "traffic": traffic,
         "wind": None if report is None or report.wind is None else _round(report.wind),
         "plan": _trajectory(scene.plan, frame, now),
-        "backup": _trajectory(_backup_to_fly(scene), frame, now),
+        "backup": _trajectory(_backup_to_fly(scene, now), frame, now),
         "unresolved": _trajectory(scene.unresolved, frame, now),
         "route": _route(scene.situation.route.value, frame),
         "areas": _areas(scene.areas, frame, now),
@@ -113,7 +114,7 @@ def _empty(scene: Scene, now: int) -> Document:
         "goal": None,
         "areas": [],
         "bands": None,
-        "monitor": _monitor(scene.monitor, now),
+        "monitor": _monitor(scene.monitor, now, scene.fresh.monitor),
         "alerts": [],
         "advice": {"do": "nothing"},
         "health": list(_health(scene, now)),
@@ -166,11 +167,11 @@ def _aircraft(
         if track.last is not None
     }
     tracks = list(traffic.values())
-    planes = _planes(tracks if own.last is None else [*tracks, own], frame, now)
+    planes = _planes(tracks if own.last is None else [*tracks, own], frame, now, scene.fresh)
     own_plane = None
     if own.last is not None:
         own_plane = planes.pop()
-        own_plane["state"] = _state(own, now, math.inf, OWN_STALE)
+        own_plane["state"] = _state(own, now, math.inf, scene.fresh.own)
         own_plane["air"] = _through_air(own.last)
     undulation = None if origin is None else origin.undulation
     for (name, track), plane in zip(traffic.items(), planes, strict=True):
@@ -191,12 +192,14 @@ class _Motion(NamedTuple):
     age: Array  # of the reports, s
 
 
-def _planes(tracks: Sequence[Track], frame: LocalFrame, now: int) -> list[Document]:
+def _planes(
+    tracks: Sequence[Track], frame: LocalFrame, now: int, fresh: Freshness
+) -> list[Document]:
     """Return the aircraft at a time, ns; each has a report."""
     if not tracks:
         return []
     motion = _carry_on(tracks, frame, now)
-    return [_plane(track, motion, number, now) for number, track in enumerate(tracks)]
+    return [_plane(track, motion, number, now, fresh) for number, track in enumerate(tracks)]
 
 
 def _carry_on(tracks: Sequence[Track], frame: LocalFrame, now: int) -> _Motion:
@@ -226,7 +229,7 @@ def _carry_on(tracks: Sequence[Track], frame: LocalFrame, now: int) -> _Motion:
     )
 
 
-def _plane(track: Track, motion: _Motion, number: int, now: int) -> Document:
+def _plane(track: Track, motion: _Motion, number: int, now: int, fresh: Freshness) -> Document:
     """Return an aircraft whose motion has a number."""
     report, age = _last(track), float(motion.age[number])
     height = report.altitude
@@ -243,7 +246,7 @@ def _plane(track: Track, motion: _Motion, number: int, now: int) -> Document:
         "reference": None if height is None else height.reference,
         "climb": _tenths(None if height is None else height.vertical_speed),
         "age": round(age, 3),
-        "state": _state(track, now, COASTING, STALE),
+        "state": _state(track, now, _COASTING * fresh.intruder, fresh.intruder),
         "fault": "" if track.fault is None else track.fault.message,
     }
 
@@ -291,7 +294,7 @@ def _levels(scene: Scene, now: int) -> dict[str, _Alert]:
     held = scene.guidance
     found = {} if held is None else _left(held.levels, held, now)
     alert = scene.situation.alert.value
-    if alert is not None and (now - alert.time) / SECOND <= _ALERT:
+    if alert is not None and (now - alert.time) / SECOND <= scene.fresh.alert:
         for name in alert.identifiers:
             before = found.get(name, _NO_ALERT)
             found[name] = before._replace(level=max(before.level, alert.level))
@@ -308,7 +311,7 @@ def _left(
 ) -> dict[str, _Alert]:
     """Return alerts with the times to loss that are left. Old ones count no more."""
     since = (now - guidance.time) / SECOND
-    if since > STALE:
+    if since > _BANDS:
         return {}
     return {
         name: _Alert(value, None if loss < 0.0 else round(max(loss - since, 0.0), 1))
@@ -328,7 +331,7 @@ def _alerts(intruders: Mapping[str, _Alert], areas: Mapping[str, _Alert]) -> lis
 
 
 def _bands(guidance: Guidance | None, now: int) -> Document | None:
-    if guidance is None or (now - guidance.time) / SECOND > STALE:
+    if guidance is None or (now - guidance.time) / SECOND > _BANDS:
         return None
     way_out = None
     if guidance.recovery >= 0:
@@ -353,10 +356,12 @@ def _bands(guidance: Guidance | None, now: int) -> Document | None:
     }
 
 
-def _backup_to_fly(scene: Scene) -> Published | None:
+def _backup_to_fly(scene: Scene, now: int) -> Published | None:
     """Return the backup while it is what is to be flown."""
-    flown = scene.monitor is not None and scene.monitor.status.fly is FlyMode.BACKUP
-    return scene.backup if flown else None
+    monitor = scene.monitor
+    if monitor is None or _is_silent(monitor, now, scene.fresh.monitor):
+        return None
+    return scene.backup if monitor.status.fly is FlyMode.BACKUP else None
 
 
 def _trajectory(one: Published | None, frame: LocalFrame, now: int) -> Document | None:
@@ -474,13 +479,20 @@ def _place(held: HeldAreas, frame: LocalFrame) -> tuple[Area, ...]:
         return ()
 
 
-def _monitor(monitor: Monitor | None, now: int) -> Document | None:
+def _is_silent(monitor: Monitor, now: int, oldest: float) -> bool:
+    """Return whether what a monitor said holds no longer, s."""
+    return (now - monitor.time) / SECOND > oldest
+
+
+def _monitor(monitor: Monitor | None, now: int, oldest: float) -> Document | None:
     if monitor is None:
         return None
-    said = monitor.status
+    said, state = monitor.status, monitor.status.state.name.lower().replace("_", " ")
+    if _is_silent(monitor, now, oldest):
+        said, state = Status(reasons=("the monitor is silent",)), _SILENT.text
     return {
         "age": round((now - monitor.time) / SECOND, 2),
-        "state": said.state.name.lower().replace("_", " "),
+        "state": state,
         "fly": said.fly.name.lower(),
         "reasons": list(said.reasons),
         "measured": said.measured,
@@ -496,8 +508,7 @@ def advice(document: Document) -> Document:
     """Return what to do by the rest of a picture, as a code and numbers that the page puts into
     words.
     """
-    own, said = document["own"], document["monitor"]
-    monitor = said if said is not None and said["age"] <= STALE else None
+    own, monitor = document["own"], document["monitor"]
     if own is None:
         return {"do": "nothing"}
     if monitor is not None:
@@ -508,9 +519,10 @@ def advice(document: Document) -> Document:
     highest = max((one["level"] for one in document["alerts"]), default=0)
     if bands is not None and highest > 0:
         return _way_out(bands, own)
-    if monitor is not None:
-        return {"do": "own route", "reasons": monitor["reasons"]}
-    return {"do": "nothing"}
+    if monitor is None:
+        return {"do": "nothing"}
+    do = "nothing" if monitor["state"] == _SILENT.text else "own route"
+    return {"do": do, "reasons": monitor["reasons"]}
 
 
 def _next(trajectory: Document, own: Document) -> Document:
@@ -557,14 +569,16 @@ def _turn(track: float, other: float) -> str:
 
 def _health(scene: Scene, now: int) -> Iterator[Document]:
     """Yield the inputs that were ever heard, or must be, and the nodes."""
+    fresh = scene.fresh
+    latest = {**_LATE, "status": fresh.monitor}
     for short, called in _NAMES.items():
         heard, problem = scene.arrived.get(short), scene.problems.get(short)
         if problem is not None:
             yield _health_line(called, problem, problem.time, now)
         elif short == "ownship":
-            yield _health_line(called, _own_health(scene.situation.own, now), heard, now)
+            yield _health_line(called, _own_health(scene.situation.own, now, fresh.own), heard, now)
         elif heard is not None:
-            late = (now - heard) / SECOND > _LATE.get(short, math.inf)
+            late = (now - heard) / SECOND > latest.get(short, math.inf)
             yield _health_line(called, _SILENT if late else _OK, heard, now)
     for name, problem in sorted(scene.problems.items()):
         if name not in _NAMES:
@@ -574,16 +588,12 @@ def _health(scene: Scene, now: int) -> Iterator[Document]:
         yield _health_line(name, _SILENT if late else state, state.time, now)
 
 
-_OK = Health(0, 0, "")
-_SILENT = Health(0, 3, "silent")
-
-
-def _own_health(own: Track, now: int) -> Health:
+def _own_health(own: Track, now: int, oldest: float) -> Health:
     if own.last is None:
         return Health(now, 2, "not heard yet")
     if own.fault is not None:
         return Health(now, 2, own.fault.message)
-    return Health(now, 2, "silent") if own.age(now) > OWN_STALE else _OK
+    return Health(now, 2, "silent") if own.age(now) > oldest else _OK
 
 
 def _health_line(name: str, health: Health, heard: int | None, now: int) -> Document:

@@ -8,6 +8,7 @@ ROS. What cannot be used leaves what was known, and its sentence goes to the sta
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,6 +19,7 @@ from ros_bridge.core.areas import AreaReport, areas, to_local
 from ros_bridge.core.categories import BY_CATEGORY, separations_of
 from ros_bridge.core.conversions import Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError, attempt, integer, nanoseconds, number, stamp
+from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.status import Status
@@ -27,9 +29,6 @@ if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticArray
     from rlcas_msgs.msg import Areas, AssuranceStatus, GuidanceBands, Trajectory
     from rosgraph_msgs.msg import Clock
-
-FORGET = 30.0
-"""An aircraft without reports for so long, s, is forgotten."""
 
 _BACKWARD = SECOND // 2  # by how much the clock may step back before all is forgotten
 _RULES = Rules()
@@ -103,7 +102,15 @@ class Scene:
     separation: float | None = None  # that is kept from others, m, where it is known
     by_category: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({}))
     """What is kept from aircraft of an emitter category instead, m, by its number."""
+    freshness: Mapping[str, Freshness] = field(default_factory=lambda: MappingProxyType({}))
+    """For how long things count, by the node that says so."""
     latest: int = 0  # ns
+
+    @property
+    def fresh(self) -> Freshness:
+        """For how long things count where they do for any node; where none says, what is usual."""
+        said = self.freshness.values()
+        return reduce(Freshness.longest, said) if said else USUAL_FRESHNESS
 
     def at(self, now: int) -> "Scene":
         """Return what is known at a time, ns: a clock that steps back begins anew, and aircraft
@@ -113,10 +120,11 @@ class Scene:
             return Scene(
                 separation=self.separation,
                 by_category=self.by_category,
+                freshness=self.freshness,
                 nodes=self.nodes,
                 latest=now,
             )
-        traffic, silent = forget_silent(self.situation.traffic, now, FORGET)
+        traffic, silent = forget_silent(self.situation.traffic, now, self.fresh.silence)
         situation = replace(self.situation, traffic=traffic) if silent else self.situation
         return replace(self, latest=max(now, self.latest), situation=situation)
 
@@ -303,6 +311,7 @@ def _areas(scene: Scene, message: "Areas", now: int) -> Scene:
 
 def _diagnostics(scene: Scene, message: "DiagnosticArray", now: int) -> Scene:
     nodes, separation, by_category = dict(scene.nodes), scene.separation, scene.by_category
+    freshness = dict(scene.freshness)
     for one in list(message.status)[:_MOST]:
         level = one.level[0] if isinstance(one.level, bytes) else int(one.level)
         nodes[str(one.name)] = Health(now, min(level, 3), str(one.message))
@@ -311,9 +320,14 @@ def _diagnostics(scene: Scene, message: "DiagnosticArray", now: int) -> Scene:
             separation = number("separation", values["separation, m"], 0.0, _LONGEST, "m")
         if BY_CATEGORY in values:
             by_category = separations_of(BY_CATEGORY, values[BY_CATEGORY])
+        said = Freshness.of_texts(values)
+        if said is not None:
+            freshness[str(one.name)] = said
     if len(nodes) > _MOST:  # names that are made up anew each time
-        nodes = {}
-    return replace(scene, nodes=nodes, separation=separation, by_category=by_category)
+        nodes, freshness = {}, {}
+    return replace(
+        scene, nodes=nodes, separation=separation, by_category=by_category, freshness=freshness
+    )
 
 
 def _clock(scene: Scene, message: "Clock", now: int) -> Scene:

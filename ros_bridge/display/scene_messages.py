@@ -18,6 +18,7 @@ from ros_bridge.core.areas import CEILING, FLOOR, FROM, REFERENCES, UNTIL
 from ros_bridge.core.categories import BY_CATEGORY, text_of
 from ros_bridge.core.conversions import PlanPoint, Published, Route
 from ros_bridge.core.fields import SECOND
+from ros_bridge.core.freshness import Freshness
 from ros_bridge.core.reports import Report, Sighting
 from ros_bridge.display.scene import Bands, Guidance, Health, Monitor
 
@@ -201,12 +202,14 @@ def diagnostics(
     nodes: Mapping[str, Health],
     separation: float | None,
     by_category: Mapping[int, float],
+    fresh: Freshness,
     now: int,
 ) -> Fields:
-    """Return a DiagnosticArray; the separation, m, and those by category stand beside each state of
-    health.
+    """Return a DiagnosticArray; the separation, m, those by category, and for how long things count
+    stand beside each state of health.
     """
-    values = [{"key": BY_CATEGORY, "value": text_of(by_category)}]
+    texts = {BY_CATEGORY: text_of(by_category), **fresh.texts()}
+    values = [{"key": key, "value": text} for key, text in texts.items()]
     if separation is not None:
         values.append({"key": "separation, m", "value": f"{separation:g}"})
     every = [

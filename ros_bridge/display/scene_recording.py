@@ -80,7 +80,9 @@ class SceneRecorder:
             fields = messages.guidance(scene.guidance)
             self._write(f"{_MONITOR}/output/guidance", fields, now)
         if scene.nodes != before.nodes:
-            fields = messages.diagnostics(scene.nodes, scene.separation, scene.by_category, now)
+            fields = messages.diagnostics(
+                scene.nodes, scene.separation, scene.by_category, scene.fresh, now
+            )
             self._write("/diagnostics", fields, now)
 
     def _write_track(self, name: str, before: Track, track: Track, now: int) -> None:

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 _FAR = 50_000.0  # m from the frame's origin, beyond which it moves
-_FORGET = 60.0  # s of silence, after which an aircraft is forgotten
 _OLD = 5.0  # s, for which wind and airspeed hold
 _RULES = Rules()
 
@@ -64,9 +63,9 @@ def take(
     return received if read is None else read(received, message, now, reading)
 
 
-def forget(received: Received, now: int) -> Received:
-    """Return what is known without aircraft that have long been silent."""
-    left, silent = forget_silent(received.situation.traffic, now, _FORGET)
+def forget(received: Received, now: int, after: float) -> Received:
+    """Return what is known without aircraft that have been silent for so many seconds."""
+    left, silent = forget_silent(received.situation.traffic, now, after)
     if not silent:
         return received
     return replace(received, situation=replace(received.situation, traffic=left))

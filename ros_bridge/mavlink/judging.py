@@ -38,6 +38,7 @@ from ros_bridge.core.assurance import (
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import Published, Station
 from ros_bridge.core.fields import SECOND
+from ros_bridge.core.freshness import Freshness
 from ros_bridge.core.planning import plan_task
 from ros_bridge.core.replies import plan_points, start_point, to_frame, true_wind, wind_of
 from ros_bridge.core.reports import Unknown
@@ -125,6 +126,7 @@ def rules(
     """Return the rules of an aircraft; lengths in m, the margin for what the follower leaves of a
     plan, ``categories`` what is kept from some emitter categories.
     """
+    fresh = Freshness.for_aircraft(aircraft)
     options = Options.for_aircraft(
         aircraft,
         requirement=Requirement(aircraft.separation, margin, _SIGMAS),
@@ -132,21 +134,21 @@ def rules(
         goals=_GOALS,
         deadline_s=deadline,
         vertical_filter=vertical,
-        max_age=max(5.0, 5.0 * aircraft.dt),
+        max_age=fresh.intruder,
     )
     limits = Thresholds.for_plans(
         options,
         cross_track=max(margin, 0.025 * aircraft.separation),
         along_track=max(margin, 0.05 * aircraft.separation),
         time_error=max(margin / aircraft.limits.speed_min, aircraft.dt),
-        own_age=1.5,
-        intruder_age=max(5.0, 5.0 * aircraft.dt),
+        own_age=fresh.own,
+        intruder_age=fresh.intruder,
     )
     settings = Settings(
         options,
         limits.turn_time,
         (limits.turn_rate_min, limits.turn_rate_max),
-        intruder_max_age=limits.intruder_age,
+        freshness=fresh,
         unknown=unknown,
         categories=categories,
     )

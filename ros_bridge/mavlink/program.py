@@ -56,9 +56,6 @@ from ros_bridge.mavlink.vehicle import (
 from ros_bridge.mavlink.view import View
 from ros_bridge.transport.adsb_receiver import LiveReports
 
-STALE = 1.5
-"""Age of the own state beyond which nothing is commanded, s."""
-
 DEAF = 5.0
 """Without a message of the autopilot, s of our clock: after it no heartbeat is sent, so that the
 autopilot's failsafe acts also where it hears us and we do not hear it.
@@ -163,6 +160,7 @@ class Program:
         fence = _areas(found.corners, options.margin)
         self._vehicle, self._corners, self._items = found.vehicle, found.corners, found.mission
         self._rules = rules_of(options, self._vehicle)
+        self._fresh = self._rules.settings.freshness
         self.pilot = Pilot(link, self._texts, self._vehicle)
         above_sea = options.traffic_altitude == "msl"
         self._reading = Reading({0: "msl", 1: "msl"} if above_sea else {})
@@ -266,7 +264,7 @@ class Program:
         now = self._link.clock.now(time.monotonic())
         if ours - self._last.rates > _RATES_AGAIN:
             self._last.rates = ours
-            if self._received.situation.own.age(now) > STALE:
+            if self._received.situation.own.age(now) > self._fresh.own:
                 self._link.ask_rates()  # it was lost, or the autopilot has begun anew
         self._refresh.ask(now / SECOND)
         since = now / SECOND - self._last.judgement
@@ -330,7 +328,7 @@ class Program:
     # Judging.
 
     def _judge(self, now: int) -> None:
-        self._received = forget(self._received, now)
+        self._received = forget(self._received, now, self._fresh.silence)
         problem = "" if self._live is None else self._live.take_problem()
         if problem:
             self._texts.tell("adsb", problem, now, send=True, again=_REPORT)
@@ -506,7 +504,7 @@ class Program:
     def _make_seen(self, now: int) -> Seen:
         judged, received = self._judgement, self._received
         track = received.situation.own
-        fresh = track.fault is None and track.age(now) <= STALE
+        fresh = track.fault is None and track.age(now) <= self._fresh.own
         rejoin = judged.rejoin
         on_plan = to_fly(judged.supervision) is FlyMode.PLAN
         watching = self._control.phase is Phase.WATCHING

@@ -41,6 +41,7 @@ class Showing:
 
     def __init__(self, rules: Rules, feed: Callable[[Callable[[Scene], Scene]], object]) -> None:
         self._feed = feed
+        self._freshness = {"rlcas_mavlink": rules.settings.freshness}
         self._looking = rules.begin()
         self._shown = blank(rules.thresholds)
 
@@ -65,7 +66,9 @@ class Showing:
         arrived = {**scene.arrived, "route": now} if view.mission else scene.arrived
         fence = situation.fixed_areas
         areas = HeldAreas(AreaReport(0, fence)) if fence else None
-        return replace(scene, areas=areas, arrived=arrived, nodes=_nodes(view))
+        return replace(
+            scene, areas=areas, arrived=arrived, nodes=_nodes(view), freshness=self._freshness
+        )
 
 
 class Recording:

@@ -24,7 +24,13 @@ from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forget_silent
 from ros_bridge.transport import topics, views
 from ros_bridge.transport.losses import Losses
-from ros_bridge.transport.settings import aircraft_text, declare, planning_options, report_rules
+from ros_bridge.transport.settings import (
+    aircraft_text,
+    declare,
+    freshness_of,
+    planning_options,
+    report_rules,
+)
 from ros_bridge.transport.topics import Topic
 
 _BACKWARD = SECOND // 2
@@ -195,6 +201,7 @@ class ListeningNode(LifecycleNode):
             "aircraft": aircraft_text(options),
             "separation, m": f"{options.requirement.separation:g}",
             BY_CATEGORY: self._value("category_separations") or "",
+            **freshness_of(self._value).texts(),
             "outside domain": "; ".join(outside),
             **{f"lost of {topic}": str(n) for topic, n in sorted(self._losses.counts.items())},
         } | values
@@ -203,7 +210,8 @@ class ListeningNode(LifecycleNode):
 
     def _forget(self, now: int) -> None:
         """Forget the aircraft that have fallen silent."""
-        traffic, silent = forget_silent(self._situation.traffic, now, self._value("forget_after"))
+        after = freshness_of(self._value).silence
+        traffic, silent = forget_silent(self._situation.traffic, now, after)
         if silent:
             self._situation = replace(self._situation, traffic=traffic)
             self.get_logger().info(f"silent, and forgotten: {', '.join(silent)}")

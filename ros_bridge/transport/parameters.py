@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
+from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
 from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD
 
 NODES = ("runner", "monitor", "simulator", "translator", "pilot")
@@ -25,7 +26,7 @@ class Parameter(NamedTuple):
     name: str
     default: Any
     """A number or a switch in the unit, or a text; a text beside a range is the aircraft's field of
-    that name.
+    that name, or for how long such a thing counts (:mod:`ros_bridge.core.freshness`).
     """
     meaning: str
     low: float | None = None  # None: it is no number
@@ -266,34 +267,49 @@ PARAMETERS = (
     Parameter(
         f"{_BOTH} pilot",
         "ownship_max_age",
-        1.5,
+        USUAL_FRESHNESS.own,
         "oldest state of the ownship that is used",
         0.05,
-        10.0,
-        "T",
+        60.0,
+        "s",
     ),
     Parameter(
         _BOTH,
         "intruder_max_age",
-        5.0,
-        "oldest state of an intruder that is planned with",
+        "intruder",
+        "oldest state of an intruder that is planned with; usually 5 s, or 5 T where T is longer",
         0.1,
-        60.0,
-        "T",
+        600.0,
+        "s",
     ),
-    Parameter("runner", "alert_max_age", 10.0, "time for which an alert counts", 1.0, 600.0, "T"),
+    Parameter(
+        "runner",
+        "alert_max_age",
+        "alert",
+        "time for which an alert counts; usually 10 s, or 10 T where T is longer",
+        1.0,
+        3_600.0,
+        "s",
+    ),
     Parameter("runner", "request_max_age", 1.0, "oldest request that is answered", 0.05, 60.0, "s"),
     Parameter(
         _BOTH,
         "future_tolerance",
-        0.5,
+        USUAL_FRESHNESS.future,
         "by how much a stamp may lie ahead of the clock",
         0.0,
         0.5,
         "s",
     ),
     Parameter(
-        _BOTH, "forget_after", 30.0, "silence after which an intruder is forgotten", 5.0, 600.0, "s"
+        _BOTH,
+        "forget_after",
+        "silence",
+        "time without any message after which an intruder is forgotten; usually 60 s, and never "
+        "less than intruder_max_age",
+        5.0,
+        3_600.0,
+        "s",
     ),
     Parameter(
         _BOTH,
@@ -591,6 +607,8 @@ def _range(one: Parameter) -> str:
 
 
 def _format_default(one: Parameter) -> str:
+    if one.default in Freshness._fields:
+        return f"{getattr(USUAL_FRESHNESS, one.default):g}"
     if isinstance(one.default, str):
         text = one.default or '""'
         return f"`{text}`" if one.low is None else "the aircraft's"

@@ -16,6 +16,7 @@ from envs.aircraft import Aircraft
 from envs.kinematics import Limits
 from ros_bridge.core.aircraft import aircraft_of, load_extensions
 from ros_bridge.core.categories import Categories, separations_of
+from ros_bridge.core.freshness import Freshness
 from ros_bridge.core.reports import Unknown
 from ros_bridge.core.situation import Settings
 from ros_bridge.core.tracks import Rules
@@ -63,11 +64,12 @@ def declare(node: Node, kind: str) -> Aircraft | None:
 
 def parameters_of(kind: str, aircraft: Aircraft | None) -> Iterator[Parameter]:
     """Yield the parameters of a kind of nodes for an aircraft, in SI units and degrees."""
-    known: dict[str, float] = {}
+    known: dict[str, float] = Freshness()._asdict()
     if aircraft is not None:
         legs = aircraft.vehicle_limits
-        known = legs._asdict() | {"yaw_rate_max": round(math.degrees(legs.yaw_rate_max), 9)}
+        known |= legs._asdict() | {"yaw_rate_max": round(math.degrees(legs.yaw_rate_max), 9)}
         known |= {name: getattr(aircraft, name) for name in ("separation", "goal_radius")}
+        known |= Freshness.for_aircraft(aircraft)._asdict()
     return (one.in_si(aircraft, known) for one in of(kind))
 
 
@@ -108,6 +110,7 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
     """
     legs = limits_of(value)
     separations_by_category(value)  # refused here, where a node looks at all of its values
+    freshness_of(value)  # the same
     given = {name: value(parameter) for name, parameter in _OPTIONS.items()}
     # A false "rejoin_by" or what a node does not have leaves the usual value.
     given = {
@@ -145,20 +148,13 @@ def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settin
     """
     options = planning_options(value, aircraft)
     usual = Thresholds.for_plans(options)
-    names = (
-        "ownship_max_age",
-        "intruder_max_age",
-        "alert_max_age",
-        "request_max_age",
-        "future_tolerance",
-        "wind_max",
-    )
     turns = usual.turn_time, (usual.turn_rate_min, usual.turn_rate_max)
-    given = {name: value(name) for name in names}
     return Settings(
         options,
         *turns,
-        **given,
+        freshness=freshness_of(value),
+        request_max_age=value("request_max_age"),
+        wind_max=value("wind_max"),
         unknown=unknown_spread(value),
         categories=separations_by_category(value),
     )
@@ -172,6 +168,33 @@ def separations_by_category(value: Callable[[str], Any]) -> Categories:
     """
     names = "category_separations", "category_vertical_separations"
     return Categories(*(separations_of(name, value(name) or "") for name in names))
+
+
+_FRESHNESS = {
+    "own": "ownship_max_age",
+    "intruder": "intruder_max_age",
+    "alert": "alert_max_age",
+    "silence": "forget_after",
+    "future": "future_tolerance",
+}
+
+
+def freshness_of(value: Callable[[str], Any]) -> Freshness:
+    """Return for how long things count, from a node's parameters; what it does not have is the
+    usual.
+
+    Raises:
+        ValueError: an aircraft would be forgotten while it counts; the message begins with a
+            parameter's name.
+    """
+    given = {name: value(parameter) for name, parameter in _FRESHNESS.items()}
+    found = Freshness(**{name: one for name, one in given.items() if one is not None})
+    if found.silence < found.intruder:
+        raise ValueError(
+            f"forget_after is {found.silence:g} s, expected at least intruder_max_age, "
+            f"{found.intruder:g} s: no aircraft may be forgotten while it counts"
+        )
+    return found
 
 
 def unknown_spread(value: Callable[[str], Any]) -> Unknown:

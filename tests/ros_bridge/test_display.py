@@ -25,11 +25,12 @@ from envs.edge.command import InputError
 from envs.formats.local_frame import LocalFrame, distance, fly_straight
 from ros_bridge.core.categories import BY_CATEGORY
 from ros_bridge.core.fields import FieldError
+from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
 from ros_bridge.core.reports import Report, Sighting
-from ros_bridge.display.picture import OWN_STALE, STALE, VERSION, picture
+from ros_bridge.display.picture import VERSION, picture
 from ros_bridge.display.recording import read
 from ros_bridge.display.run import main
-from ros_bridge.display.scene import FORGET, INPUTS, Scene, take, take_report
+from ros_bridge.display.scene import INPUTS, Scene, take, take_report
 from ros_bridge.display.server import Board
 from tests.ros_bridge.displays import (
     NOW,
@@ -71,15 +72,26 @@ def test_aircraft_are_drawn_where_they_are_to_be_expected(x, y, heading, seconds
 
 
 def test_what_is_old_is_marked_and_then_forgotten():
-    scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0))
+    scene, usual = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), USUAL_FRESHNESS
     states = [
         [one["state"] for one in picture(scene, after(age))["traffic"]]
-        for age in (0.0, STALE - 0.1, STALE + 0.1, FORGET + 0.1)
+        for age in (0.0, usual.intruder - 0.1, usual.intruder + 0.1, usual.silence + 0.1)
     ]
     assert states == [["fresh"], ["coasting"], ["stale"], []]
-    assert picture(scene, after(OWN_STALE + 0.1))["own"]["state"] == "stale"
-    lines = picture(scene, after(OWN_STALE + 0.1))["health"]
+    assert picture(scene, after(usual.own + 0.1))["own"]["state"] == "stale"
+    lines = picture(scene, after(usual.own + 0.1))["health"]
     assert next(one for one in lines if one["name"] == "ownship")["level"] == 2
+
+
+def test_no_aircraft_is_forgotten_that_a_node_still_plans_for():
+    """What nodes say of how long things count goes, and of two nodes what is longer."""
+    scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0))
+    for name, fresh in (("runner", Freshness(silence=600.0)), ("monitor", USUAL_FRESHNESS)):
+        pairs = [SimpleNamespace(key=key, value=text) for key, text in fresh.texts().items()]
+        status = SimpleNamespace(level=b"\0", name=name, message="", values=pairs)
+        scene = take(scene, "/diagnostics", SimpleNamespace(status=[status]), NOW)
+    assert [one["state"] for one in picture(scene, after(599.0))["traffic"]] == ["stale"]
+    assert picture(scene, after(601.0))["traffic"] == []
 
 
 def test_a_clock_that_steps_back_begins_anew():

@@ -34,10 +34,15 @@ import yaml
 from agents.config.load import load
 from agents.config.world import AircraftConfig
 from agents.planner.request import Options
+from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from eval.hifi.config import HifiConfig
+from ros_bridge.core.aircraft import aircraft_of
+from ros_bridge.core.freshness import Freshness
+from ros_bridge.core.reports import USUAL
 from ros_bridge.transport import parameters
 from ros_bridge.transport.settings import (
+    freshness_of,
     monitor_thresholds,
     parameters_of,
     planning_options,
@@ -200,12 +205,30 @@ def test_defaults_are_the_usual_options_of_the_aircraft():
             "yaw_rate_max makes a full circle of 24000 s, expected at most the plan's 380 s",
         ),
         ({"waypoints": 5}, "yaw_rate_max makes a full circle"),
+        (
+            {"forget_after": 5.0, "intruder_max_age": 5.5},
+            "forget_after is 5 s, expected at least intruder_max_age, 5.5 s",
+        ),
     ],
 )
 def test_contradicting_parameters_are_refused_by_name(given: dict[str, Any], says: str):
     with pytest.raises(ValueError) as caught:
         planning_options(values_of("runner", **given), PAPER)
     assert str(caught.value).startswith(says)
+
+
+@pytest.mark.parametrize("name", ["", "uas", "light", "jet"])
+def test_nodes_and_mavlink_program_hold_reports_for_as_long(name: str):
+    mavlink = pytest.importorskip("ros_bridge.mavlink.judging")
+    given = aircraft_of(name, "")
+    values = {one.name: one.default for one in parameters_of("runner", given)}
+    rules = mavlink.rules(
+        given, Policy.load(), margin=25.0, vertical=600.0, unknown=USUAL, deadline=0.2
+    )
+    of_nodes = freshness_of(values.get)
+    assert of_nodes == rules.settings.freshness == Freshness.for_aircraft(given)
+    assert (rules.thresholds.own_age, rules.thresholds.intruder_age) == of_nodes[:2]
+    assert rules.settings.options.max_age == of_nodes.intruder <= of_nodes.silence
 
 
 def test_any_separation_and_limits_are_taken():

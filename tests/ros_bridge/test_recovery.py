@@ -46,8 +46,8 @@ def test_an_alert_that_cannot_be_read_counts_as_long_as_others():
         return refused(updates.ownship(situation, own, at(seconds), RULES), at(seconds))
 
     assert later(1.0) is Code.INVALID_ALERT
-    assert later(SETTINGS.alert_max_age - 0.1) is Code.INVALID_ALERT
-    assert later(SETTINGS.alert_max_age + 0.1) is None
+    assert later(SETTINGS.freshness.alert - 0.1) is Code.INVALID_ALERT
+    assert later(SETTINGS.freshness.alert + 0.1) is None
 
 
 def own_reports(situation: Situation, begin: float, end: float, *, y: float = 0.0, ahead=0.0):

@@ -348,6 +348,20 @@ def test_a_silent_ownship_is_stale(client: Client):
     assert set_to(client, "ownship_max_age", 10.0).successful
 
 
+def test_traffic_whose_clock_is_behind_is_stale_and_not_forgotten(client: Client, world: World):
+    def arrive() -> None:
+        world.intruder(9_000.0, 0.0, math.pi, time=client.now() - 3_600_000_000_000, id="behind")
+
+    found = answer(client, Code.STALE_INTRUDER, arrive)
+    assert found.field == "intruder behind.header.stamp"
+
+
+def test_an_aircraft_is_not_forgotten_while_it_counts(client: Client):
+    refused = set_to(client, "forget_after", 30.0)
+    assert not refused.successful
+    assert "forget_after is 30 s, expected at least intruder_max_age, 60 s" in refused.reason
+
+
 def test_contradicting_limits_of_the_aircraft_are_refused(client: Client):
     assert set_to(client, "speed_max", 70.0).successful
     refused = set_to(client, "speed_min", 80.0)

@@ -408,10 +408,24 @@ def test_silent_aircraft_is_forgotten_and_a_faulty_one_is_not():
     late = NOW + 40 * SECOND
     silent = feed(report(0.0))[0]
     noisy = note_refused(silent, FieldError("it.latitude", "is nan"), late, RULES)
-    fresh = replace(silent, last=report(39.0))
+    fresh, _ = feed(report(0.0), report(39.0))
     kept, gone = forget_silent({"a": silent, "b": noisy, "c": fresh}, late, 30.0)
     assert set(kept) == {"b", "c"}
     assert gone == ("a",)
+
+
+@pytest.mark.parametrize("behind", [29.0, 31.0, 40.0, 3_600.0])
+def test_what_still_arrives_is_never_forgotten_however_old_it_says_that_it_is(behind: float):
+    """A source whose clock is behind, or that repeats itself, is stale: it must block, not go."""
+    tracks = {}
+    for second in range(100):
+        now = NOW + second * SECOND
+        for name, one in (("late", report(second - behind)), ("frozen", report(-behind))):
+            tracks = follow(tracks, name, one, now, RULES)
+        tracks, gone = forget_silent(tracks, now, 30.0)
+        assert not gone and set(tracks) == {"late", "frozen"}
+    assert tracks["late"].age(now) == behind
+    assert forget_silent(tracks, now + 31 * SECOND, 30.0) == ({}, ("late", "frozen"))
 
 
 def turning(rate: float, every: float, std: float = 0.0, count: int = 9) -> Track:

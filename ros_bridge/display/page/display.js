@@ -48,7 +48,7 @@ function words(picture) {
   const worst = alerts[0];
   if (worst) reasons.push(`${NAMES[worst.level]} alert: ${worst.id}${worst.loss === null ? "" : `, ${lost(worst)} in ${seconds(worst.loss)} on the present course`}`);
   const heading = worst && worst.of === "area" ? "Area ahead" : "Traffic";
-  const nothing = !own ? "The ownship is not known" : monitor && monitor.fly === "nothing" ? "Own route" : level > 0 ? heading : "No advisory";
+  const nothing = !own ? "The ownship is not known" : monitor && monitor.state === "silent" ? "Monitor silent" : monitor && monitor.fly === "nothing" ? "Own route" : level > 0 ? heading : "No advisory";
   return { level: advice.do === "backup" || advice.do === "recovery" ? 3 : level, first: (own && order(advice, own)) || nothing, why: reasons.join(". ") };
 }
 
