@@ -21,13 +21,15 @@ from envs.wind import Wind
 MOST_POINTS = 1_024
 """Points of an area at most, all rings together."""
 
-WIDEST = 60_000.0
-"""Extent of an area at most, m, in x and in y: over this distance a straight line of the local
-frame is the one on the ground to less than a metre.
-"""
+WIDEST = 300_000.0
+"""Extent of a polygon at most, m, in x and in y: more than a local frame is used for."""
+
+LARGEST_RADIUS = 30_000.0
+"""m: a larger circle of the ground is not one of the local frame to a few metres."""
 
 _FARTHEST = 1e6  # coordinates beyond this, m, belong to no local frame
 _THINNEST = 1e-6  # m: points no farther from a line than this are on it
+_MOST_CLEARANCE = 60_000.0  # m
 _FASTEST = 100.0  # m/s of an area that moves or grows
 
 Place = tuple[float, float]
@@ -119,7 +121,7 @@ class Circle:
             object.__setattr__(
                 self, name, _real(name, getattr(self, name), -_FARTHEST, _FARTHEST, "m")
             )
-        radius = _real("radius", self.radius, 0.0, WIDEST / 2.0, "m")
+        radius = _real("radius", self.radius, 0.0, LARGEST_RADIUS, "m")
         if radius == 0.0:
             raise AreaError("radius is 0 m, expected more than 0 m")
         object.__setattr__(self, "radius", radius)
@@ -172,7 +174,7 @@ class Area:
         object.__setattr__(self, "velocity", velocity)
         growth = _real("growth", self.growth, -_FASTEST, _FASTEST, "m/s")
         object.__setattr__(self, "growth", growth)
-        clearance = _real("clearance", self.clearance, 0.0, WIDEST, "m")
+        clearance = _real("clearance", self.clearance, 0.0, _MOST_CLEARANCE, "m")
         object.__setattr__(self, "clearance", clearance)
         self._check_heights()
         for name in ("valid_from", "valid_until"):
@@ -333,14 +335,14 @@ def check_simple(name: str, ring: Ring, numbers: Sequence[int] | None = None) ->
 def _check_within(name: str, hole: Ring, outer: Ring) -> None:
     """Refuse a hole that is not strictly inside the outer ring."""
     _check_not_touching(name, hole, "outer", outer)
-    if not _inside(outer, hole[0]):
+    if not is_inside(outer, hole[0]):
         raise AreaError(f"{name} lies outside of outer, expected it inside")
 
 
 def _check_apart(name: str, one: Ring, other_name: str, other: Ring) -> None:
     """Refuse holes that overlap."""
     _check_not_touching(name, one, other_name, other)
-    if _inside(one, other[0]) or _inside(other, one[0]):
+    if is_inside(one, other[0]) or is_inside(other, one[0]):
         raise AreaError(f"{name} and {other_name} lie one in the other, expected them apart")
 
 
@@ -375,7 +377,7 @@ def _leads_back(ring: Ring, n: int, m: int) -> bool:
     return bool(ux * vy - uy * vx == 0.0 and ux * vx + uy * vy < 0.0)
 
 
-def _inside(ring: Ring, place: Place) -> bool:
+def is_inside(ring: Ring, place: Place) -> bool:
     """Return whether a point that is on no edge is inside a ring: a ray to the east crosses it an
     odd number of times.
     """

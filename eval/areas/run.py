@@ -11,10 +11,10 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
 from agents.config.load import ConfigError, Parser
-from envs.areas import Area, Circle, Keep
+from envs.areas import Area, AreaError, Circle, Keep
 from envs.edge.command import real
 from envs.edge.figures import save_figure
-from envs.formats.areas import read_areas
+from envs.formats.areas import read_near_areas
 from envs.formats.local_frame import LocalFrame
 from eval.areas.config import AreasConfig
 from eval.plots import save as picture_folder
@@ -38,10 +38,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Read a file of areas and draw them; bad input raises ``InputError``."""
     options = _parser().parse_args(arguments)
     config = _load(options)
-    areas = read_areas(config.file, LocalFrame(config.latitude, config.longitude))
+    areas, remarks = read_near_areas(config.file, LocalFrame(config.latitude, config.longitude))
+    if not areas:
+        said = "; ".join(remarks) or f"{config.file}: holds none"
+        raise AreaError(f"{said}; expected areas to draw")
     out = options.out or default_folder("areas")
     picture_folder.create(out, config)
     save_figure(picture(areas), out / "areas", 120)
+    for remark in remarks:
+        print(remark)
     print(f"{out}: {len(areas)} areas")
     return 0
 

@@ -6,7 +6,8 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, NamedTuple
 
 from envs.areas import Area, AreaError, Keep, Level, after
-from envs.formats.areas.geodetic import GeodeticArea, on_plane
+from envs.formats.areas.geodetic import GeodeticArea
+from envs.formats.areas.placement import far_away, to_plane
 from envs.formats.areas.reading import geodetic_areas
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.conversions import ALTITUDE_CODES
@@ -39,6 +40,8 @@ class Placed(NamedTuple):
 
     time: int
     areas: tuple[Area, ...]
+    far: str = ""  # a sentence on those that are left out; empty: none are
+    changes: tuple[str, ...] = ()  # sentences: which were clipped or thinned
 
     def at(self, now: int) -> tuple[Area, ...]:
         """Return them as they are now, ns."""
@@ -70,27 +73,31 @@ def to_local(report: AreaReport, frame: LocalFrame, now: int, within: float) -> 
 
 def place_areas(report: AreaReport, frame: LocalFrame, within: float) -> Placed:
     """Return the areas of a report in a local frame; see :func:`to_local`."""
-    found = []
+    areas, far, changes = list[Area](), list[GeodeticArea](), list[str]()
     date = datetime.fromtimestamp(report.time / SECOND, UTC)
     for one in report.areas:
         try:
-            area = on_plane(one._replace(where="is no area"), frame, date, within)
-            if area is not None:
-                found.append(area)
+            placed = to_plane([one._replace(where="is no area")], frame, date, within)
         except AreaError as problem:
             raise FieldError(one.where, str(problem)) from None
-    return Placed(report.time, tuple(found))
+        areas += placed.areas
+        far += placed.far
+        changes += (change.replace("is no area", one.where, 1) for change in placed.changes)
+    left_out = far_away(far, frame, within) if far else ""
+    return Placed(report.time, tuple(areas), left_out, tuple(changes))
 
 
 def areas_of_file(path: str) -> tuple[GeodeticArea, ...]:
     """Return the areas of a file, which stand; of "" none. Their dates count by the clock.
 
     Raises:
-        AreaError: the file cannot be read, or an area in it moves or cannot be used.
+        AreaError: the file cannot be read or holds none, or an area in it moves or cannot be used.
     """
     if not path:
         return ()
-    found = geodetic_areas(path)
+    found = geodetic_areas(path).areas
+    if not found:
+        raise AreaError(f"{path}: holds no area that is an obstacle, expected one or more")
     for one in found:
         for name in ("velocity", "growth", "valid_from", "valid_until"):
             if name in one.more and one.more[name] not in (0.0, (0.0, 0.0)):
@@ -100,8 +107,8 @@ def areas_of_file(path: str) -> tuple[GeodeticArea, ...]:
                 )
         # What cannot be used is refused now, in a frame about it.
         latitude, longitude = one.centre or one.rings[0][0]
-        on_plane(one, LocalFrame(latitude, longitude), None, math.inf)
-    return tuple(found)
+        to_plane([one], LocalFrame(min(max(latitude, -80.0), 80.0), longitude), None, math.inf)
+    return found
 
 
 def _area(name: str, message: "AreaMessage", time: int) -> GeodeticArea:

@@ -147,14 +147,25 @@ class Situation:
     alert: Held[Alert] = NOTHING
     route: Held[Route] = NOTHING
     areas: Held[AreaReport] = NOTHING
-    fixed_areas: tuple[GeodeticArea, ...] = ()  # of a file
+    fixed_areas: tuple[GeodeticArea, ...] = ()  # of a file, or an autopilot's fence
+    areas_file: str = ""  # of which some must lie near; empty: there is none
 
     def areas_in(self, frame: LocalFrame, now: int) -> tuple[Placed, ...]:
         """Return all areas that there are in a local frame, or raise :class:`FieldError`."""
-        reports = [AreaReport(now, self.fixed_areas)] if self.fixed_areas else []
-        if self.areas.value is not None:
-            reports.append(self.areas.value)
-        return tuple(place_areas(report, frame, ACCURATE) for report in reports)
+        fixed = self.fixed_in(frame, now)
+        moving = self.areas.value
+        return (fixed,) if moving is None else (fixed, place_areas(moving, frame, ACCURATE))
+
+    def fixed_in(self, frame: LocalFrame, now: int) -> Placed:
+        """Return the fixed areas in a local frame; a :class:`FieldError` where none of a file lies
+        near.
+        """
+        fixed = place_areas(AreaReport(now, self.fixed_areas), frame, ACCURATE)
+        if self.areas_file and not fixed.areas:
+            raise FieldError(
+                "areas_file", f"{self.areas_file}: nothing of it lies near: {fixed.far}"
+            )
+        return fixed
 
 
 class LeftOut(NamedTuple):

@@ -29,9 +29,10 @@ from agents.assurance.thresholds import Cause
 from envs.edge.command import InputError, run_cli
 from envs.edge.files import write_file
 from envs.formats.areas.geodetic import GeodeticArea
+from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.assurance import to_fly
 from ros_bridge.core.conversions import Route
-from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.fields import SECOND, FieldError, readable
 from ros_bridge.core.planning import rehearse
 from ros_bridge.core.situation import Situation
 from ros_bridge.mavlink import messages, mission
@@ -151,6 +152,7 @@ class Program:
         self._last = _Last()
         self._causes: set[Cause] = set()
         self._remarked: set[str] = set()
+        self._placed_fence: tuple[GeodeticArea, ...] = ()
         self._refresh = Refresh(link)
         self._leg: _Leg | None = None
         self._moved = False  # whether a new place has come
@@ -445,6 +447,23 @@ class Program:
             if remark not in self._remarked:
                 self._remarked.add(remark)
                 self._texts.log(remark, now)
+        self._remark_fence(now)
+
+    def _remark_fence(self, now: int) -> None:
+        """Tell what of another fence lies too far away to count, or was clipped or thinned."""
+        situation = self._received.situation
+        fence, own = situation.fixed_areas, situation.own.last
+        if own is None or fence == self._placed_fence:
+            return
+        self._placed_fence = fence
+        placed = readable(lambda: situation.fixed_in(LocalFrame(own.latitude, own.longitude), now))
+        if placed is None:  # plans are refused, and say why
+            return
+        for change in placed.changes:
+            self._texts.log(f"warning: {change}", now)
+        if placed.far:
+            text = "fence: areas far away do not count"
+            self._texts.tell("fence far", text, now, send=True, more=placed.far)
 
     def _advise(self, now: int) -> None:
         found, answer = self._judgement.conflict, self._judgement.plan

@@ -16,10 +16,11 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSPolicyKind
 
+from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.areas import areas_of_file
 from ros_bridge.core.categories import BY_CATEGORY
-from ros_bridge.core.fields import SECOND, nanoseconds
+from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forget_silent
 from ros_bridge.transport import topics, views
@@ -61,6 +62,7 @@ class ListeningNode(LifecycleNode):
     def __init__(self, **more: Any) -> None:
         super().__init__(f"rlcas_{self.kind}", **more)
         self._entities: list[Callable[[], Any]] = []  # how each of them is destroyed
+        self._areas_problem = ""  # why the areas of the file cannot be used
         self._qos_problems: dict[str, str] = {}
         """Sentences, by topic, until the node is configured anew."""
         self._losses = Losses()
@@ -75,7 +77,9 @@ class ListeningNode(LifecycleNode):
 
     def _start(self) -> None:
         """Forget everything that was received."""
-        self._situation = Situation(fixed_areas=self._fixed_areas)
+        self._situation = Situation(
+            fixed_areas=self._fixed_areas, areas_file=self._value("areas_file") or ""
+        )
         self._latest = self._settled = 0
 
     def _value(self, name: str) -> Any:
@@ -180,6 +184,25 @@ class ListeningNode(LifecycleNode):
         ):
             if new is not held and new.fault is not None:
                 self.get_logger().error(new.fault.message)
+        if after.origin.value is not None and after.origin.value != before.origin.value:
+            self._tell_areas(after.origin.value.frame)
+
+    def _tell_areas(self, frame: LocalFrame) -> None:
+        """Log which areas of the file count about an origin."""
+        name, log = self._situation.areas_file, self.get_logger()
+        if not name:
+            return
+        self._areas_problem = ""
+        try:
+            placed = self._situation.fixed_in(frame, self._latest)
+        except FieldError as problem:
+            self._areas_problem = str(problem)
+            log.error(self._areas_problem)
+            return
+        for change in placed.changes:
+            log.warning(change)
+        left_out = f"; left out: {placed.far}" if placed.far else ""
+        log.info(f"{name}: {len(placed.areas)} areas count{left_out}")
 
     def _publish_health(
         self, problem: tuple[bytes, str], outside: Sequence[str], values: dict[str, str]
@@ -191,9 +214,9 @@ class ListeningNode(LifecycleNode):
         if not self._active:
             level, message = DiagnosticStatus.WARN, "not active"
         lost = self._losses.problem(time.monotonic())
-        if self._qos_problems or lost:
-            texts = [*self._qos_problems.values(), *([lost] if lost else [])]
-            level, message = DiagnosticStatus.ERROR, "; ".join(texts)
+        errors = [*self._qos_problems.values(), lost, self._areas_problem]
+        if any(errors):
+            level, message = DiagnosticStatus.ERROR, "; ".join(filter(None, errors))
         if outside and level == DiagnosticStatus.OK:
             level, message = DiagnosticStatus.WARN, "; ".join(outside)
         options = planning_options(self._value, self._aircraft)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from envs.area_geometry import signed_distance
 from envs.areas import (
+    LARGEST_RADIUS,
     MOST_POINTS,
-    WIDEST,
     Area,
     AreaError,
     Circle,
@@ -67,7 +67,7 @@ def test_repeated_points_are_one() -> None:
         ((((0, 0), ("a", 0), (0, 1)),), r"outer\[1\].x is 'a', expected a number"),
         ((((0, 0), (1, 0, 0), (0, 1)),), r"outer\[1\] is \(1, 0, 0\), expected x and y"),
         (("square",), r"outer is str, expected a sequence of points"),
-        ((((0, 0), (111e3, 0), (0, 1e3)),), r"outer is 111 km wide in x, expected 60 km at most"),
+        ((((0, 0), (311e3, 0), (0, 1e3)),), r"outer is 311 km wide in x, expected 300 km at most"),
         (
             (SQUARE, (move_ring(HOLE, 5e3),)),
             r"holes\[0\] lies outside of outer, expected it inside",
@@ -120,7 +120,7 @@ def test_exactly_the_simple_rings_are_taken(points: list[tuple[int, int]]) -> No
     [
         ((0.0, 0.0, 0.0), r"radius is 0 m, expected more than 0 m"),
         ((0.0, 0.0, -1.0), r"radius is -1 m"),
-        ((0.0, 0.0, WIDEST), r"radius is 60000 m, expected 0 to 30000 m"),
+        ((0.0, 0.0, 2.0 * LARGEST_RADIUS), r"radius is 60000 m, expected 0 to 30000 m"),
         ((math.nan, 0.0, 1.0), r"x is nan m"),
         ((0.0, None, 1.0), r"y is None, expected a number"),
     ],

@@ -37,6 +37,17 @@ def test_bad_input_is_refused_in_a_sentence(tmp_path: Path) -> None:
         main(PLACE)
 
 
+def test_nothing_near_is_no_success(tmp_path: Path) -> None:
+    file, out = tmp_path / "a.geojson", tmp_path / "out"
+    write_areas(file, AREAS[:1], LocalFrame(8.0, 47.0))
+    with pytest.raises(AreaError, match="exchanged it would be 0 km"):
+        main([str(file), *PLACE, "--out", str(out)])
+    write_areas(file, [], LocalFrame(47.0, 8.0))
+    with pytest.raises(AreaError, match="holds none"):
+        main([str(file), *PLACE, "--out", str(out)])
+    assert not out.exists()
+
+
 def test_the_picture_shows_all_of_every_area() -> None:
     (axes,) = picture(AREAS).axes
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()

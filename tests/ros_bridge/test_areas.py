@@ -22,7 +22,7 @@ from envs.area_geometry import signed_distance
 from envs.areas import Area, AreaError, Circle, Keep, Level, Polygon
 from ros_bridge.core.areas import areas, areas_of_file, to_local
 from ros_bridge.core.fields import FieldError
-from ros_bridge.core.situation import Situation, task
+from ros_bridge.core.situation import Code, Refusal, Situation, task
 from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, domain
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, crossing, heard, stamp
 
@@ -185,7 +185,6 @@ def test_areas_of_a_file_count_between_their_dates(tmp_path: Path) -> None:
         ({"velocity_east_m_s": 3.0}, "has velocity, expected an area that stands"),
         ({"valid_until_s": 60.0}, "has valid_until, expected an area that stands"),
         ({"ring": [[8.1, 47.0], [8.2, 47.1], [8.2, 47.0], [8.1, 47.1]]}, "crosses"),
-        ({"ring": [[8.1, 47.0], [9.2, 47.0], [9.2, 47.1], [8.1, 47.1]]}, "km wide"),
         ({"clearance_m": -1.0}, "expected 0 to"),
         (
             {"valid_from": "2023-11-14T22:14:00Z", "valid_until": "2023-11-14T22:13:00Z"},
@@ -199,6 +198,21 @@ def test_a_file_that_cannot_be_used_is_refused(tmp_path: Path, changes: dict, sa
     assert "areas.geojson" in str(refused.value)
     with pytest.raises(AreaError, match="missing"):
         areas_of_file(str(tmp_path / "missing"))
+
+
+def test_a_node_does_not_fly_without_the_areas_of_its_file(tmp_path: Path) -> None:
+    far = [[12.1, 47.0], [12.2, 47.0], [12.2, 47.1]]
+    for ring, says in ((far, r"the nearest \d+ km$"), ([p[::-1] for p in SQUARE], "exchanged")):
+        file = write_areas(tmp_path, ring)
+        situation = replace(heard(crossing()), fixed_areas=areas_of_file(file), areas_file=file)
+        with pytest.raises(Refusal, match=says) as refused:
+            task(situation, NOW, SETTINGS)
+        assert (refused.value.code, refused.value.field) == (Code.INVALID_TASK, "areas_file")
+    # An autopilot's fence has no file: it may belong to another place.
+    assert task(replace(situation, areas_file=""), NOW, SETTINGS).areas == ()
+    free = write_areas(tmp_path, restriction="NO_RESTRICTION")
+    with pytest.raises(AreaError, match="holds no area that is an obstacle"):
+        areas_of_file(free)
 
 
 def test_the_monitor_hears_of_areas_on_a_real_graph(tmp_path: Path) -> None:

@@ -5,6 +5,6 @@ They need pyproj (the extra ``report``), fences of ICAROUS PyYAML too.
 """
 
 from envs.formats.areas.geojson import write_areas
-from envs.formats.areas.reading import read_areas
+from envs.formats.areas.reading import NearAreas, read_areas, read_near_areas
 
-__all__ = ["read_areas", "write_areas"]
+__all__ = ["NearAreas", "read_areas", "read_near_areas", "write_areas"]

@@ -5,6 +5,7 @@ from typing import Any
 from envs.areas import AreaError, Keep, Level
 from envs.formats.areas.geodetic import (
     GeodeticArea,
+    Reading,
     level,
     number,
     place,
@@ -17,7 +18,7 @@ _VERSION = 2  # of QGroundControl's fences
 _SIDES = {"KEEPIN": Keep.IN, "KEEPOUT": Keep.OUT}
 
 
-def areas_of_plan(content: dict[str, Any], source: str) -> list[GeodeticArea]:
+def areas_of_plan(content: dict[str, Any], source: str) -> Reading:
     """Return the fences of a plan of QGroundControl, which have no heights."""
     fence = record(content.get("geoFence"), f"{source}, geoFence")
     if fence.get("version") != _VERSION:
@@ -37,7 +38,7 @@ def areas_of_plan(content: dict[str, Any], source: str) -> list[GeodeticArea]:
         centre = place(disc.get("center"), f"{where}.circle.center", longitude_first=False)
         radius = number(disc.get("radius"), f"{where}.circle.radius", 0.0, 1e7, "m")
         found.append(GeodeticArea(where, centre=centre, radius=radius, keep=_side(one, where)))
-    return found
+    return Reading(tuple(found))
 
 
 def _side(fence: dict[str, Any], where: str) -> Keep:
@@ -48,7 +49,7 @@ def _side(fence: dict[str, Any], where: str) -> Keep:
     return Keep.IN if inclusion else Keep.OUT
 
 
-def areas_of_icarous(content: object, source: str, reference: str | None) -> list[GeodeticArea]:
+def areas_of_icarous(content: object, source: str, reference: str | None) -> Reading:
     """Return the fences of ICAROUS; its heights are m above a reference that the file does not
     state.
     """
@@ -78,7 +79,7 @@ def areas_of_icarous(content: object, source: str, reference: str | None) -> lis
                 name=f"fence {name}",
             )
         )
-    return found
+    return Reading(tuple(found))
 
 
 def _height(value: object, where: str, reference: str | None) -> Level | None:

@@ -1,15 +1,11 @@
-"""Areas on the ellipsoid, as files state them, and on the plane of a local frame."""
+"""Areas on the ellipsoid, as files state them, and what their readers share."""
 
 import math
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from datetime import datetime, timedelta, timezone
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from envs.areas import Area, AreaError, Circle, Keep, Level, Place, Polygon, RingError, check_simple
-from envs.formats.local_frame import LocalFrame
+from envs.areas import AreaError, Keep, Level, Place
 
 FOOT = 0.3048
 """m."""
@@ -18,7 +14,6 @@ OFF = 0.5
 """By how much an edge may leave the line that the file means, m."""
 
 _MOST = 100_000  # areas or points of a file
-_DEGREE = 111_000.0  # m, about, of latitude
 _UTMOST_ZONES = timezone(timedelta(hours=14)), timezone(timedelta(hours=-12))
 
 
@@ -45,87 +40,11 @@ class GeodeticArea(NamedTuple):
     """Fields of :class:`envs.areas.Area` that only files of our own state."""
 
 
-def on_plane(
-    one: GeodeticArea, frame: LocalFrame, time: datetime | None, within: float
-) -> Area | None:
-    """Return an area in a local frame at the time of the request; None where it is to be kept out
-    of and lies farther than ``within`` (m) from the origin.
-    """
-    with error_place(one.where):
-        places = one.rings if one.centre is None else ((one.centre,),)
-        rings = [np.array(_places(ring, frame)) for ring in places]
-        # From the origin to the rectangle around the outer ring.
-        nearest = np.hypot(*np.maximum(np.maximum(rings[0].min(axis=0), -rings[0].max(axis=0)), 0))
-        if one.keep is Keep.OUT and nearest - one.radius > within:
-            return None
-        shape: Polygon | Circle
-        if one.centre is not None:
-            x, y = rings[0][0].tolist()
-            shape = Circle(x, y, one.radius)
-        else:
-            outer, *holes = (tuple(map(tuple, ring.tolist())) for ring in rings)
-            try:
-                shape = Polygon(outer, tuple(holes))
-            except RingError:
-                _check_as_stated(one)
-                raise
-        fields = dict(one.more)
-        if time is not None and one.period.begin is not None:
-            fields["valid_from"] = (one.period.begin - time).total_seconds()
-        if time is not None and one.period.end is not None:
-            fields["valid_until"] = (one.period.end - time).total_seconds()
-        return Area(shape, one.keep, floor=one.floor, ceiling=one.ceiling, name=one.name, **fields)
+class Reading(NamedTuple):
+    """What a file holds."""
 
-
-@contextmanager
-def error_place(where: str) -> Generator[None]:
-    """Say in an error of an area where it stands."""
-    try:
-        yield
-    except AreaError as problem:
-        raise AreaError(f"{where}: {problem}") from None
-
-
-def _check_as_stated(one: GeodeticArea) -> None:
-    """Refuse rings that cross themselves as the file states them, by the numbers of its points: in
-    the local frame there are more.
-    """
-    for n, ring in enumerate(one.rings):
-        numbers = [k for k, point in enumerate(ring) if point != ring[k - 1]]
-        latitude, longitude = np.array([ring[k] for k in numbers], dtype=float).T
-        # About metres; what is straight in degrees is straight in them.
-        x = np.unwrap(longitude, period=360.0) * math.cos(math.radians(latitude[0])) * _DEGREE
-        points = tuple(zip(x.tolist(), (latitude * _DEGREE).tolist(), strict=True))
-        check_simple("outer" if n == 0 else f"holes[{n - 1}]", points, numbers)
-
-
-def _places(ring: Sequence[Place], frame: LocalFrame) -> list[Place]:
-    """Return a ring in a local frame, m.
-
-    Its edges are straight in degrees; points are added where they are not straight in the frame.
-    """
-    latitude, longitude = np.array(ring, dtype=float).T
-    longitude = np.unwrap(longitude, period=360.0)
-    here = frame.place(latitude, longitude)
-    if len(ring) == 1:
-        return [(float(here.x[0]), float(here.y[0]))]
-    lat1, lon1 = np.roll(latitude, -1), np.roll(longitude, -1)
-    middle = frame.place(0.5 * (latitude + lat1), 0.5 * (longitude + lon1))
-    off = np.hypot(
-        middle.x - 0.5 * (here.x + np.roll(here.x, -1)),
-        middle.y - 0.5 * (here.y + np.roll(here.y, -1)),
-    )
-    # Of n parts of an edge each leaves the line by an n-th of an n-th.
-    parts = np.maximum(np.ceil(np.sqrt(off / OFF)), 1.0).astype(int)
-    if parts.sum() > _MOST:
-        raise AreaError(f"needs {parts.sum()} points in the local frame, expected {_MOST} at most")
-    shares = [np.arange(count) / count for count in parts]
-    whole_lat, whole_lon = (
-        np.concatenate([a + share * (b - a) for a, b, share in zip(*ends, shares, strict=True)])
-        for ends in ((latitude, lat1), (longitude, lon1))
-    )
-    fine = frame.place(whole_lat, whole_lon)
-    return list(zip(fine.x.tolist(), fine.y.tolist(), strict=True))
+    areas: tuple[GeodeticArea, ...]
+    free: int = 0  # UAS zones that are left out, because their restriction is no obstacle
 
 
 def record(value: object, where: str) -> dict[str, Any]:
@@ -135,12 +54,14 @@ def record(value: object, where: str) -> dict[str, Any]:
     return value
 
 
-def rows(value: object, where: str) -> list[Any]:
-    """Return a list of a file."""
+def rows(value: object, where: str, least: int = 0) -> list[Any]:
+    """Return a list of a file, of ``least`` entries or more."""
     if not isinstance(value, list):
         raise AreaError(f"{where}: is {value!r:.60}, expected a list")
     if len(value) > _MOST:
         raise AreaError(f"{where}: has {len(value)} entries, expected {_MOST} at most")
+    if len(value) < least:
+        raise AreaError(f"{where}: has {len(value)} entries, expected {least} or more")
     return value
 
 
@@ -189,9 +110,7 @@ def ring(value: object, where: str, *, longitude_first: bool) -> tuple[Place, ..
 
 def polygon(value: object, where: str) -> tuple[tuple[Place, ...], ...]:
     """Return the rings of a polygon of GeoJSON."""
-    rings = rows(value, where)
-    if not rings:
-        raise AreaError(f"{where}: is empty, expected a ring")
+    rings = rows(value, where, 1)
     return tuple(ring(each, f"{where}[{n}]", longitude_first=True) for n, each in enumerate(rings))
 
 

@@ -1,16 +1,17 @@
 """Areas as GeoJSON (RFC 7946): polygons, and points with a radius, with properties of our own.
 
-Properties of a feature, all optional: ``name``; ``keep`` (``"out"`` or ``"in"``); ``floor_m`` and
+Properties of a feature, all optional: ``name``; ``keep`` (``"out"`` or ``"in"``), or another key of
+:mod:`envs.formats.areas.sides` that says on which side flight is allowed; ``floor_m`` and
 ``ceiling_m`` with ``floor_reference`` and ``ceiling_reference`` (``"wgs84"``, ``"msl"``,
 ``"pressure"``, ``"ground"``); ``valid_from`` and ``valid_until`` (dates of RFC 3339), or
 ``valid_from_s`` and ``valid_until_s`` (s after the request); ``clearance_m``;
-``velocity_east_m_s``, ``velocity_north_m_s`` and ``growth_m_s``; for a point ``radius_m``. Others
-are not read.
+``velocity_east_m_s``, ``velocity_north_m_s`` and ``growth_m_s``; for a point ``radius_m``;
+``restriction`` as in ED-269. Others are not read.
 """
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from envs.edge.files import write_file
 from envs.formats.areas.geodetic import (
     OFF,
     GeodeticArea,
+    Reading,
     level,
     number,
     period,
@@ -29,6 +31,8 @@ from envs.formats.areas.geodetic import (
     rows,
     text,
 )
+from envs.formats.areas.sides import side_of
+from envs.formats.areas.uas_zones import is_free
 from envs.formats.local_frame import LocalFrame
 
 _NUMBERS = {
@@ -40,34 +44,39 @@ _NUMBERS = {
 _VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
 
 
-def areas_of(content: dict[str, Any], source: str) -> list[GeodeticArea]:
+def areas_of(content: dict[str, Any], source: str, permitted: Collection[str] = ()) -> Reading:
     """Return the areas of a feature or a collection of features."""
-    if "crs" in content:
-        raise AreaError(f"{source}, crs: expected none, places are WGS-84 in GeoJSON")
     kind = content.get("type")
-    if kind == "Feature":
-        return _of_feature(content, source)
-    if kind != "FeatureCollection":
+    features = {source: content}
+    if kind == "FeatureCollection":
+        every = rows(content.get("features"), f"{source}, features")
+        features = {f"{source}, features[{n}]": each for n, each in enumerate(every)}
+    elif kind != "Feature":
         raise AreaError(f"{source}, type: is {kind!r:.60}, expected Feature or FeatureCollection")
-    found: list[GeodeticArea] = []
-    for n, feature in enumerate(rows(content.get("features"), f"{source}, features")):
-        where = f"{source}, features[{n}]"
-        found += _of_feature(record(feature, where), where)
-    return found
+    areas, free = list[GeodeticArea](), 0
+    for where, feature in features.items():
+        given = record(feature, where).get("properties")
+        properties = record({} if given is None else given, f"{where}, properties")
+        restriction = properties.get("restriction")
+        if restriction is not None and is_free(restriction, f"{where}, restriction", permitted):
+            free += 1
+            continue
+        areas += _of_feature(feature, properties, where)
+    return Reading(tuple(areas), free)
 
 
-def _of_feature(feature: dict[str, Any], where: str) -> list[GeodeticArea]:
+def _of_feature(
+    feature: dict[str, Any], properties: dict[str, Any], where: str
+) -> list[GeodeticArea]:
     """Return the areas of a feature, one of each polygon."""
     shape = record(feature.get("geometry"), f"{where}, geometry")
-    given = feature.get("properties")
-    properties = record({} if given is None else given, f"{where}, properties")
     common = _common(properties, where)
     kind, at = shape.get("type"), f"{where}, geometry.coordinates"
     coordinates = shape.get("coordinates")
     if kind == "Polygon":
         return [common._replace(rings=polygon(coordinates, at))]
     if kind == "MultiPolygon":
-        parts = rows(coordinates, at)
+        parts = rows(coordinates, at, 1)
         if common.keep is Keep.IN and len(parts) != 1:
             raise AreaError(
                 f"{at}: has {len(parts)} polygons to be kept in, expected one: there is no way "
@@ -87,9 +96,6 @@ def _of_feature(feature: dict[str, Any], where: str) -> list[GeodeticArea]:
 
 def _common(properties: dict[str, Any], where: str) -> GeodeticArea:
     """Return what the properties of a feature say of its area."""
-    keep = properties.get("keep", Keep.OUT.value)
-    if keep not in [side.value for side in Keep]:  # a list: what no set can hold is refused too
-        raise AreaError(f'{where}, keep: is {keep!r:.60}, expected "out" or "in"')
     more: dict[str, Any] = {
         field: number(properties[key], f"{where}, {key}")
         for field, key in _NUMBERS.items()
@@ -106,7 +112,7 @@ def _common(properties: dict[str, Any], where: str) -> GeodeticArea:
             raise AreaError(f"{where}, {field}: is given twice, also as {_NUMBERS[field]}")
     return GeodeticArea(
         where,
-        keep=Keep(keep),
+        keep=side_of(properties, where),
         floor=_limit(properties, "floor", where),
         ceiling=_limit(properties, "ceiling", where),
         period=valid,

@@ -13,6 +13,7 @@ from envs.formats.areas.geodetic import (
     FOOT,
     GeodeticArea,
     Period,
+    Reading,
     hull,
     level,
     number,
@@ -29,74 +30,83 @@ RESTRICTIONS = ("PROHIBITED", "REQ_AUTHORISATION", "CONDITIONAL", "USPACE", FREE
 """What zones ask for; ED-318 writes REQ_AUTHORIZATION."""
 
 _REFERENCES = {"AGL": "ground", "AMSL": "msl", "WGS84": "wgs84"}
+_OF_ED318 = "identifier", "type", "variant"  # what each zone of it states
 _UNITS = {"M": 1.0, "FT": FOOT}
 
 
 def is_ed269(content: object) -> bool:
     """Return whether a file is one of ED-269: volumes with a horizontal projection."""
-    features = content.get("features") if isinstance(content, dict) else content
-    if not isinstance(features, list) or not features or not isinstance(features[0], dict):
-        return False
-    volumes = features[0].get("geometry")
-    return isinstance(volumes, list)
+    return any(isinstance(zone.get("geometry"), list) for zone in _zones(content))
 
 
 def is_ed318(content: object) -> bool:
     """Return whether a file is one of ED-318: features that say which variant of zone they are."""
-    features = content.get("features") if isinstance(content, dict) else None
-    if not isinstance(features, list) or not features or not isinstance(features[0], dict):
-        return False
-    properties = features[0].get("properties")
-    return isinstance(properties, dict) and {"identifier", "type", "variant"} <= set(properties)
+    stated = (zone.get("properties") for zone in _zones(content))
+    return any(isinstance(each, dict) and set(_OF_ED318) <= set(each) for each in stated)
 
 
-def areas_of_ed269(
-    content: object, source: str, permitted: Collection[str] = ()
-) -> list[GeodeticArea]:
-    """Return the areas of zones of ED-269."""
+def _zones(content: object) -> list[dict[str, Any]]:
+    """Return what may be the zones of a file: a list of them, a collection, or one alone."""
+    features = content.get("features", [content]) if isinstance(content, dict) else content
+    return (
+        [each for each in features if isinstance(each, dict)] if isinstance(features, list) else []
+    )
+
+
+def _places(content: object, source: str) -> list[tuple[str, dict[str, Any]]]:
+    """Return the zones of a file, each with where it stands."""
+    if isinstance(content, dict) and "features" not in content:
+        return [(source, content)]
     features = content.get("features") if isinstance(content, dict) else content
-    found: list[GeodeticArea] = []
-    for n, each in enumerate(rows(features, f"{source}, features")):
-        where = f"{source}, features[{n}]"
-        zone = record(each, where)
+    named = (
+        (f"{source}, features[{n}]", each)
+        for n, each in enumerate(rows(features, f"{source}, features"))
+    )
+    return [(where, record(each, where)) for where, each in named]
+
+
+def areas_of_ed269(content: object, source: str, permitted: Collection[str] = ()) -> Reading:
+    """Return the areas of zones of ED-269."""
+    found, free = list[GeodeticArea](), 0
+    for where, zone in _places(content, source):
         name = text(zone.get("name") or zone.get("identifier") or "", f"{where}, name")
-        if _is_free(zone.get("restriction"), f"{where}, restriction", permitted):
+        if is_free(zone.get("restriction"), f"{where}, restriction", permitted):
+            free += 1
             continue
         valid = _validity(zone.get("applicability"), f"{where}, applicability")
-        volumes = rows(zone.get("geometry"), f"{where}, geometry")
+        volumes = rows(zone.get("geometry"), f"{where}, geometry", 1)
         for m, volume in enumerate(volumes):
             at = f"{where}, geometry[{m}]"
             one = _of_volume(record(volume, at), at)
             found.append(one._replace(name=name, period=valid))
-    return found
+    return Reading(tuple(found), free)
 
 
 def areas_of_ed318(
     content: dict[str, Any], source: str, permitted: Collection[str] = ()
-) -> list[GeodeticArea]:
+) -> Reading:
     """Return the areas of zones of ED-318."""
-    found: list[GeodeticArea] = []
-    for n, each in enumerate(rows(content.get("features"), f"{source}, features")):
-        where = f"{source}, features[{n}]"
-        zone = record(each, where)
+    found, free = list[GeodeticArea](), 0
+    for where, zone in _places(content, source):
         properties = record(zone.get("properties"), f"{where}, properties")
-        if _is_free(properties.get("type"), f"{where}, type", permitted):
+        if is_free(properties.get("type"), f"{where}, type", permitted):
+            free += 1
             continue
         valid = _validity(properties.get("limitedApplicability"), f"{where}, limitedApplicability")
         name = _name(properties, f"{where}, name")
         shape = record(zone.get("geometry"), f"{where}, geometry")
         parts = [shape]
         if shape.get("type") == "GeometryCollection":
-            parts = rows(shape.get("geometries"), f"{where}, geometry.geometries")
+            parts = rows(shape.get("geometries"), f"{where}, geometry.geometries", 1)
         for m, part in enumerate(parts):
             at = f"{where}, geometry" if len(parts) == 1 else f"{where}, geometries[{m}]"
             found += [
                 one._replace(name=name, period=valid) for one in _of_layer(record(part, at), at)
             ]
-    return found
+    return Reading(tuple(found), free)
 
 
-def _is_free(value: object, where: str, permitted: Collection[str]) -> bool:
+def is_free(value: object, where: str, permitted: Collection[str]) -> bool:
     """Return whether a restriction keeps nobody out."""
     restriction = text(value, where).upper().replace("AUTHORIZATION", "AUTHORISATION")
     for each in (restriction, *permitted):
@@ -167,7 +177,7 @@ def _of_layer(shape: dict[str, Any], where: str) -> list[GeodeticArea]:
     if kind == "MultiPolygon":
         return [
             one._replace(rings=polygon(part, f"{at}[{n}]"), where=f"{where}, polygon {n}")
-            for n, part in enumerate(rows(coordinates, at))
+            for n, part in enumerate(rows(coordinates, at, 1))
         ]
     if kind == "Point":
         extent = record(shape.get("extent"), f"{where}.extent")

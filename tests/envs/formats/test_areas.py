@@ -17,7 +17,7 @@ import pytest
 import shapely
 
 from envs.areas import Area, AreaError, Circle, Keep, Level, Polygon
-from envs.formats.areas import read_areas, write_areas
+from envs.formats.areas import read_areas, read_near_areas, write_areas
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.areas.reading import geodetic_areas
 from envs.formats.local_frame import LocalFrame
@@ -366,6 +366,10 @@ def test_far_areas_are_left_out_but_not_those_to_be_kept_in(
     assert len(read_areas(stored(GEOJSON), far, time=NOON, within=160e3)) == 2
 
 
+def named(crs: str) -> dict[str, Any]:
+    return {"type": "name", "properties": {"name": crs}}
+
+
 def change(content: Any, path: str, value: Any) -> Any:
     made = copy.deepcopy(content)
     *keys, last = (int(key) if key.isdigit() else key for key in path.split("/"))
@@ -383,7 +387,16 @@ def change(content: Any, path: str, value: Any) -> Any:
         ('{"type": "Feature", "type": "Feature"}', r"'type' stands twice"),
         ("[1, 2]", r"is a list, expected an object"),
         ('{"type": "Topology"}', r"type: is 'Topology', expected Feature or FeatureCollection"),
-        (GEOJSON | {"crs": {}}, r"crs: expected none"),
+        (GEOJSON | {"crs": {}}, r"areas, crs: is \{\}, expected none or WGS-84"),
+        (
+            change(GEOJSON, "features/0/geometry/crs", named("urn:ogc:def:crs:EPSG::2056")),
+            r"features\[0\], geometry, crs: is .*2056.*, expected none or WGS-84",
+        ),
+        (change(GEOJSON, "features/0/crs", None), r"features\[0\], crs: is None, expected none"),
+        (
+            change(ED318, "features/0/geometry/geometries/0/crs", named("EPSG:3857")),
+            r"geometries\[0\], crs: is .*3857",
+        ),
         (GEOJSON | {"features": 1}, r"features: is 1, expected a list"),
         (
             change(GEOJSON, "features/0/geometry", None),
@@ -407,16 +420,18 @@ def change(content: Any, path: str, value: Any) -> Any:
         ),
         (
             change(GEOJSON, "features/0/geometry/coordinates", []),
-            r"coordinates: is empty, expected a ring",
+            r"coordinates: has 0 entries, expected 1 or more",
         ),
         (
             change(GEOJSON, "features/0/geometry/coordinates/0", [RING[n] for n in (0, 2, 1, 3)]),
             r"features\[0\]: outer crosses or touches itself",
         ),
         (
-            change(GEOJSON, "features/0/geometry/coordinates", [[[8, 47], [9, 47], [9, 47.1]]]),
-            r"features\[0\]: outer is 76 km wide in x, expected 60 km at most",
+            change(GEOJSON, "features/0/geometry/coordinates", [[[n, 85] for n in (0, 120, 240)]]),
+            r"features\[0\]: goes round a pole",
         ),
+        (change(ED269, "features/0/geometry", []), r"geometry: has 0 entries"),
+        (change(ED318, "features/0/geometry/geometries", []), r"geometries: has 0 entries"),
         (change(GEOJSON, "features/0/properties/keep", "away"), r"keep: is 'away'"),
         (change(GEOJSON, "features/0/properties/keep", []), r"keep: is \[\]"),
         (
@@ -601,7 +616,8 @@ def test_an_area_counts_always_and_everywhere_in_what_its_file_leaves_open(
     stored: Callable[[Any], Path], form: Callable[[frozenset[str]], Any]
 ) -> None:
     def read(*left_out: str) -> GeodeticArea:
-        [found] = geodetic_areas(str(stored(form(frozenset(left_out)))), reference="msl")
+        reading = geodetic_areas(str(stored(form(frozenset(left_out)))), reference="msl")
+        [found] = reading.areas
         return found
 
     whole, names = read(), LEFT_OUT[form]
@@ -620,3 +636,133 @@ def test_an_area_counts_always_and_everywhere_in_what_its_file_leaves_open(
     assert kept >= 2 ** (len(names) // 2)
     nothing = read(*(name for name in names if name != "uomDimensions"))
     assert (nothing.floor, nothing.ceiling, *nothing.period) == (None, None, None, None)
+
+
+# Areas never vanish in silence, and never change their side.
+
+SQUARE = {"type": "Polygon", "coordinates": [RING]}
+
+
+def feature_of(**properties: Any) -> dict[str, Any]:
+    return {"type": "Feature", "geometry": SQUARE, "properties": properties}
+
+
+def test_a_file_of_which_nothing_lies_near_is_refused_with_the_distance(
+    stored: Callable[[Any], Path],
+) -> None:
+    far = LocalFrame(47.0, 12.0)
+    says = r"nothing of it lies near: 1 area lies more than 100 km from the origin .*, the nearest "
+    with pytest.raises(AreaError, match=rf"{says}303 km$"):  # 3.98 degrees of 76.06 km
+        read_areas(stored(feature_of()), far)
+    exchanged = {"type": "Polygon", "coordinates": [[place[::-1] for place in RING]]}
+    feature = {"type": "Feature", "geometry": exchanged, "properties": {}}
+    hint = r"with latitude and longitude exchanged it would be 0 km$"
+    with pytest.raises(AreaError, match=rf"{says}\d+ km; {hint}"):
+        read_areas(stored(feature), HERE)
+    circle = {"type": "Point", "coordinates": [47.0, 8.0]}
+    feature = {"type": "Feature", "geometry": circle, "properties": {"radius_m": 500.0}}
+    with pytest.raises(AreaError, match=hint):
+        read_areas(stored(feature), HERE)
+
+
+def test_what_is_left_out_is_counted(stored: Callable[[Any], Path]) -> None:
+    away = {"type": "Point", "coordinates": [10.0, 47.0]}
+    features = [
+        feature_of(name="near"),
+        {"type": "Feature", "geometry": away, "properties": {"radius_m": 500.0}},
+        feature_of(restriction="NO_RESTRICTION"),
+        feature_of(restriction="CONDITIONAL"),
+    ]
+    path = stored({"type": "FeatureCollection", "features": features})
+    found = read_near_areas(path, HERE, permitted=["CONDITIONAL"])
+    assert [area.name for area in found.areas] == ["near"]
+    free, far = found.remarks
+    assert "2 UAS zones that are no obstacle are left out" in free
+    assert re.search(r"1 area lies more than 100 km .*, the nearest 152 km; left out", far)
+    assert len(read_areas(path, HERE)) == 2
+
+
+@pytest.mark.parametrize(
+    ("properties", "keep"),
+    [
+        ({"Type": "Inclusive"}, Keep.IN),
+        ({"type": "KEEP_IN"}, Keep.IN),
+        ({"fence_type": "keep-out"}, Keep.OUT),
+        ({"inclusion": True}, Keep.IN),
+        ({"isInclusion": "false"}, Keep.OUT),
+        ({"exclusion": 1}, Keep.OUT),
+        ({"exclusion": False}, Keep.IN),
+        ({"Keep": "in", "Type": "inclusive"}, Keep.IN),
+        ({"side": "in"}, Keep.IN),
+        ({"unit": "in"}, Keep.OUT),
+        ({"name": "Inclusive"}, Keep.OUT),
+        ({"Type": "Restricted"}, Keep.OUT),
+        ({"type": None, "note": ["inclusion"]}, Keep.OUT),
+    ],
+)
+def test_the_side_is_the_one_stated_in_any_words(
+    stored: Callable[[Any], Path], properties: dict[str, Any], keep: Keep
+) -> None:
+    (area,) = read_areas(stored(feature_of(**properties)), HERE)
+    assert area.keep is keep
+
+
+@pytest.mark.parametrize(
+    ("properties", "says"),
+    [
+        ({"keep": "out", "Type": "Inclusive"}, r"states keep 'out' and Type 'Inclusive'"),
+        ({"inclusion": True, "exclusion": True}, r"expected one side"),
+        ({"inclusion": "perhaps"}, r"inclusion: is 'perhaps', expected true or false"),
+        ({"Type": "Inclusion zone"}, r"Type: is 'Inclusion zone', expected \"keep\": \"in\" or"),
+        ({"inclusive_fence": 3}, r"inclusive_fence: is 3, expected \"keep\""),
+    ],
+)
+def test_an_ambiguous_side_is_refused(
+    stored: Callable[[Any], Path], properties: dict[str, Any], says: str
+) -> None:
+    with pytest.raises(AreaError, match=says):
+        read_areas(stored(feature_of(**properties)), HERE)
+
+
+@pytest.mark.parametrize(
+    "crs",
+    [
+        "urn:ogc:def:crs:OGC:1.3:CRS84",
+        "urn:ogc:def:crs:OGC::CRS84",
+        "OGC:CRS84",
+        "EPSG:4326",
+        "urn:ogc:def:crs:EPSG::4326",
+    ],
+)
+def test_the_reference_system_of_geojson_may_be_named(
+    stored: Callable[[Any], Path], crs: str
+) -> None:
+    inner = {**feature_of(), "geometry": {**SQUARE, "crs": named(crs)}}
+    for content in (feature_of() | {"crs": named(crs)}, inner):
+        assert len(read_areas(stored(content), HERE)) == 1
+
+
+def test_one_zone_alone_is_read_as_what_it_is(stored: Callable[[Any], Path]) -> None:
+    for zone in (ED269["features"][0], ED318["features"][0]):
+        areas = read_areas(stored(zone), HERE, time=NOON)
+        assert [area.name for area in areas] == ["Zone", "Zone"]
+        assert areas[1].ceiling is None or areas[1].ceiling.reference == "msl"
+    mixed = {"type": "FeatureCollection", "features": [feature_of(), *ED318["features"]]}
+    with pytest.raises(AreaError, match=r"features\[0\], type: is None, expected a text"):
+        read_areas(stored(mixed), HERE)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        '<?xml version="1.0"?><kml><Placemark/></kml>',
+        "#saved by Mission Planner 1.3\n47.0 8.02\n47.0 8.04\n47.02 8.04\n",
+        "AC R\nAN TEST\nAH 2000FT AGL\nAL SFC\nDP 47:00:00 N 008:01:00 E\n",
+        "* OpenAir\nAC R\nAN TEST\n",
+    ],
+)
+def test_of_another_format_it_is_said_which_are_read(
+    stored: Callable[[Any], Path], content: str
+) -> None:
+    with pytest.raises(AreaError, match=r"GeoJSON, ED-269, ED-318, a \.plan of QGroundControl"):
+        read_areas(stored(content), HERE)
