@@ -36,6 +36,11 @@ _TINY = 1e-12  # least sagitta, m
 _NEARER = 0.01  # by which a plan that begins inside a clearance may come nearer to the area, m
 _SHORTEST = 1e-3  # least duration of a leg, s
 _LARGEST = 1e8  # numbers of a certificate are below this
+_MOST_WORK = 300_000  # parts of arcs that are looked at, or what takes as long: some 20 s
+_LEG_WORK = 50  # of a leg
+_WALK_WORK = 20  # of an intruder that is not out of reach of the whole flight
+_EDGE_WORK = 4  # of an edge of a polygon that a part is near
+_MOST_BYTES = 1 << 26  # of a file
 
 
 class RefusedError(ValueError):
@@ -90,6 +95,19 @@ class Ball:
     def size(self) -> "Ball":
         """Return the magnitude."""
         return Ball(math.isqrt(self.x * self.x + self.y * self.y), 0, self.r + 1)
+
+
+class Work:
+    """What is left of the work that a certificate may ask for, in parts of arcs."""
+
+    def __init__(self, most: int = _MOST_WORK) -> None:
+        self.most = most
+        self.left = most
+
+    def spend(self, parts: int) -> None:
+        """Take off some work; refuse the certificate where nothing is left."""
+        self.left -= parts
+        demand(self.left >= 0, f"its proof takes more than {self.most} parts of arcs")
 
 
 def demand(holds: bool, sentence: str) -> None:
@@ -202,7 +220,7 @@ class Report(NamedTuple):
 
 
 class Heights(NamedTuple):
-    """Of the ownship and of an excluded intruder."""
+    """Of the ownship and of an intruder, as near to each other as they may be."""
 
     own: float  # m
     own_climb: float  # m/s
@@ -321,6 +339,7 @@ def read(data: Any) -> Certificate:
         bounds=table("bounds", [data["bounds"]], len(intruders))[0],
     )
     check_sizes(found)
+    check_ranges(found)
     return found
 
 
@@ -339,6 +358,24 @@ def check_sizes(found: Certificate) -> None:
     demand(min(separations) > 0.0, "a separation is not positive")
     levels = [one.vertical for one in (*found.excluded, *(time.heights for time in found.apart))]
     demand(min(levels, default=0.0) >= 0.0, "a vertical separation is negative")
+
+
+def check_ranges(found: Certificate) -> None:
+    """Refuse a certificate of which a range ends before it begins, so that nothing lies in it."""
+    limits = found.limits
+    demand(limits.speed_min <= limits.speed_max, "limits.speed_min is above limits.speed_max")
+    if found.levels is not None:
+        low, low_climb, high, high_climb = found.levels
+        demand(low <= high and low_climb <= high_climb, "levels has a low level above the high one")
+    for time in found.apart:
+        demand(time.begin <= time.end, "a time of apart ends before it begins")
+    for number, area in enumerate(found.areas):
+        for name, (first, last) in (("valid", area.valid), ("heights", area.heights)):
+            ordered = first is None or last is None or first < last
+            demand(ordered, f"areas[{number}].{name} ends before it begins")
+    origin = found.request
+    whole = (origin.latitude is None) == (origin.longitude is None)
+    demand(whole, "request has half of an origin")
 
 
 def as_list(name: str, given: Any) -> list[Any]:
@@ -435,6 +472,13 @@ class Arc(NamedTuple):
     quickest: Ball  # the greatest speed, m/s
     own_acceleration: Ball  # a bound of the magnitude of the whole acceleration, m/s^2
 
+    def part(self, i: int, n: int) -> tuple[Ball, Ball]:
+        """Return when the i-th of n equal parts begins and ends, s after the request."""
+        if n == 1:
+            return self.begin, self.begin + self.length
+        step = self.length / ball(n)
+        return self.begin + step * ball(i), self.begin + step * ball(i + 1)
+
     def place_after(self, t: Ball) -> Ball:
         """Return the place a time after the arc's beginning."""
         turn = spin(self.turn_rate * t)
@@ -520,8 +564,30 @@ def air_limits(certificate: Certificate) -> AirLimits:
     )
 
 
-def flight(certificate: Certificate) -> list[Arc]:
-    """Return the plan's arcs through the air, which keep the limits and join the waypoints."""
+class Flight(NamedTuple):
+    """The plan through the air."""
+
+    arcs: list[Arc]
+    until: Ball  # when it ends, s after the request
+    longest: Ball  # of its arcs, s
+    sagitta: int  # by which an arc leaves its chord at most, units
+    way: int  # that it flies at most, with the sagittas and what the joints miss by, units
+
+    @classmethod
+    def of(cls, arcs: list[Arc]) -> "Flight":
+        """Return the flight of some arcs, one after the other."""
+        sagittas = [
+            max((arc.own_acceleration * arc.length * arc.length / ball(8)).hi, ball(_TINY).hi)
+            for arc in arcs
+        ]
+        ways = [(arc.length * arc.quickest + ball(_JOINT)).hi for arc in arcs]
+        longest = max((arc.length for arc in arcs), key=lambda length: length.hi)
+        until = arcs[-1].begin + arcs[-1].length
+        return cls(arcs, until, longest, max(sagittas), sum(ways) + sum(sagittas))
+
+
+def flight(certificate: Certificate) -> Flight:
+    """Return the plan's flight through the air, which keeps the limits and joins the waypoints."""
     limits, wind = air_limits(certificate), certificate.wind
     arcs: list[Arc] = []
     # A plan that begins beyond a speed limit may stay there, but not go further, nor come back.
@@ -545,7 +611,7 @@ def flight(certificate: Certificate) -> list[Arc]:
             check_limits(leg, arc, limits, slowest, fastest)
         check_joint(leg, reached, end)
         arcs += each
-    return arcs
+    return Flight.of(arcs)
 
 
 def fly_leg(
@@ -798,24 +864,40 @@ def chord_bound(first: Ball, last: Ball, sagitta: int) -> int:
     return best
 
 
-def check_separation(number: int, certificate: Certificate, arcs: list[Arc]) -> None:
+def check_separation(
+    number: int,
+    certificate: Certificate,
+    flown: Flight,
+    apart: list[tuple[float, float]],
+    work: Work,
+) -> None:
     """Check that intruder ``number`` stays as far as it has to, and as the certificate claims.
 
     Arcs that are not clear are cut in two, into ``parts`` of the certificate at most. While the
-    intruder is stated to be above or below nothing is asked of it.
+    intruder is stated to be above or below, in some times (s), nothing is asked of it.
     """
     other = track(certificate.reports[number], certificate.wind)
-    times = [(ball(t.begin), ball(t.end)) for t in certificate.apart if t.number == number]
-    away = (other.place_at(ZERO) - arcs[0].place).size()
+    times = [(ball(begin), ball(until)) for begin, until in apart]
+    away = (other.place_at(ZERO) - flown.arcs[0].place).size()
     keep = required_at_request(other, certificate.requirement, away, times)
     near = away.lo  # the distance at the beginning of an arc is this at least
-    for arc in arcs:
+    most = required_until(other, certificate.requirement, keep, flown.until)
+    most = max(most, ball(certificate.bounds[number]).hi)
+    bend = (other.acceleration() * flown.longest * flown.longest / ball(8)).hi
+    if near - flown.way - (flown.until * other.speed).hi - bend >= most:
+        return  # theorem left_out_soundly, of every arc
+    work.spend(_WALK_WORK)
+    for arc in flown.arcs:
         relative = arc.own_acceleration + other.acceleration()
         near -= (arc.length * (arc.quickest + other.speed)).hi  # theorem left_out_soundly
+        if near - flown.sagitta - bend >= most:
+            near -= ball(_JOINT).hi
+            continue
         todo = [(0, 1)]  # the i-th of n equal parts
         while todo:
             i, n = todo.pop()
-            begin, later = (arc.begin + arc.length * ball(k) / ball(n) for k in (i, i + 1))
+            work.spend(1)
+            begin, later = arc.part(i, n)
             if above_or_below(times, begin, later):
                 continue
             required = max(
@@ -824,8 +906,6 @@ def check_separation(number: int, certificate: Certificate, arcs: list[Arc]) -> 
             )
             # a h^2 / 8 of a part of the length h / n
             sagitta = max((relative * arc.length * arc.length / ball(8 * n * n)).hi, ball(_TINY).hi)
-            if n == 1 and near - sagitta >= required:
-                continue
             first = relative_place(other, arc, i, n)
             last = relative_place(other, arc, i + 1, n)
             if n == 1:
@@ -836,6 +916,14 @@ def check_separation(number: int, certificate: Certificate, arcs: list[Arc]) -> 
                 demand(n < certificate.parts, sentence)
                 todo += [(2 * i, 2 * n), (2 * i + 1, 2 * n)]
         near -= ball(_JOINT).hi
+
+
+def covered(times: list[tuple[float, float]], end: float) -> bool:
+    """Return whether some times cover all from the request until an end, s."""
+    until = 0.0
+    for first, last in sorted(times):
+        until = max(until, last) if first <= until else until
+    return until >= end
 
 
 def required_at_request(
@@ -988,7 +1076,9 @@ def counts(area: Area, levels: Levels | None, begin: Ball, end: Ball) -> bool:
     )
 
 
-def check_area(number: int, area: Area, arcs: list[Arc], certificate: Certificate) -> None:
+def check_area(
+    number: int, area: Area, flown: Flight, certificate: Certificate, work: Work
+) -> None:
     """Check that the plan keeps the clearance from area ``number`` while it counts."""
     corners = [[ball(*place) for place in ring] for ring in area.rings]
     edges = [(ring[n - 1], ring[n]) for ring in corners for n in range(len(ring))]
@@ -997,23 +1087,26 @@ def check_area(number: int, area: Area, arcs: list[Arc], certificate: Certificat
     ground = Ground(area, edges, velocity)
     growth = ball(area.growth) if area.keep == "out" else ball(-area.growth)
     wanted = (ball(area.clearance) + ball(certificate.requirement.margin)).hi
-    near = ground.signed_distance(arcs[0].place)  # at the beginning of an arc it is this at least
+    work.spend(_EDGE_WORK * len(edges))
+    near = ground.signed_distance(flown.arcs[0].place)  # at an arc's beginning this at least
     if counts(area, levels, ZERO, ZERO):
         # A plan that begins inside the clearance must not come nearer, but for some millimetres.
         wanted = min(wanted, max(near - ball(_NEARER).lo, 0))
     need = max(wanted - ball(_MARGIN).lo, -ball(_ROUNDING).lo)
     quickest = velocity.size()
-    for arc in arcs:
+    for arc in flown.arcs:
         near -= (arc.length * (arc.quickest + quickest)).hi  # theorem keeps_near
         todo = [(0, 1)]
         while todo:
             i, n = todo.pop()
-            begin, later = (arc.begin + arc.length * ball(k) / ball(n) for k in (i, i + 1))
+            work.spend(1)
+            begin, later = arc.part(i, n)
             if not counts(area, levels, begin, later):
                 continue
             required = need + max((growth * begin).hi, (growth * later).hi)
             if n == 1 and near >= required:
                 continue
+            work.spend(_EDGE_WORK * len(edges))
             length = arc.length / ball(n)
             sagitta = max((arc.own_acceleration * length * length / ball(8)).hi, ball(_TINY).hi)
             first = ground.place_in_area(own_place(arc, i, n), begin)
@@ -1034,39 +1127,79 @@ def own_place(arc: Arc, k: int, n: int) -> Ball:
     return arc.end if k == n else arc.place_after(arc.length * ball(k) / ball(n))
 
 
-def check_excluded(heights: Heights, end: float) -> None:
-    """Check that an excluded intruder stays above or below until the plan's end, s."""
-    demand(stays_apart(heights, 0.0, end), "an excluded intruder does not stay above or below")
+def check_altitudes(certificate: Certificate) -> None:
+    """Check that intruders stay above or below while they are said to, and that all that is said of
+    their altitudes and of the ownship's is the same.
+    """
+    end = certificate.plan_states[-1].time
+    for heights in certificate.excluded:
+        side = side_of(heights, 0.0, end)
+        demand(side != 0, "an excluded intruder does not stay above or below")
+        check_own_altitude("excluded", heights, side, certificate.levels)
+    sides: dict[tuple[int, int], Heights] = {}
+    for number, begin, until, heights in certificate.apart:
+        name = f"intruder {number}"
+        side = side_of(heights, begin, until)
+        demand(side != 0, f"{name} does not stay above or below from {begin:.2f} s on")
+        check_own_altitude("apart", heights, side, certificate.levels)
+        as_reported = heights.age == certificate.reports[number].age
+        demand(as_reported, f"the age of {name} in apart is not that in intruders")
+        same = sides.setdefault((number, side), heights) == heights
+        demand(same, f"{name} has more than one altitude in apart")
+    for (number, side), above in sides.items():
+        below = sides.get((number, -side), above)
+        # As near as it may be it is at its lowest where it is above, at its highest where below.
+        ordered = above.other <= below.other and above.other_climb <= below.other_climb
+        same = above.vertical == below.vertical
+        demand(
+            (side < 0 or ordered) and same, f"intruder {number} has more than one altitude in apart"
+        )
 
 
-def stays_apart(heights: Heights, begin: float, end: float) -> bool:
-    """Return whether two altitudes at their worst stay apart from a time to another, s.
+def side_of(heights: Heights, begin: float, end: float) -> int:
+    """Return on which side of the ownship an intruder stays from a time to another, s: 1 above, -1
+    below, 0 where it may not stay apart.
 
-    They change evenly, so that both ends decide (theorem ``apart_vertically``).
+    Altitudes change evenly, so that both ends decide (theorem ``apart_vertically``).
     """
     own_climb, other_climb = ball(heights.own_climb), ball(heights.other_climb)
     at_request = ball(heights.other) + other_climb * ball(heights.age) - ball(heights.own)
     now = at_request + (other_climb - own_climb) * ball(begin)
     then = at_request + (other_climb - own_climb) * ball(end)
     apart = ball(heights.vertical).hi
-    above = min(now.lo, then.lo) >= apart
-    below = max(now.hi, then.hi) <= -apart
-    return above or below
+    if min(now.lo, then.lo) >= apart:
+        return 1
+    return -1 if max(now.hi, then.hi) <= -apart else 0
 
 
-def accept(data: Any) -> Certificate:
-    """Return what a certificate proves; raise RefusedError where it proves nothing."""
+def check_own_altitude(name: str, heights: Heights, side: int, levels: Levels | None) -> None:
+    """Check that the ownship is as near to an intruder on a side as its levels allow."""
+    nearest = None if levels is None else levels[2:] if side > 0 else levels[:2]
+    same = nearest == (heights.own, heights.own_climb)
+    demand(same, f"{name} has another altitude of the ownship than levels")
+
+
+def accept(data: Any, work: Work | None = None) -> Certificate:
+    """Return what a certificate proves, with some work at most; raise RefusedError where it proves
+    nothing.
+    """
     certificate = read(data)
-    arcs = flight(certificate)
-    for heights in certificate.excluded:
-        check_excluded(heights, certificate.plan_states[-1].time)
+    work = work or Work()
+    work.spend(_LEG_WORK * len(certificate.controls))
+    work.spend(len(certificate.reports) + len(certificate.excluded) + len(certificate.apart))
+    flown = flight(certificate)
+    check_altitudes(certificate)
+    apart: dict[int, list[tuple[float, float]]] = {}
     for time in certificate.apart:
-        sentence = f"intruder {time.number} does not stay above or below from {time.begin:.2f} s on"
-        demand(stays_apart(time.heights, time.begin, time.end), sentence)
-    for number in range(len(certificate.reports)):
-        check_separation(number, certificate, arcs)
+        apart.setdefault(time.number, []).append((time.begin, time.end))
+    end = certificate.plan_states[-1].time
+    for number, bound in enumerate(certificate.bounds):
+        times = apart.get(number, [])
+        never = bound > 0.0 or covered(times, end)
+        demand(never, f"intruder {number} counts, but its bound of 0 says that it never does")
+        check_separation(number, certificate, flown, times, work)
     for number, area in enumerate(certificate.areas):
-        check_area(number, area, arcs, certificate)
+        check_area(number, area, flown, certificate, work)
     return certificate
 
 
@@ -1118,7 +1251,9 @@ def separation_sentence(certificate: Certificate) -> str:
     )
     timed = sorted({time.number for time in certificate.apart})
     if timed:
-        sentence += f", but while above or below: {', '.join(map(str, timed))}"
+        vertical = min(time.heights.vertical for time in certificate.apart)
+        numbers = ", ".join(map(str, timed))
+        sentence += f", but while {vertical:g} m or more above or below: {numbers}"
     return sentence
 
 
@@ -1140,8 +1275,22 @@ def origin_sentence(about: Origin) -> str:
     return f"policy: {about.policy or 'unknown'}; time: {time}; origin: {place}"
 
 
-def check_aircraft(certificate: Certificate, aircraft: Mapping[str, float]) -> None:
-    """Refuse limits beyond those of an aircraft file, and separations below its own."""
+class Standard(NamedTuple):
+    """What a certificate is held to beside the aircraft's file, which says nothing of it."""
+
+    vertical: float = 600.0  # separation, m
+    sigmas: float = 2.0  # of the uncertainty
+
+
+STANDARD = Standard()
+
+
+def check_aircraft(
+    certificate: Certificate, aircraft: Mapping[str, float], standard: Standard = STANDARD
+) -> None:
+    """Refuse limits beyond those of an aircraft file, separations below its own, and what is below
+    a standard.
+    """
     vehicle = {name: aircraft.get(f"vehicle.{name}", value) for name, value in aircraft.items()}
     limits, wanted = certificate.limits, certificate.requirement
     turn = math.radians(vehicle["yaw_rate_max_deg_s"])
@@ -1154,6 +1303,8 @@ def check_aircraft(certificate: Certificate, aircraft: Mapping[str, float]) -> N
     )
     for name, holds in inside:
         demand(holds, f"its {name} is {getattr(limits, name):g}, beyond the aircraft's")
+    check_own_speed(certificate, aircraft, vehicle)
+    check_standard(certificate, standard)
     enough = wanted.separation >= aircraft["separation_m"]
     demand(enough, f"its separation is {wanted.separation:g} m, below the aircraft's")
     for number, one in enumerate(certificate.reports):
@@ -1161,6 +1312,30 @@ def check_aircraft(certificate: Certificate, aircraft: Mapping[str, float]) -> N
             one.separation >= aircraft["separation_m"],
             f"the separation from intruder {number} is {one.separation:g} m, below the aircraft's",
         )
+
+
+def check_standard(certificate: Certificate, standard: Standard) -> None:
+    """Refuse a vertical separation, or a number of sigmas, below a standard."""
+    heights = [*certificate.excluded, *(time.heights for time in certificate.apart)]
+    least = min((one.vertical for one in heights), default=math.inf)
+    expected = f"below {standard.vertical:g} m (--vertical-separation)"
+    demand(least >= standard.vertical, f"a vertical separation is {least:g} m, {expected}")
+    sigmas = certificate.requirement.sigmas
+    expected = f"below {standard.sigmas:g} (--sigmas)"
+    demand(sigmas >= standard.sigmas, f"its uncertainty counts {sigmas:g} sigmas, {expected}")
+
+
+def check_own_speed(
+    certificate: Certificate, aircraft: Mapping[str, float], vehicle: Mapping[str, float]
+) -> None:
+    """Refuse an airspeed at the request that is beyond the aircraft's, by more than a hundredth of
+    the greatest that the planner allows; a plan that begins beyond its limits may stay there.
+    """
+    speed = through_air(certificate.plan_states[0], ZERO, certificate.wind).speed.x / (1 << BITS)
+    least = min(one["speed_min_mps"] for one in (aircraft, vehicle))
+    most = max(one["speed_max_mps"] for one in (aircraft, vehicle))
+    inside = least - 0.011 * most <= speed <= 1.011 * most
+    demand(inside, f"its speed at the request is {speed:g} m/s, beyond the aircraft's")
 
 
 def read_aircraft(text: str) -> dict[str, float]:
@@ -1214,6 +1389,8 @@ def load(path: Path, what: str) -> bytes:
         raise ValueError(f"there is no such file; expected {what}")
     if not path.is_file():
         raise ValueError(f"it is not a regular file; expected {what}")
+    if path.stat().st_size > _MOST_BYTES:
+        raise ValueError(f"it is larger than {_MOST_BYTES >> 20} MiB; expected {what}")
     return path.read_bytes()
 
 
@@ -1233,6 +1410,14 @@ def main(arguments: list[str] | None = None) -> int:
     return status
 
 
+def size(text: str) -> float:
+    """Return a number of the command line that is 0 or more."""
+    value = float(text)
+    if not 0.0 <= value < _LARGEST:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number from 0 on")
+    return value
+
+
 def check(arguments: list[str] | None) -> int:
     """Check a file and print what was found; return the exit status."""
     called = Path(sys.argv[0]).name
@@ -1250,7 +1435,25 @@ def check(arguments: list[str] | None) -> int:
         help="aircraft file (configs/aircraft/*.yaml) whose limits the plan must keep, and whose "
         "separation (default: those that the certificate states)",
     )
+    parser.add_argument(
+        "--vertical-separation",
+        type=size,
+        metavar="METRES",
+        help=f"with --aircraft: the least vertical separation, m (default {STANDARD.vertical:g})",
+    )
+    parser.add_argument(
+        "--sigmas",
+        type=size,
+        metavar="COUNT",
+        help="with --aircraft: the least number of sigmas of what is uncertain "
+        f"(default {STANDARD.sigmas:g})",
+    )
     options = parser.parse_args(arguments)
+    given = {"vertical": options.vertical_separation, "sigmas": options.sigmas}
+    given = {name: value for name, value in given.items() if value is not None}
+    if given and options.aircraft is None:
+        parser.error("--vertical-separation and --sigmas need --aircraft")
+    standard = STANDARD._replace(**given)
     path = reading = options.file
     name = str(path).encode(errors="replace").decode()  # it may hold bytes that are no text
     aircraft = None
@@ -1265,7 +1468,7 @@ def check(arguments: list[str] | None) -> int:
     try:
         certificate = accept(data)
         if aircraft is not None:
-            check_aircraft(certificate, aircraft)
+            check_aircraft(certificate, aircraft, standard)
     except (ValueError, ArithmeticError) as problem:
         print(f"{name}: refused: {problem}", file=sys.stderr)
         return 1

@@ -392,6 +392,99 @@ def test_what_is_accepted_is_said_with_limits_requirement_and_flight(data: dict[
         check.check_aircraft(check.accept(close), aircraft)
 
 
+@pytest.fixture(scope="module")
+def at_all_heights() -> dict[str, Any]:
+    """A certificate with intruders left out above and below, and one that climbs past the
+    ownship.
+    """
+    own = Altitude(2_500.0, "msl", 1.0, error=20.0, climb_error=0.5)
+    here = VehicleState(5_000.0, 3_000.0, -2.0, 70.0)
+    intruders = [
+        Intruder(here, 1.0, altitude=Altitude(9_500.0, "msl", 1.0, 10.0, 0.5)),
+        Intruder(here, 1.0, altitude=Altitude(100.0, "msl", -1.0, 10.0, 0.5)),
+        Intruder(
+            VehicleState(60_000.0, 30_000.0, -2.0, 70.0),
+            1.0,
+            altitude=Altitude(1_000.0, "msl", 18.0, 10.0, 0.5),
+        ),
+    ]
+    answer = plan(OWN, intruders, ROUTE, Policy.load(), own_altitude=own)
+    assert answer.safe and len(answer.excluded) == 2 and answer.certificate is not None
+    found = json.loads(answer.certificate)
+    assert len(found["apart"]) == 2 and is_accepted(found)
+    return found
+
+
+TWICE = [
+    *((("levels", n), ("excluded", 0, n - 2)) for n in (2, 3)),  # the first is above
+    *((("levels", n), ("excluded", 1, n)) for n in (0, 1)),
+    *((("levels", n), ("apart", 0, 3 + n)) for n in (0, 1)),  # first below, then above
+    *((("levels", n), ("apart", 1, 1 + n)) for n in (2, 3)),
+    *((("intruders", 0, 4), ("apart", n, 7)) for n in (0, 1)),
+    (("apart", 0, 8), ("apart", 1, 8)),
+]
+"""Places of a certificate at all heights that state the same."""
+
+
+@pytest.mark.parametrize("both", TWICE)
+def test_a_certificate_that_contradicts_itself_is_refused(
+    at_all_heights: dict[str, Any], both: tuple[tuple[Any, ...], tuple[Any, ...]]
+) -> None:
+    values = [value_at(at_all_heights, path) for path in both]
+    assert values[0] == values[1]
+    for path in both:
+        for change in (-1e-3, 1e-3, -300.0, 300.0):
+            edited = copy.deepcopy(at_all_heights)
+            place = value_at(edited, path[:-1])
+            place[path[-1]] += change
+            assert refusal(edited), (path, change)
+    assert refusal(at_all_heights | {"levels": None})
+
+
+def value_at(data: Any, path: tuple[Any, ...]) -> Any:
+    for key in path:
+        data = data[key]
+    return data
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("levels",), [9_000.0, 0.0, 0.0, 0.0]),  # no area counts for it
+        (("levels",), [2_500.0, 1.0, 2_500.0, 0.0]),
+        (("areas", 0, "valid"), [300.0, 200.0]),
+        (("areas", 0, "heights"), [4_000.0, 3_000.0]),
+        (("limits", "speed_min"), 200.0),  # a plan that begins beyond a limit may stay there
+        (("request", "latitude"), None),
+        (("bounds", 0), 0.0),  # which says that the intruder never counts
+    ],
+)
+def test_what_holds_nothing_is_refused(
+    among_areas: dict[str, Any], path: tuple[Any, ...], value: Any
+) -> None:
+    edited = copy.deepcopy(among_areas) | {"excluded": []}
+    assert is_accepted(edited)
+    value_at(edited, path[:-1])[path[-1]] = value
+    assert refusal(edited)
+
+
+def test_an_intruder_at_two_altitudes_in_apart_is_refused(at_all_heights: dict[str, Any]) -> None:
+    edited = copy.deepcopy(at_all_heights)
+    edited["apart"][1][5] = edited["apart"][0][5] + 1_000.0
+    assert "more than one altitude" in refusal(edited)
+
+
+def test_a_proof_takes_no_more_work_than_there_is(data: dict[str, Any]) -> None:
+    parallel = [0.0, 2_000.0, 0.0, 80.0, *[0.0] * 5, 1_000.0]
+    far = [0.0, 3e5, *[0.0] * 7, 1_000.0]
+    usual = {"apart": [], "excluded": []}
+    for one, count, enough in ((far, 1_000, 3_000), (parallel, 50, 300_000)):
+        many = data | usual | {"intruders": [one] * count, "bounds": [1.0] * count}
+        check.accept(many, check.Work(enough))
+    with pytest.raises(check.RefusedError, match="takes more than 3000 parts"):
+        check.accept(many, check.Work(3_000))
+
+
 ODD = (
     *(None, True, "x", "\ud800", "a\nb\x1b[31m", [], {}, [[]], {"a": 1}),
     *(math.nan, math.inf, -1e300, 1e300, 10**400, 1e8, -1.0, 0, 5e-324, 2**70),
