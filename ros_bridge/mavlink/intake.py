@@ -40,6 +40,11 @@ class Received:
     parameters: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
+    def mode(self) -> int:
+        """Of the autopilot, by its last heartbeat; -1: unknown."""
+        return -1 if self.heartbeat is None else self.heartbeat.mode
+
+    @property
     def problem(self) -> str:
         """Why the own state is not to be planned with; "": it is."""
         return self.estimate or self.fix

@@ -4,6 +4,7 @@ Pure: a :class:`Judgement` follows from the one before, the situation and the ti
 """
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -24,7 +25,7 @@ from envs.area_geometry import signed_distance
 from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
-from envs.waypoints import Legs, Waypoint, at, legs, plan_states
+from envs.waypoints import Legs, RoutePoint, Waypoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.assurance import (
     Supervision,
@@ -36,7 +37,7 @@ from ros_bridge.core.assurance import (
     to_fly,
 )
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
-from ros_bridge.core.conversions import Published, Station
+from ros_bridge.core.conversions import Published, Route
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.freshness import Freshness
 from ros_bridge.core.planning import plan_task
@@ -159,29 +160,48 @@ def rules(
 def watch(
     judgement: Judgement,
     situation: Situation,
-    route: tuple[Station, ...],
+    route: Route,
     now: int,
     rules: Rules,
+    *,
+    ways: Sequence[Route] = (),
+    unplanned: str = "",
 ) -> Judgement:
-    """Look along the mission for a conflict, and plan round it where it is near; ``now`` in ns."""
+    """Look along the mission for a conflict, and plan round it where it is near.
+
+    A conflict that is there is told, whether it can be planned round or not.
+
+    Args:
+        judgement: that holds.
+        situation: what is known.
+        route: that a plan may rejoin.
+        now: ns.
+        rules: how it is watched and planned.
+        ways: that may be flown and are watched; empty: the route.
+        unplanned: why nothing is to be planned; "": it is.
+    """
+    first = None
     try:
-        wanted = task(situation, now, rules.settings, route)
-        wanted = _ahead(wanted, 0.0)
-        found = conflict(wanted, rules.look_ahead)
-        judgement = replace(judgement, remarks=_remarks(wanted))
-        if found is None or found.time > rules.engage:
-            return replace(judgement, conflict=found, plan=None, problem="")
-        reach = wanted.own.speed * found.time
-        wanted = _ahead(wanted, reach + _BEHIND * found.required)
-        return _take_up(replace(judgement, conflict=found), situation, wanted, rules)
+        request = task(situation, now, rules.settings, route)
+        tasks = [replace(request, points=_points(request, way)) for way in ways] or [request]
+        conflicts = (conflict(_ahead(one, 0.0), rules.look_ahead) for one in tasks)
+        first = _earliest(conflicts)
+        judgement = replace(judgement, remarks=_remarks(request))
+        if first is None or first.time > rules.engage:
+            return replace(judgement, conflict=first, plan=None, problem="")
+        if unplanned:
+            return replace(judgement, conflict=first, plan=None, problem=unplanned)
+        reach = request.own.speed * first.time
+        request = _ahead(request, reach + _BEHIND * first.required)
+        return _take_up(replace(judgement, conflict=first), situation, request, rules)
     except Refusal as refusal:
-        return replace(judgement, conflict=None, plan=None, problem=str(refusal))
+        return replace(judgement, conflict=first, plan=None, problem=str(refusal))
 
 
 def supervise(
     judgement: Judgement,
     situation: Situation,
-    route: tuple[Station, ...],
+    route: Route,
     now: int,
     rules: Rules,
 ) -> Judgement:
@@ -214,8 +234,20 @@ def conflict(wanted: PlanTask, look_ahead: float) -> Conflict | None:
     some seconds where the ownship flies its route at its speed over the ground; None: none.
     """
     course = _along_route(wanted, look_ahead)
-    found = (_first_intruder(wanted, course), _first_area(wanted, course))
-    return min((one for one in found if one is not None), key=lambda one: one.time, default=None)
+    return _earliest((_first_intruder(wanted, course), _first_area(wanted, course)))
+
+
+def _earliest(conflicts: Iterable[Conflict | None]) -> Conflict | None:
+    """Return the first of some conflicts; None: none."""
+    some = (one for one in conflicts if one is not None)
+    return min(some, key=lambda one: one.time, default=None)
+
+
+def _points(wanted: PlanTask, route: Route) -> tuple[RoutePoint, ...]:
+    """Return a route's points in a task's frame."""
+    at = wanted.frame.place([one.latitude for one in route], [one.longitude for one in route])
+    places = zip(route, at.x.tolist(), at.y.tolist(), strict=True)
+    return tuple(RoutePoint(one.index, x, y) for one, x, y in places)
 
 
 class _Course(NamedTuple):
@@ -227,12 +259,17 @@ class _Course(NamedTuple):
 
 
 def _along_route(wanted: PlanTask, look_ahead: float) -> _Course:
-    own = wanted.own
+    """Return the course along the route at the present speed, straight on behind its end."""
+    own, points = wanted.own, wanted.points
     times = np.arange(0.0, look_ahead, _SAMPLES * wanted.options.aircraft.dt)
-    x = np.array([own.x, *(point.x for point in wanted.points)])
-    y = np.array([own.y, *(point.y for point in wanted.points)])
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    x = np.array([own.x, *(point.x for point in points)])
+    y = np.array([own.y, *(point.y for point in points)])
     flown = own.speed * times
+    length = math.hypot(x[-1] - x[-2], y[-1] - y[-2])
+    on = 1.0 + flown[-1] / max(length, 1e-6)
+    x = np.append(x, x[-2] + on * (x[-1] - x[-2]))
+    y = np.append(y, y[-2] + on * (y[-1] - y[-2]))
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     return _Course(times, np.interp(flown, way, x), np.interp(flown, way, y))
 
 

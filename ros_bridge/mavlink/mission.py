@@ -1,11 +1,21 @@
-"""Missions and fences as they are downloaded from an autopilot: routes and areas."""
+"""Missions and fences as they are downloaded from an autopilot: routes and areas.
 
+Which commands are navigation is ArduPilot's own rule (``AP_Mission::is_nav_cmd`` in
+libraries/AP_Mission/AP_Mission.cpp, ArduPlane 4.7.0-dev): the numbers up to MAV_CMD_NAV_LAST, and
+NAV_SET_YAW_SPEED, NAV_SCRIPT_TIME and NAV_ATTITUDE_TIME. A waypoint whose latitude and longitude
+are both 0 is where the aircraft is when it becomes the current one (``Location::sanitize``).
+"""
+
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from envs.areas import Keep
 from envs.formats.areas.geodetic import GeodeticArea
-from envs.formats.local_frame import distance
+from envs.formats.local_frame import LocalFrame, distance
 from ros_bridge.core.conversions import Station
 from ros_bridge.core.fields import FieldError, place
 
@@ -13,12 +23,19 @@ if TYPE_CHECKING:
     from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 WAYPOINT, LAND, TAKEOFF = 16, 21, 22
-_LAST_NAVIGATION = 95  # MAV_CMD_NAV_LAST: greater numbers are conditions and actions
-_JUMP = 177
-_WITH_PLACE = frozenset({16, 17, 18, 19, 21, 22, 31, 82})
+JUMP, JUMP_TAG, JUMP_TO_TAG = 177, 600, 601
+_LAST_NAVIGATION = 95  # MAV_CMD_NAV_LAST: greater numbers are conditions and actions,
+_MORE_NAVIGATION = frozenset({213, 42_702, 42_703})  # but for these
+_CIRCLES = frozenset({17, 18, 19, 31})  # without end, for turns, for a time, to an altitude
+_WITH_PLACE = _CIRCLES | {16, 21, 22, 82, 85, 94}
 _INCLUSION, _EXCLUSION, _CIRCLE_IN, _CIRCLE_OUT = 5001, 5002, 5003, 5004
 _RETURN = 5000
 _SAME = 1.0  # m between places that are the same
+_LEAST_LEG = 1.5  # m between points of a route, more than the planner requires
+_LONGEST = 200  # points of the legs after the last plain waypoint
+BEYOND = 12
+"""Points of a route straight on behind its last place, as many as a plan may rejoin at."""
+
 SUB = 1_000
 """Points of a leg: the index of a route's point is that of the item that the leg leads to, times
 this, and its number on the leg, of which the last is the item's own place.
@@ -34,11 +51,28 @@ class Item(NamedTuple):
     longitude: float
     altitude: float  # m, above what the frame says
     parameter: float = 0.0  # the first
+    second: float = 0.0  # parameter
+    third: float = 0.0
 
     @property
     def flies(self) -> bool:
-        """Whether it is flown to, rather than done."""
-        return self.command <= _LAST_NAVIGATION
+        """Whether it is flown, rather than done."""
+        return self.command <= _LAST_NAVIGATION or self.command in _MORE_NAVIGATION
+
+    @property
+    def jumps(self) -> bool:
+        """Whether the mission goes on at another item after it."""
+        return self.command in (JUMP, JUMP_TO_TAG)
+
+    @property
+    def circles(self) -> bool:
+        """Whether it is circled."""
+        return self.command in _CIRCLES
+
+    @property
+    def has_place(self) -> bool:
+        """Whether it is flown to a place of its own."""
+        return self.command in _WITH_PLACE and self.place != (0.0, 0.0)
 
     @property
     def plain(self) -> bool:
@@ -61,21 +95,22 @@ def item(message: "dialect.MAVLink_mission_item_int_message") -> Item:
         latitude,
         longitude,
         float(message.z),
-        float(message.param1),
+        *(float(value) for value in (message.param1, message.param2, message.param3)),
     )
 
 
 def remaining_items(items: Sequence[Item], current: int) -> tuple[Item, ...]:
-    """Return the waypoints that are still to be flown through, from the current item on; the
-    mission ends here where something else is to be flown (loiter, land, a jump).
+    """Return the waypoints that are still to be flown through, from the current item on, up to
+    where something else is to be flown (loiter, land, a jump): what that is,
+    :mod:`ros_bridge.mavlink.course` assumes.
     """
     found: list[Item] = []
     for one in items:
         if one.number < current or one.number == 0:
             continue
-        if one.plain and (one.latitude, one.longitude) != (0.0, 0.0):
+        if one.plain and one.has_place:
             found.append(one)
-        elif one.flies or one.command == _JUMP:
+        elif (one.flies and not one.plain) or one.jumps:
             break
     return tuple(found)
 
@@ -88,62 +123,125 @@ def begin_at_target(
     that the item had.
     """
     place = 1e-7 * latitude, 1e-7 * longitude
-    if any(distance(*one.place, *place) < _SAME for one in items):
+    if not left or any(distance(*one.place, *place) < _SAME for one in items):
         return left
     return (left[0]._replace(latitude=place[0], longitude=place[1]), *left[1:])
 
 
 def before(items: Sequence[Item], current: int) -> Item | None:
     """Return the last item with a place before the current one; None where there is none."""
-    found = [
-        one
-        for one in items
-        if 0 < one.number < current and one.command in _WITH_PLACE and one.latitude != 0.0
-    ]
+    found = [one for one in items if 0 < one.number < current and one.has_place]
     return found[-1] if found else None
 
 
 def route(
-    start: tuple[float, float], waypoints: Sequence[Item], spacing: float
+    start: tuple[float, float],
+    waypoints: Sequence[Item],
+    spacing: float,
+    onward: "Onward | None" = None,
 ) -> tuple[Station, ...]:
     """Return a mission's waypoints as a route with points on the legs, so that it can be rejoined
-    between waypoints that lie far apart.
+    between waypoints that lie far apart, and with what is flown after them.
 
-    Where one waypoint is left alone the route goes on in the last leg's direction.
+    Legs are straight in degrees, as ArduPlane flies them, over the antimeridian too. Behind the
+    last place the route goes straight on.
 
     Args:
         start: where the first leg begins, degrees.
-        waypoints: that are left, one at least.
+        waypoints: that are left.
         spacing: of the points on a leg at most, m.
+        onward: what is flown after the waypoints; None: straight on.
     """
-    if not waypoints:
+    if not waypoints and onward is None:
         raise FieldError("mission", "has no waypoint left, expected one or more")
     stations: list[Station] = []
     came_from = start
     for one in waypoints:
-        length = distance(*came_from, *one.place)
-        parts = min(max(round(length / spacing), 1), SUB - 2)
-        stations.extend(
-            Station(one.number * SUB + part, *_between(came_from, one.place, part / parts), None)
-            for part in range(1, parts)
-        )
-        stations.append(Station(one.number * SUB + SUB - 1, *one.place, None))
+        stations += [
+            Station(one.number * SUB + part, *at, None)
+            for part, at in enumerate(_points(came_from, one.place, spacing), 1)
+        ]
+        # The last point of a leg is the item's own place, whatever its number on the leg.
+        stations[-1] = replace(stations[-1], index=one.number * SUB + SUB - 1)
         came_from = one.place
-    if len(waypoints) == 1 and len(stations) == 1:
-        last = waypoints[0]
-        beyond = _between(start, last.place, 2.0)
-        stations.append(Station((last.number + 1) * SUB, *beyond, None))
-    return tuple(stations)
+    if onward is None:
+        onward = Onward(waypoints[-1].number + 1, ())
+    places = _points_onward(start, came_from, onward.places, spacing)
+    stations += [Station(onward.number * SUB + part, *at, None) for part, at in enumerate(places)]
+    return _apart(stations)
+
+
+class Onward(NamedTuple):
+    """What is flown after a mission's plain waypoints.
+
+    A route's points there have the index of the item ``number`` times :data:`SUB`, and more.
+    """
+
+    number: int  # of the item after the waypoints, or the one that is flown
+    places: tuple[tuple[float, float], ...]  # that are flown to, degrees; then straight on
+
+
+def _points(
+    a: tuple[float, float], b: tuple[float, float], spacing: float
+) -> list[tuple[float, float]]:
+    """Return points of a leg, degrees, of which the last is its end."""
+    parts = min(max(round(distance(*a, *b) / spacing), 1), SUB - 2)
+    return [*(_between(a, b, part / parts) for part in range(1, parts)), b]
+
+
+def _points_onward(
+    start: tuple[float, float],
+    last: tuple[float, float],
+    places: Sequence[tuple[float, float]],
+    spacing: float,
+) -> list[tuple[float, float]]:
+    """Return points from the last waypoint on, degrees: of the legs to some places, as far as
+    plans reach, and straight on.
+    """
+    found: list[tuple[float, float]] = []
+    before = start
+    for corner in places:
+        if len(found) > _LONGEST:
+            break
+        if distance(*last, *corner) >= _SAME:
+            found += _points(last, corner, spacing)[:_LONGEST]
+            before, last = last, corner
+    frame = LocalFrame(*last)
+    came = frame.place(*before)
+    length = max(math.hypot(float(came.x), float(came.y)), _SAME)
+    x, y = (-float(part) / length * spacing for part in (came.x, came.y))
+    on = frame.geodetic(*(part * np.arange(1, BEYOND + 1) for part in (x, y)))
+    return found + list(zip(on.latitude.tolist(), on.longitude.tolist(), strict=True))
+
+
+def _apart(stations: Sequence[Station]) -> tuple[Station, ...]:
+    """Return stations without those at the place of the one before."""
+    found = list(stations[:1])
+    for one in stations[1:]:
+        last = found[-1]
+        if distance(last.latitude, last.longitude, one.latitude, one.longitude) > _LEAST_LEG:
+            found.append(one)
+    return tuple(found)
 
 
 def item_after_rejoin(index: int, items: Sequence[Item]) -> int:
     """Return from which item the mission goes on after a point of the route has been rejoined: the
     one that its leg leads to, and after an item's own place the next.
+
+    Beyond the last plain waypoint that is a loiter or a jump, which may begin anywhere; before a
+    landing, or anything else that must begin at that waypoint, it is the waypoint. Beyond the
+    mission's end it is the number after the last item.
     """
     number, part = divmod(index, SUB)
-    if part == SUB - 1 and any(one.number == number + 1 for one in items):
-        return number + 1
-    return number
+    by_number = {one.number: one for one in items}
+    if part == SUB - 1:
+        return number + 1 if number + 1 in by_number else number
+    if number not in by_number or by_number[number].plain:
+        return number
+    after = (one for one in items if one.number >= number and (one.flies or one.jumps))
+    following = next(after, None)
+    begins_anywhere = following is not None and (following.jumps or following.circles)
+    return number if begins_anywhere else number - 1
 
 
 def fence(items: Sequence[Item], clearance: float) -> tuple[GeodeticArea, ...]:
@@ -189,7 +287,6 @@ def _area(name: str, keep: Keep, clearance: float) -> GeodeticArea:
 
 
 def _between(a: tuple[float, float], b: tuple[float, float], share: float) -> tuple[float, float]:
-    """Return a point of the line from a to b, degrees; legs of missions are short enough for
-    straight lines in degrees.
-    """
-    return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
+    """Return a point of the line from a to b, straight in degrees by the shorter way round."""
+    east = math.remainder(b[1] - a[1], 360.0)
+    return a[0] + share * (b[0] - a[0]), math.remainder(a[1] + share * east, 360.0)

@@ -118,7 +118,8 @@ class Pilot:
         """Ask for AUTO, at the item after the rejoin point unless somebody else has set one."""
         ours = self.left_at is None or current in (self.left_at, self._asked_for)
         if ours and not self.replaced and rejoin is not None and rejoin.point is not None:
-            self._asked_for = mission.item_after_rejoin(rejoin.point, items)
+            goes_on = mission.item_after_rejoin(rejoin.point, items)
+            self._asked_for = min(goes_on, items[-1].number)  # beyond its end, at its last item
             self._link.set_current(self._asked_for)
         self._link.set_mode(messages.Mode.AUTO)
 

@@ -31,12 +31,12 @@ from envs.edge.files import write_file
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.assurance import to_fly
-from ros_bridge.core.conversions import Route
 from ros_bridge.core.fields import SECOND, FieldError, readable
 from ros_bridge.core.planning import rehearse
 from ros_bridge.core.situation import Situation
 from ros_bridge.mavlink import messages, mission
 from ros_bridge.mavlink.control import Control, Order, Phase, Seen, step
+from ros_bridge.mavlink.course import Course, course
 from ros_bridge.mavlink.intake import Reading, Received, forget, take, take_traffic
 from ros_bridge.mavlink.judging import SPACING, Judgement, Rules, supervise, to_follow, watch
 from ros_bridge.mavlink.link import FENCE, Link
@@ -73,6 +73,7 @@ RECOVERED = 5.0
 _REPORT = 60.0  # s between two lines about the processor, and about a receiver
 _JUDGE = 0.25  # s between two judgements
 _BEAT = 0.5  # s between our heartbeats
+_SETTLES = 1.0  # s after AUTO was entered, within which the current item may yet change
 _RATES_AGAIN = 5.0  # s after which the rates are asked for again where the own state is stale
 
 
@@ -155,6 +156,7 @@ class Program:
         self._placed_fence: tuple[GeodeticArea, ...] = ()
         self._refresh = Refresh(link)
         self._leg: _Leg | None = None
+        self._entered_auto = -math.inf  # when AUTO was entered last, s
         self._moved = False  # whether a new place has come
         self._live: LiveReports | None = None
 
@@ -290,6 +292,8 @@ class Program:
         if kind == "HEARTBEAT" and before.heartbeat != self._received.heartbeat:
             assert self._received.heartbeat is not None
             self._texts.log(f"mode {self._received.heartbeat.mode_name}", now)
+            if self._received.heartbeat.mode == messages.Mode.AUTO != before.mode:
+                self._entered_auto, self._leg = now / SECOND, None
             self._control_step(now)
         self._moved = self._moved or kind == "GLOBAL_POSITION_INT"
         if kind in ("MISSION_COUNT", "MISSION_ITEM_INT"):
@@ -336,21 +340,32 @@ class Program:
             self._texts.tell("adsb", problem, now, send=True, again=_REPORT)
         phase = self._control.phase
         try:
-            route = self._route()
+            ahead = self._course()
         except FieldError as error:
-            route = None
+            ahead = None
             self._texts.tell("mission", f"{error}", now, send=False)
+            if not self._control.flies:  # what was judged before does not hold
+                unjudged = replace(self._judgement, conflict=None, plan=None, problem=f"{error}")
+                self._judgement = unjudged
         before, began = self._judgement, _clocks()
         situation = self._received.situation
-        if route is not None and phase in (Phase.TAKING, Phase.GUIDING):
-            self._judgement = supervise(before, situation, route, now, self._rules)
+        if ahead is not None and phase in (Phase.TAKING, Phase.GUIDING):
+            self._judgement = supervise(before, situation, ahead.route, now, self._rules)
             self._explain(now)
             if self._judgement.revision != before.revision:
                 self._write_plan()
         elif (
-            route is not None and phase is not Phase.RETURNING and self._mode == messages.Mode.AUTO
+            ahead is not None and phase is not Phase.RETURNING and self._mode == messages.Mode.AUTO
         ):
-            self._judgement = watch(before, situation, route, now, self._rules)
+            self._judgement = watch(
+                before,
+                situation,
+                ahead.route,
+                now,
+                self._rules,
+                ways=ahead.ways,
+                unplanned=ahead.unplanned,
+            )
             self._advise(now)
         if self._judgement.plan not in (None, before.plan):
             self._tell_time(began, now)
@@ -395,25 +410,49 @@ class Program:
 
     @property
     def _mode(self) -> int:
-        return -1 if self._received.heartbeat is None else self._received.heartbeat.mode
+        return self._received.mode
 
-    def _route(self) -> Route:
+    def _course(self) -> Course:
         """Return the mission from the current item on, its first leg from where it began; while a
         plan is flown, from the item that it has left.
         """
         left_at = self.pilot.left_at
         current = self._received.current if left_at is None else left_at
         own = self._received.situation.own.last
+        if own is None:
+            raise FieldError("mission", "is not watched: the own place has not been received")
         left = mission.remaining_items(self._items, current)
-        if not left or own is None:
-            raise FieldError("mission", f"is at item {current}, where no waypoint is flown to")
         if not self._control.flies and self._received.target is not None:
             left = mission.begin_at_target(left, self._items, *self._received.target)
         if self._leg is None or self._leg.item != current:
-            came_from = mission.before(self._items, current)
-            self._leg = _Leg(current, own.place if came_from is None else came_from.place)
-        spacing = SPACING * self._vehicle.aircraft.separation
-        return mission.route(self._leg.began, left, spacing)
+            self._leg = self._begin_leg(current, own.place, own.time / SECOND)
+        return course(
+            self._items,
+            current,
+            left,
+            self._leg.began,
+            own,
+            spacing=SPACING * self._vehicle.aircraft.separation,
+            radius=self._received.parameters.get("WP_LOITER_RAD", 0.0),
+        )
+
+    def _begin_leg(self, item: int, here: tuple[float, float], now: float) -> _Leg:
+        """Return the leg to an item that has become the current one, by ArduPlane's rule
+        (``Plane::set_next_WP``): it begins where the one before led to, by a jump too; where AUTO
+        has just been entered it begins where the aircraft is.
+        """
+        before, entered = self._leg, self._entered_auto
+        if 0.0 <= now - entered < _SETTLES:
+            return _Leg(item, here)
+        flown = (
+            None
+            if before is None
+            else next(
+                (one for one in self._items if one.number == before.item and one.has_place), None
+            )
+        )
+        came_from = flown or mission.before(self._items, item)
+        return _Leg(item, here if came_from is None else came_from.place)
 
     def _tell_time(self, began: Spent, now: int) -> None:
         """Log what it took from the request, at a time, to the plan."""
@@ -466,14 +505,18 @@ class Program:
             self._texts.tell("fence far", text, now, send=True, more=placed.far)
 
     def _advise(self, now: int) -> None:
+        problem = self._judgement.problem
         found, answer = self._judgement.conflict, self._judgement.plan
-        if self._judgement.problem:
-            self._texts.tell("problem", self._judgement.problem, now, send=True)
-        if found is None or answer is None:
+        if found is None or found.time > self._rules.engage:
+            if problem:
+                self._texts.tell("problem", problem, now, send=True)
             return
         safe = self._safe(now)
         kind = f"conflict {found.name} {safe}"
         text = f"{found.name} in {found.time:.0f} s: "
+        if answer is None:
+            self._texts.tell(kind, f"{text}no plan, {problem}", now, send=True)
+            return
         if not safe:
             reasons = "; ".join(reason.message for reason in answer.reasons)
             more = reasons or "the program has been late"
@@ -533,7 +576,7 @@ class Program:
             mode=self._mode,
             armed=received.heartbeat is not None and received.heartbeat.armed,
             fresh=fresh,
-            conflict=judged.conflict is not None and judged.conflict.time <= self._rules.engage,
+            conflict=_may_conflict(judged, self._rules.engage),
             flyable=self._safe(now) if watching else to_follow(judged) is not None,
             rejoined=on_plan and rejoin is not None and now >= rejoin.time,
             diverted=guiding and self.pilot.is_diverted(received.target),
@@ -553,6 +596,13 @@ class Program:
             self.pilot.give_back(received.current, judged.rejoin, self._items)
         elif before.restore is not None:
             self._link.set_mode(before.restore)
+
+
+def _may_conflict(judged: Judgement, engage: float) -> bool:
+    """Return whether a conflict is near, or may be because nothing can be judged."""
+    if judged.conflict is None:
+        return judged.problem != ""
+    return judged.conflict.time <= engage
 
 
 def _clocks() -> Spent:
