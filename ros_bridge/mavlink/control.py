@@ -8,6 +8,10 @@ A mode that somebody else has set, or a target in GUIDED, ends all of it at once
 is commanded any more, not even the way back to AUTO. It watches again where AUTO flies and no
 conflict has been there for a while, so that it never takes over again from an operator who decided
 otherwise.
+
+AUTO that the autopilot's failsafe has set, because the link was cut, nobody has decided: it is the
+mission again, and watched at once. Nor has anybody decided where the autopilot has not answered a
+request, which the link may have lost: it watches again after a while.
 """
 
 from dataclasses import dataclass, replace
@@ -59,6 +63,7 @@ class Seen(NamedTuple):
     flyable: bool  # whether there is something safe to fly, or a backup
     rejoined: bool  # whether the plan has reached its rejoin waypoint
     diverted: bool = False  # whether somebody else has set another target in GUIDED
+    failsafe: bool = False  # whether the mode is AUTO because the failsafe has just set it
 
 
 @dataclass(frozen=True)
@@ -70,6 +75,7 @@ class Control:
     asked: float = 0.0  # when the last request to change the mode went out, s
     conflict_at: float = 0.0  # when there was a conflict last, s
     restore: int | None = None  # the operator's mode that a request of ours may yet overwrite
+    unanswered: bool = False  # whether it has yielded only because a request had no answer
 
     @property
     def flies(self) -> bool:
@@ -93,6 +99,9 @@ def step(control: Control, seen: Seen, *, fly: bool) -> Step:
         control = replace(control, conflict_at=seen.time)
     if not fly:
         return _end(control, seen)
+    if seen.failsafe and control.phase is not Phase.WATCHING:
+        text = "AUTO set by the failsafe, watching again"
+        return Step(_enter(control, Phase.WATCHING, seen), (), text)
     return _STEPS[control.phase](control, seen)
 
 
@@ -121,7 +130,8 @@ def _take(control: Control, seen: Seen) -> Step:
         return _yield(control, seen, crossed=True)
     if seen.time - control.since > ANSWER:
         why = "the autopilot has not changed to GUIDED"
-        return _yield(control, seen, why, crossed=True)
+        ended = _yield(control, seen, why, crossed=True)
+        return ended._replace(control=replace(ended.control, unanswered=True))
     return _ask_again(control, seen, Order.TAKE_OVER)
 
 
@@ -152,7 +162,8 @@ def _rest(control: Control, seen: Seen) -> Step:
         if crossing and ours:
             return Step(replace(control, restore=None), (Order.RESTORE,))
         control = replace(control, restore=None)
-    if seen.mode == Mode.AUTO and seen.time - control.conflict_at > CLEAR:
+    waited = control.unanswered and seen.time - control.since > CROSSING
+    if seen.mode == Mode.AUTO and (waited or seen.time - control.conflict_at > CLEAR):
         return Step(_enter(control, Phase.WATCHING, seen), (), "watching again")
     return Step(control)
 
@@ -171,7 +182,7 @@ def _ask_again(control: Control, seen: Seen, order: Order) -> Step:
 
 def _enter(control: Control, phase: Phase, seen: Seen, *, asks: bool = False) -> Control:
     asked = seen.time if asks else control.asked
-    return replace(control, phase=phase, since=seen.time, asked=asked, restore=None)
+    return Control(phase, seen.time, asked, control.conflict_at)
 
 
 _STEPS = {

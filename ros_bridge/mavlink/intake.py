@@ -1,5 +1,6 @@
 """What has been received: one pure function that takes in a message of any kind."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -12,7 +13,7 @@ from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Held, Situation
 from ros_bridge.core.tracks import Rules, Track, follow, forget_silent, note_refused, take_in
 from ros_bridge.mavlink import messages
-from ros_bridge.mavlink.messages import Heartbeat
+from ros_bridge.mavlink.messages import Heartbeat, Mode
 
 if TYPE_CHECKING:
     from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -74,6 +75,19 @@ def forget(received: Received, now: int, after: float) -> Received:
     if not silent:
         return received
     return replace(received, situation=replace(received.situation, traffic=left))
+
+
+def failsafe_acted(before: Received, after: Received, patience: float) -> bool:
+    """Return whether a heartbeat has AUTO that nobody has set but the autopilot's failsafe.
+
+    Its status says so where it is still on; the silence before the heartbeat does, where it has
+    lasted for longer than ``patience``, s, and the link, which is back, has ended the failsafe.
+    """
+    was, found = before.heartbeat, after.heartbeat
+    if was is None or found is None or was.mode == Mode.AUTO or found.mode != Mode.AUTO:
+        return False
+    begun = math.isfinite(patience) and found.failsafe and not was.failsafe
+    return begun or (after.heard - before.heard) / SECOND > patience
 
 
 def take_traffic(

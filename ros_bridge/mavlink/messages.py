@@ -24,6 +24,7 @@ OWN = "ownship"
 
 _WIND = 100.0  # m/s
 _ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
+_CRITICAL = 5  # MAV_STATE_CRITICAL
 _UNKNOWN_HEADING = 65_535
 
 # ESTIMATOR_STATUS_FLAGS, which EKF_STATUS_FLAGS share.
@@ -46,6 +47,7 @@ class Heartbeat(NamedTuple):
 
     mode: int
     armed: bool
+    failsafe: bool = False  # whether one of the autopilot's failsafes holds
 
     @property
     def mode_name(self) -> str:
@@ -60,7 +62,8 @@ def mode_name(mode: int) -> str:
 
 def heartbeat(message: "dialect.MAVLink_heartbeat_message") -> Heartbeat:
     """Return what a HEARTBEAT says."""
-    return Heartbeat(int(message.custom_mode), bool(message.base_mode & _ARMED))
+    armed, failsafe = bool(message.base_mode & _ARMED), message.system_status == _CRITICAL
+    return Heartbeat(int(message.custom_mode), armed, failsafe)
 
 
 def ownship(

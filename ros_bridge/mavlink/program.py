@@ -37,7 +37,7 @@ from ros_bridge.core.situation import Situation
 from ros_bridge.mavlink import messages, mission
 from ros_bridge.mavlink.control import Control, Order, Phase, Seen, step
 from ros_bridge.mavlink.course import Course, course
-from ros_bridge.mavlink.intake import Reading, Received, forget, take, take_traffic
+from ros_bridge.mavlink.intake import Reading, Received, failsafe_acted, forget, take, take_traffic
 from ros_bridge.mavlink.judging import SPACING, Judgement, Rules, supervise, to_follow, watch
 from ros_bridge.mavlink.link import FENCE, Link
 from ros_bridge.mavlink.mission import Item
@@ -51,6 +51,7 @@ from ros_bridge.mavlink.vehicle import (
     Vehicle,
     check_flyable,
     failsafe_notes,
+    failsafe_timeout,
     own_address,
     vehicle_of,
 )
@@ -294,7 +295,8 @@ class Program:
             self._texts.log(f"mode {self._received.heartbeat.mode_name}", now)
             if self._received.heartbeat.mode == messages.Mode.AUTO != before.mode:
                 self._entered_auto, self._leg = now / SECOND, None
-            self._control_step(now)
+            patience = failsafe_timeout(before.parameters, self._options.system) - _BEAT
+            self._control_step(now, failsafe=failsafe_acted(before, self._received, patience))
         self._moved = self._moved or kind == "GLOBAL_POSITION_INT"
         if kind in ("MISSION_COUNT", "MISSION_ITEM_INT"):
             self._accept(message, now)
@@ -540,8 +542,8 @@ class Program:
 
     # Flying.
 
-    def _control_step(self, now: int) -> None:
-        seen = self._make_seen(now)
+    def _control_step(self, now: int, *, failsafe: bool = False) -> None:
+        seen = self._make_seen(now)._replace(failsafe=failsafe)
         before, was = self._control, self._control.phase
         done = step(self._control, seen, fly=self._fly)
         self._control = done.control

@@ -21,6 +21,9 @@ _MOST_ACCELERATION = (
 )
 _LIMIT = 0.38  # of the accelerations of the policy's family, V^2 / D
 _LEAST_RADIUS = 0.31  # of the turns of the policy's family, D
+_IN_EVERY_MODE = (1.0, 2.0)  # FS_GCS_ENABL: heartbeats are watched; 3: only in AUTO
+_TO_AUTO = 4.0  # FS_LONG_ACTN
+_USUAL_TIMEOUT = 5.0  # s, ArduPlane's default of FS_LONG_TIMEOUT
 _OLD_NAMES = {
     "AIRSPEED_MIN": "ARSPD_FBW_MIN",
     "AIRSPEED_MAX": "ARSPD_FBW_MAX",
@@ -162,9 +165,7 @@ def failsafe_notes(parameters: Mapping[str, float], system: int) -> tuple[str, .
     """Return what of the autopilot's settings keeps it from going on with its mission where this
     program dies.
     """
-    watched = parameters.get("FS_GCS_ENABL", 0.0) != 0.0
-    ours = parameters.get("MAV_GCS_SYSID", parameters.get("SYSID_MYGCS"))
-    if not watched or ours != system:
+    if not _watches(parameters, system):
         return (
             f"FS_GCS_ENABL, MAV_GCS_SYSID do not watch this program (system {system}): where it "
             "dies while it flies, the autopilot stays in GUIDED at the rejoin waypoint until "
@@ -177,6 +178,22 @@ def failsafe_notes(parameters: Mapping[str, float], system: int) -> tuple[str, .
             "MIS_RESTART is not 0, or unknown: where this program dies the mission begins anew",
         )
     return ()
+
+
+def failsafe_timeout(parameters: Mapping[str, float], system: int) -> float:
+    """Return after which silence of this program the autopilot's failsafe sets AUTO, s; inf: it
+    never does.
+    """
+    to_auto = parameters.get("FS_LONG_ACTN") == _TO_AUTO
+    if not (to_auto and _watches(parameters, system)):
+        return math.inf
+    return parameters.get("FS_LONG_TIMEOUT", _USUAL_TIMEOUT)
+
+
+def _watches(parameters: Mapping[str, float], system: int) -> bool:
+    """Return whether the autopilot's failsafe watches this program in GUIDED."""
+    ours = parameters.get("MAV_GCS_SYSID", parameters.get("SYSID_MYGCS"))
+    return parameters.get("FS_GCS_ENABL") in _IN_EVERY_MODE and ours == system
 
 
 def own_address(parameters: Mapping[str, float]) -> str:

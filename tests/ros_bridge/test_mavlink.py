@@ -27,9 +27,9 @@ from ros_bridge.core.categories import Categories
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.mavlink import demo, messages, mission, sitl, vehicle
-from ros_bridge.mavlink.control import CLEAR, Control, Order, Phase, Seen, Step, step
+from ros_bridge.mavlink.control import CLEAR, CROSSING, Control, Order, Phase, Seen, Step, step
 from ros_bridge.mavlink.download import AGAIN, Download, accept, due, note_question
-from ros_bridge.mavlink.intake import Reading, Received, take
+from ros_bridge.mavlink.intake import Reading, Received, failsafe_acted, take
 from ros_bridge.mavlink.judging import Judgement, rules, watch
 from ros_bridge.mavlink.link import Clock, Link
 from ros_bridge.mavlink.messages import Mode
@@ -482,6 +482,63 @@ def test_an_operators_mode_that_our_request_crossed_is_restored() -> None:
     assert crossed.control.restore == Mode.RTL
     assert step(crossed.control, make_seen(0.2, Mode.GUIDED), fly=True).orders == (Order.RESTORE,)
     assert step(crossed.control, make_seen(0.2, Mode.RTL), fly=True).orders == ()
+
+
+@pytest.mark.parametrize("before", [[], [make_seen(0.4, Mode.LOITER)]])
+def test_auto_that_the_failsafe_has_set_is_the_mission_again(before: list[Seen]) -> None:
+    """Watched at once, and taken over from, where the operator's AUTO is only advised in."""
+    moments = [make_seen(0.0), make_seen(0.2, Mode.GUIDED), *before]
+    back = after(*moments, make_seen(6.0, failsafe=True))
+    assert (back.control.phase, back.orders) == (Phase.WATCHING, ())
+    assert "failsafe" in back.text
+    assert step(back.control, make_seen(6.2), fly=True).orders == (Order.TAKE_OVER,)
+    operators = after(*moments, make_seen(6.0))
+    assert operators.control.phase is Phase.YIELDED
+    assert step(operators.control, make_seen(6.2), fly=True).orders == ()
+
+
+def test_a_request_that_the_link_has_lost_is_made_again_later() -> None:
+    control, orders = Control(), list[tuple[float, Order]]()
+    for number in range(100):
+        done = step(control, make_seen(0.2 * number), fly=True)
+        control = done.control
+        orders += [(0.2 * number, order) for order in done.orders]
+    asked = [time for time, _ in orders]
+    assert {order for _, order in orders} == {Order.TAKE_OVER}
+    gaps = [b - a for a, b in itertools.pairwise(asked)]
+    assert len([gap for gap in gaps if gap > CROSSING]) == 2  # a rest, in which it is undone
+
+
+SAFE = {"FS_GCS_ENABL": 1.0, "MAV_GCS_SYSID": 245.0, "FS_LONG_ACTN": 4.0, "FS_LONG_TIMEOUT": 4.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "timeout"),
+    [
+        ({}, 4.0),
+        ({"FS_GCS_ENABL": 0.0}, math.inf),
+        ({"FS_GCS_ENABL": 3.0}, math.inf),  # heartbeats are watched in AUTO alone
+        ({"MAV_GCS_SYSID": 255.0}, math.inf),
+        ({"FS_LONG_ACTN": 1.0}, math.inf),
+    ],
+)
+@pytest.mark.parametrize("was", [Mode.GUIDED, Mode.AUTO])
+@pytest.mark.parametrize(("silence", "status"), [(0.2, 4), (0.2, 5), (3.0, 4), (6.0, 4), (6.0, 5)])
+def test_whose_auto_it_is_follows_from_silence_status_and_settings(
+    wire: Any, changes: dict[str, float], timeout: float, was: int, silence: float, status: int
+) -> None:
+    def beat(mode: int, state: int) -> Any:
+        given = {"type": 1, "autopilot": 3, "base_mode": 0x80, "mavlink_version": 3}
+        return wire("HEARTBEAT", **given, custom_mode=mode, system_status=state)
+
+    assert vehicle.failsafe_timeout(SAFE | changes, 245) == timeout
+    before = take(Received(), beat(was, 4), 100 * SECOND, READING)
+    now = round((100.0 + silence) * SECOND)
+    received = take(before, beat(Mode.AUTO, status), now, READING)
+    acted = timeout < math.inf and was == Mode.GUIDED and (silence > timeout or status == 5)
+    assert failsafe_acted(before, received, timeout) == acted
+    loiter = take(before, beat(Mode.LOITER, status), now, READING)
+    assert not failsafe_acted(before, loiter, timeout)
 
 
 def test_an_autopilot_that_does_not_change_is_not_left_in_guided() -> None:
