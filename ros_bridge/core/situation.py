@@ -122,7 +122,6 @@ class Settings:
     turn_rates: tuple[float, float]  # least and greatest turn rates that count as a turn, rad/s
     freshness: Freshness = USUAL_FRESHNESS
     request_max_age: float = 1.0  # oldest request, s
-    wind_max: float = 20.0  # strongest wind that is planned in, m/s
     unknown: Unknown = USUAL  # what is taken for standard deviations that reports lack
     categories: Categories = NO_CATEGORIES  # separations by emitter category
 
@@ -582,16 +581,14 @@ def _wind(
     if report.wind is None:
         calm = f"is unknown and taken as calm within {wind.std:.2g} m/s (one sigma)"
         return wind, (Advisory(AdvisoryCode.WIND_UNKNOWN, "ownship.wind", calm),)
-    speed = math.hypot(*report.wind)
-    if speed > settings.wind_max:
-        what = f"is {speed:.1f} m/s, expected {settings.wind_max:g} m/s at most"
-        raise Refusal(Code.INVALID_OWNSHIP, "ownship.wind", what)
     return wind, ()
 
 
 def _options_in_wind(options: Options, wind: Wind) -> Options:
-    """Return the options that plans in a wind are made with."""
+    """Return the options that plans in a wind are made with; refused is one that the aircraft
+    cannot fly against.
+    """
     try:
         return in_wind(options, wind)
     except RequestError as error:
-        raise Refusal(Code.INVALID_OWNSHIP, error.field, error.problem) from error
+        raise Refusal(Code.INVALID_OWNSHIP, f"ownship.{error.field}", error.problem) from error

@@ -263,7 +263,6 @@ PARAMETERS = (
         0.2,
         "V",
     ),
-    Parameter("runner", "wind_max", 0.2, "strongest wind that is planned in", 0.0, 1.0, "V"),
     Parameter(
         f"{_BOTH} pilot",
         "ownship_max_age",

@@ -154,7 +154,6 @@ def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settin
         *turns,
         freshness=freshness_of(value),
         request_max_age=value("request_max_age"),
-        wind_max=value("wind_max"),
         unknown=unknown_spread(value),
         categories=separations_by_category(value),
     )

@@ -14,12 +14,14 @@ from hypothesis import strategies as st
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from agents.planner.answer import AdvisoryCode, Apart, Plan
+from agents.planner.options import Options
 from agents.planner.planner import plan
 from agents.planner.recheck import recheck
 from agents.planner.request import check_request
 from agents.policy.inference import Policy
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
+from ros_bridge.core.aircraft import aircraft_of
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.replies import plan_points, start_point, to_frame
 from ros_bridge.core.reports import USUAL, Unknown
@@ -324,11 +326,29 @@ def test_a_turn_of_the_track_is_planned_as_one_through_the_air():
     assert turning.turn_rate == pytest.approx(rate * 50.0 / 70.0, rel=0.03)
 
 
-def test_too_strong_a_wind_is_refused():
+@pytest.mark.parametrize("name", ["c208", "uas", "light"])
+@pytest.mark.parametrize("share", [0.25, 0.5, 0.9, 1.01])
+def test_a_wind_is_refused_only_where_the_aircraft_cannot_fly_against_it(name: str, share: float):
+    """10 m/s are a quarter of what a small aircraft flies, and an ordinary day."""
+    given = aircraft_of(name, "")
+    settings = replace(SETTINGS, options=Options.for_aircraft(given))
+    speed = share * given.limits.speed_max
+    blows = SimpleNamespace(x=-0.6 * speed, y=0.8 * speed, z=0.0)
+    east = given.limits.speed_max + blows.x  # it flies east through the air, as fast as it can
     own = aircraft(
-        0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=SimpleNamespace(x=15.0, y=15.0, z=0.0)
+        0.0,
+        0.0,
+        math.atan2(blows.y, east),
+        math.hypot(east, blows.y),
+        id="own",
+        valid=0x25,
+        wind=blows,
     )
-    assert refusal(heard(own=own)) == (Code.INVALID_OWNSHIP, "ownship.wind")
+    situation = heard(own=own)
+    if share < 1.0:
+        assert task(situation, NOW, settings).wind.speed == pytest.approx(speed, rel=1e-6)
+    else:
+        assert refusal(situation, settings=settings) == (Code.INVALID_OWNSHIP, "ownship.wind")
 
 
 @pytest.mark.parametrize("origin", [(0.0, 179.99), (47.0, 8.0), (89.0, -20.0)])
