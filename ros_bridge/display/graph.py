@@ -8,13 +8,13 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from envs.edge.command import InputError
 from ros_bridge.display.scene import INPUTS, take
 from ros_bridge.display.server import Board
 from ros_bridge.transport import topics
+from ros_bridge.transport.clock import ClockGuard
 from ros_bridge.transport.discovery import configure_dds, reserve_ports
 
 __all__ = ["Listening"]
@@ -46,7 +46,7 @@ class Listening:
             # The server ends in order at a signal, and this with it.
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
             with reserve_ports():
-                self._node = Node("rlcas_display")
+                self._node = ClockGuard("rlcas_display")
         except (ValueError, RuntimeError) as error:
             rclpy.try_shutdown()
             raise InputError(f"ROS arguments cannot be used: {error}") from error

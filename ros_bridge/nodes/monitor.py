@@ -57,7 +57,10 @@ from ros_bridge.transport import process, topics
 from ros_bridge.transport.messages import header, point_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import (
+    AGREED,
+    agreed_text,
     aircraft_text,
+    disagreements,
     monitor_thresholds,
     separations_by_category,
     unknown_spread,
@@ -80,6 +83,7 @@ class Monitor(ListeningNode):
     """
 
     kind = "monitor"
+    sign = topics.STATUS.private.name
 
     def _start(self) -> None:
         super()._start()
@@ -91,6 +95,7 @@ class Monitor(ListeningNode):
         self._looking = self._supervision  # without a plan: for bands and alerts before the first
         self._verdict: Verdict | None = None
         self._heard_runner = 0
+        self._differences: list[str] = []  # from the runner's parameters, a sentence each
         self._pending: _Pending | None = None
         self._waiting: Published | None = None  # a plan that may be the answer that is awaited
         self._backup_at = 0
@@ -120,8 +125,11 @@ class Monitor(ListeningNode):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         name = self.resolve_topic_name(topics.RUNNER)
-        if any(status.name == name for status in message.status):
-            self._heard_runner = self._now()
+        for health in message.status:
+            if health.name == name:
+                self._heard_runner = self._now()
+                values = {pair.key: pair.value for pair in health.values}
+                self._differences = disagreements(agreed_text(self._value), values.get(AGREED, ""))
 
     def _on_trajectory(self, message: Trajectory) -> None:
         self._heard_runner = self._now()
@@ -276,6 +284,10 @@ class Monitor(ListeningNode):
         silence = self._silence(self._now())
         if not 0.0 <= silence <= self._value("runner_silence"):
             level, problem = DiagnosticStatus.ERROR, "the runner is silent"
+        elif self._differences:
+            level = DiagnosticStatus.ERROR
+            problem = f"the runner differs: {'; '.join(self._differences)}"
+            self.get_logger().error(problem, throttle_duration_sec=30.0)
         values = {
             "state": state.name,
             "flown": to_fly(self._supervision).name,

@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Twist
-from rclpy.node import Node
 from rlcas_msgs.msg import AircraftState, AssuranceStatus, Trajectory
 
 from envs.follower import PERIOD, guidance
@@ -35,6 +34,7 @@ from ros_bridge.core.situation import Situation, to_local
 from ros_bridge.core.tracks import Rules
 from ros_bridge.sim.guidance import Flying, Guidance, curve
 from ros_bridge.transport import process, qos, topics
+from ros_bridge.transport.clock import ClockGuard
 from ros_bridge.transport.settings import declare, limits_of
 
 _SILENCE = 0.5  # s of the monitor, after which an error is logged
@@ -49,7 +49,7 @@ class _Line(NamedTuple):
     flying: Flying  # in the frame
 
 
-class Pilot(Node):
+class Pilot(ClockGuard):
     """The node; what is to be flown is :mod:`ros_bridge.sim.guidance`, how,
     :mod:`envs.follower`.
     """

@@ -19,6 +19,7 @@ subscribes from the configuration on, and answers and publishes while it is acti
           ~/output/markers         visualization_msgs/MarkerArray   latched
           /diagnostics             diagnostic_msgs/DiagnosticArray
     srv   ~/generate_trajectory    rlcas_msgs/GenerateTrajectory
+          ~/cancel_search          std_srvs/Trigger                 ends a long search
 
 Parameters:
 """
@@ -39,6 +40,7 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.task import Future
 from rlcas_msgs.msg import Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
+from std_srvs.srv import Trigger
 
 from agents.planner.answer import AdvisoryCode, Plan, RequestError
 from agents.planner.recheck import recheck
@@ -74,6 +76,7 @@ class Runner(ListeningNode):
     """
 
     kind = "runner"
+    sign = topics.PLAN.private.name
 
     def __init__(self, **more: Any) -> None:
         super().__init__(**more)
@@ -84,7 +87,7 @@ class Runner(ListeningNode):
         self._last_answer = "none yet"
         self._outside: tuple[str, ...] = ()  # what of the last plan is outside the policy's domain
         self._thread = ThreadPoolExecutor(1, "search")
-        self._searching = False
+        self._search: Future | None = None  # done when the long search that runs has ended
         self._era = 0
 
     def _start(self) -> None:
@@ -144,9 +147,15 @@ class Runner(ListeningNode):
         # A group of its own, and reentrant: while one answer is waited for, all else goes on.
         group = ReentrantCallbackGroup()
         service = self.create_service(
-            GenerateTrajectory, "~/generate_trajectory", answer, callback_group=group
+            GenerateTrajectory,
+            "~/generate_trajectory",
+            answer,
+            qos_profile=qos.REQUESTS,
+            callback_group=group,
         )
         self._entities.append(lambda: self.destroy_service(service))
+        cancel = self.create_service(Trigger, "~/cancel_search", self._on_cancel)
+        self._entities.append(lambda: self.destroy_service(cancel))
 
     def _warm_up(self) -> None:
         """Plan once, so that the first request is answered as fast as the others."""
@@ -162,7 +171,7 @@ class Runner(ListeningNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget everything."""
-        if self._searching:
+        if self._search is not None:
             self.get_logger().error(
                 "the answer of a slow search is not given yet: try again in some seconds"
             )
@@ -232,7 +241,7 @@ class Runner(ListeningNode):
             result = plan_task(wanted, self._policy, exhaustive=False)
             # A monitor cannot wait for the slow stages: it asks again, and has its backup
             # meanwhile.
-            patient = request.reason != request.REASON_REPLAN and not self._searching
+            patient = request.reason != request.REASON_REPLAN and self._search is None
             if not result.safe and settings.options.exhaustive and patient:
                 result = await self._search_beside(wanted, self._policy, asked)
         except RequestError as error:
@@ -246,14 +255,15 @@ class Runner(ListeningNode):
         meanwhile.
         """
         era, unique = self._era, self._unique
-        done = Future(executor=self.executor)
+        self._search = done = Future(executor=self.executor)
         job = self._thread.submit(plan_task, wanted, policy, exhaustive=True)
-        self._searching = True
         job.add_done_callback(lambda _: self._wake(done))
         try:
             await done
         finally:
-            self._searching = False
+            self._search = None
+        if not job.done():
+            raise Refusal(Code.CANCELLED, "request", "was cancelled while a plan was sought")
         now = self._now()
         if era != self._era or not self._active:
             what = "was answered after the node had been deactivated or the clock had stepped back"
@@ -280,9 +290,20 @@ class Runner(ListeningNode):
     def _wake(self, done: Future) -> None:
         """Let the node go on with an answer; called from the other thread."""
         executor = self.executor
-        done.set_result(None)
+        if not done.done():  # nobody has cancelled it
+            done.set_result(None)
         if executor is not None:
             executor.wake()
+
+    def _on_cancel(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Answer the request whose search goes on; its thread ends by itself, and the next waits
+        for it.
+        """
+        response.success = self._search is not None
+        response.message = "" if response.success else "no long search is going on"
+        if self._search is not None:
+            self._search.set_result(None)
+        return response
 
     def _publish(
         self, result: Plan, wanted: PlanTask, response: GenerateTrajectory.Response

@@ -37,7 +37,6 @@ from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 from rlcas_msgs.msg import AircraftState, TrafficArray
 from sensor_msgs.msg import NavSatFix
 
@@ -47,6 +46,7 @@ from ros_bridge.core.fields import SECOND, FieldError, attempt, readable, stamp
 from ros_bridge.core.reports import Report
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.adsb_receiver import LiveReports, check_source
+from ros_bridge.transport.clock import ClockGuard, call_in_any_time
 from ros_bridge.transport.losses import Losses
 from ros_bridge.transport.messages import aircraft_message, sighting_message
 from ros_bridge.transport.settings import declare
@@ -118,7 +118,7 @@ class _Sources(NamedTuple):
     live: str  # URL of a receiver; empty: none
 
 
-class Translator(Node):
+class Translator(ClockGuard):
     """The node; what messages mean is :mod:`ros_bridge.core.adapters`."""
 
     _live: LiveReports | None = None
@@ -145,7 +145,7 @@ class Translator(Node):
         if sources.traffic != "none" or sources.live:
             # What a whole sky sends at once goes out in turns that subscribers have time for.
             self.create_timer(_PERIOD, self._send_traffic, clock=_STEADY)
-        self.create_timer(self._value("diagnostics_period"), self._on_timer)
+        call_in_any_time(self, self._value("diagnostics_period"), self._on_timer)
 
     def destroy_node(self) -> None:
         """End the receiver's thread with the node."""

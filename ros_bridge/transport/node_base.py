@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.qos import QoSPolicyKind
+from rclpy.qos import QoSCompatibility, QoSPolicyKind, qos_check_compatible
 
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
@@ -24,8 +24,11 @@ from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forget_silent
 from ros_bridge.transport import topics, views
+from ros_bridge.transport.clock import ClockGuard, call_in_any_time
 from ros_bridge.transport.losses import Losses
 from ros_bridge.transport.settings import (
+    AGREED,
+    agreed_text,
     aircraft_text,
     declare,
     freshness_of,
@@ -52,19 +55,20 @@ def _is_ahead(update: Callable[..., Situation], message: Any, most: float) -> bo
     return any(nanoseconds(part.header.stamp) > most for part in parts)
 
 
-class ListeningNode(LifecycleNode):
+class ListeningNode(ClockGuard, LifecycleNode):
     """A lifecycle node whose subscriptions, publishers and timers last from its configuration to
     its cleaning up.
     """
 
     kind: str  # such as "runner"
+    sign: str  # a topic that no other node publishes
 
     def __init__(self, **more: Any) -> None:
         super().__init__(f"rlcas_{self.kind}", **more)
         self._entities: list[Callable[[], Any]] = []  # how each of them is destroyed
         self._areas_problem = ""  # why the areas of the file cannot be used
-        self._qos_problems: dict[str, str] = {}
-        """Sentences, by topic, until the node is configured anew."""
+        self._qos_problems: dict[str, tuple[Topic, str]] = {}
+        """Topics and sentences, by name, as long as something there does not fit."""
         self._losses = Losses()
         self._active = False
         aircraft = declare(self, self.kind)
@@ -122,7 +126,7 @@ class ListeningNode(LifecycleNode):
 
     def _subscribe(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         says = "a publisher offers less {} than asked for; nothing of it is received"
-        events = SubscriptionEventCallbacks(incompatible_qos=self._misfit(topic.name, says))
+        events = SubscriptionEventCallbacks(incompatible_qos=self._misfit(topic, says))
         counted = any(topic.name in (one.name, one.private.name) for one in _COUNTED)
         heard = self._losses.counting(topic.name, callback, time.monotonic) if counted else callback
         made = topic.subscribe(self, heard, event_callbacks=events)
@@ -130,7 +134,7 @@ class ListeningNode(LifecycleNode):
 
     def _advertise(self, topic: Topic) -> Any:
         says = "a subscriber asks for more {} than offered; it receives nothing"
-        events = PublisherEventCallbacks(incompatible_qos=self._misfit(topic.name, says))
+        events = PublisherEventCallbacks(incompatible_qos=self._misfit(topic, says))
         # Diagnostics are published by the inactive node too.
         always = topic is topics.DIAGNOSTICS
         make = self.create_publisher if always else self.create_lifecycle_publisher
@@ -138,15 +142,43 @@ class ListeningNode(LifecycleNode):
         self._entities.append(lambda: self.destroy_publisher(made))
         return made
 
-    def _misfit(self, topic: str, says: str) -> Callable[[Any], None]:
+    def _misfit(self, topic: Topic, says: str) -> Callable[[Any], None]:
         """Return what notes that a quality of service does not fit: ``says``, with its name."""
 
         def note(event: Any) -> None:
             policy = QoSPolicyKind(int(event.last_policy_kind)).name.lower()
-            self._qos_problems[topic] = f"{topic}: {says.format(policy)}"
-            self.get_logger().error(self._qos_problems[topic])
+            problem = f"{topic.name}: {says.format(policy)}"
+            self._qos_problems[topic.name] = topic, problem
+            self.get_logger().error(problem)
 
         return note
+
+    def _problems_of_graph(self) -> list[str]:
+        """Return what is wrong with the publishers and subscribers that there are."""
+        self._qos_problems = {
+            name: held for name, held in self._qos_problems.items() if not self._all_fit(held[0])
+        }
+        problems = [problem for _, problem in self._qos_problems.values()]
+        name = self.resolve_topic_name(self.sign)
+        namesakes = self.count_publishers(name)
+        if namesakes > 1:
+            problems.append(
+                f"{name} has {namesakes} publishers, expected this node alone: another of its name "
+                "runs, or one was killed in the last 20 s"
+            )
+        return problems
+
+    def _all_fit(self, topic: Topic) -> bool:
+        """Return whether what publishes and subscribes to a topic fits this node's side of it."""
+        name = self.resolve_topic_name(topic.name)
+        pairs = [
+            *((one.qos_profile, topic.quality) for one in self.get_publishers_info_by_topic(name)),
+            *(
+                (topic.quality, one.qos_profile)
+                for one in self.get_subscriptions_info_by_topic(name)
+            ),
+        ]
+        return all(qos_check_compatible(*pair)[0] != QoSCompatibility.ERROR for pair in pairs)
 
     def _call_every(self, period: float, callback: Callable[[], None]) -> None:
         timer = self.create_timer(period, callback)
@@ -165,7 +197,8 @@ class ListeningNode(LifecycleNode):
         ):
             self._subscribe(topic.private if private else topic, partial(self._take_in, update))
         self._health = self._advertise(topics.DIAGNOSTICS)
-        self._call_every(self._value("diagnostics_period"), health)
+        for timer in call_in_any_time(self, self._value("diagnostics_period"), health):
+            self._entities.append(partial(self.destroy_timer, timer))
 
     def _take_in(self, update: Callable[..., Situation], message: Any) -> None:
         """Take a message into the situation, and log an origin, a route or areas that cannot be
@@ -214,7 +247,7 @@ class ListeningNode(LifecycleNode):
         if not self._active:
             level, message = DiagnosticStatus.WARN, "not active"
         lost = self._losses.problem(time.monotonic())
-        errors = [*self._qos_problems.values(), lost, self._areas_problem]
+        errors = [*self._problems_of_graph(), lost, self._areas_problem]
         if any(errors):
             level, message = DiagnosticStatus.ERROR, "; ".join(filter(None, errors))
         if outside and level == DiagnosticStatus.OK:
@@ -223,6 +256,7 @@ class ListeningNode(LifecycleNode):
         values = {
             "aircraft": aircraft_text(options),
             "separation, m": f"{options.requirement.separation:g}",
+            AGREED: agreed_text(self._value),
             BY_CATEGORY: self._value("category_separations") or "",
             **freshness_of(self._value).texts(),
             "outside domain": "; ".join(outside),

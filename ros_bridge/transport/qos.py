@@ -20,6 +20,9 @@ EVENTS = QoSProfile(depth=10, reliability=_RELIABLE)
 LATCHED = QoSProfile(depth=1, reliability=_RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of what holds until it is replaced: a late subscriber gets the last one."""
 
+REQUESTS = QoSProfile(depth=1000, reliability=_RELIABLE)
+"""Of the service: requests wait for their answers, however many come at once."""
+
 CLOCK = QoSProfile(depth=1, reliability=_RELIABLE)
 """Of /clock: the last time is the only one that counts; reliable serves subscribers that ask for
 less, too.

@@ -91,6 +91,37 @@ def limits_of(value: Callable[[str], Any]) -> Limits:
     return limits._replace(yaw_rate_max=math.radians(limits.yaw_rate_max))
 
 
+AGREED = "runner and monitor agree on"
+"""Name of a value in the diagnostics of both: what they must have alike."""
+
+# What parameters name by paths, and what decides nothing.
+_APART = {"aircraft", "policy_file", "extensions", "areas_file", "map_frame", "diagnostics_period"}
+
+
+def agreed_text(value: Callable[[str], Any]) -> str:
+    """Return the parameters that runner and monitor must have alike, ``name=value`` with blanks."""
+    names = [one.name for one in of("runner") if "monitor" in one.nodes.split()]
+    return " ".join(f"{name}={_plain(value(name))}" for name in names if name not in _APART)
+
+
+def _plain(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value).replace(" ", "")
+
+
+def disagreements(mine: str, others: str) -> list[str]:
+    """Return the parameters in which another node differs, a sentence each; both texts as
+    :func:`agreed_text` has them.
+    """
+    here, there = (
+        dict(part.partition("=")[::2] for part in text.split()) for text in (mine, others)
+    )
+    return [
+        f"{name} is {here[name]} here and {there[name]} there, expected one value"
+        for name in here
+        if name in there and here[name] != there[name]
+    ]
+
+
 def aircraft_text(options: Options) -> str:
     """Return the aircraft that plans are made for, and what it keeps from others, as a text."""
     limits, wanted = options.limits, options.requirement

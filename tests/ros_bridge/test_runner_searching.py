@@ -25,6 +25,7 @@ pytest.importorskip("rclpy", reason=MISSING)
 
 from rclpy.parameter import Parameter
 from rlcas_msgs.srv import GenerateTrajectory
+from std_srvs.srv import Trigger
 
 from ros_bridge.core import planning as planner
 from ros_bridge.core.situation import Code
@@ -109,6 +110,28 @@ def test_search_overtaken_by_another_plan_is_superseded(scene: Scene):
     answer = eventually(scene.client, long)
     assert answer.status == Code.SUPERSEDED
     assert answer.message == "plan was overtaken by another while it was sought"
+
+
+def test_a_long_search_can_be_cancelled(scene: Scene):
+    cancel = scene.client.node.create_client(Trigger, f"{NODE}/cancel_search")
+    scene.client.spin(cancel.service_is_ready)
+    idle = eventually(scene.client, cancel.call_async(Trigger.Request()))
+    assert (idle.success, idle.message) == (False, "no long search is going on")
+    long = scene.searching()
+    assert eventually(scene.client, cancel.call_async(Trigger.Request())).success
+    answer = eventually(scene.client, long)
+    assert answer.status == Code.CANCELLED
+    assert answer.message == "request was cancelled while a plan was sought"
+    # Its thread may go on; the next search waits for it.
+    scene.go_on.set()
+    assert eventually(scene.client, scene.ask(Request.REASON_ALERT)).status == Code.UNRESOLVED
+
+
+def test_every_request_is_answered_however_many_come_at_once(scene: Scene):
+    waiting = [scene.ask(Request.REASON_REPLAN) for _ in range(60)]
+    answers = [eventually(scene.client, future) for future in waiting]
+    # The last may find the ownship too old on a busy machine; they are told so.
+    assert {answer.status for answer in answers} <= {Code.UNRESOLVED, Code.STALE_OWNSHIP}
 
 
 def test_a_search_does_not_outlive_the_activation(scene: Scene):

@@ -1,0 +1,117 @@
+"""A graph with something wrong in it: clocks, namesakes, nodes that do not agree; the node goes on,
+says so, and stops saying so.
+"""
+
+from typing import Any
+
+import pytest
+
+from tests.ros_bridge.graph import MISSING, NODE, Client, beside
+
+pytest.importorskip("rclpy", reason=MISSING)
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rlcas_msgs.msg import AssuranceStatus, Trajectory
+from rosgraph_msgs.msg import Clock
+
+from ros_bridge.nodes.monitor import Monitor
+from ros_bridge.nodes.runner import Runner
+from ros_bridge.transport import qos, topics
+from ros_bridge.transport.settings import disagreements
+
+OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
+
+
+def begin(node: Any) -> None:
+    node.trigger_configure()
+    node.trigger_activate()
+
+
+def state_of(client: Client, name: str, health: list[DiagnosticArray]) -> DiagnosticStatus:
+    """Return what a node says of itself next."""
+    health.clear()
+    return client.spin(
+        lambda: next((one.status[0] for one in health if one.status[0].name == name), None)
+    )
+
+
+def test_a_clock_that_is_no_time_is_passed_over_and_a_standing_one_stops_no_diagnostics():
+    with beside(Runner, use_sim_time=True, diagnostics_period=0.2) as (node, client):
+        begin(node)
+        health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        state = state_of(client, NODE, health)  # without any clock
+        assert "clock stands at zero" in state.message
+        for seconds, nanoseconds in ((100, 0), (-5, 0), (100, 4_000_000_000), (2**31 - 1, 0)):
+            time = Time(sec=seconds, nanosec=nanoseconds)
+            client.say(Clock, "/clock", Clock(clock=time), qos.CLOCK)
+            client.idle(0.1)
+        client.spin(lambda: node._now() == 100 * 10**9)
+        client.say(Clock, "/clock", Clock(clock=Time(sec=101)), qos.CLOCK)
+        client.spin(lambda: node._now() == 101 * 10**9)
+
+
+def test_a_publisher_that_does_not_fit_is_forgotten_when_it_has_gone():
+    with beside(Runner, diagnostics_period=0.2) as (node, client):
+        begin(node)
+        health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        poor = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        quiet = PublisherEventCallbacks(incompatible_qos=lambda _: None)
+        publisher = client.node.create_publisher(
+            Trajectory, f"{NODE}/input/route", poor, event_callbacks=quiet
+        )
+        client.spin(lambda: "a publisher offers less" in state_of(client, NODE, health).message)
+        client.node.destroy_publisher(publisher)
+        client.spin(lambda: state_of(client, NODE, health).level != ERROR)
+
+
+def test_a_second_node_of_the_name_is_an_error_while_it_runs():
+    with beside(Monitor, diagnostics_period=0.2) as (node, client):
+        begin(node)
+        health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        other = client.node.create_publisher(
+            AssuranceStatus, topics.STATUS.name, topics.STATUS.quality
+        )
+        says = "/rlcas_monitor/output/status has 2 publishers, expected this node alone"
+        client.spin(lambda: says in state_of(client, "/rlcas_monitor", health).message)
+        client.node.destroy_publisher(other)
+        client.spin(lambda: says not in state_of(client, "/rlcas_monitor", health).message)
+
+
+def test_a_monitor_that_differs_from_the_runner_says_in_what():
+    values = {"diagnostics_period": 0.2, "separation": 3000.0}
+    with beside(Runner, **values) as (runner, client):
+        monitor = Monitor(
+            context=client.context,
+            parameter_overrides=[
+                Parameter("diagnostics_period", value=0.2),
+                Parameter("separation", value=500.0),
+                Parameter("goal_radius", value=100.0),
+            ],
+        )
+        client.executor.add_node(monitor)
+        try:
+            begin(runner)
+            begin(monitor)
+            health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
+
+            def said() -> str:
+                state = state_of(client, "/rlcas_monitor", health)
+                return state.message if state.level == ERROR else ""
+
+            client.spin(lambda: "separation is 500 here and 3000 there" in said())
+            monitor.set_parameters([Parameter("goal_radius", value=200.0)])
+            client.spin(lambda: "goal_radius is 200 here" in said())
+        finally:
+            client.executor.remove_node(monitor)
+            monitor.destroy_node()
+
+
+def test_disagreements_name_what_differs():
+    assert disagreements("a=1 b=2 c=", "a=1 b=3 c= d=4") == [
+        "b is 2 here and 3 there, expected one value"
+    ]
+    assert disagreements("a=1", "") == []  # of a node that does not say it
