@@ -170,15 +170,14 @@ class ListeningNode(ClockGuard, LifecycleNode):
 
     def _all_fit(self, topic: Topic) -> bool:
         """Return whether what publishes and subscribes to a topic fits this node's side of it."""
-        name = self.resolve_topic_name(topic.name)
-        pairs = [
-            *((one.qos_profile, topic.quality) for one in self.get_publishers_info_by_topic(name)),
-            *(
-                (topic.quality, one.qos_profile)
-                for one in self.get_subscriptions_info_by_topic(name)
-            ),
-        ]
-        return all(qos_check_compatible(*pair)[0] != QoSCompatibility.ERROR for pair in pairs)
+        name, mine = self.resolve_topic_name(topic.name), (self.get_namespace(), self.get_name())
+        return not any(
+            qos_check_compatible(offered.qos_profile, asked.qos_profile)[0]
+            == QoSCompatibility.ERROR
+            for offered in self.get_publishers_info_by_topic(name)
+            for asked in self.get_subscriptions_info_by_topic(name)
+            if mine in [(one.node_namespace, one.node_name) for one in (offered, asked)]
+        )
 
     def _call_every(self, period: float, callback: Callable[[], None]) -> None:
         timer = self.create_timer(period, callback)
