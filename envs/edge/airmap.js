@@ -82,14 +82,23 @@ const airmap = (() => {
     pen.closePath();
   }
 
-  // Traffic by its alert level, filled where it has one. Where its reports are late it is dashed, and filled in the middle only.
-  function mark(pen, x, y, level, size, colour, rim, late = false) {
+  // Traffic by its alert level, filled where it has one or is near (proximate); a tip points where it flies, rad from up.
+  // Where its reports are late it is dashed, and filled in the middle only.
+  function mark(pen, x, y, level, size, colour, rim, { late = false, proximate = false, points = null } = {}) {
+    if (points !== null) {
+      const reach = 1.45 * size, [ax, ay] = onRing(x, y, reach + 7, points);
+      line(pen, [[ax, ay], onRing(x, y, reach - 2, points - 0.55), onRing(x, y, reach - 2, points + 0.55)]);
+      pen.closePath();
+      pen.fillStyle = colour;
+      pen.fill();
+      stroke(pen, rim, 1);
+    }
     outline(pen, x, y, level, size);
-    const filled = level > 0 && !late;
+    const filled = (level > 0 || proximate) && !late;
     pen.fillStyle = filled ? colour : rim;
     pen.fill();
     stroke(pen, filled ? rim : colour, filled ? 1.5 : 2.2, late ? [3, 3] : []);
-    if (!late || level === 0) return;
+    if (!late || (level === 0 && !proximate)) return;
     outline(pen, x, y, level, 0.5 * size);
     pen.fillStyle = colour;
     pen.fill();

@@ -5,6 +5,7 @@ on its map (:mod:`envs.formats.local_frame`); aircraft are carried on from their
 the turn that their reports show. Every picture is whole: one that is lost changes nothing.
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.assurance.state import FlyMode
+from agents.assurance.thresholds import Cause
 from envs.areas import Area, AreaError, Circle, Keep, Level
 from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
@@ -29,7 +31,7 @@ from ros_bridge.core.status import Status
 from ros_bridge.core.tracks import Track
 from ros_bridge.display.scene import Guidance, Health, HeldAreas, Monitor, Scene
 
-VERSION = 1
+VERSION = 2
 """Of the document; it changes where a field changes its meaning or goes."""
 
 _TURN = 15.0  # s that an aircraft is expected to turn on after its report
@@ -39,8 +41,14 @@ _NEAR = 100_000.0  # m from the ownship that areas are drawn
 _COASTING = 0.5  # share of the age that counts, from which on an aircraft is marked as carried on
 _BANDS = 5.0  # s that bands hold
 _LATE = {"guidance": _BANDS, "diagnostics": 3.0}  # s without a message
-_HELD_COURSE = math.radians(2.0)  # turns smaller than this are none
+_HELD_COURSE = 2.0  # degrees; turns smaller than this are none
+_HELD_SPEED = 1.5  # m/s; changes smaller than this are none
+_PROXIMATE = 6.0 * 1852.0, 1200.0 * 0.3048
+"""m: traffic without an alert that is nearer than both horizontally and vertically is *proximate*
+(RTCA DO-185B: 6 NM and 1200 ft)."""
+_PROXIMATE_SEPARATIONS = 10.0  # the same horizontally for small separations
 _NO_CLIMB = 10.0  # m/s either way where it is unknown, as the nodes' parameter unknown_climb
+_REMARKS = Cause.OUTSIDE_RANGE  # causes that ask for nothing
 _NAMES = {
     "ownship": "ownship",
     "traffic": "traffic",
@@ -79,14 +87,16 @@ def picture(scene: Scene, now: int, centre: tuple[float, float] | None = None) -
     levels = _levels(scene, now)
     own, traffic = _aircraft(scene, frame, levels, now)
     report = scene.situation.own.last
+    wind = None if report is None else report.wind
     document = _empty(scene, now) | {
         "origin": [frame.latitude, frame.longitude],
         "own": own,
         "traffic": traffic,
-        "wind": None if report is None or report.wind is None else _round(report.wind),
-        "plan": _trajectory(scene.plan, frame, now),
-        "backup": _trajectory(_backup_to_fly(scene, now), frame, now),
-        "unresolved": _trajectory(scene.unresolved, frame, now),
+        "wind": None if wind is None else _round(wind),
+        "frame": "ground" if wind is None else "air",
+        "plan": _trajectory(scene.plan, frame, wind, now),
+        "backup": _trajectory(_backup_to_fly(scene, now), frame, wind, now),
+        "unresolved": _trajectory(scene.unresolved, frame, wind, now),
         "route": _route(scene.situation.route.value, frame),
         "areas": _areas(scene.areas, frame, now),
         "bands": _bands(scene.guidance, now),
@@ -107,6 +117,7 @@ def _empty(scene: Scene, now: int) -> Document:
         "traffic": [],
         "separation": scene.separation,
         "wind": None,
+        "frame": "ground",
         "plan": None,
         "backup": None,
         "unresolved": None,
@@ -172,13 +183,26 @@ def _aircraft(
     if own.last is not None:
         own_plane = planes.pop()
         own_plane["state"] = _state(own, now, math.inf, scene.fresh.own)
-        own_plane["air"] = _through_air(own.last)
+        own_plane["air"] = _through_air(own.last.east, own.last.north, own.last.wind)
     undulation = None if origin is None else origin.undulation
     for (name, track), plane in zip(traffic.items(), planes, strict=True):
         plane["level"], plane["loss"] = levels.get(name, _NO_ALERT)
         plane["relative_altitude"] = _relative(own.last, _last(track), now, undulation)
         plane["separation"] = scene.by_category.get(_last(track).category)
+        plane["proximate"] = own_plane is not None and _is_proximate(
+            plane, own_plane, scene.separation
+        )
     return own_plane, planes
+
+
+def _is_proximate(plane: Document, own: Document, separation: float | None) -> bool:
+    """Return whether traffic without an alert is near; a height that is not known is the same."""
+    most, high = _PROXIMATE
+    if separation is not None:
+        most = min(most, _PROXIMATE_SEPARATIONS * separation)
+    above = plane["relative_altitude"]
+    near = math.hypot(plane["x"] - own["x"], plane["y"] - own["y"]) < most
+    return plane["level"] == 0 and near and (above is None or abs(above) < high)
 
 
 class _Motion(NamedTuple):
@@ -251,12 +275,11 @@ def _plane(track: Track, motion: _Motion, number: int, now: int, fresh: Freshnes
     }
 
 
-def _through_air(own: Report) -> Document:
-    """Return direction, degrees, and speed, m/s, through the air; over the ground where the wind is
-    unknown.
+def _through_air(east: float, north: float, wind: tuple[float, float] | None) -> Document:
+    """Return direction, degrees, and speed, m/s, through the air of a velocity over the ground, m/s
+    true east and north; over the ground where the wind is unknown.
     """
-    east, north = own.wind or (0.0, 0.0)
-    x, y = own.east - east, own.north - north
+    x, y = (east, north) if wind is None else (east - wind[0], north - wind[1])
     track = math.degrees(math.atan2(x, y)) % 360.0
     return {"track_deg": round(track, 1), "speed": round(math.hypot(x, y), 1)}
 
@@ -364,7 +387,9 @@ def _backup_to_fly(scene: Scene, now: int) -> Published | None:
     return scene.backup if monitor.status.fly is FlyMode.BACKUP else None
 
 
-def _trajectory(one: Published | None, frame: LocalFrame, now: int) -> Document | None:
+def _trajectory(
+    one: Published | None, frame: LocalFrame, wind: tuple[float, float] | None, now: int
+) -> Document | None:
     if one is None:
         return None
     line, points = _draw(one, frame)
@@ -380,11 +405,18 @@ def _trajectory(one: Published | None, frame: LocalFrame, now: int) -> Document 
                 "in": round((point.time - now) / SECOND, 1),
                 "track_deg": round(point.track_deg, 1),
                 "speed": round(point.speed, 1),
+                "air": _through_air(*_velocity(point), wind),
                 "of_route": point.of_route,
             }
             for point, place in zip(one.points, points, strict=True)
         ],
     }
+
+
+def _velocity(point: PlanPoint) -> tuple[float, float]:
+    """Return the velocity over the ground at a waypoint, true east and north, m/s."""
+    track = math.radians(point.track_deg)
+    return point.speed * math.sin(track), point.speed * math.cos(track)
 
 
 @lru_cache(maxsize=8)
@@ -494,7 +526,7 @@ def _monitor(monitor: Monitor | None, now: int, oldest: float) -> Document | Non
         "age": round((now - monitor.time) / SECOND, 2),
         "state": state,
         "fly": said.fly.name.lower(),
-        "reasons": list(said.reasons),
+        **_reasons(said),
         "measured": said.measured,
         "cross_track": round(said.cross_track, 1),
         "along_track": round(said.along_track, 1),
@@ -504,34 +536,55 @@ def _monitor(monitor: Monitor | None, now: int, oldest: float) -> Document | Non
     }
 
 
+def _reasons(said: Status) -> Document:
+    """Return why the monitor is in its state, and what else it remarks, which asks for nothing."""
+    causes = [cause for cause in Cause if said.causes & cause]
+    if len(causes) != len(said.reasons):
+        return {"reasons": list(said.reasons), "remarks": []}
+    each = list(zip(causes, said.reasons, strict=True))
+    return {
+        "reasons": [why for cause, why in each if cause not in _REMARKS],
+        "remarks": [why for cause, why in each if cause in _REMARKS],
+    }
+
+
 def advice(document: Document) -> Document:
     """Return what to do by the rest of a picture, as a code and numbers that the page puts into
-    words.
+    words; directions and speeds are in the frame of the picture.
     """
     own, monitor = document["own"], document["monitor"]
     if own is None:
         return {"do": "nothing"}
     if monitor is not None:
-        flown = monitor["fly"]
+        flown, plan = monitor["fly"], document["plan"]
         if flown != "nothing" and document[flown] is not None:
-            return {"do": flown, **_next(document[flown], own), "reasons": monitor["reasons"]}
+            return {"do": flown, **_manoeuvres(document[flown], own)}
+        if monitor["state"] == "monitoring" and plan is not None:
+            return {"do": "advised", **_manoeuvres(plan, own)}
     bands = document["bands"]
     highest = max((one["level"] for one in document["alerts"]), default=0)
     if bands is not None and highest > 0:
         return _way_out(bands, own)
-    if monitor is None:
+    if monitor is None or monitor["state"] == _SILENT.text:
         return {"do": "nothing"}
-    do = "nothing" if monitor["state"] == _SILENT.text else "own route"
-    return {"do": do, "reasons": monitor["reasons"]}
+    return {"do": "own route"}
 
 
-def _next(trajectory: Document, own: Document) -> Document:
-    """Return what is to be flown at the next waypoint; after the last one as now."""
-    coming = next((point for point in trajectory["points"] if point["in"] > 0.0), None)
-    if coming is None:
-        return {"track_deg": own["track_deg"], "turn": "hold", "speed": own["speed"], "in": None}
-    turn = _turn(own["track_deg"], coming["track_deg"])
-    return {"turn": turn, **{name: coming[name] for name in ("track_deg", "speed", "in")}}
+def _manoeuvres(trajectory: Document, own: Document) -> Document:
+    """Return what a trajectory asks for until its next waypoint, and the first change after it."""
+    present = own["air"]
+    coming = [point for point in trajectory["points"] if point["in"] > 0.0]
+    if not coming:
+        return {**present, "turn": "hold", "then": None}
+    first = coming[0]["air"]
+    then = None
+    for before, after in itertools.pairwise(coming):
+        was, will = before["air"], after["air"]
+        turn = _turn(was["track_deg"], will["track_deg"])
+        if turn != "hold" or abs(will["speed"] - was["speed"]) > _HELD_SPEED:
+            then = {"turn": turn, **will, "in": before["in"]}
+            break
+    return {"turn": _turn(present["track_deg"], first["track_deg"]), **first, "then": then}
 
 
 def _way_out(bands: Document, own: Document) -> Document:
@@ -542,7 +595,7 @@ def _way_out(bands: Document, own: Document) -> Document:
     if bands["recovery"] is not None:
         out = bands["recovery"]
         turn = _turn(now, out["track_deg"])
-        return {"do": "recovery", "turn": turn, "speed": speed, "in": None, **out}
+        return {"do": "recovery", "turn": turn, "speed": speed, **out}
     free = [
         target
         for target, region in zip(bands["track_deg"], bands["track_region"], strict=True)
@@ -552,7 +605,7 @@ def _way_out(bands: Document, own: Document) -> Document:
         return {"do": "nothing"}
     nearest = min(free, key=lambda target: abs(_apart(now, target)))
     turn = _turn(now, nearest)
-    return {"do": "free", "track_deg": nearest, "turn": turn, "speed": speed, "in": None}
+    return {"do": "free", "track_deg": nearest, "turn": turn, "speed": speed}
 
 
 def _apart(track: float, other: float) -> float:
@@ -562,7 +615,7 @@ def _apart(track: float, other: float) -> float:
 
 def _turn(track: float, other: float) -> str:
     apart = _apart(track, other)
-    if abs(apart) <= math.degrees(_HELD_COURSE):
+    if abs(apart) <= _HELD_COURSE:
         return "hold"
     return "right" if apart > 0.0 else "left"
 

@@ -241,6 +241,7 @@ class FlightRecording:
             "traffic": traffic,
             "separation": self._separation,
             "wind": self._wind,
+            "frame": "ground" if self._wind is None else "air",
             "plan": self._plan(time),
             "backup": None,
             "unresolved": None,
@@ -269,7 +270,7 @@ class FlightRecording:
         are no bands.
         """
         for k, one in enumerate(traffic):
-            one |= {"level": 0, "loss": None, "relative_altitude": None}
+            one |= {"level": 0, "loss": None, "relative_altitude": None, "proximate": False}
             one["separation"] = self._separations[k]
             if row is not None:
                 one["level"] = self._bands["level"][row][k]
@@ -323,6 +324,7 @@ class FlightRecording:
                 "in": round(at - time, 1),
                 "track_deg": None,
                 "speed": None,
+                "air": None,
                 "of_route": False,
             }
             for n, (x, y, at) in enumerate(every)

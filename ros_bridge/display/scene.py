@@ -235,6 +235,7 @@ def _status(scene: Scene, message: "AssuranceStatus", now: int) -> Scene:
     found = Status(
         state=State(integer("status.state", message.state, 0, 4)),
         fly=FlyMode(integer("status.fly", message.fly, 0, 2)),
+        causes=integer("status.causes", message.causes, 0, 2**32 - 1),
         reasons=tuple(str(one) for one in list(message.reasons)[:_MOST]),
         measured=bool(message.measured),
         cross_track=real("cross_track"),

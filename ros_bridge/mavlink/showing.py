@@ -147,7 +147,9 @@ def _route(view: View) -> tuple[Station, ...]:
 
 
 def _advice(view: View) -> Monitor:
-    """Return what the program says while it does not fly: a safe plan is to be flown."""
+    """Return what the program says while it does not fly: a safe plan is advice, and nobody flies
+    it.
+    """
     judgement = view.judgement
     reasons = [judgement.problem] if judgement.problem else []
     found = judgement.conflict
@@ -156,9 +158,8 @@ def _advice(view: View) -> Monitor:
         reasons.append(f"{found.name}: on the mission it is too near in {left:.0f} s")
     if found is not None and judgement.plan is not None and not judgement.safe:
         reasons.append("no plan is safe")
-    fly = FlyMode.PLAN if judgement.safe else FlyMode.NOTHING
     state = State.MONITORING if judgement.safe else State.IDLE
-    return Monitor(view.time, Status(state, fly, reasons=tuple(reasons)))
+    return Monitor(view.time, Status(state, FlyMode.NOTHING, reasons=tuple(reasons)))
 
 
 def _nodes(view: View) -> dict[str, Health]:

@@ -72,6 +72,7 @@ def status(fly: int = 1, **more: Any) -> Any:
         "header": SimpleNamespace(stamp=stamp(NOW)),
         "state": 4 if fly == 2 else 1,
         "fly": fly,
+        "causes": 0,
         "reasons": [],
         "measured": fly == 1,
         "cross_track": 3.0,

@@ -21,6 +21,7 @@ pytest.importorskip("websockets", reason="websockets is not installed")
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from agents.assurance.thresholds import Cause
 from envs.edge.command import InputError
 from envs.formats.local_frame import LocalFrame, distance, fly_straight
 from ros_bridge.core.categories import BY_CATEGORY
@@ -147,6 +148,88 @@ def test_advice_is_what_the_monitor_says_is_to_be_flown():
     assert shown["advice"]["do"] == "backup" and shown["advice"]["turn"] == "right"
     scene = take(scene, PLAN, SimpleNamespace(status=3), NOW)
     assert picture(scene, NOW)["plan"] is None
+
+
+@given(
+    st.floats(-3.1, 3.1),
+    st.floats(0.0, 25.0),
+    st.floats(0.0, 359.0),
+    st.floats(30.0, 110.0),
+)
+def test_own_plan_and_advice_are_in_one_frame(wind_to, wind_speed, track, speed):
+    """Through the air where the wind is known; an aircraft that is on its plan holds what it has."""
+    wind = wind_speed * math.cos(wind_to), wind_speed * math.sin(wind_to)
+    own = Report(
+        "own",
+        NOW,
+        47.0,
+        8.0,
+        speed * math.sin(math.radians(track)),
+        speed * math.cos(math.radians(track)),
+        wind=wind,
+    )
+    scene = take_report(Scene(separation=1_000.0), own, NOW, own=True)
+    flown = plan()
+    for one in (flown.start, *flown.waypoints):
+        one.track_deg, one.ground_speed = track, speed
+    shown = picture(take(take(scene, PLAN, flown, NOW), STATUS, status(1), NOW), NOW)
+    assert shown["frame"] == "air" and shown["wind"] == pytest.approx(wind, abs=0.06)
+    air, advice = shown["own"]["air"], shown["advice"]
+    assert shown["plan"]["points"][0]["air"] == air
+    assert (advice["speed"], advice["track_deg"]) == (air["speed"], air["track_deg"])
+    assert air["speed"] == pytest.approx(
+        math.hypot(own.east - wind[0], own.north - wind[1]), abs=0.1
+    )
+    assert advice["turn"] == "hold" and advice["then"] is None
+
+
+@pytest.mark.parametrize(
+    ("passed", "turn", "then"), [(0.0, "hold", ("left", 30.0, 40.0)), (45.0, "left", None)]
+)
+def test_what_follows_is_told_from_what_is_flown(passed: float, turn: str, then: Any):
+    """East for two legs, then a turn to the left that begins at the second waypoint."""
+    flown = plan()
+    first = flown.waypoints[0]
+    tracks = ((1, 20.0, 90.0), (2, 40.0, 90.0), (3, 60.0, 30.0), (4, 80.0, 30.0))
+    flown.waypoints = [
+        SimpleNamespace(
+            **vars(first)
+            | {"index": n, "track_deg": to, "time_of_arrival": stamp(after(t - passed))}
+        )
+        for n, t, to in tracks
+    ]
+    flown.header.stamp = flown.start.time_of_arrival = stamp(after(-passed))
+    scene = take(take(known_scene(), PLAN, flown, NOW), STATUS, status(1), NOW)
+    advice = picture(scene, NOW)["advice"]
+    assert advice["turn"] == turn
+    follows = advice["then"]
+    assert then == (follows and (follows["turn"], follows["track_deg"], follows["in"]))
+
+
+def test_a_plan_that_nobody_flies_is_advice():
+    scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), PLAN, plan(), NOW)
+    shown = picture(take(scene, STATUS, status(0, state=1), NOW), NOW)
+    assert shown["advice"]["do"] == "advised" and shown["advice"]["turn"] == "left"
+    denied = picture(take(scene, STATUS, status(0, state=3), NOW), NOW)
+    assert denied["advice"]["do"] == "own route"
+
+
+def test_a_remark_is_no_reason():
+    causes = Cause.SEPARATION | Cause.OUTSIDE_RANGE
+    said = status(1, causes=int(causes), reasons=["too near", "an unusual speed"])
+    shown = picture(take(known_scene(), STATUS, said, NOW), NOW)["monitor"]
+    assert (shown["reasons"], shown["remarks"]) == (["too near"], ["an unusual speed"])
+
+
+@pytest.mark.parametrize(
+    ("away", "level", "near"), [(9e3, 0, True), (12e3, 0, False), (9e3, 2, False)]
+)
+def test_near_traffic_without_an_alert_is_proximate(away: float, level: int, near: bool):
+    """Nearer than ten separations of 1000 m; a height that nobody knows counts as the same."""
+    levels = {"intruder_ids": ["4b1a2c"], "intruder_level": [level], "intruder_loss": [40.0]}
+    scene = known_scene(aircraft(away, 0.0, 0.0, 80.0))
+    shown = picture(take(scene, GUIDANCE, guidance(**levels), NOW), NOW)
+    assert shown["traffic"][0]["proximate"] is near
 
 
 def test_where_nothing_is_free_the_way_out_is_said():

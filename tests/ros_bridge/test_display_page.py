@@ -40,7 +40,12 @@ from tests.ros_bridge.test_display import GUIDANCE, PLAN, STATUS, encounter
 
 HOSTILE = "<img src=x onerror=alert(1)>"
 AREAS = f"{PREFIX}areas"
-SIZES = {"desk": (1280, 800), "tablet": (1024, 768), "phone": (390, 844)}
+SIZES = {
+    "desk": (1280, 800),
+    "tablet": (1024, 768),
+    "phone": (390, 844),
+    "phone on its side": (844, 390),
+}
 
 
 def alarming() -> Board:
@@ -97,7 +102,7 @@ def alarmed(new_page: Any) -> Iterator[tuple[Page, Served]]:
 
 def test_alert_advice_and_health_are_said_in_words(alarmed: tuple[Page, Served]) -> None:
     page, _ = alarmed
-    assert page.text("#order").startswith("Plan: turn left to 030°")
+    assert page.text("#order").startswith("Plan: turn left to track 030°")
     assert HOSTILE in page.text("#alerts") and "lost in 12 s" in page.text("#alerts")
     assert page.page.get_attribute("#advice", "data-level") == "3"
     assert "Revision 7" in page.text("#plan")
@@ -174,11 +179,65 @@ def test_a_polygon_is_drawn_as_large_as_it_is_by_now(
 
 
 def test_a_picture_that_stands_still_is_said_to_be_old(new_page: Any) -> None:
+    """Beside the ownship, not across it; no input is said to be well any more."""
     with serving(alarming()) as server:
         page = Page(new_page, server.url)
+        assert "✓" in page.text("#health")
         server.stop()
         page.page.wait_for_selector("#link:not([hidden])")
         assert "what is drawn is old" in page.text("#link")
+        assert "✓" not in page.text("#health")
+        ownship = page.page.evaluate(
+            "view(state.picture, sky.box.clientWidth, sky.box.clientHeight).centre"
+        )
+        said = page.page.locator("#link").bounding_box()
+        assert said is not None and said["y"] + said["height"] < ownship[1] - 30.0
+        grey = "getComputedStyle(document.querySelector('#map > canvas')).filter"
+        assert page.page.evaluate(grey) == "grayscale(1)"
+        page.page.close()
+
+
+def test_texts_on_the_map_do_not_overlap(new_page: Any) -> None:
+    """Aircraft beside each other, an area among them, and a plan through them all."""
+    board = alarming()
+    scene = board.scene
+    for number in range(12):
+        near = aircraft(
+            3_500.0 + 90.0 * number, 2_000.0 - 60.0 * number, 0.5, 80.0, id=f"n{number}"
+        )
+        scene = take(scene, f"{PREFIX}traffic", near, NOW)
+    ring = [(3_000.0, 1_000.0), (5_000.0, 1_000.0), (5_000.0, 2_500.0)]
+    board.scene = take(scene, AREAS, areas(area(ring)), NOW)
+    with serving(board) as server:
+        for size in SIZES:
+            page = Page(new_page, server.url, size)
+            page.count_drawn()
+            boxes = page.page.evaluate("state.boxes")
+            assert len(boxes) > 16
+            # The first twelve are the numbers of the ring, the next two of traffic with an alert.
+            for (ax, ay, aw, ah), (bx, by, bw, bh) in itertools.combinations(boxes[14:], 2):
+                assert ax + aw <= bx or bx + bw <= ax or ay + ah <= by or by + bh <= ay
+            page.page.close()
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_ring_fills_what_the_screen_leaves(new_page: Any, size: str) -> None:
+    with serving(alarming()) as server:
+        page = Page(new_page, server.url, size)
+        radius, width, height = page.page.evaluate(
+            "((box) => [view(state.picture, box.clientWidth, box.clientHeight).radius, box.clientWidth, box.clientHeight])(sky.box)"
+        )
+        assert radius > 0.3 * min(width, height)
+        page.page.close()
+
+
+def test_who_flies_is_told_from_what_is_advice_and_from_what_follows(new_page: Any) -> None:
+    board = alarming()
+    board.scene = take(board.scene, STATUS, status(0, state=1), NOW)
+    with serving(board) as server:
+        page = Page(new_page, server.url)
+        assert page.text("#order").startswith("Advice, not flown: turn left to track 030°")
+        assert page.page.evaluate("getComputedStyle(get('order')).fontStyle") == "italic"
         page.page.close()
 
 
@@ -269,7 +328,7 @@ SIGNS = """() => {
   canvas.width = canvas.height = size;
   const pen = canvas.getContext("2d"), signs = {};
   for (const level of [0, 1, 2, 3]) for (const late of [false, true])
-    signs[`mark ${level} ${late}`] = () => airmap.mark(pen, half, half, level, 8, "#000", "#fff", late);
+    signs[`mark ${level} ${late}`] = () => airmap.mark(pen, half, half, level, 8, "#000", "#fff", { late });
   for (const region of [0, 1, 2, 3, 4])
     signs[`ring ${region}`] = () => airmap.bands(pen, half, size, 30, 22, 0, Array.from({ length: 72 }, (_, n) => 5 * n), Array(72).fill(region), colours);
   for (const open of [false, true]) signs[`bug ${open}`] = () => airmap.bug(pen, half, size, 40, 0, 0, "#000", "#fff", open);

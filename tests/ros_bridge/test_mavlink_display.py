@@ -142,8 +142,8 @@ def test_a_conflict_on_the_mission_is_shown_with_its_plan_bands_and_fence(follow
     seen = view(heard, judgement)
     found = picture(Showing(followed, Board().feed).after(Scene(), seen), seen.time)
     assert found["plan"]["revision"] == 1
-    assert found["advice"]["do"] == "plan"
-    assert any("on the mission" in why for why in found["advice"]["reasons"])
+    assert found["advice"]["do"] == "advised"
+    assert any("on the mission" in why for why in found["monitor"]["reasons"])
     east = found["bands"]["track_deg"].index(90.0)
     assert found["bands"]["track_region"][east] > 0
     assert [one["id"] for one in found["alerts"]] == ["abc123"]
@@ -174,7 +174,7 @@ def test_without_traffic_nothing_is_closed_and_the_mission_is_flown(followed: Ru
     found = picture(Showing(followed, Board().feed).after(Scene(), seen), seen.time)
     assert found["plan"] is None and found["alerts"] == []
     assert not any(found["bands"]["track_region"])
-    assert found["advice"] == {"do": "own route", "reasons": []}
+    assert found["advice"] == {"do": "own route"}
 
 
 @pytest.mark.parametrize("address", ["8642", "host:", "127.0.0.1:99999", "127.0.0.1:x"])

@@ -1,7 +1,7 @@
 // The traffic display: draws the pictures that the server sends (docs/reference/display.md). Texts go in as text, never as markup.
 "use strict";
 
-const VERSION = 1; // of pictures
+const VERSION = 2; // of pictures
 const get = (id) => document.getElementById(id);
 const { arcs, bands, bug, circle, clip, compass, fences, fitted, line, mark, onRing, plane, stroke, tape, text, tint } = airmap;
 const AHEAD = 60, TURNING = 15; // s of the lines ahead of aircraft, and of a turn in them
@@ -14,7 +14,7 @@ const UNITS = {
 
 const sky = { canvas: document.querySelector("#map canvas"), box: get("map") };
 const bar = { canvas: document.querySelector("#bar canvas"), box: get("bar") };
-const state = { picture: null, arrived: 0, hello: null, trackUp: true, range: 2, ranged: false, units: "aviation", sound: null, levels: new Map(), colours: {}, wish: null, asked: false };
+const state = { picture: null, arrived: 0, hello: null, trackUp: true, range: 2, ranged: false, units: "aviation", sound: null, old: false, levels: new Map(), colours: {}, wish: null, asked: false };
 const replay = { at: 0, playing: false, waiting: false, length: 0, last: 0 };
 let socket = null, wait = 1000, scheduled = false;
 
@@ -29,27 +29,40 @@ const above = (metres) => (metres === null ? "?" : `${metres < 0 ? "−" : "+"}$
 const reported = (metres) => (metres === null ? "?" : String(Math.round(metres * units().high)).padStart(3, "0"));
 const climbing = (rate) => (rate === null ? "" : rate * UNITS.aviation.climb > 400 ? "↑" : rate * UNITS.aviation.climb < -400 ? "↓" : "");
 
-function order({ do: what, turn, track_deg: track, speed: wanted, in: left }, own) {
-  const course = turn === "hold" ? `hold ${degrees(track)}` : `turn ${turn} to ${degrees(track)}`;
-  const faster = wanted - (what === "free" || what === "recovery" ? own.air : own).speed, pace = Math.abs(faster) > 1.5 ? `, ${faster > 0 ? "faster" : "slower"}: ${speed(wanted)}` : "";
-  const until = left === null ? "" : ` in ${seconds(left)}`;
-  return { plan: `Plan: ${course}${pace}${until}`, backup: `BACKUP: ${course}${pace}${until}`, free: `Free: ${course}`, recovery: `No way is free. Best: ${course}` }[what];
+// Directions and speeds of own, plan, bands and advice are in one frame, which has a name.
+const FRAMES = { air: { direction: "heading", short: "HDG", speed: "airspeed" }, ground: { direction: "track", short: "TRK", speed: "ground speed" } };
+
+// A change of direction and speed; `before` is the speed until then.
+function manoeuvre({ turn, track_deg: track, speed: wanted }, before, frame) {
+  const { direction } = FRAMES[frame], course = turn === "hold" ? `hold ${direction} ${degrees(track)}` : `turn ${turn} to ${direction} ${degrees(track)}`;
+  const faster = wanted - before;
+  return Math.abs(faster) > 1.5 ? `${course}, ${faster > 0 ? "faster" : "slower"}: ${speed(wanted)}` : course;
 }
+
+const KINDS = { plan: "Plan", backup: "BACKUP", advised: "Advice, not flown", free: "Free", recovery: "No way is free. Best" };
+
+function order(advice, { own, frame }) {
+  return KINDS[advice.do] && `${KINDS[advice.do]}: ${manoeuvre(advice, own.air.speed, frame)}`;
+}
+
+// What an aircraft is called: its callsign where it has one.
+const called = ({ traffic }, { id }) => traffic.find((one) => one.id === id)?.callsign || id;
 
 // What an alert says is lost.
 const lost = (alert) => (alert.of === "area" ? "the clearance is lost" : "separation is lost");
 
 // The advisory: what to do, and why.
 function words(picture) {
-  const { advice, own, alerts, monitor } = picture, level = alerts.reduce((most, one) => Math.max(most, one.level), 0);
-  const reasons = [...(advice.reasons ?? [])];
+  const { advice, own, alerts, monitor, frame } = picture, level = alerts.reduce((most, one) => Math.max(most, one.level), 0);
+  const reasons = [], worst = alerts[0], next = advice.then;
+  if (next) reasons.push(`In ${seconds(next.in)}: ${manoeuvre(next, advice.speed, frame)}`);
+  if (worst) reasons.push(`${NAMES[worst.level]} alert: ${called(picture, worst)}${worst.loss === null ? "" : `, ${lost(worst)} in ${seconds(worst.loss)} on the present course`}`);
+  reasons.push(...(monitor?.reasons ?? []));
   if (advice.do === "recovery") reasons.push(`${advice.after === null ? "it does not open within the look-ahead" : `it opens after ${seconds(advice.after)}`}; ${distance(advice.shortfall)} less than required until then`);
   if (picture.unresolved && !picture.plan) reasons.push("No safe plan is known; the best one is drawn dotted");
-  const worst = alerts[0];
-  if (worst) reasons.push(`${NAMES[worst.level]} alert: ${worst.id}${worst.loss === null ? "" : `, ${lost(worst)} in ${seconds(worst.loss)} on the present course`}`);
   const heading = worst && worst.of === "area" ? "Area ahead" : "Traffic";
   const nothing = !own ? "The ownship is not known" : monitor && monitor.state === "silent" ? "Monitor silent" : monitor && monitor.fly === "nothing" ? "Own route" : level > 0 ? heading : "No advisory";
-  return { level: advice.do === "backup" || advice.do === "recovery" ? 3 : level, first: (own && order(advice, own)) || nothing, why: reasons.join(". ") };
+  return { level: advice.do === "backup" || advice.do === "recovery" ? 3 : level, kind: advice.do, first: (own && order(advice, picture)) || nothing, why: reasons.join(". ") };
 }
 
 // ---- lists; only what changes is touched ----
@@ -70,24 +83,33 @@ function part(parent, tag, n) {
 }
 
 function tell(picture) {
-  const { level, first, why } = words(picture);
+  const { level, kind, first, why } = words(picture), { bands: closed } = picture;
   put(get("order"), first);
   put(get("why"), why);
   get("advice").dataset.level = level;
+  get("advice").dataset.kind = kind;
+  const none = closed?.track_region.some((region) => region > 0) ? `none on the present course; other ${FRAMES[picture.frame].direction}s are closed` : "none";
   fill(get("alerts"), picture.alerts.length ? picture.alerts : [null], (item, alert) => {
     item.dataset.level = alert ? alert.level : 0;
-    put(item, alert ? `${NAMES[alert.level]}: ${alert.id}${alert.loss === null ? "" : `, ${lost(alert)} in ${seconds(alert.loss)}`}` : "none");
+    put(item, alert ? `${NAMES[alert.level]}: ${called(picture, alert)}${alert.loss === null ? "" : `, ${lost(alert)} in ${seconds(alert.loss)}`}` : none);
   });
   put(get("plan"), planned(picture));
-  fill(get("health"), picture.health, (item, one) => {
-    item.dataset.level = one.level;
-    put(part(item, "b", 0), ["✓", "!", "✗", "…"][one.level]);
-    put(part(item, "span", 1), one.name);
-    put(part(item, "time", 2), one.age === null || one.age > 600 ? "" : `${one.age.toFixed(one.age < 10 ? 1 : 0)} s`);
-    put(part(item, "small", 3), one.text);
-  });
+  inputs(picture);
   if (get("table").closest("details").open) table(picture);
   hear(picture);
+}
+
+// The inputs; where the picture itself is old, nothing is known of them any more.
+function inputs({ health }) {
+  const since = state.old ? (performance.now() - state.arrived) / 1000 : 0;
+  fill(get("health"), health, (item, one) => {
+    const level = state.old ? 3 : one.level, age = one.age + since;
+    item.dataset.level = level;
+    put(part(item, "b", 0), ["✓", "!", "✗", "…"][level]);
+    put(part(item, "span", 1), one.name);
+    put(part(item, "time", 2), one.age === null || age > 600 ? "" : `${age.toFixed(age < 10 ? 1 : 0)} s`);
+    put(part(item, "small", 3), one.text);
+  });
 }
 
 function planned({ plan, monitor, own }) {
@@ -100,6 +122,7 @@ function planned({ plan, monitor, own }) {
     lines.push(`Monitor: ${monitor.state}.`);
     if (monitor.measured) lines.push(`${distance(Math.abs(monitor.cross_track))} ${monitor.cross_track < 0 ? "right" : "left"} of it, ${Math.abs(monitor.time_error).toFixed(1)} s ${monitor.time_error < 0 ? "early" : "late"}.`);
     if (monitor.separation !== null) lines.push(`It keeps ${distance(monitor.separation)}.`);
+    for (const remark of monitor.remarks) lines.push(`Note: ${remark}.`);
   }
   if (own && own.altitude !== null) lines.push(`Own altitude ${Math.round(own.altitude * units().height)} ${units().tall} (${own.reference}).`);
   return lines.join(" ");
@@ -111,7 +134,7 @@ function table({ traffic, own }) {
     const bearing = own ? degrees((Math.atan2(one.x - own.x, one.y - own.y) * 180) / Math.PI + 360) : "";
     const high = one.relative_altitude === null ? "?" : `${Math.round(one.relative_altitude * units().height)} ${units().tall}`;
     const rate = one.climb === null ? "?" : `${Math.round(one.climb * units().climb)} ${units().climbs}`;
-    const cells = [one.id, apart === null ? "" : distance(apart), bearing, high, rate, one.fault || (one.state === "fresh" ? "" : `${one.state}, ${seconds(one.age)}`)];
+    const cells = [one.callsign || one.id, apart === null ? "" : `${distance(apart)} ${bearing}`, `${high}, ${rate}`, one.fault || (one.state === "fresh" ? "" : `${one.state}, ${seconds(one.age)}`)];
     cells.forEach((cell, n) => put(part(row, "td", n), cell));
   });
 }
@@ -136,10 +159,11 @@ function hear({ alerts }) { // a tone where a level is raised to corrective or m
 // ---- the map ----
 
 function view(picture, width, height) {
-  const top = get("advice").offsetHeight, low = get("controls").offsetHeight + 14, { own, traffic } = picture;
-  const left = width < 620 ? 56 : 0; // of the tape
-  const radius = Math.min((width - left) / 2 - 34, (height - top - low) / 2 - 46); // bands stand outside, and the direction above them
-  const centre = [(left + width) / 2, top + (height - top - low) / 2];
+  const top = get("advice").offsetHeight, beside = get("controls").offsetHeight > get("controls").offsetWidth, { own, traffic } = picture;
+  const low = beside ? 4 : get("controls").offsetHeight + 14, right = beside ? get("controls").offsetWidth + 14 : 0; // of the buttons
+  const left = width < 620 || beside ? 62 : 0; // of the tape
+  const radius = Math.min((width - left - right) / 2 - 34, (height - top - low) / 2 - 40); // bands stand outside, and the direction above them
+  const centre = [left + (width - left - right) / 2, top + 6 + (height - top - low) / 2];
   const metres = units().ranges[state.range] * units().metres, scale = radius / metres;
   const here = own ?? { x: 0, y: 0, vx: 0, vy: 1, track_deg: 0 };
   const onMap = (Math.atan2(here.vx, here.vy) * 180) / Math.PI, up = state.trackUp && own ? own.track_deg : 0;
@@ -148,7 +172,7 @@ function view(picture, width, height) {
     const dx = (x - here.x) * scale, dy = (y - here.y) * scale;
     return [centre[0] + dx * cosine - dy * sine, centre[1] - dx * sine - dy * cosine];
   };
-  return { centre, radius, scale, up, turn, place, width, height, top, low, traffic };
+  return { centre, radius, scale, up, turn, place, width: width - right, height, top, low, traffic };
 }
 
 // Where an aircraft will be, every 5 s: on in its turn for a while, then straight.
@@ -170,8 +194,9 @@ function draw() {
   if (!picture || width < 60) return;
   const at = view(picture, width, height), { centre: [cx, cy], radius, scale, place, up } = at, { own } = picture;
   pen.lineCap = pen.lineJoin = "round";
-  drawAreas(pen, picture.areas, at);
   const through = (points) => line(pen, points.map(([x, y]) => place(x, y)));
+  at.labels = [];
+  drawAreas(pen, picture.areas, at);
   if (picture.route.length) (through(picture.route), stroke(pen, colours.route, 2, [2, 7]));
   if (picture.goal) {
     const [x, y, size] = picture.goal;
@@ -181,6 +206,7 @@ function draw() {
   compass(pen, cx, cy, radius, up, colours);
   circle(pen, cx, cy, radius / 2);
   stroke(pen, colours.line, 1, [2, 5]);
+  drawRanges(pen, at);
   if (picture.bands) {
     bands(pen, cx, cy, radius + 3, 22, up, picture.bands.track_deg, picture.bands.track_region, colours);
     fences(pen, cx, cy, radius + 28, up, picture.bands.track_deg, picture.bands.track_area, colours);
@@ -205,10 +231,12 @@ function draw() {
     const row = picture.bands ?? { speed: [], speed_region: [], speed_area: [] };
     const now = own.air.speed * units().speed;
     tape(pen, box, { value: now, span: units().span, step: units().step, words: String(Math.round(now)), targets: row.speed.map((one) => one * units().speed), regions: row.speed_region, areas: row.speed_area, wanted }, colours);
-    text(pen, picture.wind ? `${units().fast} air` : units().fast, box.left + 4, box.top + box.height + 14, colours.soft, colours.paper, { size: 12, align: "left" });
+    const named = picture.frame === "air" ? [`${units().fast} air`, `GS ${Math.round(own.speed * units().speed)}`] : [`${units().fast} ground`];
+    named.forEach((words, n) => text(pen, words, box.left + 2, box.top + box.height + 15 * (n + 1), colours.soft, colours.paper, { size: 12, align: "left" }));
   }
-  drawWind(pen, picture.wind, at);
-  text(pen, `${degrees(up)} up`, cx, at.top + 16, colours.soft, colours.paper, { size: 12 });
+  drawWind(pen, picture, at);
+  text(pen, state.trackUp && own ? `TRK ${degrees(up)}` : "N", cx, at.top + 16, colours.soft, colours.paper, { size: 12 });
+  writeLabels(pen, at);
   document.dispatchEvent(new CustomEvent("drawn", { detail: picture }));
 }
 
@@ -232,7 +260,7 @@ function drawAreas(pen, areas, at) {
     const [x, y, radius] = area.circle ?? area.rings[0][0];
     const heights = [area.floor, area.ceiling].map((one) => (one === null ? "" : `${Math.round(one[0] * units().height)}`));
     const between = heights.some(Boolean) ? ` ${heights[0] || "0"}–${heights[1] || "…"} ${units().tall}` : "";
-    text(pen, `${area.keep === "in" ? "stay in " : ""}${area.name}${between}`, ...place(x, area.circle && area.keep === "in" ? y + radius : y), colours.area, colours.paper, { size: 12 });
+    at.labels.push({ rank: 9, at: place(x, area.circle && area.keep === "in" ? y + radius : y), lines: [{ words: `${area.keep === "in" ? "stay in " : ""}${area.name}${between}`, colour: colours.area }] });
   }
 }
 
@@ -257,14 +285,13 @@ function drawUnresolved(pen, { line: points }, { place }) {
   text(pen, "not safe", x + 9, y - 6, colours.plan, colours.paper, { size: 12, align: "left" });
 }
 
-function drawPlan(pen, plan, now, colour, dash, { place, centre, radius }) {
+function drawPlan(pen, plan, now, colour, dash, { place, centre, radius, labels }) {
   const { colours } = state, coming = plan.line.filter(([, , time]) => time >= now - 4);
   line(pen, plan.line.map(([x, y]) => place(x, y)));
   stroke(pen, tint(colour, 0.35), 2, dash);
   line(pen, coming.map(([x, y]) => place(x, y)));
   stroke(pen, colours.paper, 6);
   stroke(pen, colour, 3, dash);
-  let last = [Infinity, Infinity];
   for (const point of plan.points) {
     if (point.in <= 0) continue;
     const [x, y] = place(point.x, point.y);
@@ -273,14 +300,12 @@ function drawPlan(pen, plan, now, colour, dash, { place, centre, radius }) {
     pen.fillStyle = colour;
     pen.fill();
     stroke(pen, colours.paper, 1.5);
-    if (Math.hypot(x - last[0], y - last[1]) < 64) continue; // times stand apart
-    text(pen, seconds(point.in), x + 9, y - 6, colour, colours.paper, { size: 12, align: "left" });
-    last = [x, y];
+    labels.push({ rank: 8, at: [x, y], lines: [{ words: seconds(point.in), colour }] });
   }
 }
 
-function drawTraffic(pen, { traffic, own }, { place, scale, width, height, turn, centre }) {
-  const { colours } = state, taken = [];
+function drawTraffic(pen, { traffic, own }, { place, scale, width, height, turn, labels }) {
+  const { colours } = state;
   const apart = (one) => (own ? Math.hypot(one.x - own.x, one.y - own.y) : 0);
   const shown = traffic.map((one) => ({ one, at: place(one.x, one.y) })).filter(({ at: [x, y] }) => x > -40 && y > -40 && x < width + 40 && y < height + 40);
   shown.sort((a, b) => b.one.level - a.one.level || apart(a.one) - apart(b.one));
@@ -289,7 +314,8 @@ function drawTraffic(pen, { traffic, own }, { place, scale, width, height, turn,
     if (one.separation) (circle(pen, x, y, one.separation * scale), stroke(pen, tint(colour, 0.7), 1.2, [5, 5]));
     line(pen, ahead(one).map(([px, py]) => place(px, py)));
     stroke(pen, tint(colour, late ? 0.45 : 0.9), one.level > 0 ? 2.4 : 1.5, late ? [3, 4] : []);
-    mark(pen, x, y, one.level, 8, colour, colours.paper, late);
+    const moves = Math.hypot(one.vx, one.vy) > 1 ? Math.atan2(one.vx, one.vy) - turn : null;
+    mark(pen, x, y, one.level, 8, colour, colours.paper, { late, proximate: one.proximate, points: moves });
     if (one.state === "stale" || one.state === "faulty") {
       for (const side of [-10, 10]) {
         line(pen, [[x - 10, y - side], [x + 10, y + side]]);
@@ -297,25 +323,61 @@ function drawTraffic(pen, { traffic, own }, { place, scale, width, height, turn,
       }
     }
   }
-  for (const { one, at: [x, y] } of shown) {
+  for (const { one, at: where } of shown) {
     const high = own ? above(one.relative_altitude) : reported(one.altitude);
     // A climb that is not known is no level flight.
     const trend = high !== "?" && one.climb === null ? "?" : climbing(one.climb);
-    const lines = [high + trend, one.id.length > 14 ? `${one.id.slice(0, 13)}…` : one.id];
-    if (one.state !== "fresh") lines.push(one.state === "faulty" ? "faulty" : `${one.state} ${seconds(one.age)}`);
-    const outwards = x < centre[0] ? -1 : 1, room = outwards < 0 ? x : width - x;
-    const side = room < 90 ? -outwards : outwards, box = [side < 0 ? x - 76 : x + 12, y - 22, 64, 15 * lines.length];
-    const covered = taken.some(([bx, by, bw, bh]) => box[0] < bx + bw && bx < box[0] + box[2] && box[1] < by + bh && by < box[1] + box[3]);
-    if (covered && one.level === 0) continue; // the table has it
-    taken.push(box);
-    const colour = one.level > 0 ? colours[NAMES[one.level]] : colours.traffic;
-    lines.forEach((words, n) => text(pen, words, x + 13 * side, y - 8 + 14 * n, n === 2 ? colours.bad : colour, colours.paper, { size: n ? 12 : 15, weight: n ? 500 : 700, align: side < 0 ? "right" : "left" }));
+    const name = one.callsign || one.id, colour = one.level > 0 ? colours[NAMES[one.level]] : colours.traffic;
+    const lines = [{ words: name.length > 14 ? `${name.slice(0, 13)}…` : name, colour }];
+    if (one.state !== "fresh") lines.push({ words: one.state === "faulty" ? "faulty" : `${one.state} ${seconds(one.age)}`, colour: colours.bad });
+    const below = own && one.relative_altitude < 0 ? 1 : -1; // the altitude stands on its side of the symbol
+    labels.push({ rank: 3 - one.level, must: one.level > 0, at: where, side: below, lines: [{ words: high + trend, colour, size: 15, weight: 700 }] });
+    labels.push({ rank: 7 - one.level, must: one.level > 0, at: where, lines });
   }
 }
 
-function drawWind(pen, wind, { width, top, turn }) {
+const SIDES = [[1, -0.2], [-1, -0.2], [1, 1], [-1, 1], [1, -1], [-1, -1], [0, -1.6], [0, 1.6]]; // where a label stands about its point
+
+// Writes labels, the most important first; one that finds no free place is left out, unless it must be there.
+function writeLabels(pen, { labels, centre, radius, up, width, height, top, low }) {
+  const { colours } = state, taken = [];
+  for (let way = 0; way < 360; way += 30) { // what the ring says stays readable
+    const [x, y] = onRing(...centre, radius - 20, ((way - up) * Math.PI) / 180);
+    taken.push([x - 10, y - 8, 20, 16]);
+  }
+  labels.sort((a, b) => a.rank - b.rank);
+  for (const { at: [x, y], lines, side, must } of labels) {
+    if (x < 0 || y < top || x > width || y > height - low) continue;
+    const tall = lines.reduce((sum, { size = 12 }) => sum + size + 2, 0);
+    const wide = Math.max(...lines.map(({ words, size = 12, weight = 600 }) => ((pen.font = `${weight} ${size}px ${airmap.FONT}`), pen.measureText(words).width)));
+    const boxes = (side ? [[0, 1.2 * side]] : SIDES).map(([dx, dy]) => [x + dx * 13 + (dx - 1) * (wide / 2), y + dy * 14 + (dy < -1 ? -tall : dy > 1 ? 0 : -tall / 2), wide, tall]);
+    const inside = ([bx, by, bw, bh]) => bx >= 2 && by >= top && bx + bw <= width - 2 && by + bh <= height - low;
+    const clear = ([bx, by, bw, bh]) => !taken.some(([ox, oy, ow, oh]) => bx < ox + ow && ox < bx + bw && by < oy + oh && oy < by + bh);
+    const box = boxes.find((one) => inside(one) && clear(one)) ?? (must ? boxes[0] : null);
+    if (!box) continue; // the table has it
+    taken.push(box);
+    let line_ = box[1];
+    for (const { words, colour, size = 12, weight = 600 } of lines) {
+      text(pen, words, box[0] + wide / 2, (line_ += size), colour, colours.paper, { size, weight });
+      line_ += 2;
+    }
+  }
+  state.boxes = taken; // where texts stand, px
+}
+
+// The range on both rings.
+function drawRanges(pen, { centre: [x, y], radius }) {
+  const { colours } = state, far = units().ranges[state.range];
+  for (const share of [0.5, 1]) text(pen, `${share * far}${share === 1 ? ` ${units().far}` : ""}`, ...onRing(x, y + 4, share * radius - (share === 1 ? 34 : 0), (-3 * Math.PI) / 4), colours.soft, colours.paper, { size: 12 });
+}
+
+function drawWind(pen, { wind, time }, { width, top, turn }) {
+  const { colours } = state;
+  // A clock that counts from 1970, not from a start.
+  const clock = time > 1e9 ? `${new Date(1000 * time).toISOString().slice(11, 19)} UTC` : "";
+  text(pen, clock, width - 8, top + 18, colours.soft, colours.paper, { size: 12, align: "right" });
   if (!wind || Math.hypot(...wind) < 0.25) return;
-  const { colours } = state, [x, y] = [width - 44, top + 40], angle = Math.atan2(wind[0], wind[1]) - turn;
+  const [x, y] = [width - 44, top + 50], angle = Math.atan2(wind[0], wind[1]) - turn;
   line(pen, [onRing(x, y, 18, angle + Math.PI), onRing(x, y, 18, angle)]);
   stroke(pen, colours.wind, 2.5);
   line(pen, [onRing(x, y, 10, angle + 0.5), onRing(x, y, 18, angle), onRing(x, y, 10, angle - 0.5)]);
@@ -411,9 +473,13 @@ function play(on) {
   if (on) requestAnimationFrame(run);
 }
 
+// Says that the picture is old, and shows it as such; an empty text: it is not.
 function warn(words) {
   get("link").hidden = !words;
   put(get("link"), words);
+  state.old = Boolean(words);
+  document.documentElement.toggleAttribute("data-old", state.old);
+  if (state.picture) inputs(state.picture);
 }
 
 function connect() {
@@ -448,7 +514,7 @@ function theme() {
   for (const canvas of document.querySelectorAll(".sign")) {
     const { pen, width, height } = fitted({ canvas, box: canvas });
     const level = Number(canvas.dataset.level ?? 0), colour = state.colours[level ? NAMES[level] : "traffic"];
-    mark(pen, (width || 26) / 2, (height || 26) / 2, level, 7, colour, state.colours.panel, "late" in canvas.dataset);
+    mark(pen, (width || 26) / 2, (height || 26) / 2, level, 7, colour, state.colours.panel, { late: "late" in canvas.dataset, proximate: "proximate" in canvas.dataset, points: 0 });
   }
   drawBar();
   redraw();
