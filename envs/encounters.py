@@ -14,7 +14,7 @@ from envs.aircraft import Aircraft
 from envs.angles import sincos, wrap
 from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
-from envs.edge.extension import is_extension
+from envs.edge.extension import failure, is_extension
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Coverage, Sensor
@@ -261,8 +261,7 @@ def attempt(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounte
         raise
     except Exception as problem:
         raise EncounterError(
-            f"scenario {scenario.name!r}: its sampler fails with {type(problem).__name__}: "
-            f"{problem}"
+            f"scenario {scenario.name!r}: its sampler {failure(problem)}"
         ) from problem
     _check_shapes(scenario, made, draws.shape[0])
     return made

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from envs.aircraft import Aircraft
 from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
-from envs.edge.extension import is_extension, load_extension
+from envs.edge.extension import failure, is_extension, load_extension
 from envs.encounters import Encounter
 from envs.kinematics import VehicleState
 from envs.outcome import Rules
@@ -249,9 +249,7 @@ def part(row: Row, step: Transition, discount: float, xp: ArrayModule, scale: fl
         else:
             found = weight * row.term.compute(step, xp)
     except Exception as problem:
-        raise RewardError(
-            f"reward {row.name!r}: fails with {type(problem).__name__}: {problem}"
-        ) from problem
+        raise RewardError(f"reward {row.name!r}: {failure(problem)}") from problem
     expected = getattr(step.before.goal_x, "shape", ())
     if getattr(found, "shape", ()) != expected:
         raise RewardError(

@@ -1,16 +1,17 @@
 """The algorithm of a training: PPO, or one of the user's own, by the name in its configuration."""
 
-import traceback
 from collections.abc import Callable
-from pathlib import Path
 
 from agents.config.load import ConfigError
 from agents.learning.algorithm import Algorithm, Setup
 from agents.learning.networks import Actor, Critic
 from agents.learning.ppo import PpoSettings, ppo
 from envs.edge.command import InputError
-from envs.edge.extension import is_extension, load_extension
+from envs.edge.extension import failure, is_extension, load_extension
 from rlcas_jax.config import PPO, NetworkConfig, TrainConfig
+
+JAX = "jax.numpy"
+"""What an algorithm is to use for arrays."""
 
 _registered: dict[str, Callable[..., Algorithm]] = {}
 """The algorithms of this process that are the user's own, by ``module:name``."""
@@ -87,7 +88,7 @@ def _own(config: TrainConfig, setup: Setup) -> Algorithm:
     try:
         made = make(setup, **config.algorithm_settings)
     except Exception as problem:
-        raise ConfigError(f"algorithm {name}: {failure(problem)}") from problem
+        raise ConfigError(f"algorithm {name}: {failure(problem, JAX)}") from problem
     missing = [part for part in ("init", "act", "update") if not hasattr(made, part)]
     if missing:
         raise ConfigError(
@@ -100,12 +101,3 @@ def _own(config: TrainConfig, setup: Setup) -> Algorithm:
             "that averages its gradients over setup.axis"
         )
     return made
-
-
-def failure(problem: Exception) -> str:
-    """Return in words what failed in the user's code, and in which of its lines."""
-    where = traceback.extract_tb(problem.__traceback__)
-    own = [frame for frame in where if Path(frame.filename).parent == Path.cwd()]
-    line = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
-    first = str(problem).strip().partition("\n")[0]
-    return f"fails with {type(problem).__name__}: {first}{line}"

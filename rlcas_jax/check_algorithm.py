@@ -6,7 +6,9 @@ from typing import Any
 import jax
 
 from agents.config.load import ConfigError
-from rlcas_jax.algorithm import failure
+from envs.edge.command import InputError
+from envs.edge.extension import failure
+from rlcas_jax.algorithm import JAX
 from rlcas_jax.config import PPO, TrainConfig
 from rlcas_jax.task import CompiledTask
 
@@ -30,10 +32,10 @@ def check_algorithm(config: TrainConfig, tasks: Sequence[CompiledTask]) -> None:
                     "the variables of the actor network"
                 )
             after, _ = jax.eval_shape(task.update, before)
-        except ConfigError:
+        except InputError:
             raise
         except Exception as problem:
-            raise ConfigError(f"{name}: {failure(problem)}") from problem
+            raise ConfigError(f"{name}: {failure(problem, JAX)}") from problem
         shapes += [_shapes(before.learner), _shapes(after.learner)]
     for number, other in enumerate(shapes):
         if other != shapes[0]:

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from agents.config.load import ConfigError, dump
+from agents.policy.inputs import evaluate_input, resolve, trial_scenes
 from envs.draws import uniforms
 from envs.edge.files import write_file
 from envs.edge.installation import versions
@@ -95,6 +96,7 @@ def prepare(
     for phase in phases:
         _check_scenarios(phase)
         _check_rewards(phase)
+    _check_inputs(config)
     tasks = tuple(build(phase, devices, number) for number, phase in enumerate(phases))
     check_algorithm(config, tasks)
     if resume:
@@ -388,6 +390,14 @@ def _check_scenarios(config: TrainConfig) -> None:
                 f"expected at least {_LEAST_ACCEPTED:.0%} (see min_initial_separation and "
                 "conflicts_closer_than)"
             )
+
+
+def _check_inputs(config: TrainConfig) -> None:
+    """Refuse an input of the user's own that fails in jax; in numpy it was tried when it was
+    loaded.
+    """
+    for one in resolve(config.network.inputs):
+        jax.eval_shape(lambda scenes, of=one: evaluate_input(of, scenes, jnp), trial_scenes())
 
 
 def _check_rewards(config: TrainConfig) -> None:

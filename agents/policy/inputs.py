@@ -22,7 +22,7 @@ from agents.policy.scene import Scene, mirror, random_scenes, unpack_rows
 from envs.aircraft import Ratios
 from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
-from envs.edge.extension import is_extension, load_extension
+from envs.edge.extension import failure, is_extension, load_extension
 
 __all__ = ["INTRUDER", "OWNSHIP", "Input", "Number", "register", "registered_inputs", "resolve"]
 
@@ -170,14 +170,8 @@ def check_input(one: Any) -> None:
                 f"{source}: {number.name} has bounds {number.low:g} to {number.high:g}; expected "
                 "the lower one first"
             )
-    rows = random_scenes(_TRIAL_INTRUDERS, _TRIAL_FAMILY).astype(float)
-    seen, _ = mirror(unpack_rows(rows), np)
-    try:
-        values = evaluate_input(one, seen, np)
-    except InputError:
-        raise
-    except Exception as problem:
-        raise InputError(f"{source}: fails with {type(problem).__name__}: {problem}") from problem
+    seen = trial_scenes()
+    values = evaluate_input(one, seen, np)
     wanted = values if one.of == OWNSHIP else values[seen.mask]
     for index, number in enumerate(one.numbers):
         column = wanted[..., index]
@@ -189,11 +183,20 @@ def check_input(one: Any) -> None:
             )
 
 
+def trial_scenes() -> Scene:
+    """Return mirrored random scenes on which inputs are tried."""
+    rows = random_scenes(_TRIAL_INTRUDERS, _TRIAL_FAMILY).astype(float)
+    return mirror(unpack_rows(rows), np)[0]
+
+
 def evaluate_input(one: Input, seen: Scene, xp: ArrayModule) -> Array:
     """Return the values of an input for mirrored scenes, in the scenes' dtype; raises an InputError
-    where they have another shape.
+    where it fails or they have another shape.
     """
-    values = one.compute(seen, xp)
+    try:
+        values = one.compute(seen, xp)
+    except Exception as problem:
+        raise InputError(f"input {one.name!r}: {failure(problem)}") from problem
     place = seen.own_speed if one.of == OWNSHIP else seen.x
     expected = (*place.shape, one.size)
     if getattr(values, "shape", None) != expected:

@@ -27,6 +27,7 @@ from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed
 from rlcas_jax.config import TrainConfig
+from rlcas_jax.training import train
 from tests.stranger import python_blocks, run
 
 MODULE = next(code for code in python_blocks("howto/own-policy.md") if "def in_wake" in code)
@@ -228,6 +229,24 @@ def test_the_shipped_inputs_keep_the_bounds_of_their_table():
 def test_an_input_that_cannot_be_used_is_refused(changes: dict[str, Any], message: str):
     with pytest.raises(InputError, match=f"input 'wake'.*{message}"):
         register(wake()._replace(**changes))
+
+
+@pytest.mark.parametrize(
+    "compute",
+    [
+        lambda scene, xp: np.abs(np.sqrt(scene.x**2 + 1.0))[..., None] * 0.0,
+        lambda scene, xp: scene.x[..., None] * (0.0 if scene.own_speed.sum() > 0.0 else 0.1),
+    ],
+)
+def test_what_only_numpy_can_do_is_refused_before_anything_is_written(compute: Any, tmp_path: Path):
+    register(wake()._replace(compute=compute))
+    config = load(TrainConfig, None, ["network.inputs=[wake]"])
+    line = compute.__code__.co_firstlineno
+    says = rf"input 'wake': fails with Tracer.*; use xp.* \(.*test_own_input.py, line {line}\)"
+    with pytest.raises(InputError, match=says) as raised:
+        train(config, tmp_path / "run")
+    assert "\n" not in str(raised.value)
+    assert not (tmp_path / "run").exists()
 
 
 def test_names_that_lead_nowhere_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

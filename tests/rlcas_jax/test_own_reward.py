@@ -165,7 +165,10 @@ def test_names_and_things_that_are_none_are_refused():
         (lambda step, xp: step.wind, "reward 'mine': fails with AttributeError"),
         (lambda step, xp: step.before.intruders.vehicle.x, r"computes shape \(64, 1\).*\(64,\)"),
         (lambda step, xp: step.before.goal_x * np.nan, "'mine': is not finite"),
-        (lambda step, xp: np.asarray(step.before.goal_x), "'mine': fails with Tracer"),
+        (
+            lambda step, xp: np.asarray(step.before.goal_x),
+            r"'mine': fails with Tracer.*; use xp.* \(.*test_own_reward.py, line \d+\)",
+        ),
     ],
 )
 def test_a_term_that_cannot_be_used_is_refused_before_a_training(
