@@ -193,7 +193,7 @@ def judge(
         required: signed distances to be kept instead, from each area, m, ``[N]``.
     """
     found = AreaFindings.blank(len(plan_states.time))
-    if not areas:
+    if not areas or found.wrong.size == 0:
         return found
     arcs = _chords(plan_states, curves)
     for number, one in enumerate(areas):
