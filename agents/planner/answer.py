@@ -215,7 +215,7 @@ class Plan:
     """
     cost: float = float("nan")
     """Extra path, time and reversals as metres (:mod:`agents.planner.candidates`)."""
-    advisory: tuple[Advisory, ...] = ()
+    advisories: tuple[Advisory, ...] = ()
     """Remarks for the operator, such as that the policy's own plan was not safe."""
     unsearched: tuple[str, ...] = ()
     """What the deadline left out or cut short: ``policy``, ``fallback``, ``refinement``, ``goal

@@ -102,8 +102,8 @@ def plan(
     )
     return replace(
         answer,
-        advisory=(
-            *answer.advisory,
+        advisories=(
+            *answer.advisories,
             *outside_domain(start, request, goal, intruders, wind, policy, options),
             *dict.fromkeys(assumed),  # each once
             *own_separations(intruders, options),

@@ -85,7 +85,7 @@ def publish(
         excluded=excluded,
         waypoints=waypoints,
         cost=float(best.cost) if exists else np.nan,
-        advisory=_policy_unsafe() if safe and not plans.policy_safe[0] else (),
+        advisories=_policy_unsafe() if safe and not plans.policy_safe[0] else (),
         unsearched=skipped,
         windows=_windows(request, counted),
     )

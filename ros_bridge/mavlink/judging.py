@@ -401,7 +401,7 @@ def _take_up(
 
 def _remarks(wanted: PlanTask, answer: Plan | None = None) -> tuple[str, ...]:
     """Return what is remarked of a task and its answer, a sentence each."""
-    said = wanted.notes if answer is None else (*answer.advisory, *wanted.notes)
+    said = wanted.notes if answer is None else (*answer.advisories, *wanted.notes)
     return tuple(
         f"{in_terms_of_messages(one.field, wanted.identifiers)} {one.text}" for one in said
     )

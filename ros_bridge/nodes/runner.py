@@ -332,7 +332,7 @@ class Runner(ListeningNode):
         response.field = result.reasons[0].field if result.reasons else ""
         advisories = [
             one._replace(field=in_terms_of_messages(one.field, wanted.identifiers))
-            for one in (*result.advisory, *wanted.notes)
+            for one in (*result.advisories, *wanted.notes)
         ]
         response.advisories = [advisory_message(one) for one in advisories]
         response.advisory = "; ".join(one.message for one in advisories)

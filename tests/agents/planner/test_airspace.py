@@ -63,7 +63,7 @@ def test_what_is_not_kept_names_the_area_the_place_and_the_time() -> None:
 def test_points_of_the_route_in_an_area_are_passed_over() -> None:
     over = Area(Circle(17_000.0, 4_000.0, 4_100.0))
     answer = plan(OWN, [], ROUTE, POLICY, OPTIONS, areas=[over])
-    (note,) = [one for one in answer.advisory if one.code is AdvisoryCode.PASSED_OVER]
+    (note,) = [one for one in answer.advisories if one.code is AdvisoryCode.PASSED_OVER]
     assert str(note.field) == "route[1]" and "lies in areas[0]" in note.text
     assert answer.waypoints[-1].index in {point.index for point in ROUTE}
     with pytest.raises(RequestError, match=r"route has \d of its 9 points where areas"):
@@ -73,7 +73,7 @@ def test_points_of_the_route_in_an_area_are_passed_over() -> None:
 def test_points_of_the_route_outside_of_an_area_to_be_kept_in_are_passed_over() -> None:
     field = Area(Circle(16e3, 0.0, 28.5e3), Keep.IN, name="field")
     answer = plan(OWN, [], ROUTE, POLICY, OPTIONS, areas=[field])
-    (note,) = [one for one in answer.advisory if one.code is AdvisoryCode.PASSED_OVER]
+    (note,) = [one for one in answer.advisories if one.code is AdvisoryCode.PASSED_OVER]
     # No plan lasts until the point after it.
     assert str(note.field) == "route[7]" and "lies outside of areas[0] (field)" in note.text
     assert answer.safe
@@ -96,7 +96,7 @@ def test_heights_decide_and_what_is_unknown_is_told() -> None:
     )
     assert high.safe and least(high, low) < 0.0
     unknown = plan(OWN, [], ROUTE, POLICY, OPTIONS, own_altitude=Altitude(9e2, "msl"), areas=[low])
-    assert any(one.code is AdvisoryCode.ASSUMED for one in unknown.advisory)
+    assert any(one.code is AdvisoryCode.ASSUMED for one in unknown.advisories)
 
 
 def test_a_late_plan_is_judged_by_the_areas_of_then() -> None:

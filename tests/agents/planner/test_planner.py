@@ -398,7 +398,7 @@ def test_more_intruders_than_the_policy_was_trained_with_are_planned_for_and_sai
     many = [HEAD_ON._replace(y=20_000.0 + 100.0 * k) for k in range(policy.most + 1)]
     answer = plan(OWN, [*many, HEAD_ON], ROUTE, policy)
     assert answer.safe and answer.source is not Source.NONE
-    said = [one.message for one in answer.advisory if one.code is AdvisoryCode.OUTSIDE_DOMAIN]
+    said = [one.message for one in answer.advisories if one.code is AdvisoryCode.OUTSIDE_DOMAIN]
     assert any(f"intruders is {len(many) + 1}; expected 0 to {policy.most}" in one for one in said)
     # The one in the way is avoided, however many others the policy could look at.
     assert 1_000.0 <= answer.min_separation < 3_000.0
@@ -514,9 +514,9 @@ def test_a_plan_says_what_traffic_is_outside_the_domain(
 ) -> None:
     own, others, route = ask(request_of(encounters, PAPER), 0)
     outside = AdvisoryCode.OUTSIDE_DOMAIN
-    assert outside not in [one.code for one in plan(own, others, route, policy).advisory]
+    assert outside not in [one.code for one in plan(own, others, route, policy).advisories]
     others[0] = others[0]._replace(speed=5.0)
-    said = [one for one in plan(own, others, route, policy).advisory if one.code is outside]
+    said = [one for one in plan(own, others, route, policy).advisories if one.code is outside]
     assert (said[0].field, said[0].text.split(";")[0]) == ("intruder_speed", "is 5 m/s")
 
 
@@ -527,7 +527,7 @@ def test_a_plan_says_which_separations_are_outside_the_domain(
     policy: Policy, separation: float, said: bool
 ) -> None:
     answer = plan(OWN, [Intruder(HEAD_ON, separation=separation)], ROUTE, policy)
-    fields = [one.field for one in answer.advisory if one.code is AdvisoryCode.OUTSIDE_DOMAIN]
+    fields = [one.field for one in answer.advisories if one.code is AdvisoryCode.OUTSIDE_DOMAIN]
     assert ("intruder_separation" in fields) == said
 
 

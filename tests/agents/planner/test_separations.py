@@ -67,7 +67,7 @@ def test_own_separations_are_remarked() -> None:
         ),
     ]
     answer = plan(OWN, others, ROUTE, POLICY, OPTIONS, own_altitude=level)
-    said = [one for one in answer.advisory if one.code is AdvisoryCode.OWN_SEPARATION]
+    said = [one for one in answer.advisories if one.code is AdvisoryCode.OWN_SEPARATION]
     assert [(str(one.field), one.text) for one in said] == [
         ("intruders[2].separation", "is 2500 m, of the others 1000 m"),
         (

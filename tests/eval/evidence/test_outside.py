@@ -167,13 +167,13 @@ def test_traffic_out_of_range_is_said_and_changes_nothing_else() -> None:
 def test_a_plan_says_what_training_has_not_seen() -> None:
     own, seen = VehicleState(0.0, 0.0, 0.0, SPEED), VehicleState(6_000.0, 1_500.0, math.pi, 75.0)
     calm = plan(own, [seen], ROUTE, policy())
-    assert calm.advisory == ()
+    assert calm.advisories == ()
     answer = plan(own, [seen._replace(speed=200.0)], ROUTE, policy())
-    assert any(str(one.field).startswith("novelty: ") for one in answer.advisory)
+    assert any(str(one.field).startswith("novelty: ") for one in answer.advisories)
     slow = new_aircraft(PAPER.limits._replace(speed_min=30.0), PAPER.separation)
     options = replace(Options.for_aircraft(slow), exhaustive=False)
     outside = plan(own, [seen], ROUTE, policy().for_aircraft(slow, outside="allow"), options)
-    assert (AdvisoryCode.OUTSIDE_DOMAIN, "speed_min") in [one[:2] for one in outside.advisory]
+    assert (AdvisoryCode.OUTSIDE_DOMAIN, "speed_min") in [one[:2] for one in outside.advisories]
 
 
 @pytest.mark.slow
