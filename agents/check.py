@@ -1383,6 +1383,13 @@ def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
+def shipped(path: Path) -> Path:
+    """Return the file of an aircraft that ships where a path is its name alone and no file."""
+    folder = Path(__file__).with_name("configs") / "aircraft"
+    file = folder / f"{path}.yaml"
+    return file if not path.exists() and path.name == str(path) and file.is_file() else path
+
+
 def load(path: Path, what: str) -> bytes:
     """Return the content of a regular file, or raise ValueError."""
     if not path.exists():
@@ -1432,8 +1439,8 @@ def check(arguments: list[str] | None) -> int:
         "--aircraft",
         type=Path,
         metavar="FILE",
-        help="aircraft file (configs/aircraft/*.yaml) whose limits the plan must keep, and whose "
-        "separation (default: those that the certificate states)",
+        help="aircraft file whose limits the plan must keep, and whose separation, or the name of "
+        "one that ships, such as paper (default: those that the certificate states)",
     )
     parser.add_argument(
         "--vertical-separation",
@@ -1460,7 +1467,7 @@ def check(arguments: list[str] | None) -> int:
     try:
         data = json.loads(load(path, "a certificate"), object_pairs_hook=once)
         if options.aircraft is not None:
-            reading = options.aircraft
+            reading = shipped(options.aircraft)
             aircraft = read_aircraft(load(reading, "an aircraft file").decode())
     except (OSError, ValueError, RecursionError) as problem:
         print(f"{reading}: cannot be read: {problem}", file=sys.stderr)

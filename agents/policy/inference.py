@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from copy import copy
 from importlib import resources
-from math import isfinite
+from math import degrees, isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
@@ -117,6 +117,17 @@ class Policy:
         other.aircraft, other.limits = aircraft, aircraft.limits
         other._resolver = self._resolver.for_aircraft(aircraft)
         return other
+
+    def __repr__(self) -> str:
+        """Return in a line which policy this is, and for what."""
+        limits, aircraft = self.limits, self.aircraft
+        inputs = "".join(f", input {one.name}" for one in self.inputs.extra)
+        return (
+            f"<Policy {self.sha256[:8]}: up to {self.most} intruders; aircraft of "
+            f"{limits.speed_min:g} to {limits.speed_max:g} m/s, "
+            f"{degrees(limits.yaw_rate_max):g} deg/s, separation {aircraft.separation:g} m"
+            f"{inputs}>"
+        )
 
     @property
     def domain(self) -> dict[str, tuple[float, float]]:

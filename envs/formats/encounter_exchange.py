@@ -179,7 +179,29 @@ def check_same(
                 raise EncounterError(
                     f"encounter {scene.name!r}: this form does not hold {one.name!r}: {off:.1f} m "
                     f"off its track for {rows} of {len(one.time)} s, expected at most {EXACT:g} m"
+                    f"{_contradiction(one)}"
                 )
+
+
+def _contradiction(track: Track) -> str:
+    """Return in words how far a track's velocities lead from its own positions; "" within
+    :data:`EXACT`.
+    """
+    steps = np.diff(track.time)
+    led = [np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps) for speed in (track.vx, track.vy)]
+    x, y = track.x[1:] - track.x[0], track.y[1:] - track.y[0]
+    off = np.hypot(led[0] - x, led[1] - y)
+    last = int(off.argmax())
+    if not off[last] > EXACT:
+        return ""
+    flown, said = (
+        float(np.hypot(*way)) for way in ((x[last], y[last]), (led[0][last], led[1][last]))
+    )
+    return (
+        f": in {track.time[last + 1] - track.time[0]:.0f} s its positions lead {flown:.0f} m away "
+        f"and its velocities {said:.0f} m, as where latitudes and longitudes were made on a "
+        "sphere, as DAIDALUS makes them, and are read on WGS-84"
+    )
 
 
 def lincoln_objects(

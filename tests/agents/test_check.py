@@ -568,6 +568,16 @@ def test_other_aircraft_files_are_refused(text: str) -> None:
         check.read_aircraft(text)
 
 
+def test_an_aircraft_that_ships_is_named_alone(
+    data: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    certificate = tmp_path / "certificate.json"
+    certificate.write_text(json.dumps(data))
+    assert check.check([str(certificate), "--aircraft", "paper"]) == 0
+    assert check.check([str(certificate), "--aircraft", "papier"]) == 2
+    assert "papier: cannot be read: there is no such file" in capsys.readouterr().err
+
+
 def test_a_certificate_says_which_flight_it_belongs_to(data: dict[str, Any]) -> None:
     answer = plan(OWN, INTRUDERS, ROUTE, Policy.load(), own_altitude=HEIGHT)
     named = json.loads(answer.certificate_with(time_ns=17, origin=(47.5, 8.25)) or b"")

@@ -387,3 +387,10 @@ def test_two_exact_images_of_each_other_pass():
         )
         closest = min(closest, np.hypot(one.x - other.x, one.y - other.y))
     assert closest > PAPER.separation
+
+
+def test_a_policy_says_what_it_is():
+    policy = Policy.load()
+    said = repr(policy)
+    assert said.startswith(f"<Policy {policy.sha256[:8]}: up to {policy.most} intruders; ")
+    assert "50 to 100 m/s, 3 deg/s, separation 1000 m>" in said

@@ -140,6 +140,25 @@ def test_bad_input_is_one_sentence(
     assert not (tmp_path / "a.json").exists()
 
 
+def test_tracks_whose_velocities_contradict_them_are_refused_with_the_reason(
+    tmp_path: Path,
+) -> None:
+    # As DAIDALUS has it: a minute of arc is a nautical mile in every direction.
+    rows = ["NAME lat lon alt trk gs vs time", "[none] [deg] [deg] [ft] [deg] [knot] [fpm] [s]"]
+    for second in range(61):
+        degrees = 120.0 * second / 3600.0 / 60.0
+        rows.append(f"Ownship, {40.0 + degrees}, -74.0, 5000, 0, 120, 0, {second}")
+        east = -73.9 + degrees / math.cos(math.radians(40.0))
+        rows.append(f"Intruder, 40.0, {east}, 5000, 90, 120, 0, {second}")
+    source = tmp_path / "sphere.daa"
+    source.write_text("\n".join(rows) + "\n")
+    # WGS-84 has 111.0 km in a degree of latitude at 40 degrees, and 85.4 km in one of longitude.
+    says = r"'Intruder': 1\d\.\d m .* positions lead 371[3-6] m away and its velocities 3704 m, .*sphere"
+    with pytest.raises(EncounterError, match=says):
+        convert.main([str(source), str(tmp_path / "own.csv"), "--lossy"])
+    assert not (tmp_path / "own.csv").exists()
+
+
 def test_several_intruders_do_not_fit_into_a_pair(tmp_path: Path) -> None:
     encounter_file.write(
         tmp_path / "multi.csv",
