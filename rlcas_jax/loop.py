@@ -93,10 +93,7 @@ def prepare(
     """
     check_memory(config)
     phases = config.phase_configs()
-    for phase in phases:
-        _check_scenarios(phase)
-        _check_rewards(phase)
-    _check_inputs(config)
+    check_own_code(config)
     tasks = tuple(build(phase, devices, number) for number, phase in enumerate(phases))
     check_algorithm(config, tasks)
     if resume:
@@ -370,6 +367,16 @@ def _final_score(log: dict[str, np.ndarray]) -> float:
     score, episodes = log["score"][-tail:], log["episodes"][-tail:]
     known = episodes > 0
     return float(np.average(score[known], weights=episodes[known])) if known.any() else math.nan
+
+
+def check_own_code(config: TrainConfig) -> None:
+    """Refuse a scenario, a reward term or an input that fails when it is tried, or a scenario whose
+    conditions are met too rarely.
+    """
+    for phase in config.phase_configs():
+        _check_scenarios(phase)
+        _check_rewards(phase)
+    _check_inputs(config)
 
 
 def _check_scenarios(config: TrainConfig) -> None:

@@ -36,6 +36,9 @@ STUDY = "study.db"
 REASON = "reason"
 """Attribute of a pruned trial: why it was."""
 
+_DONE = TrialState.COMPLETE, TrialState.PRUNED
+_CUT = TrialState.RUNNING, TrialState.WAITING  # was interrupted, and will be tried again
+
 STARTUP = 10
 """Trials that are drawn evenly from the space and never stopped early, before the sampler's model
 is asked.
@@ -49,6 +52,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     from rlcas_jax.devices import connect
 
     connect()  # a platform without devices is refused before anything is written
+    if not options.resumed:
+        from rlcas_jax.loop import check_own_code
+
+        check_own_code(options.base)
     again = f"sweep --resume --out {options.directory}"
     try:
         with Interrupt() as interrupt, lock(options.directory):
@@ -86,6 +93,7 @@ def _open(options: Options) -> Study:
     study = optuna.create_study(
         storage=storage, study_name=options.base.name, direction="maximize", load_if_exists=True
     )
+    # One that was cut counts no more: its values are tried again under another number.
     for trial in study.get_trials(states=(TrialState.RUNNING,)):
         study.tell(trial.number, state=TrialState.FAIL)
         study.enqueue_trial(trial.params)
@@ -98,7 +106,7 @@ def _open(options: Options) -> Study:
 
 
 def _count_trials(study: Study) -> int:
-    return len(study.get_trials(deepcopy=False, states=(TrialState.COMPLETE, TrialState.PRUNED)))
+    return len(study.get_trials(deepcopy=False, states=_DONE))
 
 
 def _try(study: Study, options: Options, interrupt: Interrupt) -> None:
@@ -212,7 +220,8 @@ def _write_results(options: Options, study: Study) -> bool:
     """Write ``best.yaml``, ``sweep.json`` and the figures, print how the trials ended and the best
     one, and return whether there is one.
     """
-    trials = study.get_trials(deepcopy=False)
+    trials = study.get_trials(deepcopy=False, states=_DONE)
+    cut = len(study.get_trials(deepcopy=False, states=_CUT))
     complete = [trial for trial in trials if trial.state == TrialState.COMPLETE]
     best = study.best_trial if complete else None
     states = Counter(trial.state.name.lower() for trial in trials)
@@ -221,11 +230,13 @@ def _write_results(options: Options, study: Study) -> bool:
         "finished": _count_trials(study) >= options.settings.trials,
         "states": states,
         "best": best and {"trial": best.number, "value": best.value, "parameters": best.params},
+        "interrupted": cut,
         "trials": [_report_of(trial) for trial in trials],
     }
     write_file(options.directory / "sweep.json", json.dumps(report, indent=2) + "\n")
-    counted = ", ".join(f"{count} {state}" for state, count in states.items())
-    print(f"{len(trials)} of {options.settings.trials} trials: {counted}")
+    counted = [f"{count} {state}" for state, count in states.items()]
+    counted += [f"{cut} interrupted"] if cut else []
+    print(f"{len(trials)} of {options.settings.trials} trials: {', '.join(counted) or 'none yet'}")
     if best is not None:
         chosen = overrides(best.params)
         config = load(TrainConfig, options.directory / CONFIG, chosen)
@@ -233,7 +244,9 @@ def _write_results(options: Options, study: Study) -> bool:
         write_file(options.directory / "best.yaml", f"{head}, {', '.join(chosen)}\n{dump(config)}")
         draw(study, options.directory / "figures")
         print(f"best: {_line(best)}")
-    print(f"study, best configuration and figures: {options.directory}")
+        print(f"study, best configuration and figures: {options.directory}")
+    else:
+        print(f"no trial is complete: best.yaml comes with the first, in {options.directory}")
     return best is not None
 
 

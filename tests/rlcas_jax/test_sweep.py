@@ -353,9 +353,15 @@ def test_an_interrupted_trial_is_repeated_on_resume(
     monkeypatch.setattr(loop, "run", interrupt_third)
     out = tmp_path / "out"
     assert sweep.main(arguments(tmp_path, trials=4)) == 130
-    assert f"--resume --out {out}" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert f"--resume --out {out}" in printed
+    assert "2 of 4 trials: " in printed and ", 1 interrupted" in printed
     monkeypatch.setattr(loop, "run", stand_in)
     assert sweep.main(["--resume", "--out", str(out), "--quiet"]) == 0
+    # The trial that was cut counts no more.
+    printed = capsys.readouterr().out
+    assert "4 of 4 trials: " in printed and "fail" not in printed
+    assert len(json.loads((out / "sweep.json").read_text())["trials"]) == 4
     found = trials(out)
     assert found[3].params == found[2].params
     assert sum(trial.state.name in ("COMPLETE", "PRUNED") for trial in found) == 4
@@ -366,6 +372,23 @@ def test_an_interrupted_trial_is_repeated_on_resume(
         parse(["--resume", "--out", str(out), "--seeds", "2"])
     with pytest.raises(ConfigError, match="add --resume"):
         parse(arguments(tmp_path))
+
+
+def test_a_sweep_that_is_cut_at_once_says_what_is_missing(
+    quick: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(training: Any, reporter: Any, interrupt: Any) -> Any:
+        interrupt.waits_for("something")
+        signal.raise_signal(signal.SIGINT)
+        while not interrupt.requested:
+            time.sleep(0.01)
+        return SimpleNamespace(finished=False)
+
+    monkeypatch.setattr(loop, "run", interrupted)
+    assert sweep.main(arguments(tmp_path, trials=4)) == 130
+    printed = capsys.readouterr().out
+    assert "0 of 4 trials: 1 interrupted" in printed
+    assert "no trial is complete: best.yaml comes with the first" in printed
 
 
 PROGRAM = """\
