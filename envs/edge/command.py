@@ -76,8 +76,11 @@ class _Once(argparse.Action):
         values: object,
         option_string: str | None = None,
     ) -> None:
-        if option_string is not None and self.dest in parser.given:
-            parser.error(f"argument {option_string} stands twice; expected it once")
+        if option_string is None and values is self.default:
+            return  # an argument that may be left out, and is
+        if self.dest in parser.given:
+            name = option_string or self.metavar or self.dest
+            parser.error(f"argument {name} stands twice; expected it once")
         parser.given.add(self.dest)
         setattr(namespace, self.dest, values)
 

@@ -180,7 +180,7 @@ def _failures(root: Path, results: Mapping[str, Any], policy: str, out: Path) ->
     ]
     if not pictures:
         place = escape(str(out.relative_to(root) if out.is_relative_to(root) else out))
-        how = f"<code>python -m eval.failures --run {place}/circle-* --out {place}/failed</code>"
+        how = f"<code>python -m eval.failures {place}/circle-* --out {place}/failed</code>"
         pictures = [f"<p>No pictures of this policy lie there; {how} draws them.</p>"]
     return "".join([f"<p>{'; '.join(losses) or 'none'}.</p>", *pictures])
 

@@ -1,4 +1,4 @@
-"""Where a run fails, by groups and case by case: ``python -m eval.failures --run runs/circle --out
+"""Where a run fails, by groups and case by case: ``python -m eval.failures runs/circle --out
 runs/failed``.
 """
 
@@ -29,6 +29,7 @@ from eval.runner.options import (
     load_extensions,
     load_given,
     new_folder_option,
+    run_argument,
 )
 
 _DESCRIPTION = """\
@@ -44,7 +45,7 @@ row a failure, all columns of the run), encounters.csv (their starts, for eval.m
 _EPILOG = """\
 examples:
   python -m eval.monte_carlo --encounters 100000 --mode policy --out runs/circle
-  python -m eval.failures --run runs/circle --cases 24 --out runs/failed
+  python -m eval.failures runs/circle --cases 24 --out runs/failed
   python -m eval.failures --config runs/failed/config.yaml --out runs/again          repeat one"""
 
 
@@ -164,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _load(options: argparse.Namespace) -> FailuresConfig:
     """Return the configuration of a file under what the command line says."""
     if options.run is None and options.config is None:
-        raise ConfigError("--run: expected the folder of a finished run, or --config")
+        raise ConfigError("DIR: expected the folder of a finished run, or --config")
     given = {"run": options.run, "policy": options.policy, "cases": options.cases}
     given["extensions"] = options.extension or None
     return load_given(FailuresConfig, options.config, given)
@@ -196,12 +197,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.failures", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
     config_option(parser, "an earlier look")
-    add(
-        "--run",
-        type=Path,
-        metavar="DIR",
-        help="folder of a finished run of eval.monte_carlo",
-    )
+    run_argument(parser, "folder of a finished run of eval.monte_carlo")
     add(
         "--cases",
         type=whole(0, 120),

@@ -23,7 +23,7 @@ from eval.report.data import Choice, choose, flight_data, page_data, points
 from eval.report.flights import Replayed, evaluation_of, fly_again
 from eval.report.folder import Run, read_run
 from eval.report.page import page
-from eval.runner.options import extension_option, load_extensions
+from eval.runner.options import extension_option, load_extensions, run_argument
 
 _DESCRIPTION = """\
 Write report.html into a folder that eval.monte_carlo wrote: the numbers with their intervals, the
@@ -47,8 +47,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ``InputError``.
     """
     options = _parser().parse_args(arguments)
+    if options.run is None:
+        raise ConfigError("DIR: expected the folder of a finished run")
     load_extensions(options.extension)
-    run = read_run(options.folder)
+    run = read_run(options.run)
     for option, numbers in {"--show": options.show, "--save": options.save}.items():
         if numbers and max(numbers) >= len(run.kinds):
             raise ConfigError(
@@ -56,19 +58,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"{len(run.kinds) - 1}"
             )
     try:
-        with write_whole(options.folder / "report.html") as temporary:
+        with write_whole(options.run / "report.html") as temporary:
             text = _make_report(run, options)
             temporary.write_bytes(text.encode())
     except OSError as problem:
         raise ConfigError(f"{problem.filename}: cannot be written: {problem.strerror}") from None
-    print(f"{options.folder / 'report.html'}: {len(text.encode()) / 1e6:.1f} MB")
+    print(f"{options.run / 'report.html'}: {len(text.encode()) / 1e6:.1f} MB")
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m eval.report", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument
-    add("folder", type=Path, metavar="DIR", help="folder of the run; report.html in it is replaced")
+    run_argument(parser, "folder of the run; report.html in it is replaced")
     most = "most encounters to replay (default: 1000)"
     add("--tracks", type=whole(0, 100_000), default=1_000, metavar="N", help=most)
     add(

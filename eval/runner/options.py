@@ -86,6 +86,13 @@ def load_extensions(names: Iterable[str]) -> None:
 _EXTENSION = "an input of the network (agents.policy.inputs.Input) or a scenario"
 
 
+def run_argument(parser: argparse.ArgumentParser, help_text: str) -> None:
+    """Add the folder of a run that a command reads, ``run``; it may also stand after ``--run``."""
+    add = parser.add_argument
+    add("run", type=Path, nargs="?", metavar="DIR", help=help_text)
+    add("--run", type=Path, metavar="DIR", help=argparse.SUPPRESS)
+
+
 def config_option(parser: argparse.ArgumentParser, run: str) -> None:
     """Add the option of a file that holds the configuration; ``run`` is what writes such files,
     such as ``a comparison``.

@@ -1,4 +1,4 @@
-"""What success depends on: ``python -m eval.sensitivity --run runs/circle --vary position_std --out
+"""What success depends on: ``python -m eval.sensitivity runs/circle --vary position_std --out
 runs/what``.
 """
 
@@ -31,6 +31,7 @@ from eval.runner.options import (
     new_folder_option,
     policy_options,
     resume_option,
+    run_argument,
     workers_option,
 )
 from eval.runner.outputs import ResumableFolder
@@ -66,7 +67,7 @@ _DESCRIPTION = """\
 Draw how the success rate depends on geometry, speeds, noise and turns of the intruder, with exact
 intervals, and beside it the share that cannot be resolved at all.
 
---run DIR      divides the encounters of a finished run of eval.monte_carlo or eval.hifi into
+DIR            divides the encounters of a finished run of eval.monte_carlo or eval.hifi into
                bins of what differs between them.
 --vary NAME    varies what is the same in all encounters of a run, with a run for each value:
                position_std (m), velocity_std (m/s), latency (s) or the intruder's turn_rate
@@ -79,7 +80,7 @@ docs/howto/sensitivity.md). Ctrl-C keeps what was flown; --resume goes on."""
 
 _EPILOG = """\
 examples:
-  python -m eval.sensitivity --run runs/circle --out runs/circle_sensitivity
+  python -m eval.sensitivity runs/circle --out runs/circle_sensitivity
   python -m eval.sensitivity --vary position_std --vary latency=0,1,2 --encounters 2000 \\
     --out runs/noise
   python -m eval.sensitivity --vary turn_rate --mode assured --encounters 200 --out runs/turning
@@ -103,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     shown = [] if run is None else _quantities(run, config.confidence)
     if not shown and not sweeps:
         raise ConfigError(
-            f"--run {config.run}: varies nothing that can be shown; expected a run with a scenario"
+            f"{config.run}: varies nothing that can be shown; expected a run with a scenario"
         )
     if sweeps:
         load_extensions(config.extensions)
@@ -152,12 +153,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     modes = ("policy", "plan", "assured")
     config_option(parser, "a study")
-    add(
-        "--run",
-        type=Path,
-        metavar="DIR",
-        help="folder of a finished run of eval.monte_carlo or eval.hifi",
-    )
+    run_argument(parser, "folder of a finished run of eval.monte_carlo or eval.hifi")
     add(
         "--vary",
         action="append",
@@ -193,7 +189,7 @@ def _parser() -> argparse.ArgumentParser:
 def _check(options: argparse.Namespace, config: SensitivityConfig, sweeps: Sequence[Sweep]) -> None:
     """Refuse what asks for nothing, options that nothing uses, and a number varied twice."""
     if config.run is None and not sweeps:
-        raise ConfigError("neither --run nor --vary is given; expected at least one of them")
+        raise ConfigError("neither DIR of a run nor --vary is given; expected at least one of them")
     for name in _OF_SWEEPS:
         if not sweeps and getattr(options, name) not in (None, []):
             raise ConfigError(f"--{name.replace('_', '-')}: is for sweeps; expected --vary with it")

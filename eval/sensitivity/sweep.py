@@ -75,8 +75,8 @@ def parse_sweep(text: str) -> Sweep:
     name, sign, listed = text.partition("=")
     if name in ("wind", "turbulence"):
         raise ConfigError(
-            f"--vary {name}: the surrogate has no {name}; expected a run of eval.hifi with it as "
-            "--run"
+            f"--vary {name}: the surrogate has no {name}; expected a run of eval.hifi "
+            "with it as DIR"
         )
     if name not in PARAMETERS:
         raise ConfigError(f"--vary {name}: unknown; {one_of(name, PARAMETERS)}")

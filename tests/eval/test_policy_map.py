@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from agents.config.load import ConfigError
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
-from envs.edge.command import run_cli
+from envs.edge.command import InputError, run_cli
 from envs.kinematics import VehicleState
 from eval.failures.run import HOW, failures, group_failures, main, representatives
 from eval.monte_carlo import run as monte_carlo
@@ -37,6 +37,8 @@ from eval.policy_map.proof import (
     layers,
     turns_of,
 )
+from eval.report.run import main as report
+from eval.sensitivity.run import main as sensitivity
 from tests.eval.conftest import COUNT
 
 SCENE = FixedStates(75.0, 90.0, math.radians(-90.0), math.radians(30.0), 8_000.0)
@@ -301,8 +303,19 @@ def test_bad_input_is_a_sentence(
 
 
 def test_a_run_must_be_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="--run: expected the folder of a finished run"):
+    with pytest.raises(ConfigError, match="DIR: expected the folder of a finished run"):
         main(["--out", str(tmp_path / "x")])
+
+
+@pytest.mark.parametrize("command", [main, sensitivity, report])
+def test_every_command_takes_its_run_in_one_way(command: Any, tmp_path: Path) -> None:
+    nowhere, out = str(tmp_path / "nowhere"), [] if command is report else ["--out", "x"]
+    for named in ([nowhere], ["--run", nowhere]):
+        with pytest.raises(InputError, match=r"nowhere.* (does not exist|holds no)"):
+            command([*named, *out])
+    for twice in ([nowhere, "--run", nowhere], ["--run", nowhere, nowhere]):
+        with pytest.raises(ConfigError, match=r"argument (DIR|--run) stands twice"):
+            command([*twice, *out])
 
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
