@@ -3,16 +3,19 @@
 ``icao24`` (upper or lower case), ``timestamp`` (ms), ``latitude`` and ``longitude`` (deg),
 ``altitude`` (ft), ``groundspeed`` (kt), ``track`` (deg clockwise from north) and ``vertical_rate``
 (ft/min); null where a receiver had no value. ``onground`` (or ``on_ground``) is optional; reports
-on the ground are left out. The units are those of the form and stand nowhere in the file.
+on the ground are left out and counted, unless speed, climb or altitude contradict it. The units are
+those of the form and stand nowhere in the file.
 """
 
 import math
 import os
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
 from envs.edge.text_file import json_of, text_of
 from envs.formats.track_rows import Reading, Rows, flights_of
+from envs.traffic.ground import ROLL_MAX, flies
 from envs.traffic.track_units import FOOT, KNOT, Range
 from envs.traffic.tracks import Repairs, TrackError
 
@@ -42,7 +45,12 @@ def is_adsb(path: str | os.PathLike[str]) -> bool:
 
 
 def order_flights(
-    path: str | os.PathLike[str], apart: float, *, repair: bool = False, max_gap: float = 5.0
+    path: str | os.PathLike[str],
+    apart: float,
+    *,
+    repair: bool = False,
+    max_gap: float = 5.0,
+    grounded: Counter[str] | None = None,
 ) -> Iterator[tuple[str, list[Rows], Repairs]]:
     """Yield for each aircraft its address, its flights as ordered reports, and what was repaired
     for it.
@@ -53,6 +61,7 @@ def order_flights(
         repair: drop rows that are incomplete, out of order or impossible, and fill gaps, instead of
             refusing the file.
         max_gap: longest time between two rows of a flight, s.
+        grounded: counts the reports that are left out because they are on the ground, by address.
 
     Raises:
         TrackError: the file cannot be read, or a report is not as expected; the message names file,
@@ -60,8 +69,12 @@ def order_flights(
     """
     source = os.fspath(path)
     rows: dict[str, Rows] = {}
-    for number, name, report in _airborne(source):
+    grounded = Counter() if grounded is None else grounded
+    for number, name, report in _reports(source):
         where = f"{source} report {number}"
+        if _is_grounded(report, where):
+            grounded[name] += 1
+            continue
         rows.setdefault(name, []).append(
             (number, {key: _value(report, key, where, repair) for key in _FIELDS})
         )
@@ -70,8 +83,8 @@ def order_flights(
         yield name, *flights_of(name, found, how)
 
 
-def _airborne(source: str) -> Iterator[tuple[int, str, dict[str, Any]]]:
-    """Yield the reports that are not on the ground: number, address, and the report."""
+def _reports(source: str) -> Iterator[tuple[int, str, dict[str, Any]]]:
+    """Yield the reports: number, address, and the report."""
     found = json_of(source, TrackError)
     if not isinstance(found, list):
         raise TrackError(f"{source}: expected a list of reports")
@@ -82,8 +95,18 @@ def _airborne(source: str) -> Iterator[tuple[int, str, dict[str, Any]]]:
         name = report.get("icao24")
         if not isinstance(name, str) or not name.strip():
             raise TrackError(f"{where}, field icao24: {repr(name)[:40]}, expected an address")
-        if not any(_on_ground(report[key], where) for key in _GROUND & report.keys()):
-            yield number, name.strip().lower(), report
+        yield number, name.strip().lower(), report
+
+
+def _is_grounded(report: dict[str, Any], where: str) -> bool:
+    """Return whether a report is on the ground, as it says and nothing contradicts."""
+    if not any(_on_ground(report[key], where) for key in _GROUND & report.keys()):
+        return False
+    speed, climb, altitude = (
+        None if report.get(name) is None else _value(report, key, where, True)
+        for key, name in ((key, _NAMES[key]) for key in ("gs", "vs", "alt"))
+    )
+    return not flies(speed, climb, altitude, fastest=ROLL_MAX)
 
 
 def _on_ground(value: object, where: str) -> bool:

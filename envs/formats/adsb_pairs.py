@@ -1,15 +1,17 @@
 """Encounters in ADS-B reports: pairs of aircraft that came near each other, from a while before
 their closest approach.
 
-Reports on the ground are left out. Reports of an aircraft more than :data:`APART` seconds apart are
-of different flights. Distances are chords of the ellipsoid between points on straight lines between
-the reports, at each whole second at which the altitudes differ little enough.
+Reports on the ground are left out and counted. Reports of an aircraft more than :data:`APART`
+seconds apart are of different flights. Distances are chords of the ellipsoid between points on
+straight lines between the reports, at each whole second at which the altitudes differ little
+enough.
 """
 
 import itertools
 import math
 import os
 from bisect import bisect_left, bisect_right
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -64,6 +66,7 @@ def adsb_pairs(
     *,
     repair: bool = False,
     max_gap: float = 5.0,
+    grounded: Counter[str] | None = None,
 ) -> tuple[list[tuple[str, Track, Sequence[Track]]], Repairs]:
     """Return the encounters in a file of reports: name, the ownship's track and the intruder's, by
     time.
@@ -72,7 +75,7 @@ def adsb_pairs(
     smaller address.
 
     Args:
-        path, repair, max_gap: as of :func:`envs.formats.adsb_file.order_flights`.
+        path, repair, max_gap, grounded: as of :func:`envs.formats.adsb_file.order_flights`.
         nearby: what counts as an encounter.
         aircraft: what the ownship is taken for.
 
@@ -82,7 +85,9 @@ def adsb_pairs(
     """
     source = os.fspath(path)
     flights, repairs = [], []
-    for name, found, done in order_flights(source, APART, repair=repair, max_gap=max_gap):
+    for name, found, done in order_flights(
+        source, APART, repair=repair, max_gap=max_gap, grounded=grounded
+    ):
         repairs.append(done)
         lasting = (
             rows for rows in found if rows and rows[-1][1]["time"] - rows[0][1]["time"] >= _SHORTEST

@@ -3,6 +3,7 @@ model.
 """
 
 import sys
+from collections import Counter
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -86,7 +87,7 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
     A file that cannot be used, or of which no encounter can be flown, raises ``TrackError``.
     """
     weights: Mapping[str, float] | None = None
-    repairs = Repairs()
+    repairs, grounded = Repairs(), Counter[str]()
     if path.suffix in (".daa", ".xyz"):
         (own, *others), repairs = read_daidalus(path, repair=how.repair, max_gap=how.max_gap)
         encounters = [(path.stem, own, others)]
@@ -94,7 +95,12 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
         if is_adsb(path):
             nearby = Nearby(how.within, how.vertical, how.lead)
             encounters, repairs = adsb_pairs(
-                path, nearby, aircraft, repair=how.repair, max_gap=how.max_gap
+                path,
+                nearby,
+                aircraft,
+                repair=how.repair,
+                max_gap=how.max_gap,
+                grounded=grounded,
             )
         else:
             found = read_lincoln(path, repair=how.repair)
@@ -104,7 +110,11 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
             encounters = [(name, own, [other]) for name, (own, other) in flown]
     else:
         raise TrackError(f"{path} ends in {path.suffix!r}; expected .json, .json.gz, .daa or .xyz")
-    return replay(encounters, aircraft, how.ahead, weights=weights, repairs=repairs)
+    recorded = replay(encounters, aircraft, how.ahead, weights=weights, repairs=repairs)
+    if not grounded:
+        return recorded
+    what = f"{grounded.total()} reports of {len(grounded)} aircraft on the ground"
+    return recorded._replace(left_out=(what, *recorded.left_out))
 
 
 def draw(

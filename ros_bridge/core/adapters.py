@@ -15,13 +15,23 @@ from typing import Any, NamedTuple
 from agents.planner.request import Altitude
 from ros_bridge.core.categories import LAST
 from ros_bridge.core.conversions import altitude, report, velocity
-from ros_bridge.core.fields import SECOND, FieldError, identifier, integer, number, place, stamp
+from ros_bridge.core.fields import (
+    SECOND,
+    FieldError,
+    attempt,
+    identifier,
+    integer,
+    number,
+    place,
+    stamp,
+)
+from ros_bridge.core.ground import on_ground
 from ros_bridge.core.reports import FASTEST, Report
 
-# MAVLink message 246: ADSB_FLAGS, and of ADSB_EMITTER_TYPE what moves on the ground or not at all.
+# MAVLink message 246: ADSB_FLAGS, and of ADSB_EMITTER_TYPE what moves on the ground.
 _COORDINATES, _ALTITUDE, _HEADING, _VELOCITY = 1, 2, 4, 8
 _VERTICAL_VELOCITY = 128
-_ON_THE_GROUND = (17, 18, 19)  # emergency vehicle, service vehicle, point obstacle
+_VEHICLES = (17, 18)  # emergency and service vehicle; 19, point obstacle, is a tethered balloon too
 _CUT_OFF = 1.0 / math.sqrt(3.0)  # s; root mean square of what whole seconds cut off
 _SILENCE = 255  # s; the largest value that time since last communication can have
 _INS_GOOD = 3  # INS_SOLUTION_GOOD (NovAtel OEM7, inertial solution status)
@@ -182,10 +192,16 @@ class _InertialFields(NamedTuple):
 
 
 def adsb_vehicle(
-    message: Any, references: Mapping[int, str] = MappingProxyType({})
+    message: Any,
+    references: Mapping[int, str] = MappingProxyType({}),
+    own: Report | None = None,
 ) -> Report | None:
-    """Return a report from an ADS-B vehicle as MAVLink and mavros have it; None: it is on the
-    ground, and no traffic.
+    """Return a report from an ADS-B vehicle as MAVLink and mavros have it; None: it is a surface
+    vehicle on the ground, and no traffic.
+
+    One that moves as in flight, or is as high as the ownship, is traffic whatever its type
+    (:func:`ros_bridge.core.ground.on_ground`). Obstacles, tethered balloons among them, are traffic
+    that stands still.
 
     The message is stamped when it was received; the state held ``tslc`` (time since last
     communication, whole seconds) before that. What is cut off lies between 0 and 1 s: its root mean
@@ -198,13 +214,14 @@ def adsb_vehicle(
             ``tslc`` a duration.
         references: what ``altitude_type`` 0 (barometric) and 1 (geometric) mean here, such as ``{0:
             "pressure"}``.
+        own: the ownship; None: unknown.
 
     Raises:
         FieldError: position or velocity are not marked as valid, or a field is not finite or out of
             range; with a sighting.
     """
     fields = _AdsbFields(message)
-    if fields.emitter_type() in _ON_THE_GROUND:
+    if fields.emitter_type() in _VEHICLES and fields.on_ground(references, own):
         return None
     return report(
         f"{message.icao_address:06x}",
@@ -252,6 +269,23 @@ class _AdsbFields(NamedTuple):
         if kind not in references:
             return None
         return altitude("adsb.altitude", self.message.altitude, references[kind], climb)
+
+    def on_ground(self, references: Mapping[int, str], own: Report | None) -> bool:
+        """Return whether nothing that is marked as valid contradicts that it is on the ground; what
+        cannot be read does.
+        """
+        speed, climb, height = (
+            getattr(self.message, name) if self._has(bit) else None
+            for name, bit in (
+                ("hor_velocity", _VELOCITY),
+                ("ver_velocity", _VERTICAL_VELOCITY),
+                ("altitude", _ALTITUDE),
+            )
+        )
+        comparable = attempt(lambda: self.altitude(references))
+        if isinstance(comparable, FieldError):
+            return False
+        return on_ground(speed, climb, height, comparable, own)
 
     def emitter_type(self) -> int:
         """Return MAVLink's code of it."""

@@ -3,13 +3,14 @@
 import queue
 import threading
 import time
+from collections import Counter
 from dataclasses import replace
 from functools import partial
 
 from ros_bridge.core import adsb_live
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reports import Report
-from ros_bridge.display.scene import Scene, note, take_report
+from ros_bridge.display.scene import Scene, left_out_lines, note, take_report
 from ros_bridge.display.server import Board
 from ros_bridge.transport.adsb_receiver import Receiver
 
@@ -32,7 +33,8 @@ class Receiving:
         self._board, self._own = board, own.strip().lower()
         self._receiver = Receiver(source, time.time_ns)
         kind = adsb_live.BaseStation if self._receiver.lines else adsb_live.AircraftJson
-        self._reader = kind(adsb_live.Traffic(""))
+        self._traffic = adsb_live.Traffic("")
+        self._reader = kind(self._traffic)
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._pass_on, name="display", daemon=True)
 
@@ -66,6 +68,9 @@ class Receiving:
                 silent = looked - heard
                 quiet = f"has sent nothing for {silent:.0f} s" if silent > _SILENCE else ""
                 self._board.feed(partial(_connect, problem=self._receiver.problem or quiet))
+                self._board.feed(
+                    partial(_count, counts=(+self._traffic.counts, +self._traffic.doubted))
+                )
 
     def _read(self, arrived: int, text: str) -> None:
         try:
@@ -80,6 +85,12 @@ class Receiving:
     def _is_own(self, found: Report | FieldError) -> bool:
         seen = found.sighting
         return seen is not None and seen.identifier == self._own != ""
+
+
+def _count(scene: Scene, counts: tuple[Counter[str], Counter[str]]) -> Scene:
+    """Return the scene with what was left out of the traffic so far."""
+    lines = left_out_lines(*counts, max(time.time_ns(), scene.latest))
+    return replace(scene, nodes={**scene.nodes, **lines})
 
 
 def _connect(scene: Scene, problem: str) -> Scene:

@@ -20,6 +20,7 @@ from ros_bridge.core.categories import BY_CATEGORY, separations_of
 from ros_bridge.core.conversions import Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError, attempt, integer, nanoseconds, number, stamp
 from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
+from ros_bridge.core.nearest import MOST, keep_nearest
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.status import Status
@@ -171,7 +172,11 @@ def take_report(scene: Scene, found: Report | FieldError, now: int, *, own: bool
     seen = found.sighting
     assert seen is not None
     if not own:
+        here = None if situation.own.last is None else situation.own.last.place
         traffic = follow(situation.traffic, seen.identifier, found, now, _RULES)
+        traffic, dropped = keep_nearest(traffic, here)
+        if dropped:
+            scene = note(scene, "traffic", f"the nearest {MOST} aircraft alone are shown", now)
         return replace(scene, situation=replace(situation, traffic=traffic))
     if isinstance(found, FieldError):
         after = note_refused(situation.own, found, now, _RULES)
@@ -183,6 +188,22 @@ def take_report(scene: Scene, found: Report | FieldError, now: int, *, own: bool
 def note(scene: Scene, name: str, text: str, now: int) -> Scene:
     """Return the scene with a problem of an input."""
     return replace(scene, problems={**scene.problems, name: Health(now, 2, text)})
+
+
+def left_out_lines(
+    left_out: Mapping[str, int], doubted: Mapping[str, int], now: int
+) -> dict[str, Health]:
+    """Return lines of health on reports that were left out of the traffic, and on those that were
+    taken although a field forbids it, by how often for which reason; ``now`` in ns.
+    """
+    named = (("traffic left out", 0, left_out), ("traffic doubted", 1, doubted))
+    return {
+        name: Health(
+            now, level, ", ".join(f"{count} {why}" for why, count in sorted(counts.items()))
+        )
+        for name, level, counts in named
+        if any(counts.values())
+    }
 
 
 def _situation(update: Callable[..., Situation]) -> Callable[[Scene, Any, int], Scene]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.conversions import Origin
 from ros_bridge.core.fields import SECOND, FieldError, attempt
+from ros_bridge.core.nearest import MOST, keep_nearest
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Held, Situation
 from ros_bridge.core.tracks import Rules, Track, follow, forget_silent, note_refused, take_in
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 _FAR = 50_000.0  # m from the frame's origin, beyond which it moves
 _OLD = 5.0  # s, for which wind and airspeed hold
 _RULES = Rules()
+UNREADABLE = "without a name, unreadable"
+"""Why a report is left out that names no aircraft."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,8 @@ class Received:
     current: int = 0  # item of the mission that is flown to
     target: tuple[int, int] | None = None  # latitude and longitude that are flown to, 1e-7 degrees
     parameters: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    left_out: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    """How many reports, or aircraft, were not taken as traffic, by the reason."""
 
     @property
     def mode(self) -> int:
@@ -93,9 +98,22 @@ def failsafe_acted(before: Received, after: Received, patience: float) -> bool:
 def take_traffic(
     received: Received, name: str, found: Report | FieldError, now: int, reading: Reading
 ) -> Received:
-    """Return what is known after a report of traffic, whoever brought it."""
-    traffic = follow(received.situation.traffic, name, found, now, reading.rules)
-    return replace(received, situation=replace(received.situation, traffic=traffic))
+    """Return what is known after a report of traffic, whoever brought it; of too many aircraft the
+    nearest stay.
+    """
+    situation = received.situation
+    own = situation.own.last
+    traffic = follow(situation.traffic, name, found, now, reading.rules)
+    kept, dropped = keep_nearest(traffic, None if own is None else own.place)
+    if dropped:
+        received = leave_out(received, f"beyond the nearest {MOST} aircraft", dropped)
+    return replace(received, situation=replace(situation, traffic=kept))
+
+
+def leave_out(received: Received, reason: str, count: int = 1) -> Received:
+    """Return what is known with so many left out more for a reason."""
+    counts = {**received.left_out, reason: received.left_out.get(reason, 0) + count}
+    return replace(received, left_out=MappingProxyType(counts))
 
 
 def _heartbeat(
@@ -167,9 +185,10 @@ def _traffic(
     received: Received, message: "dialect.MAVLink_adsb_vehicle_message", now: int, reading: Reading
 ) -> Received:
     name = messages.traffic_name(message)
-    found = attempt(lambda: messages.traffic(message, now, reading.references))
+    own = received.situation.own.last
+    found = attempt(lambda: messages.traffic(message, now, reading.references, own))
     if found is None:
-        return received
+        return leave_out(received, "surface vehicle on the ground")
     return take_traffic(received, name, found, now, reading)
 
 

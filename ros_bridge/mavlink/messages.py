@@ -33,13 +33,34 @@ _WITHOUT_POSITION = 1024  # EKF_UNINITIALIZED; GPS_GLITCH in ESTIMATOR_STATUS
 
 
 class Mode(IntEnum):
-    """Of ArduPlane, as its heartbeat's ``custom_mode`` has them; others have numbers only."""
+    """Of ArduPlane, as its heartbeat's ``custom_mode`` has them."""
 
+    MANUAL = 0
+    CIRCLE = 1
+    STABILIZE = 2
+    TRAINING = 3
+    ACRO = 4
+    FBWA = 5
+    FBWB = 6
+    CRUISE = 7
+    AUTOTUNE = 8
     AUTO = 10
     RTL = 11
     LOITER = 12
+    TAKEOFF = 13
     AVOID_ADSB = 14
     GUIDED = 15
+    INITIALISING = 16
+    QSTABILIZE = 17
+    QHOVER = 18
+    QLOITER = 19
+    QLAND = 20
+    QRTL = 21
+    QAUTOTUNE = 22
+    QACRO = 23
+    THERMAL = 24
+    LOITER_ALT_QLAND = 25
+    AUTOLAND = 26
 
 
 class Heartbeat(NamedTuple):
@@ -56,7 +77,7 @@ class Heartbeat(NamedTuple):
 
 
 def mode_name(mode: int) -> str:
-    """Return the name of a mode of ArduPlane, or its number where it plays no part here."""
+    """Return the name of a mode of ArduPlane, or its number where it has none that is known."""
     return Mode(mode).name if mode in set(Mode) else f"mode {mode}"
 
 
@@ -144,8 +165,10 @@ def traffic(
     message: "dialect.MAVLink_adsb_vehicle_message",
     arrived: int,
     references: Mapping[int, str] = MappingProxyType({}),
+    own: Report | None = None,
 ) -> Report | None:
-    """Return the report of an ADSB_VEHICLE; None: it is on the ground, and no traffic.
+    """Return the report of an ADSB_VEHICLE; None: it is a surface vehicle on the ground, and no
+    traffic.
 
     What its flags do not mark as valid is unknown, as in
     :func:`ros_bridge.core.adapters.adsb_vehicle`, which also says what the altitude's references
@@ -155,6 +178,7 @@ def traffic(
         message: ADSB_VEHICLE.
         arrived: when, on the autopilot's clock, ns.
         references: what ``altitude_type`` 0 (barometric) and 1 (geometric) are measured from here.
+        own: the ownship; None: unknown.
 
     Raises:
         FieldError: position or velocity are not marked as valid, or a field is out of range.
@@ -175,6 +199,7 @@ def traffic(
             **{name: int(getattr(message, name)) for name in same},
         ),
         references,
+        own,
     )
 
 

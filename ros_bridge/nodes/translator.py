@@ -21,8 +21,9 @@ r"""The translator: messages of other packages as the runner's inputs.
 A fix is the ownship's or, in a second translator, an intruder's (traffic_source nav_sat_fix, and
 traffic_id). An ownship that cannot be translated is not passed on: it grows stale, and requests are
 refused. Of an intruder that cannot be translated the name is passed on, and its place if that is
-known: requests are refused unless it is out of reach. ADS-B vehicles on the ground and obstacles
-(emitter types 17 to 19) are left out and counted. Parameters:
+known: requests are refused unless it is out of reach. Surface vehicles (emitter types 17 and 18)
+are left out and counted, unless they move as in flight or are as high as the ownship; so is what a
+live receiver has on the ground. Parameters:
 """
 
 import importlib
@@ -134,6 +135,7 @@ class Translator(ClockGuard):
         }
         sources = self._read_sources()
         self._twist: TwistStamped | Odometry | None = None
+        self._ownship: Report | None = None
         self._counts: Counter[str] = Counter()
         self._wrong = ""
         self._waiting: deque[AircraftState] = deque()
@@ -196,6 +198,7 @@ class Translator(ClockGuard):
         if sources.traffic == "adsb":
             heard = self._losses.counting("~/input/adsb", self._on_adsb, time.monotonic)
             self.create_subscription(_message_type("adsb"), "~/input/adsb", heard, qos.TRAFFIC)
+            topics.OWNSHIP.subscribe(self, self._on_ownship)
         if sources.live:
             self._listen_live(sources.live)
 
@@ -210,7 +213,7 @@ class Translator(ClockGuard):
         """Pass on the traffic of a receiver."""
         clock = self.get_clock()
         live = LiveReports(url, self._value("own_id"), lambda: clock.now().nanoseconds)
-        topics.OWNSHIP.subscribe(self, partial(self._on_ownship, live))
+        topics.OWNSHIP.subscribe(self, self._on_ownship)
         self.create_timer(_DRAINED, partial(self._on_live, live))
         live.start()
         self._live = live
@@ -226,14 +229,16 @@ class Translator(ClockGuard):
         self._pass("own", attempt(lambda: read(message, self._value("own_id"))))
 
     def _on_adsb(self, message: Any) -> None:
-        self._pass("traffic", attempt(lambda: adapters.adsb_vehicle(message, self._references)))
+        read = partial(adapters.adsb_vehicle, message, self._references, self._ownship)
+        self._pass("traffic", attempt(read))
 
-    def _on_ownship(self, live: LiveReports, message: AircraftState) -> None:
+    def _on_ownship(self, message: AircraftState) -> None:
         # The runner says why it cannot be read.
-        live.traffic.own = readable(lambda: aircraft(message, "ownship"))
+        self._ownship = readable(lambda: aircraft(message, "ownship"))
 
     def _on_live(self, live: LiveReports) -> None:
         """Pass on what the receiver has sent since the last look."""
+        live.traffic.own = self._ownship
         for found, _ in live.take():
             self._pass("traffic", found)
 
@@ -243,7 +248,7 @@ class Translator(ClockGuard):
         """
         name: str = whose
         if found is None:
-            name = "on the ground, left out"
+            name = "surface vehicle on the ground, left out"
         elif isinstance(found, Report):
             self._send(whose, aircraft_message(found))
         else:
@@ -277,8 +282,9 @@ class Translator(ClockGuard):
         if problem:
             self._wrong = problem
             self.get_logger().warning(problem, throttle_duration_sec=30.0)
-        counts = self._live.traffic.counts
-        return {f"{reason}, left out": count for reason, count in counts.items() if count}
+        left_out, doubted = self._live.traffic.counts, self._live.traffic.doubted
+        counts = {f"{reason}, left out": count for reason, count in left_out.items() if count}
+        return counts | {f"{reason}, taken as traffic": count for reason, count in doubted.items()}
 
     def _on_timer(self) -> None:
         counts = {**self._counts, **self._count_left_out()}

@@ -24,6 +24,7 @@ _PATIENCE = 70.0  # s; dump1090 sends an empty line every 60 s
 _LONGEST = 4_096  # bytes of a line
 _LARGEST = 16_000_000  # bytes of a document
 _SLOWEST = 30.0  # s between two attempts
+_BACKWARD = SECOND // 2  # ns; a clock that steps back by more begins anew
 _SILENCE = 10.0  # s without anything, after which a receiver is said to be silent
 
 
@@ -150,7 +151,7 @@ class LiveReports:
         self._receiver = Receiver(source, clock)
         kind = adsb_live.BaseStation if self._receiver.lines else adsb_live.AircraftJson
         self._reader = kind(self.traffic)
-        self._heard = clock()
+        self._heard = self._latest = clock()
         self._late = ""
 
     def start(self) -> None:
@@ -164,8 +165,12 @@ class LiveReports:
 
     def take(self) -> Iterator[tuple[Report | FieldError, int]]:
         """Yield what has come since the last time, without waiting: a report, or why one cannot be
-        used, and when it arrived, ns.
+        used, and when it arrived, ns. Where the clock has stepped back, what has come is dropped.
         """
+        now = self._clock()
+        if now < self._latest - _BACKWARD:
+            self._begin_anew(now)
+        self._latest = now
         for _ in range(self._receiver.heard.qsize()):
             item = self._receiver.heard.get_nowait()  # nothing else takes from it
             if item is None:
@@ -178,6 +183,13 @@ class LiveReports:
             except TimeoutError as late:
                 self._receiver.restart()
                 self._late = str(late)
+
+    def _begin_anew(self, now: int) -> None:
+        """Forget all that hangs on the clock, which has stepped back to a time, ns."""
+        for _ in range(self._receiver.heard.qsize()):
+            self._receiver.heard.get_nowait()
+        self._reader.begin_anew()
+        self._heard = now
 
     def take_problem(self) -> str:
         """Return what is wrong with the receiver, a sentence, or what was since the last time; "":

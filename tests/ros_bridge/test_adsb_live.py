@@ -114,8 +114,15 @@ def test_lines_of_an_aircraft_are_put_together() -> None:
 def test_what_is_no_traffic_is_left_out_and_counted() -> None:
     own = ROW | {"hex": "4B0000"}
     unplaced = {"hex": "4b0003", "alt_baro": 3000, "seen": 1.0}
+    taxiing = {"gs": 20.0}
     assert reports(
-        document(1.0, ROW | {"alt_baro": "ground"}, ROW | {"altitude": "ground"}, own, unplaced)
+        document(
+            1.0,
+            ROW | taxiing | {"alt_baro": "ground"},
+            ROW | taxiing | {"altitude": "ground", "alt_baro": None},
+            own,
+            unplaced,
+        )
     ) == (
         [],
         {"on the ground": 2, "own echo": 1, "without a position": 1},
@@ -135,6 +142,73 @@ def test_what_is_no_traffic_is_left_out_and_counted() -> None:
         == []
     )
     assert len(read(reader, (0.5, line(3, 0.5, **place)))) == 1  # it has taken off
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"gs": 110.0},
+        {"gs": 20.0, "geom_rate": -640},
+        {"gs": 20.0, "alt_geom": 17_000},
+        {"gs": 20.0, "alt_geom": 4_900},  # as high as the ownship
+        {"gs": 0.0, "category": "C3"},  # a tethered balloon
+    ],
+)
+def test_a_ground_flag_that_speed_or_height_contradicts_removes_no_aircraft(
+    changes: dict[str, Any],
+) -> None:
+    own = Report("4b0000", T0 * SECOND, 47.0, 8.0, 60.0, 0.0, Altitude(1_500.0, "wgs84"))
+    (found,), left_out = reports(document(1.0, alt_baro="ground", **changes), own=own)
+    assert (found.identifier, left_out) == ("4b1234", {})
+
+
+def test_a_flag_of_a_line_is_put_aside_too_and_what_lands_is_on_the_ground() -> None:
+    traffic, place = Traffic(""), {"lat": 47.1, "lon": 8.2}
+    reader = BaseStation(traffic)
+    flying = line(3, 0.0, gs=110, track=180, climb=-640, ground=-1, **place)
+    landed = line(2, 9.0, gs=20, track=180, **place)
+    assert len(read(reader, (0.0, flying))) == 1
+    assert len(traffic.doubted) == 1
+    assert read(reader, (9.0, landed), (19.0, line(2, 19.0, **place))) == []
+    assert traffic.counts["on the ground"] == 2
+
+
+def test_a_position_by_multilateration_is_traffic() -> None:
+    """Its lines have three fields more than BaseStation's: stations, nothing, error."""
+    moving = {"alt": 4000, "gs": 110, "track": 180, "climb": 64, "lon": 8.0}
+    lines = [line(3, second, lat=47.05 - 5e-4 * second, **moving) for second in range(3)]
+    found = read(
+        BaseStation(Traffic("")),
+        *((n, one.replace("MSG", "MLAT") + ",5,,60") for n, one in enumerate(lines)),
+    )
+    assert [one.identifier for one in found] == ["4b1234"] * 3
+    assert found[-1].north == pytest.approx(-110.0 * KNOT)
+
+
+@pytest.mark.parametrize("code", ["nac_p", "nac_v"])
+def test_no_category_of_accuracy_is_better_than_a_higher_one(code: str) -> None:
+    spreads = []
+    for value in range(5):
+        (found,), _ = reports(document(1.0, **{code: value}))
+        spreads.append(found.position_std if code == "nac_p" else found.velocity_std)
+    assert spreads == sorted(spreads, reverse=True)
+
+
+@pytest.mark.parametrize("row", [{"hex": "zz"}, {}])
+def test_a_place_under_no_address_is_told_and_costs_no_other_aircraft(row: dict[str, str]) -> None:
+    nameless = {name: value for name, value in ROW.items() if name != "hex"} | row
+    wrong, found = sorted(reports(document(1.0, nameless, ROW))[0], key=lambda one: str(type(one)))
+    assert found.identifier == "4b1234"
+    assert wrong.sighting.place == (47.1, 8.2)
+
+
+def test_a_clock_that_steps_back_hides_no_aircraft() -> None:
+    """As where the autopilot, or a simulation, begins anew."""
+    traffic = Traffic("")
+    reader = AircraftJson(traffic)
+    assert len(read(reader, (99.0, document(1.0)), (100.0, document(2.0)))) == 1
+    reader.begin_anew()
+    assert len(read(reader, (5.0, document(3.0)))) == 1
 
 
 @pytest.mark.parametrize(
@@ -198,13 +272,18 @@ def test_a_document_that_is_not_renewed_says_nothing() -> None:
         ({"track": ""}, "track"),
         ({"gs": 1e4}, "speed"),
         ({"seen_pos": -1.0}, "seen_pos"),
+        ({"seen_pos": "old"}, "seen_pos"),
     ],
 )
 def test_an_aircraft_without_a_velocity_is_sighted(changes: dict[str, Any], field: str) -> None:
     (found,), _ = reports(document(1.0, **changes))
     assert found.field == f"adsb 4b1234.{field}"
-    if field != "seen_pos":
-        assert (found.sighting.identifier, found.sighting.place) == ("4b1234", (47.1, 8.2))
+    assert (found.sighting.identifier, found.sighting.place) == ("4b1234", (47.1, 8.2))
+
+
+def test_an_age_below_zero_by_rounding_is_none() -> None:
+    (found,), _ = reports(document(1.0, seen_pos=-0.1))
+    assert (found.identifier, found.time) == ("4b1234", (T0 + 1) * SECOND)
 
 
 @pytest.mark.parametrize(

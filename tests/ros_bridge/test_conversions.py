@@ -483,16 +483,26 @@ def test_adsb_altitude_is_unknown_unless_its_reference_is_given():
     assert read(adsb(altitude_type=ADSB.ALT_GEOMETRIC), {0: "pressure"}).altitude is None
 
 
-def test_adsb_vehicles_on_the_ground_are_no_traffic():
+def test_surface_vehicles_are_no_traffic_unless_they_move_as_in_flight():
     named = {kind: getattr(ADSB, kind) for kind in dir(ADSB) if kind.startswith("EMITTER_")}
-    left_out = {
-        kind for kind, code in named.items() if adsb_vehicle(adsb(emitter_type=code)) is None
-    }
-    assert left_out == {
-        "EMITTER_EMERGENCY_SURFACE",
-        "EMITTER_SERVICE_SURFACE",
-        "EMITTER_POINT_OBSTACLE",
-    }
+
+    def left_out(**moving: float) -> set[str]:
+        return {
+            kind
+            for kind, code in named.items()
+            if adsb_vehicle(adsb(emitter_type=code, **moving)) is None
+        }
+
+    vehicles = {"EMITTER_EMERGENCY_SURFACE", "EMITTER_SERVICE_SURFACE"}
+    assert left_out(hor_velocity=9.0, ver_velocity=0.0) == vehicles
+    assert left_out(hor_velocity=75.0, ver_velocity=0.0) == set()
+    assert left_out(hor_velocity=9.0, ver_velocity=-3.25) == set()
+    assert left_out(hor_velocity=9.0, ver_velocity=0.0, altitude=6_000.0) == set()
+    for unreadable in ("hor_velocity", "ver_velocity", "altitude"):
+        with pytest.raises(FieldError):
+            # Neither believed to be on the ground nor traffic without a fault.
+            moving = {"hor_velocity": 9.0, "ver_velocity": 0.0, unreadable: math.nan}
+            adsb_vehicle(adsb(emitter_type=17, **moving), {0: "msl"})
 
 
 @pytest.mark.parametrize(

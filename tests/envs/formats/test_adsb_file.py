@@ -5,6 +5,7 @@ fault.
 import gzip
 import json
 import math
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -343,6 +344,21 @@ def test_aircraft_on_the_ground_do_not_fly(tmp_path: Path, value: object) -> Non
     path = reports_file(tmp_path, one, [{**report, "onground": value} for report in two])
     assert find_pairs(path) == []
     assert [track.name for track in tracks(path)[0]] == ["aaa001"]
+
+
+@pytest.mark.parametrize(
+    "changes", [{"groundspeed": 250.0}, {"vertical_rate": -640.0}, {"altitude": 17_000.0}]
+)
+def test_a_flag_that_speed_climb_or_height_contradicts_removes_no_report(
+    tmp_path: Path, changes: dict[str, float]
+) -> None:
+    one, two = meeting(47.0, 8.0)
+    rolling = [{**report, "onground": 1} for report in two]
+    rolling[7] |= changes
+    grounded: Counter[str] = Counter()
+    path = reports_file(tmp_path, one, rolling)
+    rows = {name: flights for name, flights, _ in order_flights(path, 60.0, grounded=grounded)}
+    assert (len(rows["bbb002"][0]), grounded) == (1, {"bbb002": 240})
 
 
 @pytest.mark.parametrize("name", ["on_ground", "onGround"])
