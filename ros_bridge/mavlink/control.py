@@ -91,6 +91,15 @@ class Step(NamedTuple):
     text: str = ""
 
 
+def begin_anew(control: Control, time: float) -> Control:
+    """Return the state where the autopilot, and with it the clock, has begun anew at a time, s:
+    nothing is flown, and who has yielded to somebody still has.
+    """
+    if control.phase is not Phase.YIELDED or control.unanswered:
+        return Control()
+    return Control(Phase.YIELDED, since=time, conflict_at=time)
+
+
 def step(control: Control, seen: Seen, *, fly: bool) -> Step:
     """Return what follows from a moment; with ``fly`` false nothing is taken over or steered, and
     what is flown is handed back.

@@ -18,11 +18,13 @@ from ros_bridge.mavlink import messages
 from ros_bridge.mavlink.download import Download, accept
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.steering import Command
+from ros_bridge.mavlink.udp import Listener
 
 os.environ.setdefault("MAVLINK20", "1")  # before pymavlink: messages of both versions are read
 
 COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 _DRIFT = 1e-4  # of two clocks, s per s: a message so much later is no later
+_BACK = 5  # s by which a clock that steps back has begun anew; less is out of order
 _PATIENCE = 5.0  # s for an answer
 _TRIES = 5
 _TEXT = 50  # characters of a STATUSTEXT
@@ -54,6 +56,9 @@ class LinkError(InputError):
 class Clock:
     """The autopilot's clock, ns, as of the messages that arrive.
 
+    Attributes:
+        begun: how often it has begun, as it does where the autopilot begins anew.
+
     Args:
         simulated: whether its time is a simulation's, which may run faster: it then stands still
             between two messages.
@@ -64,13 +69,15 @@ class Clock:
         self._newest = 0
         self._offset: float | None = None  # ours less its, s, of the quickest message
         self._heard = 0.0
+        self.begun = 0
 
     def hear(self, boot: int, arrived: float) -> bool:
         """Take in a time of its clock, ns, and of ours, s; return whether it has begun anew."""
-        again = boot < self._newest - 10 * SECOND
+        again = boot < self._newest - _BACK * SECOND
         offset = arrived - boot / SECOND
         if self._offset is None or again:
             self._offset = offset
+            self.begun += 1
         else:
             self._offset = min(offset, self._offset + _DRIFT * (arrived - self._heard))
         self._newest = boot if again else max(boot, self._newest)
@@ -105,18 +112,26 @@ class Link:
         self.clock = Clock(simulated=simulated)
         self.heard = 0.0  # when a message of the autopilot arrived last, s of our clock
         self.bad = 0  # messages that could not be read
+        self.foreign = 0  # messages under the autopilot's numbers that another sender has sent
         self._texts = 0  # number of the last long text
         self._mavlink: Any = mavutil.mavlink
         check_address(address)
+        kind, _, rest = address.partition(":")
         try:
-            self._connection: Any = mavutil.mavlink_connection(
-                address,
-                baud=baud,
-                source_system=system,
-                source_component=COMPONENT,
-                autoreconnect=True,
-                retries=1,
-            )
+            if kind in ("udp", "udpin"):
+                host, _, port = rest.rpartition(":")
+                self._connection: Any = Listener(
+                    (host, int(port)), mavutil.mavlink, system, COMPONENT
+                )
+            else:
+                self._connection = mavutil.mavlink_connection(
+                    address,
+                    baud=baud,
+                    source_system=system,
+                    source_component=COMPONENT,
+                    autoreconnect=True,
+                    retries=1,
+                )
         except (OSError, ValueError, IndexError) as error:
             reason = str(error) or type(error).__name__
             raise LinkError(f"--connect {address}: cannot be opened: {reason}") from None
@@ -142,6 +157,7 @@ class Link:
                 )
                 continue
             self.system, self.component = message.get_srcSystem(), message.get_srcComponent()
+            self._note_autopilot(message)
             return
         raise LinkError(
             f"no autopilot was found within {patience:g} s: {other or 'no heartbeat came'}"
@@ -160,7 +176,7 @@ class Link:
         )
 
     def receive(self, until: float) -> Iterator[tuple[Any, int]]:
-        """Yield messages of the autopilot, and those that it passes on, with its time of arrival,
+        """Yield messages of the autopilot, and ADSB_VEHICLE of anybody, with its time of arrival,
         ns, until a time of our clock, s.
         """
         while True:
@@ -169,12 +185,11 @@ class Link:
                 if time.monotonic() >= until:
                     return
                 continue
-            if message.get_srcSystem() != self.system and message.get_type() != "ADSB_VEHICLE":
-                continue
-            if message.get_type() == "HEARTBEAT" and message.get_srcComponent() != self.component:
-                continue
+            own = self._is_autopilot(message)
+            if not own and message.get_type() != "ADSB_VEHICLE":
+                continue  # other components of its system have states and clocks of their own
             arrived = time.monotonic()
-            if message.get_type() in ("GLOBAL_POSITION_INT", "SYSTEM_TIME"):
+            if own and message.get_type() in ("GLOBAL_POSITION_INT", "SYSTEM_TIME"):
                 self.clock.hear(messages.boot_time(message), arrived)
             yield message, self.clock.now(arrived)
 
@@ -257,12 +272,12 @@ class Link:
         return download.items
 
     def _answers(self, kind: str) -> Iterator[Any]:
-        """Yield messages of a kind until none comes any more for a while."""
+        """Yield messages of a kind of the autopilot until none comes any more for a while."""
         until = time.monotonic() + _PATIENCE / _TRIES
         while time.monotonic() < until:
             message = self._next(0.1)
             self._beat_now_and_then()
-            if message is None or message.get_type() != kind:
+            if message is None or message.get_type() != kind or not self._is_autopilot(message):
                 continue
             until = time.monotonic() + _PATIENCE / _TRIES
             yield message
@@ -376,10 +391,29 @@ class Link:
         if message is not None and message.get_type() == "BAD_DATA":
             self.bad += 1
             return None
-        if message is not None and message.get_srcSystem() == self.system:
-            self._first_version = message.get_msgbuf()[0] == _MAGIC_1
-            self.heard = time.monotonic()
+        if message is not None and self._is_autopilot(message):
+            return message if self._note_autopilot(message) else None
         return message
+
+    def _is_autopilot(self, message: Any) -> bool:
+        """Return whether a message is under the autopilot's numbers; another component of its
+        system, such as a gimbal or a companion computer, is not the autopilot.
+        """
+        return (message.get_srcSystem(), message.get_srcComponent()) == (
+            self.system,
+            self.component,
+        )
+
+    def _note_autopilot(self, message: Any) -> bool:
+        """Note a message under the autopilot's numbers, whose sender is answered; return whether it
+        is the autopilot's, and not another sender's.
+        """
+        if isinstance(self._connection, Listener) and not self._connection.answer():
+            self.foreign += 1
+            return False
+        self._first_version = message.get_msgbuf()[0] == _MAGIC_1
+        self.heard = time.monotonic()
+        return True
 
     def _send(self, send: Callable[..., Any], *values: Any) -> None:
         try:
@@ -399,7 +433,7 @@ def check_address(text: str) -> None:
     """Raise :class:`LinkError` where pymavlink cannot open an address of this form."""
     kind, _, rest = text.partition(":")
     expected = "expected udp:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or a serial port"
-    if kind in ("udp", "udpin", "udpout", "tcp", "tcpin"):
+    if kind in ("udp", "udpin", "udpout", "tcp"):
         host, _, port = rest.rpartition(":")
         if not host or not port.isdigit() or not 0 < int(port) < 65_536:
             raise LinkError(f"--connect is {text!r}: {expected}")

@@ -18,8 +18,8 @@ import argparse
 import math
 import sys
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -30,14 +30,24 @@ from envs.edge.command import InputError, run_cli
 from envs.edge.files import write_file
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
+from ros_bridge.core.adsb_live import OWN_TRACES
 from ros_bridge.core.assurance import to_fly
 from ros_bridge.core.fields import SECOND, FieldError, readable
 from ros_bridge.core.planning import rehearse
 from ros_bridge.core.situation import Situation
 from ros_bridge.mavlink import messages, mission
-from ros_bridge.mavlink.control import Control, Order, Phase, Seen, step
+from ros_bridge.mavlink.control import Control, Order, Phase, Seen, begin_anew, step
 from ros_bridge.mavlink.course import Course, course
-from ros_bridge.mavlink.intake import Reading, Received, failsafe_acted, forget, take, take_traffic
+from ros_bridge.mavlink.intake import (
+    UNREADABLE,
+    Reading,
+    Received,
+    failsafe_acted,
+    forget,
+    leave_out,
+    take,
+    take_traffic,
+)
 from ros_bridge.mavlink.judging import SPACING, Judgement, Rules, supervise, to_follow, watch
 from ros_bridge.mavlink.link import FENCE, Link
 from ros_bridge.mavlink.mission import Item
@@ -155,10 +165,12 @@ class Program:
         self._causes: set[Cause] = set()
         self._remarked: set[str] = set()
         self._placed_fence: tuple[GeodeticArea, ...] = ()
+        self._told: set[str] = set()  # what is told once
         self._refresh = Refresh(link)
         self._leg: _Leg | None = None
         self._entered_auto = -math.inf  # when AUTO was entered last, s
         self._moved = False  # whether a new place has come
+        self._begun = 0  # how often the autopilot's clock has begun
         self._live: LiveReports | None = None
 
         found = _question(link, options)
@@ -206,7 +218,7 @@ class Program:
         from ros_bridge.mavlink.showing import show
 
         name = f"MAVLink {self._options.connect}"
-        showing, beside = show(address, name, self._rules, lambda: self.view.time, self._texts.log)
+        showing, beside = show(address, name, self._rules, self._now, self._texts.log)
         self.viewers.append(showing)
         self._open.enter_context(beside)
         print(f"display: http://{address.rpartition(':')[0]}:{beside.port}/", flush=True)
@@ -220,7 +232,7 @@ class Program:
         """Return a receiver beside the autopilot's own, to which is listened."""
         left_out = f"without {own}, the ownship" if own else "the ownship's address is unknown"
         self._texts.log(f"traffic of {source} too, {left_out}")
-        live = LiveReports(source, own, lambda: self._link.clock.now(time.monotonic()))
+        live = LiveReports(source, own, self._now)
         live.start()
         self._open.callback(live.stop)
         return live
@@ -233,8 +245,16 @@ class Program:
     @property
     def view(self) -> View:
         """What is known now."""
-        now = self._link.clock.now(time.monotonic())
-        return View(now, self._received, self._judgement, self._control, self._items)
+        left_out, doubted = Counter(self._received.left_out), Counter[str]()
+        if self._live is not None:
+            left_out += self._live.traffic.counts
+            doubted += self._live.traffic.doubted
+        known = (self._received, self._judgement, self._control, self._items)
+        return View(self._now(), *known, left_out, doubted)
+
+    def _now(self) -> int:
+        """Return the autopilot's time, ns; called from threads of others too."""
+        return self._link.clock.now(time.monotonic())
 
     # The loop.
 
@@ -248,12 +268,24 @@ class Program:
             spent = _clocks()
             if spent.wall - reported.wall > _REPORT:
                 self._texts.log(self._load(reported, spent))
+                for line in self._count_left_out():
+                    self._texts.log(line)
                 reported = spent
         self._texts.log(self._load(began, _clocks()))
 
     def _load(self, before: Spent, after: Spent) -> str:
         share = (after.computed - before.computed) / max(after.wall - before.wall, 1e-9)
         return f"{100.0 * share:.1f} % of a core, {len(self._received.situation.traffic)} aircraft"
+
+    def _count_left_out(self) -> Iterator[str]:
+        """Yield what of the traffic was left out so far, and what was not although a field forbids
+        it, a line each.
+        """
+        view = self.view
+        for what, counts in (("left out", view.left_out), ("doubted", view.doubted)):
+            if counts:
+                reasons = (f"{count} {reason}" for reason, count in sorted(counts.items()))
+                yield f"reports of traffic {what}: {', '.join(reasons)}"
 
     def turn(self, seconds: float = 0.02) -> None:
         """Receive for so long, and do what is due."""
@@ -263,10 +295,11 @@ class Program:
             self._last.beat = ours
             self._link.beat()
         for message, now in self._link.receive(ours + seconds):
+            self._follow_clock(now)
             self._take(message, now)
         if self._live is not None:
             self._take_live(self._live)
-        now = self._link.clock.now(time.monotonic())
+        now = self._now()
         if ours - self._last.rates > _RATES_AGAIN:
             self._last.rates = ours
             if self._received.situation.own.age(now) > self._fresh.own:
@@ -281,6 +314,34 @@ class Program:
         elif self._moved and not 0.0 <= now / SECOND - self.pilot.steered_at < 0.9 * PERIOD:
             self._control_step(now)
         self._moved = False
+
+    def _follow_clock(self, now: int) -> None:
+        """Forget what hangs on the autopilot's clock where that has begun anew: what was received
+        and planned, and when it was.
+        """
+        times, self._begun = self._begun, self._link.clock.begun
+        if times in (0, self._begun):
+            return
+        text = "the autopilot has begun anew: all that was received is forgotten"
+        self._texts.tell("begun", text, now, send=True)
+        before = self._received
+        self._received = Received(
+            Situation(fixed_areas=before.situation.fixed_areas),
+            parameters=before.parameters,
+            left_out=before.left_out,
+        )
+        self._judgement = self._without_plan()
+        self._control = begin_anew(self._control, now / SECOND)
+        self.pilot = Pilot(self._link, self._texts, self._vehicle)
+        self._last.judgement, self._last.late = 0.0, -math.inf
+        self._leg, self._moved, self._entered_auto = None, False, -math.inf
+        self._refresh.hasten()
+        self._link.ask_rates()
+
+    def _without_plan(self) -> Judgement:
+        """Return a judgement without a plan, whose next one gets another revision."""
+        revision = self._judgement.revision
+        return Judgement(replace(self._rules.begin(), revision=revision), revision=revision)
 
     def _take(self, message: Any, now: int) -> None:
         kind = message.get_type()
@@ -309,7 +370,8 @@ class Program:
         for found, now in live.take():
             seen = found.sighting
             if seen is None:
-                self._texts.tell("adsb message", f"{found}", now, send=False)
+                self._received = leave_out(self._received, UNREADABLE)
+                self._texts.tell("adsb message", f"{found}", now, send=True, again=_REPORT)
             else:
                 name = seen.identifier
                 self._received = take_traffic(self._received, name, found, now, self._reading)
@@ -340,6 +402,7 @@ class Program:
         problem = "" if self._live is None else self._live.take_problem()
         if problem:
             self._texts.tell("adsb", problem, now, send=True, again=_REPORT)
+        self._tell_left_out(now)
         phase = self._control.phase
         try:
             ahead = self._course()
@@ -372,11 +435,25 @@ class Program:
         if self._judgement.plan not in (None, before.plan):
             self._tell_time(began, now)
         self._remark(now)
-        done = self._link.clock.now(time.monotonic())
+        done = self._now()
         self._keep_pace((done - now) / SECOND, done)
         self._control_step(done)
         for show in self.viewers:
             show(self.view)
+
+    def _tell_left_out(self, now: int) -> None:
+        """Say, once for each reason, that something is not taken as traffic, or is although a field
+        forbids it; and that somebody else sends under the autopilot's numbers.
+        """
+        view = self.view
+        told = [f"left out of traffic: {why}" for why in view.left_out if why not in OWN_TRACES]
+        told += [f"traffic: {why}" for why in view.doubted]
+        if self._link.foreign:
+            told.append("another sender has the autopilot's numbers, and is not listened to")
+        for text in told:
+            if text not in self._told:
+                self._told.add(text)
+                self._texts.tell(text, text, now, send=True)
 
     # Missions and fences that change.
 
@@ -557,9 +634,7 @@ class Program:
                 self._refresh.hasten()
             if self._control.phase is Phase.WATCHING:
                 self._received = replace(self._received, target=None)  # it was ours
-                revision = self._judgement.revision
-                supervision = replace(self._rules.begin(), revision=revision)
-                self._judgement = Judgement(supervision, revision=revision)
+                self._judgement = self._without_plan()
         for order in done.orders:
             self._obey(order, now, before)
         if self._control.phase is Phase.GUIDING and not seen.fresh:
@@ -586,7 +661,11 @@ class Program:
 
     def _safe(self, now: int) -> bool:
         """Return whether there is a plan that may be called safe."""
-        return self._judgement.safe and now / SECOND - self._last.late > RECOVERED
+        return self._judgement.safe and self.keeps_up(now)
+
+    def keeps_up(self, now: int) -> bool:
+        """Return whether it has not been late for :data:`RECOVERED` at a time, ns."""
+        return not 0.0 <= now / SECOND - self._last.late <= RECOVERED
 
     def _obey(self, order: Order, now: int, before: Control) -> None:
         judged, received = self._judgement, self._received

@@ -18,7 +18,7 @@ from ros_bridge.core.looking import look
 from ros_bridge.core.situation import Held
 from ros_bridge.core.status import Status
 from ros_bridge.display.beside import Beside, supervise
-from ros_bridge.display.scene import Health, HeldAreas, Monitor, Scene
+from ros_bridge.display.scene import Health, HeldAreas, Monitor, Scene, left_out_lines
 from ros_bridge.display.server import Board
 from ros_bridge.mavlink import mission
 from ros_bridge.mavlink.control import Phase
@@ -42,8 +42,8 @@ class Showing:
     def __init__(self, rules: Rules, feed: Callable[[Callable[[Scene], Scene]], object]) -> None:
         self._feed = feed
         self._freshness = {"rlcas_mavlink": rules.settings.freshness}
-        self._looking = rules.begin()
-        self._shown = blank(rules.thresholds)
+        self._begin = lambda: (rules.begin(), blank(rules.thresholds))
+        self._looking, self._shown = self._begin()
 
     def __call__(self, view: View) -> None:
         """Take over what is known now."""
@@ -52,6 +52,8 @@ class Showing:
     def after(self, scene: Scene, view: View) -> Scene:
         """Return the scene of a view."""
         situation, now, judgement = view.received.situation, view.time, view.judgement
+        if now < scene.latest:  # the autopilot has begun anew
+            self._looking, self._shown = self._begin()
         flies = view.control.phase in (Phase.TAKING, Phase.GUIDING)
         if flies and judgement.verdict is not None:
             supervision, verdict = judgement.supervision, judgement.verdict
@@ -169,4 +171,4 @@ def _nodes(view: View) -> dict[str, Health]:
     if said is not None:
         armed = "armed" if said.armed else "disarmed"
         found["autopilot"] = Health(view.received.heard, 0, f"{said.mode_name}, {armed}")
-    return found
+    return found | left_out_lines(view.left_out, view.doubted, view.time)

@@ -1,5 +1,7 @@
 """What the program knows at a moment, for what stands beside it."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from ros_bridge.mavlink.control import Control
@@ -16,3 +18,5 @@ class View(NamedTuple):
     judgement: Judgement
     control: Control
     mission: tuple[Item, ...]
+    left_out: Mapping[str, int] = MappingProxyType({})  # reports that are no traffic, by the reason
+    doubted: Mapping[str, int] = MappingProxyType({})  # that are, although a field forbids it

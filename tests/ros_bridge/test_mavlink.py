@@ -27,7 +27,17 @@ from ros_bridge.core.categories import Categories
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.mavlink import demo, messages, mission, sitl, vehicle
-from ros_bridge.mavlink.control import CLEAR, CROSSING, Control, Order, Phase, Seen, Step, step
+from ros_bridge.mavlink.control import (
+    CLEAR,
+    CROSSING,
+    Control,
+    Order,
+    Phase,
+    Seen,
+    Step,
+    begin_anew,
+    step,
+)
 from ros_bridge.mavlink.download import AGAIN, Download, accept, due, note_question
 from ros_bridge.mavlink.intake import Reading, Received, failsafe_acted, take
 from ros_bridge.mavlink.judging import Judgement, rules, watch
@@ -141,9 +151,37 @@ def test_an_aircraft_without_place_heading_or_velocity_is_a_fault_and_not_forgot
     assert "adsb.flags" in track.fault.field
 
 
-def test_vehicles_on_the_ground_are_no_traffic(wire: Any) -> None:
-    received = take(Received(), vehicle_message(wire, emitter_type=17), 100 * SECOND, READING)
+STANDING = {"hor_velocity": 500, "ver_velocity": 0, "altitude": 400_000}
+
+
+@pytest.mark.parametrize("kind", [17, 18])
+def test_surface_vehicles_on_the_ground_are_no_traffic_and_counted(wire: Any, kind: int) -> None:
+    received = take(Received(), position(wire), SECOND, READING)
+    message = vehicle_message(wire, emitter_type=kind, **STANDING)
+    received = take(received, message, 13 * SECOND, READING)
     assert not received.situation.traffic
+    assert list(received.left_out.values()) == [1]
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes"),
+    [
+        (18, {"hor_velocity": 3_000}),  # cm/s
+        (17, {"ver_velocity": -325}),
+        (17, {"altitude": 6_000_000}),  # mm; no airfield is so high
+        (18, {"altitude": 590_000}),  # as high as the ownship
+        (19, {}),  # a tethered balloon
+    ],
+)
+def test_a_type_that_height_or_speed_contradict_removes_no_aircraft(
+    wire: Any, kind: int, changes: dict[str, int]
+) -> None:
+    reading = Reading({1: "msl"})
+    received = take(Received(), position(wire, vx=2_000), 12_345_000_000, reading)
+    message = vehicle_message(wire, emitter_type=kind, **(STANDING | changes))
+    received = take(received, message, 13 * SECOND, reading)
+    assert list(received.situation.traffic) == ["abc123"]
+    assert not received.left_out
 
 
 @pytest.mark.parametrize(
@@ -539,6 +577,23 @@ def test_whose_auto_it_is_follows_from_silence_status_and_settings(
     assert failsafe_acted(before, received, timeout) == acted
     loiter = take(before, beat(Mode.LOITER, status), now, READING)
     assert not failsafe_acted(before, loiter, timeout)
+
+
+@pytest.mark.parametrize("phase", list(Phase))
+def test_an_autopilot_that_begins_anew_is_watched_again_and_an_operators_word_holds(
+    phase: Phase,
+) -> None:
+    """Its clock begins anew with it, an hour back: what was timed by the old one ends."""
+    before = Control(phase, since=3_600.0, asked=3_600.0, conflict_at=3_600.0, restore=10)
+    control = begin_anew(before, 5.0)
+    assert not control.flies
+    assert (control.phase is Phase.YIELDED) == (phase is Phase.YIELDED)
+    quiet = Seen(6.0, Mode.AUTO, True, True, False, False, False)
+    assert step(control, quiet, fly=True).control.phase is control.phase
+    later = step(control, quiet._replace(time=5.5 + CLEAR), fly=True).control
+    assert later.phase is Phase.WATCHING
+    conflict = Seen(6.5 + CLEAR, Mode.AUTO, True, True, True, True, False)
+    assert step(later, conflict, fly=True).orders == (Order.TAKE_OVER,)
 
 
 def test_an_autopilot_that_does_not_change_is_not_left_in_guided() -> None:

@@ -1,0 +1,254 @@
+"""The MAVLink program's door: whose messages count, who is answered, and a clock that begins anew.
+
+Over real sockets, with pymavlink's own messages.
+"""
+
+import argparse
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from typing import Any, ClassVar
+
+import pytest
+
+pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from ros_bridge.core.fields import SECOND
+from ros_bridge.core.nearest import MOST
+from ros_bridge.mavlink.intake import Reading, Received, take
+from ros_bridge.mavlink.link import COMPONENT, Link
+from ros_bridge.mavlink.messages import Mode
+from ros_bridge.mavlink.options import options_of
+from ros_bridge.mavlink.program import RECOVERED, Program
+from ros_bridge.mavlink.udp import SILENT
+from tests.ros_bridge.test_mavlink import PARAMETERS
+
+
+def test_of_ever_new_addresses_the_nearest_are_kept_and_the_others_counted() -> None:
+    names = 2 * MOST
+    received = take(Received(), position(600.0), 600 * SECOND, Reading({}))
+    for number in range(1, names + 1):
+        north = 0.01 if number == 1 else 1.0  # degrees
+        message = dialect.MAVLink_adsb_vehicle_message(
+            number, round(1e7 * (47.4 + north)), 85_000_000, 1, 0, 0, 2_000, 0, b"", 1, 0, 15, 0
+        )
+        received = take(received, message, 600 * SECOND, Reading({}))
+    held = received.situation.traffic
+    assert "000001" in held
+    assert MOST <= len(held) <= 1.25 * MOST
+    assert sum(received.left_out.values()) == names - len(held)
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+@pytest.fixture(autouse=True)
+def hang_up() -> Iterator[None]:
+    """Close the ports of all senders of a test."""
+    yield
+    while Sender.all:
+        Sender.all.pop().socket.close()
+
+
+class Sender:
+    """Somebody at a port of their own, under a system and component."""
+
+    all: ClassVar[list["Sender"]] = []
+
+    def __init__(self, port: int, system: int = 1, component: int = 1) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.all.append(self)
+        self.socket.connect(("127.0.0.1", port))
+        self.socket.setblocking(False)
+        self._packer = dialect.MAVLink(None, system, component)
+        self._reader = dialect.MAVLink(None)
+
+    def send(self, *messages: Any) -> None:
+        for message in messages:
+            self.socket.send(message.pack(self._packer))
+
+    def heard(self) -> list[Any]:
+        """Return what has come since the last time."""
+        found: list[Any] = []
+        while True:
+            try:
+                found += self._reader.parse_buffer(self.socket.recv(4_096)) or ()
+            except BlockingIOError:
+                return found
+
+
+def heartbeat(mode: int = Mode.AUTO) -> Any:
+    return dialect.MAVLink_heartbeat_message(1, 3, 0x80, mode, 4, 3)
+
+
+def position(seconds: float) -> Any:
+    boot = round(1e3 * seconds)
+    return dialect.MAVLink_global_position_int_message(
+        boot, 474_000_000, 85_000_000, 600_000, 100_000, 2_000, 0, 0, 0
+    )
+
+
+def receive(link: Link) -> list[Any]:
+    return [message for message, _ in link.receive(time.monotonic() + 0.1)]
+
+
+@pytest.fixture
+def beside() -> Iterator[tuple[Link, Sender, Callable[..., Sender]]]:
+    """Yield a link that has found its autopilot, the autopilot, and who makes others."""
+    port = free_port()
+    link = Link(f"udp:127.0.0.1:{port}", system=245)
+    autopilot = Sender(port)
+    autopilot.send(heartbeat())
+    link.find(5.0)
+    with closing(link):
+        yield link, autopilot, lambda *numbers: Sender(port, *numbers)
+
+
+def test_nobody_is_answered_but_who_sent_the_autopilots_messages(beside: Any) -> None:
+    link, autopilot, others = beside
+    strangers = [others(), others(7, 1), *(others(1, 1) for _ in range(200))]
+    for one in strangers[:1] + strangers[2:]:
+        one.socket.send(b"x")
+    strangers[1].send(heartbeat())
+    receive(link)
+    autopilot.heard()
+    link.set_mode(Mode.GUIDED)
+    assert [one.get_type() for one in autopilot.heard()] == ["COMMAND_LONG"]
+    assert [one.heard() for one in strangers] == [[] for _ in strangers]
+    assert len(link._connection.clients) == 1
+
+
+def test_before_an_autopilot_is_heard_nobody_is_answered() -> None:
+    port = free_port()
+    with closing(Link(f"udp:127.0.0.1:{port}")) as link:
+        stranger = Sender(port, 7, 1)
+        stranger.socket.send(b"x")
+        receive(link)
+        link.beat()
+        assert stranger.heard() == []
+
+
+def test_half_a_message_of_a_stranger_swallows_none_of_the_autopilots(beside: Any) -> None:
+    link, autopilot, others = beside
+    others().socket.send(bytes([0xFD, 0xFF]) + bytes(100))
+    autopilot.send(position(600.0))
+    assert [one.get_type() for one in receive(link)] == ["GLOBAL_POSITION_INT"]
+
+
+def test_who_takes_the_autopilots_numbers_is_not_listened_to_until_it_is_silent(
+    beside: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link, autopilot, others = beside
+    liar = others(1, 1)
+    liar.send(position(9.0))
+    assert receive(link) == []
+    assert link.foreign == 1
+    # After a silence it may have another address, as where a router is started again.
+    clock = time.monotonic
+    monkeypatch.setattr("ros_bridge.mavlink.udp.time.monotonic", lambda: clock() + SILENT + 1.0)
+    liar.send(heartbeat())
+    assert [one.get_type() for one in receive(link)] == ["HEARTBEAT"]
+    link.beat()
+    assert len(liar.heard()) == 1
+    assert autopilot.heard() == []
+
+
+@pytest.mark.parametrize("component", [COMPONENT, 240, 154])
+def test_another_component_moves_neither_clock_nor_state(beside: Any, component: int) -> None:
+    """A companion computer, a bridge or a gimbal of the autopilot's own system."""
+    link, autopilot, others = beside
+    autopilot.send(position(600.0))
+    receive(link)
+    before, heard = link.clock.now(time.monotonic()), link.heard
+    alien = others(1, component)
+    alien.send(
+        dialect.MAVLink_system_time_message(0, 0),
+        dialect.MAVLink_system_time_message(0, 4_000_000_000),
+        position(600.0),
+        heartbeat(Mode.RTL),
+        dialect.MAVLink_mission_current_message(7),
+        dialect.MAVLink_param_value_message(b"AVD_ENABLE", 1.0, 9, 1, 0),
+        dialect.MAVLink_mission_count_message(245, COMPONENT, 0, 0),
+    )
+    assert receive(link) == []
+    assert 0 <= link.clock.now(time.monotonic()) - before < SECOND
+    assert link.clock.begun == 1
+    assert link.heard == heard  # nor is its life the autopilot's
+
+
+class Autopilot(threading.Thread):
+    """Answers a program's questions, with parameters and an empty mission and fence."""
+
+    def __init__(self, port: int) -> None:
+        super().__init__(daemon=True)
+        self.sender, self.stopped = Sender(port), threading.Event()
+
+    def run(self) -> None:
+        while not self.stopped.wait(0.005):
+            self.sender.send(heartbeat())
+            for message in self.sender.heard():
+                kind = message.get_type()
+                if kind == "PARAM_REQUEST_LIST":
+                    for number, (name, value) in enumerate(PARAMETERS.items()):
+                        self.sender.send(
+                            dialect.MAVLink_param_value_message(
+                                name.encode(), value, 9, len(PARAMETERS), number
+                            )
+                        )
+                elif kind == "MISSION_REQUEST_LIST":
+                    self.sender.send(
+                        dialect.MAVLink_mission_count_message(245, 191, 0, message.mission_type)
+                    )
+
+
+@pytest.fixture
+def program() -> Iterator[tuple[Program, Sender]]:
+    """Yield a program in flight and its autopilot, which is silent from then on."""
+    port = free_port()
+    options: argparse.Namespace = options_of(
+        ["--connect", f"udp:127.0.0.1:{port}", "--separation", "200", "--simulated", "--quiet"]
+    )
+    autopilot = Autopilot(port)
+    with closing(Link(options.connect, simulated=True)) as link:
+        autopilot.start()
+        found = Program(link, options)
+        autopilot.stopped.set()
+        autopilot.join()
+        yield found, autopilot.sender
+        found.close()
+
+
+def test_where_the_autopilot_begins_anew_nothing_hangs_on_its_old_clock(program: Any) -> None:
+    """Late once, an hour after the autopilot's start, and then it starts again."""
+    flying, autopilot = program
+    adsb = dialect.MAVLink_adsb_vehicle_message(
+        0xABC123, 474_100_000, 85_000_000, 1, 600_000, 0, 2_000, 0, b"A", 1, 0, 0x0F, 0
+    )
+    autopilot.send(heartbeat(), position(3_600.0), adsb)
+    flying.turn()
+    autopilot.send(position(3_603.0), position(3_603.0))
+    flying.turn()
+    assert list(flying.view.received.situation.traffic) == ["abc123"]
+    assert not flying.keeps_up(3_603 * SECOND)
+    autopilot.heard()
+    autopilot.send(position(5.0))
+    flying.turn()
+    received = flying.view.received
+    assert received.situation.own.fault is None
+    assert received.situation.own.age(flying.view.time) < 1.0
+    assert not received.situation.traffic
+    told = autopilot.heard()
+    assert any(one.get_type() == "STATUSTEXT" and "begun anew" in one.text for one in told)
+    asked = {one.get_type() for one in told}
+    assert "COMMAND_LONG" in asked  # for its messages
+    for tenth in range(1, round(10 * (RECOVERED + 1.0))):
+        autopilot.send(position(5.0 + 0.1 * tenth), heartbeat())
+        flying.turn(0.005)
+    assert flying.keeps_up(flying.view.time)
