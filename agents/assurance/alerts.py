@@ -150,14 +150,26 @@ def update(alerts: Alerts, time: Array, loss: Array, mask: Array, alerting: Aler
     )
 
 
+def shown_losses(bands: Bands) -> Array:
+    """Return when what a display draws of each band is lost, s from now, ``[N, B]``; inf: never.
+
+    It draws a band as far as half-way to its neighbours, so that a band beside a conflict is no
+    free one. Only where that would leave none, the manoeuvres to the targets alone count.
+    """
+    losses = np.where(bands.closed, bands.loss, bands.nearby)
+    some = np.isinf(losses).any(axis=1, keepdims=True)
+    return np.where(some, losses, bands.loss)
+
+
 def regions(bands: Bands, alerting: Alerting, separation: float) -> Array:
     """Return the regions of bands, codes of :class:`Region`, int8, ``[N, B]``.
 
     Where no band of a row is free, the one that :func:`agents.assurance.bands.recovery` picks is
     its way out.
     """
-    found = levels(bands.loss, alerting.reached).astype(np.int8)
-    found = np.where(bands.closed, np.maximum(found, np.int8(Region.PREVENTIVE)), found)
+    losses = shown_losses(bands)
+    found = levels(losses, alerting.reached).astype(np.int8)
+    found = np.where(np.isfinite(losses), np.maximum(found, np.int8(Region.PREVENTIVE)), found)
     way_out = recovery(bands, separation).index
     rows = np.flatnonzero(way_out >= 0)
     found[rows, way_out[rows]] = np.int8(Region.RECOVERY)

@@ -92,7 +92,7 @@ def _within_reach(
     """Return the areas that some manoeuvre may meet within the look-ahead."""
     if not areas:
         return []
-    faster = np.maximum(steering.acceleration * steering.reached, 0.0).max()
+    faster = np.maximum(steering.acceleration * steering.reached, 0.0).max(initial=0.0)
     far = (own.speed + faster) * look_ahead
     return [
         one

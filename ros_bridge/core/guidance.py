@@ -10,7 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.assurance.alerts import Alerting, Alerts, no_alerts, rearrange, regions, update
+from agents.assurance.alerts import (
+    Alerting,
+    Alerts,
+    no_alerts,
+    rearrange,
+    regions,
+    shown_losses,
+    update,
+)
 from agents.assurance.area_bands import area_losses
 from agents.assurance.bands import (
     HEADINGS,
@@ -60,7 +68,8 @@ class Row(NamedTuple):
 
     target: list[float]
     region: list[int]  # codes of Region
-    loss: list[float]  # when the separation is lost by its manoeuvre, s; -1: it is kept
+    # when the separation is lost by its manoeuvre or one half-way to the next, s; -1: it is kept
+    loss: list[float]
     area: list[int]  # place in the areas of the one that closes it; -1: traffic does, or it is free
 
 
@@ -227,7 +236,7 @@ def _row(
     return Row(
         targets.tolist(),
         regions(bands, alerting, separation)[0].tolist(),
-        [_or_never(loss) for loss in bands.loss[0].tolist()],
+        [_or_never(loss) for loss in shown_losses(bands)[0].tolist()],
         [places.get(number, -1) for number in bands.area[0].tolist()],
     )
 

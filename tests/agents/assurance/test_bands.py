@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agents.assurance.alerts import Alerting, Region, regions
 from agents.assurance.bands import Bands, heading_bands, recovery, speed_bands, stretches
+from agents.assurance.inputs import no_areas
 from agents.assurance.lookahead import ANY
+from agents.planner.areas import Counted
 from agents.planner.options import Options
 from agents.planner.planner import plan_many
 from agents.planner.traffic import Requirement, Traffic, predict, requirement_of, uncertainty
@@ -17,6 +20,7 @@ from agents.planner.validator import CHECKS, validate
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.angles import wrap
+from envs.areas import Area, Circle
 from envs.encounters import scenario
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, advance
 from envs.starts import encounters_of_seed
@@ -213,6 +217,92 @@ def test_there_is_no_recovery_where_a_band_is_free() -> None:
     traffic = straight_traffic((9_000.0, 0.0, math.pi, 70.0))
     bands = heading_bands(own, traffic, Requirement(1_000.0), LIMITS, LOOK_AHEAD)
     assert recovery(bands, 1_000.0).index.tolist() == [-1]
+
+
+def flown_clearance(
+    own: VehicleState, traffic: Traffic, target: float, rate: float, look_ahead: float
+) -> float:
+    """Return the least clearance from straight exact intruders ``[1, K]`` on the way to a heading,
+    m: flown in steps of a quarter of a second, by the shorter way round.
+    """
+    time = np.arange(0.0, look_ahead + 0.01, 0.25)
+    x, y, heading, speed = (float(field[0]) for field in own)
+    turn = math.remainder(target - heading, math.tau)
+    turning = np.minimum(time, abs(turn) / rate)
+    radius = math.copysign(speed / rate, turn)
+    after = heading + math.copysign(rate, turn) * turning
+    straight = speed * (time - turning)
+    x = x + radius * (np.sin(after) - math.sin(heading)) + straight * np.cos(after)
+    y = y - radius * (np.cos(after) - math.cos(heading)) + straight * np.sin(after)
+    there = predict(map_leaves(lambda field: field.T, traffic), time)
+    apart = np.hypot(there.x - x, there.y - y)
+    return float((apart - requirement_of(traffic, own, REQUIREMENT)[0][:, None]).min())
+
+
+def test_all_headings_of_a_free_stretch_are_free_and_closed_ones_hold_a_conflict() -> None:
+    generator = np.random.default_rng(7)
+    rate = LIMITS.yaw_rate_max
+    opposite = told = 0
+    for _ in range(12):
+        own = random_states(generator, 1, extent=0.0)
+        traffic = Traffic.straight(random_states(generator, 1, 2, extent=5_000.0))
+        bands = heading_bands(own, traffic, REQUIREMENT, LIMITS, LOOK_AHEAD)
+        parts = stretches(bands)
+        assert parts[-1].high - parts[0].low == pytest.approx(math.tau)
+        for part in parts:
+            inside = np.linspace(part.low, part.high, 2 + int((part.high - part.low) / 0.02))[1:-1]
+            # Beside the opposite heading, too, from both sides.
+            behind = float(own.heading[0]) + math.pi + np.array([-1e-3, 1e-3])
+            behind = part.low + (behind - part.low) % math.tau
+            inside = [*inside, *behind[behind < part.high]]
+            flown = [flown_clearance(own, traffic, one, rate, LOOK_AHEAD) for one in inside]
+            if not part.closed:
+                assert min(flown, default=0.0) > -0.1
+                opposite += int((behind < part.high).sum())
+            elif len(flown) > 4:  # more than can be left unproven
+                assert min(flown) < 1.0
+                told += 1
+    assert opposite > 5 and told > 5
+
+
+def test_a_conflict_between_two_headings_closes_what_is_between_them() -> None:
+    own = one(0.0, 0.0, 0.0, 75.0)
+    # It stands 6 km away, a hundred metres wide, half-way between two of the headings.
+    place = 6_000.0 * np.exp(1j * math.radians(52.5)) + 950.0j
+    traffic = straight_traffic((place.real, place.imag, 0.0, 0.0))
+    traffic = traffic._replace(separation=np.array([[100.0]]))
+    bands = heading_bands(own, traffic, REQUIREMENT, LIMITS, LOOK_AHEAD)
+    assert not bands.closed.any()
+    narrow = [part for part in stretches(bands) if part.closed]
+    assert len(narrow) == 1
+    assert 0.02 < narrow[0].high - narrow[0].low < 0.05
+    # The display draws bands half-way to their neighbours.
+    shown = regions(bands, Alerting.for_aircraft(PAPER), 100.0)[0]
+    assert 1 <= (shown != Region.FREE).sum() <= 2
+
+
+@pytest.mark.parametrize("kind", ["heading", "speed"])
+def test_a_free_stretch_amid_uncertain_and_turning_intruders_and_areas_is_free(kind: str) -> None:
+    generator = np.random.default_rng(3)
+    compute = heading_bands if kind == "heading" else speed_bands
+    lake = Area(Circle(4_000.0, 1_000.0, 900.0), velocity=(-10.0, 5.0), clearance=100.0)
+    areas = no_areas(1)
+    areas[0] = (Counted(0, lake, 0.0, 400.0),)
+    lengths = 0.0
+    for number in range(8):
+        own = random_states(generator, 1, extent=0.0)
+        traffic = traffic_of(generator, 1, noise=True)
+        given = own, traffic, REQUIREMENT, LIMITS, LOOK_AHEAD
+        amid = areas if number % 2 else None
+        parts = stretches(compute(*given, None, amid), circle=kind == "heading")
+        for part in parts:
+            if part.closed:
+                continue
+            inside = np.linspace(part.low, part.high, 30)[1:-1]
+            again = compute(*given, wrap(inside, np) if kind == "heading" else inside, amid)
+            assert (again.clearance[0] > -GOOD).all()
+            lengths += part.high - part.low
+    assert lengths > 0.0
 
 
 def test_nobody_closes_nothing() -> None:
