@@ -153,9 +153,11 @@ def step(
     """Judge one second, s, by the last reports; ``own`` is None where it is missing, ``gone`` do
     not count any more. The own altitude is as of now, and so are the areas, all that there are.
     """
+    # Among hundreds of aircraft a name is sought for in sets alone.
+    known, left = set(watch.names), set(gone)
     names = (
-        *(name for name in watch.names if name not in gone),
-        *(n for n in intruders if n not in watch.names),
+        *(name for name in watch.names if name not in left),
+        *(name for name in intruders if name not in known),
     )
     watch = _allocate(watch, names)
     frame, reports = watch.frame, [intruders.get(name, Intruder(_MISSING)) for name in names]
@@ -179,7 +181,8 @@ def step(
         areas=_areas_met(watch, areas, own, own_altitude, time),
     )
     monitor, decision = monitors.step(watch.monitor, given, thresholds)
-    levels = {name: at for name, at in watch.levels.items() if name in names} | {
+    counted = set(names)
+    levels = {name: at for name, at in watch.levels.items() if name in counted} | {
         name: (time - one.age, one) for name, one in intruders.items() if one.altitude is not None
     }
     watch = replace(watch, levels=levels)
