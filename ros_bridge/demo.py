@@ -10,8 +10,8 @@ was taken up, the largest distance from the plans flown, the plans that the moni
 what answers took. A second table judges every plan that was flown: whether the flight stayed
 within the margin that SAFE assumes, and whether the separation that SAFE promises was kept.
 
-Exit code: 0 if every plan called SAFE kept the separation and out of areas and no flight failed, 1
-if not, 2 for bad input.
+Exit code: 0 if plans called SAFE were flown, every one kept the separation and out of areas and no
+flight failed, 1 if not, 2 for bad input.
 """
 
 import argparse

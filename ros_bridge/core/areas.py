@@ -114,8 +114,9 @@ def areas_of_file(path: str) -> tuple[GeodeticArea, ...]:
 def _area(name: str, message: "AreaMessage", time: int) -> GeodeticArea:
     """Return an area of a message of a time, ns; its times are s after that."""
     valid = flags(f"{name}.valid", message.valid, FLOOR | CEILING | FROM | UNTIL)
-    if not isinstance(message.id, str) or len(message.id.encode()) > _LONGEST_ID:
-        raise FieldError(f"{name}.id", f"is {message.id!r:.60}, expected {_LONGEST_ID} bytes")
+    if len(message.id.encode()) > _LONGEST_ID or not message.id.isprintable():
+        what = f"is {message.id!r:.60}, expected a printable name of {_LONGEST_ID} bytes at most"
+        raise FieldError(f"{name}.id", what)
     floor = ceiling = None
     if valid & FLOOR:
         floor = _level(f"{name}.floor", message.floor, message.floor_reference)

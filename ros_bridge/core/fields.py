@@ -6,7 +6,8 @@ Messages are taken by their fields alone, so that nothing here needs ROS: a mess
 package with the same fields, or a plain object in a test, serves as well.
 """
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Collection
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -110,6 +111,19 @@ def identifier(name: str, value: object) -> str:
             name, f"is {len(value.encode())} bytes long, expected {_LONGEST_ID} at most"
         )
     return value.strip().lower()
+
+
+def called(value: object) -> str:
+    """Return what an aircraft is called by a name that :func:`identifier` refuses: its first
+    characters, with what cannot be printed as escapes.
+    """
+    return f"{value!r:.40}"
+
+
+def listed(names: Collection[str], most: int = 5) -> str:
+    """Return names with commas, the first of them where there are many."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(itertools.islice(names, most)) + more
 
 
 def flags(name: str, value: object, known: int) -> int:

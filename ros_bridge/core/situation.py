@@ -6,6 +6,7 @@ codes of GenerateTrajectory, the field that is meant and a sentence.
 """
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -65,6 +66,9 @@ _INVALID = {
 _COPY_DISTANCE = 250.0  # m
 _COPY_SPEED = 10.0  # m/s
 _COPY_TURN = 0.2  # rad
+
+
+_NUMBERED = re.compile(r"\bintruders\[(\d+)\]")  # an intruder as the planner's texts call it
 
 
 class AgeCodes(NamedTuple):
@@ -307,8 +311,12 @@ def refusal_of(error: RequestError, task: PlanTask) -> Refusal:
 
 
 def in_terms_of_messages(field_: Field | str, identifiers: Sequence[str]) -> str:
-    """Return a field of the planner's request in terms of messages: intruders by their names."""
-    if not isinstance(field_, Field) or field_.number is None:
+    """Return a field of the planner's request, or a sentence about it, in terms of messages:
+    intruders by their names.
+    """
+    if not isinstance(field_, Field):
+        return _NUMBERED.sub(lambda found: f"intruder {identifiers[int(found[1])]}", field_)
+    if field_.number is None:
         return str(field_)
     if field_.subject is not Subject.INTRUDERS:
         return str(field_)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from ros_bridge.core import conversions
 from ros_bridge.core.areas import areas as read_areas
-from ros_bridge.core.fields import FieldError, attempt, identifier, not_ahead, readable
+from ros_bridge.core.fields import FieldError, attempt, called, identifier, not_ahead, readable
 from ros_bridge.core.reports import Report, Sighting
 from ros_bridge.core.situation import Held, Situation
 from ros_bridge.core.tracks import (
@@ -69,9 +69,9 @@ def traffic(situation: Situation, message: "AircraftState", now: int, rules: Rul
     that id counts. A copy under another id, as TIS-B makes them, is not recognised by its place and
     velocity: it counts as an intruder, and the task has a note of it.
     """
-    name = readable(lambda: identifier("", message.id)) or message.id
-    called = f"intruder {name}"
-    found, own = attempt(lambda: conversions.aircraft(message, called)), situation.own.last
+    name = readable(lambda: identifier("", message.id)) or called(message.id)
+    field = f"intruder {name}"
+    found, own = attempt(lambda: conversions.aircraft(message, field)), situation.own.last
     if own is not None and own.identifier == name and _near(own, found.sighting, rules):
         return situation
     return replace(situation, traffic=follow(situation.traffic, name, found, now, rules))

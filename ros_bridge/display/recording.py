@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr
 from io import StringIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -55,18 +55,22 @@ def read(path: Path, separation: float | None = None) -> "GraphRecording | Fligh
 
 
 class GraphRecording:
-    """An MCAP file of the graph, in memory."""
+    """An MCAP file of the graph, in memory; ``cut`` says where it is cut, "" where it is not."""
 
     def __init__(self, path: Path, separation: float | None = None) -> None:
         self.name = path.name
-        self._messages = list(_messages(path))
+        self._messages, self.cut = _contents(path)
+        self._messages.sort(key=lambda one: one.time)
         if not any(one.name for one in self._messages):
             raise InputError(f"{path} holds no message of {', '.join(INPUTS)}")
         self.length = self._messages[-1].time
         self._times = [one.time for one in self._messages]
         self.marks: list[tuple[float, int]] = []
         step = max(_APART, self.length / _KEPT)
-        moment = _Moment(0, 0.0, self._first_clock(), Scene(separation=separation))
+        scene = Scene(separation=separation)
+        if self.cut:
+            scene = note(scene, "recording", self.cut, self._first_clock())
+        moment = _Moment(0, 0.0, self._first_clock(), scene)
         self._kept = [moment]
         before = 0
         for count in range(1, len(self._messages) + 1):
@@ -138,31 +142,53 @@ def _stamp_of(message: Any) -> int:
     return 0 if stamp is None else stamp.sec * SECOND + stamp.nanosec
 
 
-def _messages(path: Path) -> Iterator[_Message]:
-    """Yield the messages of a file, or raise ``InputError`` where it is damaged."""
-    from mcap.exceptions import McapError
-    from mcap.reader import make_reader
+class _Contents(NamedTuple):
+    """What a file holds."""
+
+    messages: list[_Message]
+    cut: str  # a sentence where only its beginning is whole; "": all of it is
+
+
+def _contents(path: Path) -> _Contents:
+    """Return the messages of a file up to where it is cut or damaged, or raise ``InputError`` where
+    none is whole.
+    """
+    messages: list[_Message] = []
+    try:
+        with path.open("rb") as stream:
+            messages.extend(_messages(stream))
+    except OSError as problem:
+        raise InputError(f"{path} cannot be read: {problem.strerror}") from problem
+    except ModuleNotFoundError:
+        raise
+    except Exception as problem:  # whatever the libraries make of bytes that are no file
+        if not messages:
+            what = "expected one with a message that is whole"
+            raise InputError(f"{path} is no whole MCAP file, {what}") from problem
+        length = messages[-1].time
+        return _Contents(messages, f"{path.name} is cut or damaged {length:.1f} s after its start")
+    return _Contents(messages, "")
+
+
+def _messages(stream: BinaryIO) -> Iterator[_Message]:
+    """Yield the messages of a stream in their order in it."""
+    from mcap.reader import NonSeekingReader
     from mcap_ros2.decoder import DecoderFactory
 
     factory, decoders, begin = DecoderFactory(), dict[int, Any](), None
-    with path.open("rb") as stream:
-        try:
-            for schema, channel, message in make_reader(stream).iter_messages():
-                begin = message.log_time if begin is None else begin
-                name = next((one for one in INPUTS if _is(channel.topic, one)), "")
-                kind = "a message without a type" if schema is None else schema.name
-                name = name if name and INPUTS[name].kind == kind else ""
-                if name and channel.id not in decoders:
-                    with redirect_stderr(StringIO()):  # the library prints what it also raises
-                        decode = factory.decoder_for(channel.message_encoding, schema)
-                    decoders[channel.id] = decode
-                decode = decoders.get(channel.id)
-                time = (message.log_time - begin) / SECOND
-                yield _Message(time, name, channel.topic, kind, decode, message.data)
-        except Exception as problem:  # whatever the libraries make of bytes that are no file
-            says = isinstance(problem, McapError | ValueError) and str(problem)
-            what = f"{says or repr(problem):.200}"
-            raise InputError(f"{path} is no whole MCAP file: {what}") from problem
+    # Without the summary at its end, which a file that is cut has lost.
+    for schema, channel, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
+        begin = message.log_time if begin is None else begin
+        name = next((one for one in INPUTS if _is(channel.topic, one)), "")
+        kind = "a message without a type" if schema is None else schema.name
+        name = name if name and INPUTS[name].kind == kind else ""
+        if name and channel.id not in decoders:
+            with redirect_stderr(StringIO()):  # the library prints what it also raises
+                decode = factory.decoder_for(channel.message_encoding, schema)
+            decoders[channel.id] = decode
+        decode = decoders.get(channel.id)
+        time = (message.log_time - begin) / SECOND
+        yield _Message(time, name, channel.topic, kind, decode, message.data)
 
 
 def _is(topic: str, name: str) -> bool:
@@ -174,6 +200,8 @@ class FlightRecording:
     """An encounter of an evaluation, as ``python -m eval.report --save`` writes it
     (docs/reference/display.md).
     """
+
+    cut = ""  # it is whole, or refused
 
     def __init__(self, path: Path) -> None:
         try:

@@ -127,6 +127,8 @@ def _source(
     """Return what is shown, its name, and what feeds it while it is entered."""
     if options.recording is not None:
         recording = read(options.recording, options.separation)
+        if recording.cut:
+            _say(f"{recording.cut}; what is whole before that is shown")
         return recording, recording.name, nullcontext()
     if options.adsb:
         from ros_bridge.display.adsb import Receiving

@@ -47,7 +47,7 @@ from agents.planner.recheck import recheck
 from agents.policy.inference import Policy
 from ros_bridge.core import conversions, updates
 from ros_bridge.core.aircraft import load_policy
-from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.fields import SECOND, FieldError, listed
 from ros_bridge.core.planning import plan_task, rehearse
 from ros_bridge.core.situation import (
     NOTHING,
@@ -66,6 +66,8 @@ from ros_bridge.transport.messages import advisory_message, plan_message, trajec
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import aircraft_text, planning_settings
 from ros_bridge.transport.topics import Topic
+
+_AGES, _ODD = 1_000, 20  # aircraft that diagnostics list by age, and by reports not taken
 
 _VIEWS_EVERY = 0.1  # s at most from a plan to its situation
 
@@ -328,8 +330,11 @@ class Runner(ListeningNode):
     ) -> None:
         """Write into an answer why its plan is not safe, what was assumed, and who is left out."""
         response.status = int(Code.SAFE if result.safe else Code.UNRESOLVED)
-        response.message = "; ".join(reason.message for reason in result.reasons)
-        response.field = result.reasons[0].field if result.reasons else ""
+        names = wanted.identifiers
+        texts = [in_terms_of_messages(reason.message, names) for reason in result.reasons]
+        response.message = "; ".join(texts)
+        if result.reasons:
+            response.field = in_terms_of_messages(result.reasons[0].field, names)
         advisories = [
             one._replace(field=in_terms_of_messages(one.field, wanted.identifiers))
             for one in (*result.advisories, *wanted.notes)
@@ -377,7 +382,7 @@ class Runner(ListeningNode):
             for track in self._aircraft_tracks().values()
             if track.fault and track.fault.verdict is Verdict.CONTRADICTION
         ]
-        outside = [*self._outside, *contradictions]
+        outside = [*self._outside, *([listed(contradictions)] if contradictions else [])]
         self._publish_health((DiagnosticStatus.WARN, problem), outside, self._health_values(now))
 
     def _aircraft_tracks(self) -> dict[str, Track]:
@@ -392,17 +397,31 @@ class Runner(ListeningNode):
             "own age, s": f"{situation.own.age(now):.3f}",
             "intruders": str(len(situation.traffic)),
         }
-        for name, track in sorted(situation.traffic.items()):
-            values[f"age of {name}, s"] = f"{track.age(now):.3f}"
+        ages = {name: track.age(now) for name, track in situation.traffic.items()}
+        # Of more aircraft the oldest.
+        for name in sorted(sorted(ages, key=lambda name: -ages[name])[:_AGES]):
+            values[f"age of {name}, s"] = f"{ages[name]:.3f}"
         values |= {f"answers {name}": str(count) for name, count in sorted(self._answers.items())}
         values |= {"last answer": self._last_answer, "revision": str(self._revision)}
-        for name, track in self._aircraft_tracks().items():
-            values |= {
-                f"reports of {name}: {kind.value}": str(count)
-                for kind, count in track.counts.items()
-                if kind is not Verdict.TAKEN
-            }
-        return values
+        return values | self._odd_reports()
+
+    def _odd_reports(self) -> dict[str, str]:
+        """Return how many reports of each kind were not taken: of all, and of those aircraft that
+        have most of them.
+        """
+        odd = {
+            name: {kind: n for kind, n in track.counts.items() if kind is not Verdict.TAKEN}
+            for name, track in self._aircraft_tracks().items()
+        }
+        every: Counter[Verdict] = Counter()
+        for counts in odd.values():
+            every.update(counts)
+        most = sorted(odd, key=lambda name: -sum(odd[name].values()))[:_ODD]
+        return {f"reports of all: {kind.value}": str(count) for kind, count in every.items()} | {
+            f"reports of {name}: {kind.value}": str(count)
+            for name in sorted(most)
+            for kind, count in odd[name].items()
+        }
 
 
 main = partial(process.main, Runner, "runner", __doc__)

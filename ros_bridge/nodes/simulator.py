@@ -24,8 +24,8 @@ namespace:
 Each encounter begins with a clock that steps back, which makes both nodes forget the one before.
 The clock never runs ahead of the monitor's status by more than two ticks, and while a plan is asked
 for it keeps to deciding_rate: what answers cost in time, they cost in flight. Without --ros-args -p
-encounters:=N one encounter is flown; then the table is printed, and the exit code is 0 if every
-plan called SAFE kept the separation, else 1. Parameters:
+encounters:=N one encounter is flown; then the table is printed, and the exit code is 0 if plans
+called SAFE were flown and every one kept the separation, else 1. Parameters:
 """
 
 import math

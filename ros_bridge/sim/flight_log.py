@@ -47,8 +47,10 @@ class FlightLog:
 
 
 def keep_promises(logs: Iterable[FlightLog]) -> bool:
-    """Return whether all plans called SAFE kept the separation and out of areas."""
-    return all(log.keeps_promise for log in logs)
+    """Return whether plans called SAFE were flown, and all kept the separation and out of areas."""
+    logs = list(logs)
+    flown = any(log.safe_at is not None for log in logs)
+    return flown and all(log.keeps_promise for log in logs)
 
 
 def table(logs: Sequence[FlightLog]) -> str:

@@ -3,6 +3,7 @@
 back.
 """
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,7 +21,7 @@ from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.areas import areas_of_file
 from ros_bridge.core.categories import BY_CATEGORY
-from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
+from ros_bridge.core.fields import SECOND, FieldError, listed, nanoseconds
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forget_silent
 from ros_bridge.transport import topics, views
@@ -41,6 +42,7 @@ _BACKWARD = SECOND // 2
 """By how much the clock may step back before everything received is forgotten, ns."""
 
 _IN_FLIGHT = SECOND  # for how long after that messages may arrive that were sent before
+_FORGOTTEN_EVERY = 5.0  # s of real time between two lines in the log
 _COUNTED = topics.TRAFFIC, topics.TRAFFIC_ARRAY, topics.ALERTS
 """Of the inputs those where each message counts; of the others a newer one follows soon, or only
 the last one holds.
@@ -85,6 +87,8 @@ class ListeningNode(ClockGuard, LifecycleNode):
             fixed_areas=self._fixed_areas, areas_file=self._value("areas_file") or ""
         )
         self._latest = self._settled = 0
+        self._forgotten: tuple[str, ...] = ()  # and not logged yet
+        self._told_forgotten = -math.inf  # when that was logged last, s of real time
 
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value if self.has_parameter(name) else None
@@ -270,7 +274,11 @@ class ListeningNode(ClockGuard, LifecycleNode):
         traffic, silent = forget_silent(self._situation.traffic, now, after)
         if silent:
             self._situation = replace(self._situation, traffic=traffic)
-            self.get_logger().info(f"silent, and forgotten: {', '.join(silent)}")
+            self._forgotten += silent
+        if self._forgotten and time.monotonic() - self._told_forgotten > _FORGOTTEN_EVERY:
+            told, self._forgotten = self._forgotten, ()
+            self._told_forgotten = time.monotonic()
+            self.get_logger().info(f"silent, and forgotten: {listed(told)}")
 
     def _now(self) -> int:
         """Return the node's time, ns; when it has stepped back, everything received belongs to

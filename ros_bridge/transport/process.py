@@ -23,6 +23,7 @@ from ros_bridge.transport import parameters
 from ros_bridge.transport.children import FLAG, end_with_parent
 from ros_bridge.transport.discovery import configure_dds, reserve_ports
 from ros_bridge.transport.overrides import refuse_unknown_nodes
+from ros_bridge.transport.stopping import note_start
 
 _RCL_LINE = re.compile(r"\s*, at \S+:\d+")
 _LOOK = 1.0  # s between two looks at whether the node has finished
@@ -59,6 +60,7 @@ def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> in
             "--manual", action="store_true", help="wait to be configured and activated by others"
         )
     options, node = _begin(make, parser, given)
+    note_start()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:

@@ -576,6 +576,33 @@ def record_graph(path: Path) -> None:
         made.finish()
 
 
+def test_a_cut_recording_shows_what_is_whole_and_says_where_it_ends(tmp_path: Path):
+    path = tmp_path / "x.mcap"
+    growing = pytest.importorskip("ros_bridge.transport.mcap_file", reason="mcap is not installed")
+    made = growing.McapFile(path)
+    definition = "builtin_interfaces/Time clock\n" + "=" * 80
+    definition += "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec"
+    channel = made.channel("/clock", "rosgraph_msgs/msg/Clock", definition)
+    lengths = []
+    for second in range(4):
+        data = b"\x00\x01\x00\x00" + (1_000 + second).to_bytes(4, "little") + bytes(4)
+        made.write(channel, data, second * SECOND)
+        made.flush()
+        lengths.append(path.stat().st_size)
+    made.close()
+    assert read(path).length == 3.0
+    assert read(path).cut == ""
+    whole = path.read_bytes()
+    for size, seconds in zip(lengths, range(4), strict=True):
+        path.write_bytes(whole[:size])  # no end as it belongs there
+        recording = read(path)
+        assert recording.length == float(seconds)
+        if seconds < 3:
+            assert recording.cut == f"x.mcap is cut or damaged {seconds:.1f} s after its start"
+            health = recording.player()(recording.length)["health"]
+            assert recording.cut in [one["text"] for one in health]
+
+
 def test_a_damaged_recording_is_refused_in_a_sentence_or_shown(tmp_path: Path):
     path = tmp_path / "x.mcap"
     record_graph(path)

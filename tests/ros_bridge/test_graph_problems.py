@@ -2,11 +2,14 @@
 says so, and stops saying so.
 """
 
+import signal
+import subprocess
+import sys
 from typing import Any
 
 import pytest
 
-from tests.ros_bridge.graph import MISSING, NODE, Client, beside
+from tests.ros_bridge.graph import MISSING, NODE, ROOT, Client, beside
 
 pytest.importorskip("rclpy", reason=MISSING)
 
@@ -15,12 +18,14 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rlcas_msgs.msg import AssuranceStatus, Trajectory
+from rlcas_msgs.msg import AircraftState, AssuranceStatus, TrafficArray, Trajectory
 from rosgraph_msgs.msg import Clock
 
+from ros_bridge.core import updates
 from ros_bridge.nodes.monitor import Monitor
 from ros_bridge.nodes.runner import Runner
 from ros_bridge.transport import qos, topics
+from ros_bridge.transport.messages import time_message
 from ros_bridge.transport.settings import disagreements
 
 OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
@@ -108,6 +113,33 @@ def test_a_monitor_that_differs_from_the_runner_says_in_what():
         finally:
             client.executor.remove_node(monitor)
             monitor.destroy_node()
+
+
+def test_diagnostics_of_thousands_of_aircraft_are_bounded():
+    with beside(Runner, diagnostics_period=0.2) as (node, client):
+        begin(node)
+        health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        now = client.now()
+        bad = [AircraftState(id=f"{number:06x}", valid=1) for number in range(4_000)]
+        for state in bad:
+            state.header.stamp = time_message(now)
+        node._take_in(updates.traffic_array, TrafficArray(states=bad))
+        state = client.spin(
+            lambda: next((one.status[0] for one in health if len(one.status[0].values) > 100), None)
+        )
+        assert len(state.values) < 1_100
+        values = {pair.key: pair.value for pair in state.values}
+        assert values["intruders"] == values["reports of all: invalid"] == "4000"
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_during_the_start_ends_it_in_order(how: signal.Signals):
+    code = (
+        "import os\nfrom ros_bridge.transport.stopping import end_in_order_from_now_on as begin\n"
+        f"begin()\nos.kill(os.getpid(), {int(how)})\nraise SystemExit(3)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False, timeout=60)
+    assert done.returncode == 0
 
 
 def test_disagreements_name_what_differs():

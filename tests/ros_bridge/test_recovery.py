@@ -9,7 +9,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 from agents.assurance.state import State
 from ros_bridge.core import updates
 from ros_bridge.core.assurance import activate, initial, step_monitor
-from ros_bridge.core.situation import Code, Refusal, Situation, task
+from ros_bridge.core.situation import Code, Refusal, Situation, in_terms_of_messages, task
 from tests.ros_bridge.scenes import (
     NOW,
     RULES,
@@ -113,6 +113,24 @@ def test_runner_and_monitor_agree_about_a_name_at_two_near_places(apart: float, 
     [intruder] = wanted.intruders
     assert intruder.position_std == pytest.approx(0.5 * apart, rel=0.2)
     assert any("scatters" in note.text for note in wanted.notes)
+
+
+def test_a_name_that_cannot_be_used_stands_short_and_on_one_line_everywhere():
+    for name in ("a\nb" * 20_000, "", "x" * 65_000, "\u202ex"):
+        situation = heard(aircraft(9_000.0, 0.0, math.pi, 75.0, id=name))
+        [(key, track)] = situation.traffic.items()
+        assert track.fault is not None
+        with pytest.raises(Refusal) as caught:
+            task(situation, NOW, SETTINGS)
+        for text in (key, track.fault.message, str(caught.value), caught.value.field):
+            assert len(text) < 200
+            assert text.isprintable()
+
+
+def test_reasons_name_aircraft_and_not_numbers():
+    names = ("4b1a2c", "a")
+    text = "intruders[1] is 3 m away; intruders[0].x is off"
+    assert in_terms_of_messages(text, names) == "intruder a is 3 m away; intruder 4b1a2c.x is off"
 
 
 def test_a_route_is_as_long_as_it_can_be_read_in_time():

@@ -241,6 +241,10 @@ def make_log(**more) -> FlightLog:
 def test_safe_plans_must_keep_the_separation():
     assert keep_promises([make_log(), make_log(separation=1_000.0)])
     assert not keep_promises([make_log(), make_log(separation=999.9)])
+    # Where nothing SAFE was flown nothing was kept.
+    assert not keep_promises([])
+    assert not keep_promises([make_log(safe_at=None)])
+    assert keep_promises([make_log(), make_log(safe_at=None)])
     assert not keep_promises([make_log(separation=math.nan)])
     assert not keep_promises([make_log(failure="the attitude is lost")])
     # Nobody promised anything.
