@@ -87,6 +87,8 @@ def follow(
     motion = fast * fast * tracks.velocity_variance + (slow * velocity_std) ** 2
     both = far * fast * (tracks.covariance + dt * tracks.velocity_variance)
     kept = Tracks(followed, count, drift_x, drift_y, place, motion, both)
+    if not np.any(anew):  # as nearly always; of hundreds of aircraft that is a fifth of the time
+        return kept
     return map_leaves(
         lambda old, new: np.where(anew, new, old), kept, begin(report, position_std, velocity_std)
     )

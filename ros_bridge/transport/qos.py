@@ -11,8 +11,10 @@ SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 TRAFFIC = QoSProfile(depth=4096, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of single intruders: room for the reports of many that arrive together."""
 
-TRAFFIC_ARRAY = QoSProfile(depth=100, reliability=_RELIABLE)
-"""Of many intruders in one message, which is sent again until it has arrived."""
+TRAFFIC_ARRAY = QoSProfile(depth=20, reliability=_RELIABLE)
+"""Of many intruders in one message, which is sent again until it has arrived; a node that is too
+slow for them rather loses some, and says so, than works on old ones.
+"""
 
 EVENTS = QoSProfile(depth=10, reliability=_RELIABLE)
 """Of alerts and advice: each counts, an old one does not."""
