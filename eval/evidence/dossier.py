@@ -141,13 +141,18 @@ def assess(
     for name, item in items.items():
         small = [one for one in item.results if _is_small(one, listed, results)]
         reasons[name] = _test_reasons(item, outcomes) + _result_reasons(item, evaluated, small)
-    states = {
-        name: max((reason.state for reason in reasons[name]), default=State.SHOWN) for name in items
-    }
+    states = {name: _state(items[name], reasons[name], outcomes) for name in items}
     for name, goal in case.goals.items():
         states[name] = max(states[requirement] for requirement in goal.requirements)
     states["claim"] = max(states[name] for name in case.goals)
     return Assessment(case, items, tests, outcomes, evaluated, reasons, states)
+
+
+def _state(item: Item, reasons: Iterable[Reason], outcomes: Mapping[str, Outcome]) -> State:
+    """Return the worst of an item's reasons; where none of its tests was run it is open."""
+    worst = max((reason.state for reason in reasons), default=State.SHOWN)
+    none_ran = all(outcomes[test] is Outcome.NOT_RUN for test in item.tests)
+    return min(worst, State.OPEN) if item.tests and none_ran else worst
 
 
 def tests_of(root: Path) -> list[str]:

@@ -65,9 +65,12 @@ def write(
         ),
     )
     write_file(to, page)
+    missed = [name for name, one in found.results.items() if one.met == "no"]
+    idle = sum(outcome is Outcome.NOT_RUN for outcome in found.outcomes.values())
     return (
-        f"{to}: the claim is {found.states['claim'].label}; no requirement or assumption names "
-        f"{left}"
+        f"{to}: the claim is {found.states['claim'].label}; {idle} of {len(found.tests)} tests "
+        f"were not run; results that miss their claim: {', '.join(missed) or 'none'}; no "
+        f"requirement or assumption names {left}"
     )
 
 

@@ -420,13 +420,34 @@ def test_a_dossier_that_names_what_is_not_there_is_refused(
     assert not (tmp_path / "d.html").exists()
 
 
-def test_every_name_of_the_dossier_that_ships_resolves(tmp_path: Path) -> None:
+def test_where_nothing_was_run_a_missed_result_leaves_the_claim_open(tmp_path: Path) -> None:
+    some, about = small_checkout(tmp_path), {"policy": "a", "commit": "c"}
+    rate = {"value": 0.5, "low": 0.4, "high": 0.6, "count": 12, "total": 24}
+    missed = {"one": result("x", 24, success_given_resolvable=rate)}
+    page, report = tmp_path / "d.html", tmp_path / "r.xml"
+    said = write(tmp_path, page, some, missed, about, tmp_path)
+    assert (
+        "the claim is open; 3 of 3 tests were not run; results that miss their claim: one" in said
+    )
+    assert "not met: one" in page.read_text(encoding="utf-8")
+    report.write_text(
+        '<testsuites><testsuite><testcase classname="tests.test_a" name="test_one"/>'
+        "</testsuite></testsuites>"
+    )
+    said = write(tmp_path, page, some, missed, about, tmp_path, [report])
+    assert "the claim is not met; 2 of 3 tests were not run" in said
+
+
+def test_every_name_of_the_dossier_that_ships_resolves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     case = load(Case, ROOT / "configs/dossier.yaml")
     items = resolve(ROOT, case, LISTED, names_of_tests(ROOT))
     assert {name for item in items.values() for name in item.results} == set(LISTED.results)
     assert all(item.where for item in case.assumptions.values())
     assert {one for goal in case.goals.values() for one in goal.assumes} == set(case.assumptions)
     assert main(["--dossier", str(tmp_path / "d.html"), "--out", str(tmp_path / "none")]) == 0
+    assert "the claim is open; " in capsys.readouterr().out  # of a fresh clone
     page = (tmp_path / "d.html").read_text(encoding="utf-8")
     ids = re.findall(r' id="([^"]+)"', page)
     assert len(ids) == len(set(ids)) and set(re.findall(r'href="#([^"]+)"', page)) <= set(ids)
