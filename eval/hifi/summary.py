@@ -12,6 +12,7 @@ import numpy as np
 
 from envs.edge.progress import group_digits
 from eval.hifi.rows import ERRORS, HIFI_OUTCOMES
+from eval.metrics.summary import BROKEN, NOT_PROMISED
 from eval.stats.intervals import quantiles, share
 
 _SHARES = (0.5, 0.95, 0.99, 1.0)
@@ -28,16 +29,13 @@ _RATES = {
     "safe_of_resolvable": "plans called SAFE and flown, of those that can be resolved",
     "success_of_safe": "success of SAFE plans",
     "breach_of_safe": "breaches of areas by SAFE plans",
-    "violation_of_safe": "violations of SAFE plans",
+    "violation_of_safe": "SAFE plans that lost the separation, for either reason",
     "backup_used_rate": "flights that used the backup",
 }
 """What the rates are called in the table."""
 _LOSSES = {"safe_plans_broken": "broken", "safe_plans_not_promised": "not_promised"}
-_SAFE_PLANS = {
-    "safe_plans_broken": "of these: the promise of SAFE broken",
-    "safe_plans_not_promised": "of these: not promised, an intruder left its reported motion",
-}
-"""What the parts of the violations of SAFE plans are called in the table, below their rate."""
+_SAFE_PLANS = {"safe_plans_broken": BROKEN, "safe_plans_not_promised": NOT_PROMISED}
+"""What the parts of the violations of SAFE plans are called in the table, above their rate."""
 _LARGEST = {
     "cross_track_rms_m": ("cross-track, root mean square", "m"),
     "cross_track_max_m": ("cross-track", "m"),
@@ -112,12 +110,12 @@ def rate_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
         rate = summary.get(key)
         if rate is None or rate["value"] is None:
             continue
+        if key == "violation_of_safe":
+            parts = [part for part in _SAFE_PLANS if part in summary]
+            rows += [(_SAFE_PLANS[part], group_digits(summary[part]), "", "") for part in parts]
         low, high = (f"{100.0 * rate[end]:.2f} %" for end in ("low", "high"))
         count = f"{group_digits(rate['count'])} of {group_digits(rate['total'])}"
         rows.append((label, f"{100.0 * rate['value']:.2f} %", f"{low} to {high}", count))
-    for key, label in _SAFE_PLANS.items():
-        if key in summary:
-            rows.append((label, group_digits(summary[key]), "", ""))
     closest = summary["min_separation_m_quantiles"]
     for label, at in (("smallest separation of all flights", "0"), ("its median", "0.5")):
         rows.append((label, _metres(closest[at]), "", ""))

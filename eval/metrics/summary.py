@@ -62,13 +62,13 @@ _QUANTILES = (
     ("smallest distance beyond the clearance of an area", _AREA, "0", ".1f"),
     ("largest error of the follower of SAFE plans", "follower_error_m_quantiles", "1", ".4f"),
 )
+BROKEN = "SAFE plans that broke their promise (must be 0)"
+NOT_PROMISED = "separations lost to intruders that left their reported motion, not promised by SAFE"
+"""What the two parts of the losses of SAFE plans are called, before their sum."""
 _SAFE_PLANS = (
-    ("SAFE plans that lost the separation, flown once", "safe_plans_violated"),
-    ("of these: the promise of SAFE broken", "safe_plans_broken"),
-    (
-        "of these: not promised, an intruder left its reported motion",
-        "safe_plans_not_promised",
-    ),
+    (BROKEN, "safe_plans_broken"),
+    (NOT_PROMISED, "safe_plans_not_promised"),
+    ("SAFE plans that lost the separation, for either reason", "safe_plans_violated"),
     ("SAFE plans that entered an area's clearance, flown once", "safe_plans_in_areas"),
 )
 
@@ -166,7 +166,9 @@ def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> lis
     """Return the lines for a summary (as in ``summary.json``); those that its mode does not have
     are left out.
 
-    By a rate's key stands how many of those that it counts are proven unresolvable.
+    By a rate's key stands how many of those that it counts are proven unresolvable. Mode
+    ``policy`` refuses more intruders than the policy was trained with, plans take them all: where
+    it flies beside them, its rates say how many encounters have more.
     """
     lines = []
     for label, key in _RATES:
@@ -175,6 +177,9 @@ def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> lis
             counted = f"{group_digits(rate['count'])} of {group_digits(rate['total'])}"
             if unresolvable.get(key):
                 counted += f", {group_digits(unresolvable[key])} of them proven unresolvable"
+            crowded = summary.get("outside_domain", {}).get("intruders")
+            if key.startswith("policy_") and crowded:
+                counted += f"; {group_digits(crowded)} encounters have more intruders than it knows"
             lines.append(_rate_line(key, label, rate, counted))
     weighted = summary["weighted"]
     for label, key in _RATES[:3] if weighted else ():

@@ -396,6 +396,20 @@ def test_the_page_says_what_the_summary_says(report_run: Path, report_page: Path
         == f"{summary['risk_ratio']:.4f}"
     )
     assert len(rows) == len(headline(summary, {}))
+    # Mode policy refuses more intruders than it was trained with; beside plans it is said.
+    crowd = summary | {"policy_violation_rate": summary["violation_rate"]}
+    for many, said in ((0, False), (7, True)):
+        lines = headline(crowd | {"outside_domain": {"intruders": many}}, {})
+        (line,) = [line for line in lines if line.key == "policy_violation_rate"]
+        assert ("; 7 encounters have more intruders than it knows" in line.counted) == said
+    # What SAFE promises, and what it does not, stands before the sum, which alarms.
+    plans = summary | {"safe_plans_broken": 0, "safe_plans_not_promised": 9}
+    told = [line.label for line in headline(plans | {"safe_plans_violated": 9}, {})][-3:]
+    assert [("must be 0" in text, "not promised" in text) for text in told] == [
+        (True, False),
+        (False, True),
+        (False, False),
+    ]
     violations = summary["violation_rate"]
     assert f"{violations['count']} of {violations['total']}" in text
     data = json.loads(re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1])
