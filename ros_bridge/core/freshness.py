@@ -60,6 +60,7 @@ _KEYS = {
     "intruder": "intruders count for, s",
     "alert": "alerts count for, s",
     "silence": "silent aircraft are forgotten after, s",
+    "monitor": "the monitor is silent after, s",
 }
 
 USUAL_FRESHNESS = Freshness()

@@ -12,11 +12,7 @@ from ros_bridge.transport import launching
 
 
 def _nodes(context: Any) -> list[Any]:
-    # A runner that has died is started again; until it answers the monitor has its backup.
-    nodes = [
-        launching.node(context, "runner", respawn=True, respawn_delay=1.0),
-        launching.node(context, "monitor"),
-    ]
+    nodes = launching.protecting(context)
     if launching.value(context, "translate").lower() == "true":
         nodes.append(launching.node(context, "translator"))
     return nodes

@@ -21,8 +21,7 @@ _MORE = (
 
 def _nodes(context: Any) -> list[Any]:
     return [
-        launching.node(context, "runner"),
-        launching.node(context, "monitor"),
+        *launching.protecting(context),
         launching.node(context, "simulator", *_MORE, on_exit=Shutdown()),
     ]
 

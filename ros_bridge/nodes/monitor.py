@@ -21,7 +21,9 @@ namespace:
           /diagnostics                       diagnostic_msgs/DiagnosticArray
     calls rlcas_runner/generate_trajectory   rlcas_msgs/GenerateTrajectory
 
-What is to be flown is AssuranceStatus.fly. Parameters:
+What is to be flown is AssuranceStatus.fly. A status comes every period, also where the judgement
+itself fails: then it is DENIED and says why, and after 1 s nothing is to be flown. Bands and alerts
+only show; where they fail the diagnostics say so, and all else goes on. Parameters:
 """
 
 import math
@@ -39,7 +41,6 @@ from agents.assurance.single import Ask, Verdict
 from agents.assurance.state import FlyMode, State
 from ros_bridge.core.assurance import (
     Published,
-    Supervision,
     accept_answer,
     activate,
     backup,
@@ -49,7 +50,8 @@ from ros_bridge.core.assurance import (
     to_fly,
     withdraw,
 )
-from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
+from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.guidance import Guidance, blank, guidance
 from ros_bridge.core.looking import look
 from ros_bridge.core.status import status
@@ -94,6 +96,7 @@ class Monitor(ListeningNode):
         )
         self._looking = self._supervision  # without a plan: for bands and alerts before the first
         self._verdict: Verdict | None = None
+        self._judged = self._supervision  # what the verdict is about
         self._heard_runner = 0
         self._differences: list[str] = []  # from the runner's parameters, a sentence each
         self._pending: _Pending | None = None
@@ -101,6 +104,7 @@ class Monitor(ListeningNode):
         self._backup_at = 0
         self._backups = 0
         self._shown = blank(self._supervision.watch.thresholds)
+        self._judged_at = 0  # ns
 
     # Life cycle.
 
@@ -118,7 +122,7 @@ class Monitor(ListeningNode):
         self._guidance = self._advertise(topics.GUIDANCE.private)
         self._client = self.create_client(GenerateTrajectory, topics.SERVICE)
         self._entities.append(lambda: self.destroy_client(self._client))
-        self._call_every(self._value("period"), self._on_timer)
+        self._call_every(self._value("period"), partial(self._protect, "the monitor", self._check))
         return TransitionCallbackReturn.SUCCESS
 
     # Inputs.
@@ -151,25 +155,25 @@ class Monitor(ListeningNode):
 
     # Judgement.
 
-    def _on_timer(self) -> None:
-        if not self._active:
-            return
+    def _check(self) -> None:
+        """Judge what is flown, say so, and show what there is to show."""
         now = self._now()
-        if now <= 0:
+        if not self._active or now <= 0:
             return
-        self._forget(now)
-        self._supervision, verdict = step_monitor(self._supervision, self._situation, now)
-        self._verdict = verdict
-        judged = self._supervision  # a plan that is taken up may know other intruders
-        if verdict is None:
-            self._looking, seen = look(self._looking, self._situation, now)
-            self._guide(now, self._looking, seen)
-        else:
-            self._give_up_waiting(now)
-            if verdict.ask is not None:
-                self._request(verdict.ask, now)
+        went_well = self._protect("the judgement", self._judge, now)
         self._publish(now)
-        self._guide(now, judged, verdict)
+        if went_well:
+            self._show("bands and alerts", partial(self._guide, now))
+
+    def _judge(self, now: int) -> None:
+        self._forget(now)
+        self._supervision, self._verdict = step_monitor(self._supervision, self._situation, now)
+        self._judged = self._supervision  # a plan that is taken up may know other intruders
+        if self._verdict is not None:
+            self._give_up_waiting(now)
+            if self._verdict.ask is not None:
+                self._request(self._verdict.ask, now)
+        self._judged_at = now
 
     def _request(self, ask: Ask, now: int) -> None:
         if not self._client.service_is_ready():
@@ -182,6 +186,9 @@ class Monitor(ListeningNode):
         future.add_done_callback(self._on_answer)
 
     def _on_answer(self, future: "Future[GenerateTrajectory.Response]") -> None:
+        self._protect("the answer", self._take_answer, future)
+
+    def _take_answer(self, future: "Future[GenerateTrajectory.Response]") -> None:
         if self._pending is None or future is not self._pending.future:
             return
         number = self._pending.number
@@ -223,9 +230,21 @@ class Monitor(ListeningNode):
     # Outputs.
 
     def _publish(self, now: int) -> None:
+        """Publish the status, in any case, and the backup while it is flown."""
         if not (self._active and rclpy.ok(context=self.context)):
             return
-        self._statuses.publish(self._status(now))
+        status = AssuranceStatus(header=header(now, self._value("map_frame")))
+        self._protect("the status", self._describe, status)
+        failed = self._protecting.problems()
+        if failed:
+            status.state, status.reasons = AssuranceStatus.STATE_DENIED, [*status.reasons, *failed]
+            status.measured = False
+            if (now - self._judged_at) / SECOND > USUAL_FRESHNESS.monitor:
+                status.fly = AssuranceStatus.FLY_NOTHING
+        self._statuses.publish(status)
+        self._protect("the backup", self._publish_backup, now)
+
+    def _publish_backup(self, now: int) -> None:
         if to_fly(self._supervision) is not FlyMode.BACKUP:
             self._backup_at = 0
             return
@@ -246,8 +265,14 @@ class Monitor(ListeningNode):
         message.wind_std = made.wind_std
         return message
 
-    def _guide(self, now: int, judged: Supervision, verdict: Verdict | None) -> None:
-        """Publish bands and alerts, once in a time step, of what a verdict judged."""
+    def _guide(self, now: int) -> None:
+        """Publish bands and alerts, once in a time step, of what a verdict judged; before the first
+        plan, of a monitor that has none.
+        """
+        judged, verdict = self._judged, self._verdict
+        if verdict is None:
+            self._looking, verdict = look(self._looking, self._situation, now)
+            judged = self._looking
         watched, frame = judged.watch, judged.frame
         if verdict is None or frame is None:
             return
@@ -257,21 +282,20 @@ class Monitor(ListeningNode):
         if found is not None:
             self._guidance.publish(_message(found, now, self._value("map_frame")))
 
-    def _status(self, now: int) -> AssuranceStatus:
+    def _describe(self, message: AssuranceStatus) -> None:
+        """Write into a status what holds."""
         limits = self._supervision.watch.thresholds
-        found = status(self._supervision, self._verdict)
-        message = AssuranceStatus(
-            header=header(now, self._value("map_frame")),
-            **found.fields(),
-            cross_track_limit=limits.cross_track,
-            along_track_limit=limits.along_track,
-            time_error_limit=limits.time_error,
-            runner_silence=self._silence(now),
-        )
+        fields = status(self._supervision, self._verdict).fields() | {
+            "cross_track_limit": limits.cross_track,
+            "along_track_limit": limits.along_track,
+            "time_error_limit": limits.time_error,
+            "runner_silence": self._silence(nanoseconds(message.header.stamp)),
+        }
+        for name, value in fields.items():
+            setattr(message, name, value)
         if self._supervision.held is not None:
             message.trajectory_id.uuid = list(self._supervision.held.unique)
             message.trajectory_revision = self._supervision.held.revision
-        return message
 
     def _silence(self, now: int) -> float:
         """Return for how long the runner has not been heard of, s; -1: it never was."""

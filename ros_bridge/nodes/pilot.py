@@ -12,7 +12,8 @@ that takes these.
                                                track, rad/s, positive to the left
 
 Nothing is published while nothing is to be flown, nor while the ownship's state cannot be used or
-is older than ownship_max_age: the autopilot must then hold course and speed. An example of the
+is older than ownship_max_age, nor 1 s after the monitor's last status (monitor_silence), which the
+log says: the autopilot must then hold course and speed. An example of the
 least that an integration does, and no autopilot: an aircraft that rolls needs to look ahead
 (envs.c208.guidance). Parameters:
 """
@@ -23,12 +24,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Twist
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rlcas_msgs.msg import AircraftState, AssuranceStatus, Trajectory
 
 from envs.follower import PERIOD, guidance
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
-from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
+from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation, to_local
 from ros_bridge.core.tracks import Rules
@@ -36,9 +39,6 @@ from ros_bridge.sim.guidance import Flying, Guidance, curve
 from ros_bridge.transport import process, qos, topics
 from ros_bridge.transport.clock import ClockGuard
 from ros_bridge.transport.settings import declare, limits_of
-
-_SILENCE = 0.5  # s of the monitor, after which an error is logged
-_AHEAD = 0.5  # s by which the ownship's stamp may lie ahead of the clock
 
 
 class _Line(NamedTuple):
@@ -57,18 +57,36 @@ class Pilot(ClockGuard):
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_pilot", **more)
         declare(self, "pilot")
-        self._guidance = Guidance(monitored=bool(self._value("monitor")))
+        self._guidance = Guidance(
+            monitored=bool(self._value("monitor")), silence=self._value("monitor_silence")
+        )
         self._situation = Situation()
         self._line: _Line | None = None
         self._commands = self.create_publisher(Twist, "~/output/command", qos.EVENTS)
         topics.OWNSHIP.subscribe(self, self._on_ownship)
         topics.PLAN.subscribe(self, self._guidance.add_plan)
-        topics.STATUS.subscribe(self, self._on_status)
+        topics.STATUS.subscribe(self, self._on_status, event_callbacks=self._events())
         topics.BACKUP.subscribe(self, self._on_backup)
         self.create_timer(PERIOD, self._on_timer)
 
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
+
+    def _events(self) -> SubscriptionEventCallbacks:
+        """Return what is logged of the monitor's silence before it counts, by the wall's clock."""
+
+        def late(_: Any) -> None:
+            if not self._value("use_sim_time"):  # whose seconds are others
+                self._warn("the monitor's status is late")
+
+        def changed(event: Any) -> None:
+            if event.alive_count == 0:
+                self._warn("the monitor is gone")
+
+        return SubscriptionEventCallbacks(deadline=late, liveliness=changed)
+
+    def _warn(self, text: str) -> None:
+        self.get_logger().warning(text, throttle_duration_sec=5.0)
 
     def _on_ownship(self, message: AircraftState) -> None:
         now = self.get_clock().now().nanoseconds
@@ -78,26 +96,27 @@ class Pilot(ClockGuard):
             self.get_logger().error(fault.message, throttle_duration_sec=5.0)
 
     def _on_status(self, message: AssuranceStatus) -> None:
-        self._guidance.status = message
+        self._guidance.hear(message, self.get_clock().now().nanoseconds)
 
     def _on_backup(self, message: Trajectory) -> None:
         self._guidance.backup = message
 
     def _on_timer(self) -> None:
-        wanted, track = self._guidance.select(), self._situation.own
-        own = track.last
+        now, track = self.get_clock().now().nanoseconds, self._situation.own
+        wanted, own = self._guidance.select(now), track.last
+        unwatched = self._guidance.problem(now)
+        if unwatched and self._guidance.has_plan:
+            text = f"{unwatched}: nothing is commanded"
+            self.get_logger().error(text, throttle_duration_sec=1.0)
         if wanted is None or own is None or track.fault is not None:
             return
-        now = self.get_clock().now().nanoseconds
         age = (now - own.time) / SECOND
-        if not -_AHEAD <= age <= self._value("ownship_max_age"):
-            text = f"the ownship's state is {age:.1f} s old"
-            self.get_logger().warning(text, throttle_duration_sec=5.0)
+        if not -USUAL_FRESHNESS.future <= age <= self._value("ownship_max_age"):
+            self._warn(f"the ownship's state is {age:.1f} s old")
             return
         line = self._line_of(wanted)
         if line is None:
             return
-        self._check_monitor(now)
         self._commands.publish(self._command(line, own, now))
 
     def _line_of(self, wanted: Trajectory) -> _Line | None:
@@ -111,16 +130,6 @@ class Pilot(ClockGuard):
                 self.get_logger().error(f"cannot be flown: {error}", throttle_duration_sec=5.0)
                 return None
         return self._line
-
-    def _check_monitor(self, now: int) -> None:
-        """Log a monitor that is silent: its last selection is still the best that is known, but no
-        monitor checks it any more.
-        """
-        status = self._guidance.status
-        silent = 0.0 if status is None else (now - nanoseconds(status.header.stamp)) / SECOND
-        if silent > _SILENCE:
-            text = f"the monitor has been silent for {silent:.1f} s"
-            self.get_logger().error(text, throttle_duration_sec=1.0)
 
     def _command(self, line: _Line, own: Report, now: int) -> Twist:
         """Return speed along the track, m/s, and its turn rate, rad/s, for the next period."""

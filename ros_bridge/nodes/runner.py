@@ -13,6 +13,7 @@ subscribes from the configuration on, and answers and publishes while it is acti
           ~/input/route            rlcas_msgs/Trajectory            latched (route_durability)
           ~/input/geo_reference    rlcas_msgs/GeoReference          latched
           ~/input/areas            rlcas_msgs/Areas                 latched
+          rlcas_monitor/output/status  rlcas_msgs/AssuranceStatus   the monitor's sign of life
     out   ~/output/trajectory      rlcas_msgs/Trajectory            latched; SAFE, or a withdrawal
           ~/output/advisory        rlcas_msgs/Trajectory            reliable; plans that are unsafe
           ~/output/path            nav_msgs/Path                    latched
@@ -38,7 +39,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.task import Future
-from rlcas_msgs.msg import Trajectory
+from rlcas_msgs.msg import AssuranceStatus, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 from std_srvs.srv import Trigger
 
@@ -47,7 +48,7 @@ from agents.planner.recheck import recheck
 from agents.policy.inference import Policy
 from ros_bridge.core import conversions, updates
 from ros_bridge.core.aircraft import load_policy
-from ros_bridge.core.fields import SECOND, FieldError, listed
+from ros_bridge.core.fields import SECOND, FieldError, listed, nanoseconds
 from ros_bridge.core.planning import plan_task, rehearse
 from ros_bridge.core.situation import (
     NOTHING,
@@ -95,6 +96,7 @@ class Runner(ListeningNode):
     def _start(self) -> None:
         super()._start()
         self._policy: Policy | None = None
+        self._heard_monitor = 0  # ns
 
     # Life cycle.
 
@@ -116,7 +118,8 @@ class Runner(ListeningNode):
         self._paths = self._advertise(topics.PATH.private)
         self._markers = self._advertise(topics.MARKERS.private)
         self._offer_service()
-        self._call_every(_VIEWS_EVERY, self._on_views)
+        self._call_every(_VIEWS_EVERY, partial(self._show, "path and markers", self._on_views))
+        self._subscribe(topics.STATUS, self._on_status)
         # Not before: while it plans, this node and the others come to know each other.
         self._warm_up_timer = self.create_timer(
             0.0, self._warm_up, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -188,8 +191,18 @@ class Runner(ListeningNode):
     def _forget_time(self) -> None:
         # What has no age stays.
         self._situation = replace(self._situation, own=UNKNOWN, traffic={}, alert=NOTHING)
+        self._heard_monitor = 0
         self._era += 1
         self._withdraw()
+
+    def _on_status(self, message: AssuranceStatus) -> None:
+        """Note that the monitor is there; one that is latched is as old as it says."""
+        now = self._now()
+        self._heard_monitor = min(now, nanoseconds(message.header.stamp))
+
+    def _monitor_silence(self, now: int) -> float:
+        """Return for how long the monitor has not been heard of, s; -1: it never was."""
+        return -1.0 if self._heard_monitor == 0 else (now - self._heard_monitor) / SECOND
 
     def _on_views(self) -> None:
         if self._views is None or not self._active:
@@ -232,6 +245,7 @@ class Runner(ListeningNode):
                 Code.NOT_ACTIVE, "node", "is not active, expected it to be activated first"
             )
         self._forget(now)
+        self._check_whole()
         settings = planning_settings(self._value, self._aircraft)
         check(request, now, settings, self._unique)
         try:
@@ -249,6 +263,13 @@ class Runner(ListeningNode):
         except RequestError as error:
             raise refusal_of(error, wanted) from error
         self._publish(result, wanted, response)
+
+    def _check_whole(self) -> None:
+        """Refuse where what was received could not be taken in: something unknown is missing."""
+        failed = self._protecting.problems()
+        if failed:
+            what = f"{'; '.join(failed)}, expected to take in all that is received"
+            raise Refusal(Code.INTERNAL_ERROR, "node", what)
 
     async def _search_beside(
         self, wanted: PlanTask, policy: Policy, asked: conversions.Route | None
@@ -276,6 +297,7 @@ class Runner(ListeningNode):
         if not found.safe:
             return found
         # SAFE only if it still is from the present states on.
+        self._check_whole()
         then = task(self._situation, now, planning_settings(self._value, self._aircraft), asked)
         return recheck(
             found,
@@ -371,11 +393,16 @@ class Runner(ListeningNode):
         """Publish whether a request would be answered now, and what is known."""
         now = self._now()
         self._forget(now)
-        problem = ""
+        problem, level = "", DiagnosticStatus.WARN
         try:
             task(self._situation, now, planning_settings(self._value, self._aircraft))
         except Refusal as refusal:
             problem = str(refusal)
+        silence = self._monitor_silence(now)
+        if silence > self._value("monitor_silence"):
+            # There was one, which somebody relied on.
+            silent = f"the monitor has been silent for {silence:.1f} s"
+            level, problem = DiagnosticStatus.ERROR, f"{silent}; {problem}".rstrip("; ")
         # Of the last plan, and of reports that contradict themselves, with which there is none.
         contradictions = [
             track.fault.message
@@ -383,7 +410,8 @@ class Runner(ListeningNode):
             if track.fault and track.fault.verdict is Verdict.CONTRADICTION
         ]
         outside = [*self._outside, *([listed(contradictions)] if contradictions else [])]
-        self._publish_health((DiagnosticStatus.WARN, problem), outside, self._health_values(now))
+        values = {"silence of the monitor, s": f"{silence:.2f}"}
+        self._publish_health((level, problem), outside, self._health_values(now) | values)
 
     def _aircraft_tracks(self) -> dict[str, Track]:
         """Return the ownship and the traffic, sorted, by name."""

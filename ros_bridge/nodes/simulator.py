@@ -351,7 +351,7 @@ class Simulator(Node):
 
     def _choose(self, flight: EncounterFlight) -> None:
         """Fly the trajectory that the monitor names, or the newest plan without a monitor."""
-        wanted = self._guidance.select()
+        wanted = self._guidance.select(self._clock)
         if wanted is None or bytes(wanted.id.uuid) == self._following:
             return
         self._following = bytes(wanted.id.uuid)
@@ -383,7 +383,7 @@ class Simulator(Node):
 
     def _on_status(self, message: AssuranceStatus) -> None:
         if _START < nanoseconds(message.header.stamp) <= self._clock:
-            self._guidance.status = message
+            self._guidance.hear(message, self._clock)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         name = self.resolve_topic_name(topics.RUNNER)

@@ -1,7 +1,8 @@
 # pyright: reportMissingImports=false
 """Which trajectory is to be flown, as an autopilot reads it from the runner and the monitor.
 
-Nothing but a SAFE plan that the monitor names, or the monitor's backup; without a monitor the
+Nothing but a SAFE plan that the monitor names, or the monitor's backup, and nothing where the
+monitor has fallen silent: nobody watches the plan any more. Where no monitor is to be asked the
 newest SAFE plan until it is withdrawn. Messages are read by their fields; nothing here needs ROS.
 """
 
@@ -11,7 +12,8 @@ from envs.formats.local_frame import LocalFrame
 from envs.waypoints import Legs, legs, plan_states
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.conversions import STATUS_SAFE, trajectory
-from ros_bridge.core.fields import FieldError
+from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
+from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.replies import to_frame, wind_of
 
 if TYPE_CHECKING:
@@ -24,11 +26,12 @@ _REMEMBERED = 8  # plans; the monitor names one of the last two
 
 class Guidance:
     """Selects among plans and backups what the monitor names, or without a monitor the
-    newest plan.
+    newest plan; times are ns.
     """
 
-    def __init__(self, *, monitored: bool = True) -> None:
-        self._monitored = monitored
+    def __init__(self, *, monitored: bool = True, silence: float = USUAL_FRESHNESS.monitor) -> None:
+        self._monitored, self._most = monitored, silence
+        self._heard = 0
         self._plans: dict[bytes, Trajectory] = {}
         self._newest: Trajectory | None = None
         self.backup: Trajectory | None = None  # the monitor's last; None: there has been none
@@ -45,12 +48,32 @@ class Guidance:
             del self._plans[next(iter(self._plans))]
         return True
 
-    def select(self) -> "Trajectory | None":
+    def hear(self, status: "AssuranceStatus", now: int) -> None:
+        """Take in what the monitor says; one that is latched is as old as it says."""
+        self.status, self._heard = status, min(now, nanoseconds(status.header.stamp))
+
+    @property
+    def has_plan(self) -> bool:
+        """Whether there is something that could be flown."""
+        return self._newest is not None or self.backup is not None
+
+    def problem(self, now: int) -> str:
+        """Return why nobody watches what is flown, a sentence; "": somebody does, or need not."""
+        if not self._monitored:
+            return ""
+        if self.status is None:
+            return "no monitor has been heard of"
+        silence = (now - self._heard) / SECOND
+        return f"the monitor has been silent for {silence:.1f} s" if silence > self._most else ""
+
+    def select(self, now: int) -> "Trajectory | None":
         """Return the trajectory that is to be flown now; None: nothing, or what is named has not
         arrived yet.
         """
         if not self._monitored:
             return self._newest
+        if self.problem(now):
+            return None
         if self.status is not None and self.status.fly == FLY_PLAN:
             return self._plans.get(bytes(self.status.trajectory_id.uuid))
         if self.status is not None and self.status.fly == FLY_BACKUP:

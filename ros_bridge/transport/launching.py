@@ -84,3 +84,10 @@ def node(context: Any, name: str, *others: tuple[str, str, str], **more: Any) ->
         output="screen",
         **more,
     )
+
+
+def protecting(context: Any) -> list[Node]:
+    """Return the actions that start runner and monitor, each again where it has died: until the
+    runner answers the monitor has its backup, and until the monitor speaks nothing is flown.
+    """
+    return [node(context, name, respawn=True, respawn_delay=1.0) for name in ("runner", "monitor")]

@@ -45,7 +45,7 @@ class Losses:
         )
 
     def counting(
-        self, topic: str, callback: Callable[[Any], None], clock: Callable[[], float]
+        self, topic: str, callback: Callable[[Any], object], clock: Callable[[], float]
     ) -> Callable[[Any, Any], None]:
         """Return a subscription's callback that counts what is lost before it calls another."""
 

@@ -21,6 +21,7 @@ from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.areas import areas_of_file
 from ros_bridge.core.categories import BY_CATEGORY
+from ros_bridge.core.failures import Failures
 from ros_bridge.core.fields import SECOND, FieldError, listed, nanoseconds
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forget_silent
@@ -71,6 +72,10 @@ class ListeningNode(ClockGuard, LifecycleNode):
         self._areas_problem = ""  # why the areas of the file cannot be used
         self._qos_problems: dict[str, tuple[Topic, str]] = {}
         """Topics and sentences, by name, as long as something there does not fit."""
+        self._protecting = Failures(self.get_logger().fatal)
+        """Of what is promised to others: while there are any, nothing may be called safe."""
+        self._showing = Failures(self.get_logger().error)
+        """Of what only shows."""
         self._losses = Losses()
         self._active = False
         aircraft = declare(self, self.kind)
@@ -120,6 +125,8 @@ class ListeningNode(ClockGuard, LifecycleNode):
             destroy()
         self._entities.clear()
         self._qos_problems.clear()
+        for failures in (self._protecting, self._showing):
+            failures.forget()
         self._start()
         return TransitionCallbackReturn.SUCCESS
 
@@ -132,7 +139,8 @@ class ListeningNode(ClockGuard, LifecycleNode):
         says = "a publisher offers less {} than asked for; nothing of it is received"
         events = SubscriptionEventCallbacks(incompatible_qos=self._misfit(topic, says))
         counted = any(topic.name in (one.name, one.private.name) for one in _COUNTED)
-        heard = self._losses.counting(topic.name, callback, time.monotonic) if counted else callback
+        heard: Callable[..., Any] = partial(self._protect, topic.name, callback)
+        heard = self._losses.counting(topic.name, heard, time.monotonic) if counted else heard
         made = topic.subscribe(self, heard, event_callbacks=events)
         self._entities.append(lambda: self.destroy_subscription(made))
 
@@ -183,7 +191,28 @@ class ListeningNode(ClockGuard, LifecycleNode):
             if mine in [(one.node_namespace, one.node_name) for one in (offered, asked)]
         )
 
-    def _call_every(self, period: float, callback: Callable[[], None]) -> None:
+    def _protect(self, what: str, work: Callable[..., Any], *given: Any) -> bool:
+        """Do a part of what is promised, and return whether it went well; if not, the node goes on
+        and says so (:attr:`_protecting`).
+        """
+        return self._attempt(self._protecting, what, partial(work, *given))
+
+    def _show(self, what: str, work: Callable[[], Any]) -> bool:
+        """Do what only shows, and return whether it went well."""
+        return self._attempt(self._showing, what, work)
+
+    def _attempt(self, failures: Failures, what: str, work: Callable[[], Any]) -> bool:
+        try:
+            work()
+        except Exception as error:
+            if not rclpy.ok(context=self.context):
+                raise  # the node is being stopped
+            failures.note(what, error)
+            return False
+        failures.clear(what)
+        return True
+
+    def _call_every(self, period: float, callback: Callable[[], Any]) -> None:
         timer = self.create_timer(period, callback)
         self._entities.append(lambda: self.destroy_timer(timer))
 
@@ -200,8 +229,15 @@ class ListeningNode(ClockGuard, LifecycleNode):
         ):
             self._subscribe(topic.private if private else topic, partial(self._take_in, update))
         self._health = self._advertise(topics.DIAGNOSTICS)
-        for timer in call_in_any_time(self, self._value("diagnostics_period"), health):
+        told = partial(self._tell_health, health)
+        for timer in call_in_any_time(self, self._value("diagnostics_period"), told):
             self._entities.append(partial(self.destroy_timer, timer))
+
+    def _tell_health(self, health: Callable[[], None]) -> None:
+        """Publish the state of health; where that itself fails, what is wrong."""
+        if not self._show("diagnostics", health):
+            errors = "; ".join([*self._protecting.problems(), *self._showing.problems()])
+            self._health.publish(views.diagnostics(self, DiagnosticStatus.ERROR, errors, {}))
 
     def _take_in(self, update: Callable[..., Situation], message: Any) -> None:
         """Take a message into the situation, and log an origin, a route or areas that cannot be
@@ -250,7 +286,8 @@ class ListeningNode(ClockGuard, LifecycleNode):
         if not self._active:
             level, message = DiagnosticStatus.WARN, "not active"
         lost = self._losses.problem(time.monotonic())
-        errors = [*self._problems_of_graph(), lost, self._areas_problem]
+        failed = [*self._protecting.problems(), *self._showing.problems()]
+        errors = [*self._problems_of_graph(), lost, self._areas_problem, *failed]
         if any(errors):
             level, message = DiagnosticStatus.ERROR, "; ".join(filter(None, errors))
         if outside and level == DiagnosticStatus.OK:

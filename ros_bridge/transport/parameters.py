@@ -290,6 +290,15 @@ PARAMETERS = (
         3_600.0,
         "s",
     ),
+    Parameter(
+        "runner pilot",
+        "monitor_silence",
+        USUAL_FRESHNESS.monitor,
+        "silence of the monitor after which the pilot commands nothing and the runner reports it",
+        0.2,
+        60.0,
+        "s",
+    ),
     Parameter("runner", "request_max_age", 1.0, "oldest request that is answered", 0.05, 60.0, "s"),
     Parameter(
         _BOTH,

@@ -1,7 +1,8 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Qualities of service of the topics."""
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
 _RELIABLE = ReliabilityPolicy.RELIABLE
 
@@ -24,6 +25,18 @@ LATCHED = QoSProfile(depth=1, reliability=_RELIABLE, durability=DurabilityPolicy
 
 REQUESTS = QoSProfile(depth=1000, reliability=_RELIABLE)
 """Of the service: requests wait for their answers, however many come at once."""
+
+STATUS = QoSProfile(
+    depth=1,
+    reliability=_RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    deadline=Duration(seconds=0.5),
+    liveliness=LivelinessPolicy.AUTOMATIC,
+    liveliness_lease_duration=Duration(seconds=1.0),
+)
+"""Of the monitor's status: latched, and a subscriber learns of the monitor's silence by the
+wall's clock, and of its end.
+"""
 
 CLOCK = QoSProfile(depth=1, reliability=_RELIABLE)
 """Of /clock: the last time is the only one that counts; reliable serves subscribers that ask for

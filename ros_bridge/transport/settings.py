@@ -205,6 +205,7 @@ _FRESHNESS = {
     "intruder": "intruder_max_age",
     "alert": "alert_max_age",
     "silence": "forget_after",
+    "monitor": "monitor_silence",
     "future": "future_tolerance",
 }
 

@@ -112,6 +112,8 @@ def test_launch_files_start_nodes_with_declared_parameters(stand_ins, file: Path
         assert files == ([params_file] if params_file else [])
         assert node.named["namespace"] == "n123"
         assert values["use_sim_time"] is (file.name == "simulation.launch.py")
+    # What protects is started again where it has died.
+    assert all(node.named["respawn"] for node in nodes[:2])
     wanted = {"aircraft": "configs/aircraft/uas.yaml", "separation": 700.0, "sigmas": 1.0}
     for node in nodes[:2]:
         # What is empty is the node's own default.

@@ -21,7 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.ros_bridge.graph import MISSING, ROOT, Process, beside, domain
-from tests.ros_bridge.scenes import FRAME, NOW
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, stamp
 
 pytest.importorskip("rclpy", reason=MISSING)
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
@@ -139,8 +139,9 @@ def message(number: int, status: int = Trajectory.STATUS_SAFE) -> SimpleNamespac
     return SimpleNamespace(id=identity(uuid.UUID(int=number)), status=status)
 
 
-def word(fly: int, number: int = 0) -> SimpleNamespace:
-    return SimpleNamespace(fly=fly, trajectory_id=identity(uuid.UUID(int=number)))
+def word(fly: int, number: int = 0, time: int = NOW) -> SimpleNamespace:
+    header = SimpleNamespace(stamp=stamp(time))
+    return SimpleNamespace(header=header, fly=fly, trajectory_id=identity(uuid.UUID(int=number)))
 
 
 def test_the_monitor_decides_which_plan_is_flown():
@@ -150,37 +151,54 @@ def test_the_monitor_decides_which_plan_is_flown():
         message(2),
         message(9, Trajectory.STATUS_BACKUP),
     )
-    assert guidance.add_plan(first) and guidance.select() is None
-    guidance.status = word(AssuranceStatus.FLY_PLAN, 1)
-    assert guidance.select() is first
+
+    def select(*said: int) -> SimpleNamespace | None:
+        if said:
+            guidance.hear(word(*said), NOW)
+        return guidance.select(NOW)
+
+    assert guidance.add_plan(first) and select() is None
+    assert select(AssuranceStatus.FLY_PLAN, 1) is first
     # A newer plan is flown when the monitor has taken it up, and one that has not come yet is none.
-    assert guidance.add_plan(second) and guidance.select() is first
-    guidance.status = word(AssuranceStatus.FLY_PLAN, 2)
-    assert guidance.select() is second
-    guidance.status = word(AssuranceStatus.FLY_PLAN, 3)
-    assert guidance.select() is None
-    guidance.status = word(AssuranceStatus.FLY_BACKUP)
-    assert guidance.select() is None
+    assert guidance.add_plan(second) and select() is first
+    assert select(AssuranceStatus.FLY_PLAN, 2) is second
+    assert select(AssuranceStatus.FLY_PLAN, 3) is None
+    assert select(AssuranceStatus.FLY_BACKUP) is None
     guidance.backup = backup
-    assert guidance.select() is backup
-    guidance.status = word(AssuranceStatus.FLY_NOTHING)
-    assert guidance.select() is None
+    assert select() is backup
+    assert select(AssuranceStatus.FLY_NOTHING) is None
+
+
+def test_without_the_monitor_nothing_is_flown_after_a_second():
+    guidance, plan = Guidance(), message(1)
+    guidance.add_plan(plan)
+    assert guidance.problem(NOW) == "no monitor has been heard of"
+    guidance.hear(word(AssuranceStatus.FLY_PLAN, 1), NOW)
+    assert guidance.select(NOW + SECOND) is plan and not guidance.problem(NOW + SECOND)
+    assert guidance.select(NOW + SECOND + 1) is None
+    assert guidance.problem(NOW + 2 * SECOND) == "the monitor has been silent for 2.0 s"
+    # A status that is latched is as old as it says, and one from the future no newer than now.
+    guidance.hear(word(AssuranceStatus.FLY_PLAN, 1), NOW + 5 * SECOND)
+    assert guidance.select(NOW + 5 * SECOND) is None
+    guidance.hear(word(AssuranceStatus.FLY_PLAN, 1, NOW + 9 * SECOND), NOW)
+    assert guidance.select(NOW + 2 * SECOND) is None
 
 
 def test_unsafe_and_withdrawn_plans_are_not_flown():
     guidance = Guidance(monitored=False)
     assert (
         not guidance.add_plan(message(1, Trajectory.STATUS_UNRESOLVED))
-        and guidance.select() is None
+        and guidance.select(NOW) is None
     )
     safe = message(2)
-    assert guidance.add_plan(safe) and guidance.select() is safe
+    assert guidance.add_plan(safe) and guidance.select(NOW) is safe
     assert (
-        not guidance.add_plan(message(3, Trajectory.STATUS_WITHDRAWN)) and guidance.select() is None
+        not guidance.add_plan(message(3, Trajectory.STATUS_WITHDRAWN))
+        and guidance.select(NOW) is None
     )
 
 
-def test_pilot_turns_to_the_plan_and_stops_without_an_ownship():
+def test_pilot_turns_to_the_plan_and_stops_without_an_ownship_or_a_monitor():
     with beside(Pilot, ownship_max_age=0.5) as (_, client):
         world = World(client)
         now = client.now()
@@ -201,8 +219,13 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship():
             waypoints=every,
         )
         client.say(Trajectory, f"{NODE}/output/trajectory", plan, qos.LATCHED)
-        status = AssuranceStatus(fly=AssuranceStatus.FLY_PLAN, trajectory_id=name)
-        client.say(AssuranceStatus, "/rlcas_monitor/output/status", status, qos.LATCHED)
+
+        def monitor() -> None:
+            status = AssuranceStatus(fly=AssuranceStatus.FLY_PLAN, trajectory_id=name)
+            status.header = header(client.now(), "map")
+            client.say(AssuranceStatus, "/rlcas_monitor/output/status", status, qos.STATUS)
+
+        monitor()
         commands: list[Twist] = client.hear(Twist, "/rlcas_pilot/output/command", qos.EVENTS)
         client.idle(0.3)
         assert commands == []
@@ -210,6 +233,7 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship():
         def turning() -> bool:
             east = 75.0 * (client.now() - now) / 1e9
             world.ownship(east, -30.0)
+            monitor()
             return bool(commands)
 
         client.spin(turning)
@@ -220,10 +244,16 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship():
             min(0.25 * 30.0 / 75.0, math.radians(5.0)), rel=0.05
         )
         assert command.linear.x == pytest.approx(75.0, abs=0.5)
-        client.idle(0.7)
-        before = len(commands)
-        client.idle(0.3)
-        assert len(commands) == before
+        # Without an ownship, and without a monitor, it commands nothing.
+        for speaks in (monitor, lambda: world.ownship(75.0 * (client.now() - now) / 1e9, -30.0)):
+            for _ in range(15):
+                speaks()
+                client.idle(0.1)
+            before = len(commands)
+            speaks()
+            client.idle(0.3)
+            assert len(commands) == before
+            client.spin(lambda before=before: turning() and len(commands) > before)
 
 
 # The whole loop: runner, monitor and simulator fly, what they fly is recorded, and others can read

@@ -1,0 +1,73 @@
+"""What failed for an error of our own: told, and kept from ending what goes on.
+
+What only shows must never end what protects, and what protects must not stand still without a word.
+Whoever attempts something notes what it raises; the failure is said once while it lasts, and stands
+in the state of health until it has gone well again.
+"""
+
+import time
+import traceback
+from collections.abc import Callable
+from typing import NamedTuple
+
+TOLD = 10.0
+"""For how long a failure is told at least, s, also where it went well since."""
+
+
+class _Failure(NamedTuple):
+    text: str
+    at: float  # s of a clock that never steps back
+    over: bool = False  # whether it has gone well since
+
+
+class Failures:
+    """What failed of late, by what was attempted; ``say`` takes a sentence."""
+
+    def __init__(
+        self, say: Callable[[str], object], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._say, self._clock = say, clock
+        self._failed: dict[str, _Failure] = {}
+
+    def attempt(self, what: str, work: Callable[[], object]) -> bool:
+        """Do some work, and return whether it went well: what it raises is noted."""
+        try:
+            work()
+        except Exception as error:
+            self.note(what, error)
+            return False
+        self.clear(what)
+        return True
+
+    def note(self, what: str, error: Exception) -> None:
+        """Note what an attempt raised."""
+        before = self._failed.get(what)
+        text = f"{what} failed: {_sentence(error)}"
+        if before is None or not self._is_told(before):
+            self._say(text)
+        self._failed[what] = _Failure(text, self._clock())
+
+    def clear(self, what: str) -> None:
+        """Note that an attempt went well."""
+        before = self._failed.get(what)
+        if before is not None:
+            self._failed[what] = before._replace(over=True)
+
+    def forget(self) -> None:
+        """Forget everything."""
+        self._failed.clear()
+
+    def problems(self) -> list[str]:
+        """Return what has failed of late, a sentence each."""
+        self._failed = {what: one for what, one in self._failed.items() if self._is_told(one)}
+        return [one.text for one in self._failed.values()]
+
+    def _is_told(self, failure: _Failure) -> bool:
+        return not failure.over or self._clock() - failure.at <= TOLD
+
+
+def _sentence(error: Exception) -> str:
+    """Return what an error says, and where it was raised."""
+    calls = traceback.extract_tb(error.__traceback__)
+    where = f" ({calls[-1].filename.rpartition('/')[2]}, line {calls[-1].lineno})" if calls else ""
+    return f"{type(error).__name__}: {error}{where}"

@@ -1,0 +1,153 @@
+"""Nodes whose own parts fail: what shows ends nothing, what protects says that it does not."""
+
+import math
+import uuid
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from tests.ros_bridge.graph import MISSING, NODE, Client, World, beside, eventually
+
+pytest.importorskip("rclpy", reason=MISSING)
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rlcas_msgs.msg import AssuranceStatus, GuidanceBands, Trajectory
+from rlcas_msgs.srv import GenerateTrajectory
+
+from envs.kinematics import VehicleState
+from envs.waypoints import Waypoint
+from ros_bridge.core import updates
+from ros_bridge.core.replies import geodetic_points, start_point
+from ros_bridge.core.situation import Code
+from ros_bridge.nodes import monitor
+from ros_bridge.nodes.monitor import Monitor
+from ros_bridge.nodes.runner import Runner
+from ros_bridge.transport import qos
+from ros_bridge.transport.messages import header, identity, point_message
+from tests.ros_bridge.scenes import FRAME
+
+MONITOR = "/rlcas_monitor"
+
+
+def fail(*_: Any, **__: Any) -> Any:
+    raise ValueError("operands could not be broadcast together")
+
+
+class Scene:
+    """A node beside its world: an ownship that flies east at 75 m/s, and what the node says."""
+
+    def __init__(self, node: Any, client: Client) -> None:
+        node.trigger_configure()
+        node.trigger_activate()
+        self.client, self.world = client, World(client)
+        self.said = client.hear(AssuranceStatus, f"{MONITOR}/output/status", qos.STATUS)
+        self.shown = client.hear(GuidanceBands, f"{MONITOR}/output/guidance", qos.LATCHED)
+        self._health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
+        self.world.reference()
+
+    def until(self, holds: Callable[[], Any]) -> Any:
+        """Fly until something holds."""
+
+        def fly() -> Any:
+            self.world.ownship()
+            self.client.idle(0.05)
+            return holds()
+
+        return self.client.spin(fly)
+
+    def health(self) -> tuple[int, str]:
+        """Return level and text of the newest diagnostics."""
+        if not self._health:
+            return -1, ""
+        newest = self._health[-1].status[0]
+        return newest.level[0], newest.message
+
+    def is_told(self, text: str) -> bool:
+        """Return whether the diagnostics tell an error with a text."""
+        level, message = self.health()
+        return level == 2 and text in message
+
+    def plan(self) -> None:
+        """Publish a plan straight on, as a runner does."""
+        now = self.client.now()
+        points = [Waypoint(n, 1_500.0 * n, 0.0, 0.0, 75.0, 20.0 * n) for n in range(1, 21)]
+        own = VehicleState(0.0, 0.0, 0.0, 75.0)
+        message = Trajectory(
+            header=header(now, "map"),
+            id=identity(uuid.uuid4()),
+            status=Trajectory.STATUS_SAFE,
+            revision=1,
+            start=point_message(start_point(FRAME, own, now, None)),
+            waypoints=[point_message(one) for one in geodetic_points(FRAME, points, now, None)],
+        )
+        self.world.begin_anew()
+        self.world.ownship()
+        self.client.say(Trajectory, f"{NODE}/output/trajectory", message, qos.LATCHED)
+
+
+@pytest.fixture
+def watched() -> Iterator[Scene]:
+    with beside(Monitor, diagnostics_period=0.2, ownship_max_age=10.0) as (node, client):
+        yield Scene(node, client)
+
+
+@pytest.fixture
+def asked() -> Iterator[Scene]:
+    with beside(Runner, diagnostics_period=0.2, ownship_max_age=10.0) as (node, client):
+        yield Scene(node, client)
+
+
+def test_bands_that_fail_never_end_the_monitor(watched: Scene, monkeypatch: pytest.MonkeyPatch):
+    with monkeypatch.context() as broken:
+        broken.setattr(monitor, "guidance", fail)
+        watched.until(lambda: watched.is_told("bands and alerts failed: ValueError: operands"))
+        watched.plan()
+        # The judgement goes on, and is not touched by it.
+        watched.until(lambda: watched.said[-1].state == AssuranceStatus.STATE_MONITORING)
+        assert not watched.shown
+    watched.until(lambda: watched.shown)
+
+
+def test_a_judgement_that_fails_is_denied_and_then_nothing_is_to_be_flown(
+    watched: Scene, monkeypatch: pytest.MonkeyPatch
+):
+    watched.until(lambda: watched.said)
+    watched.plan()
+    watched.until(lambda: watched.said[-1].fly == AssuranceStatus.FLY_PLAN)
+    with monkeypatch.context() as broken:
+        broken.setattr(monitor, "step_monitor", fail)
+        before = len(watched.said)
+        watched.until(lambda: watched.said[-1].fly == AssuranceStatus.FLY_NOTHING)
+        since = [one for one in watched.said[before:] if one.state == AssuranceStatus.STATE_DENIED]
+        assert any(one.fly == AssuranceStatus.FLY_PLAN for one in since)
+        assert all("the judgement failed: ValueError" in one.reasons[-1] for one in since)
+        assert all(not one.measured for one in since)
+        assert watched.said[-1] in since
+        watched.until(lambda: watched.is_told("the judgement failed: ValueError: operands"))
+
+
+def test_what_cannot_be_taken_in_makes_nothing_safe(asked: Scene, monkeypatch: pytest.MonkeyPatch):
+    asked.world.route()
+    service = asked.client.node.create_client(GenerateTrajectory, f"{NODE}/generate_trajectory")
+    asked.client.spin(service.service_is_ready)
+
+    def answer() -> GenerateTrajectory.Response:
+        asked.world.ownship()
+        request = GenerateTrajectory.Request(reason=GenerateTrajectory.Request.REASON_MANUAL)
+        return eventually(asked.client, service.call_async(request))
+
+    asked.until(lambda: answer().status == Code.SAFE)
+    with monkeypatch.context() as broken:
+        broken.setattr(updates, "follow", fail)
+        asked.world.intruder(40_000.0, 40_000.0, math.pi)
+        asked.until(lambda: answer().status == Code.INTERNAL_ERROR)
+        asked.until(lambda: asked.is_told("input/traffic failed: ValueError: operands"))
+
+
+def test_the_runner_tells_that_the_monitor_is_silent(asked: Scene):
+    asked.until(lambda: asked.health()[0] >= 0)
+    assert "monitor" not in asked.health()[1]  # there need not be one
+    status = AssuranceStatus(header=header(asked.client.now(), "map"))
+    asked.client.say(AssuranceStatus, f"{MONITOR}/output/status", status, qos.STATUS)
+    asked.until(lambda: asked.is_told("the monitor has been silent for"))
