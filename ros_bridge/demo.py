@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Runner, monitor and simulator together, faster than real time, without a ROS installation.
 
     python -m ros_bridge.demo [--aircraft uas] [--random 50] [--vehicle c208] [--record FILE]

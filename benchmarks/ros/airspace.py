@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """The runner in a full airspace, the monitor beside it: ``python -m benchmarks.ros.airspace``.
 
 A hundred aircraft within 30 km report over DDS, those in the inner half twice a second, the others
@@ -117,8 +116,8 @@ class Caller:
         self._plan = self._node.create_client(GenerateTrajectory, topics.SERVICE)
         self._origin.publish(GeoReference(latitude=ORIGIN[0], longitude=ORIGIN[1]))
         self._areas.publish(areas_message(sky.areas, time.time_ns(), FRAME, "map"))
-        self._states = [sky.asked.own, *sky.asked.intruders]
-        far = [math.hypot(one.x, one.y) > 0.5 * radius for one in sky.asked.intruders]
+        self._states = [sky.asked.own, *sky.asked.states]
+        far = [math.hypot(one.x, one.y) > 0.5 * radius for one in sky.asked.states]
         self._periods = [_OWN_PERIOD] + [_FAR_PERIOD if one else _NEAR_PERIOD for one in far]
         self._next = np.random.default_rng(0).uniform(0.0, self._periods)
         self._begin = time.time()

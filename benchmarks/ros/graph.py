@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false
 """What benchmarks on a real ROS graph share: a domain, processes and their memory, places and
 routes as messages.
 """

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Latency of the runner on a real graph: ``python -m benchmarks.ros.latency [--calls 1000]``.
 
 Runner, translator and caller are processes of their own; DDS on loopback. All the time the caller
@@ -158,7 +157,7 @@ class Caller:
         """Wait until all are there."""
         for client in (self.plan, self.empty):
             if not client.wait_for_service(PATIENCE):
-                raise SystemExit(f"{client.srv_name} did not come up within {PATIENCE:g} s")
+                raise SystemExit(f"{client.service_name} did not come up within {PATIENCE:g} s")
         every = (self.fix, self.velocity, self.traffic, self.origin)
         self.spin(
             lambda: all(one.get_subscription_count() > 0 for one in every),
@@ -226,7 +225,7 @@ class Caller:
         while not future.done():
             self.executor.spin_once(timeout_sec=1.0)
             if time.perf_counter() > end:
-                raise SystemExit(f"{client.srv_name} did not answer within {PATIENCE:g} s")
+                raise SystemExit(f"{client.service_name} did not answer within {PATIENCE:g} s")
         return time.perf_counter() - began, future.result()
 
 

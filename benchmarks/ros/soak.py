@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """An hour of traffic and 10000 requests: ``python -m benchmarks.ros.soak [--requests 10000]
 [--hours 1]``.
 

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false
 """Areas of ``rlcas_msgs`` as areas of the local frame, as they are at a request."""
 
 import math

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false
 """The run-time monitor between messages: which plan is monitored, in which frame, and which reports
 it gets.
 

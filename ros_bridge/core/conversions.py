@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false
 """Messages of ``rlcas_msgs`` as domain values: every field checked, altitudes with their reference,
 times in ns.
 

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false
 """Fields of messages, read one by one: every value is finite and in range, or refused by its name
 and with a status.
 

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false
 """What a message does to the situation: one pure function an input; a fault stays until a good
 message follows.
 """

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """A display on the ROS graph: it subscribes to what runner and monitor hear and publish."""
 
 import threading

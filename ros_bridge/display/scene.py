@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false
 """What a display knows at one moment: values, and one pure function for each input that changes
 them.
 

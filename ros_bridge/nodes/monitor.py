@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """The run-time monitor: checks the plan that is flown, requests new ones, and falls back to a
 backup.
 

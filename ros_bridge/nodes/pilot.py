@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """The pilot: flies what the monitor selects, as speed and yaw rate for an autopilot or a simulator
 that takes these.
 

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Requests for a plan: what is refused before anything is planned."""
 
 from rlcas_msgs.srv import GenerateTrajectory

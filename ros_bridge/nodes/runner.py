@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """The runner: takes in ownship, traffic, alerts, route and geo-reference, and answers with plans.
 
     python -m ros_bridge.runner [--ros-args -r __ns:=/n123 --params-file FILE

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """The simulator: an ownship and intruders, their reports as receivers have them, the clock, and the
 flight of plans.
 

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """What the simulator publishes: the filed route, and what receivers make of states."""
 
 import math

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 r"""The translator: messages of other packages as the runner's inputs.
 
     python -m ros_bridge.translator --ros-args -p own_source:=nav_sat_fix -p own_id:=4b1234 \

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false
 """Which trajectory is to be flown, as an autopilot reads it from the runner and the monitor.
 
 Nothing but a SAFE plan that the monitor names, or the monitor's backup, and nothing where the

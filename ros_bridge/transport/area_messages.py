@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Areas as messages of ``rlcas_msgs``; the other direction is :mod:`ros_bridge.core.areas`."""
 
 import math

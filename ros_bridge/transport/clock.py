@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """A node's clock: a message of ``/clock`` that is no time is passed over, and what must go on goes
 on while the clock stands still.
 """
@@ -25,8 +24,8 @@ class ClockGuard(Node):
     time where nothing catches it.
     """
 
-    def create_subscription(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, msg_type: Any, topic: str, callback: Callable[[Any], Any], *others: Any, **more: Any
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Callable[..., Any], *others: Any, **more: Any
     ) -> Any:
         """Return a subscription as rclpy makes it; of ``/clock`` one that looks at the time
         first.
@@ -35,7 +34,7 @@ class ClockGuard(Node):
             callback = partial(self._take_clock, callback)
         return super().create_subscription(msg_type, topic, callback, *others, **more)
 
-    def _take_clock(self, take: Callable[[Any], Any], message: ClockMessage) -> None:
+    def _take_clock(self, take: Callable[..., Any], message: ClockMessage) -> None:
         try:
             integer("/clock.clock.sec", message.clock.sec, 0, _LAST)
             integer("/clock.clock.nanosec", message.clock.nanosec, 0, 999_999_999)

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Messages that were published and did not come.
 
 Each publisher of DDS numbers its messages, and a gap in the numbers is a loss, wherever it

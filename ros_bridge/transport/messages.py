@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Domain values as messages of ``rlcas_msgs``; the other direction is
 :mod:`ros_bridge.core.conversions`.
 """
@@ -63,7 +62,7 @@ def trajectory_message(
     is none of.
     """
     none = {"min_separation": -1.0, "time_of_min_separation": -1.0, "rejoin_index": -1}
-    given = {"id": identity(uuid.uuid4())} | none | more
+    given: dict[str, Any] = {"id": identity(uuid.uuid4())} | none | more
     return Trajectory(header=header(time, frame), status=status, revision=revision, **given)
 
 

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """What runner and monitor share: their inputs, releasing what was made, and a clock that may step
 back.
 """

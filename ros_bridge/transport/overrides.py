@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false
 """Parameters given to a node that it does not have, and sections of parameter files for nodes that
 there are not.
 

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Parameters of the nodes: name, default, range, unit and meaning.
 
 Numbers that follow from the aircraft are in its units: D is its separation, V its greatest speed, T

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """A node as a process: arguments, spinning, an orderly end, and one line and exit code 2 for bad
 input.
 """

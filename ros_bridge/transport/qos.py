@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Qualities of service of the topics."""
 
 from rclpy.duration import Duration

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """A recording of the graph as an MCAP file, which ``ros2 bag``, Foxglove and other readers open.
 
 Messages are written as they came over the wire; their definitions stand in the file, so that a

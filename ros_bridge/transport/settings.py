@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """Parameters declared on a node, and read back as the settings of what decides."""
 
 import math
@@ -113,7 +112,8 @@ def disagreements(mine: str, others: str) -> list[str]:
     :func:`agreed_text` has them.
     """
     here, there = (
-        dict(part.partition("=")[::2] for part in text.split()) for text in (mine, others)
+        {name: value for name, _, value in (part.partition("=") for part in text.split())}
+        for text in (mine, others)
     )
     return [
         f"{name} is {here[name]} here and {there[name]} there, expected one value"

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """The topics between the nodes: what they carry, their names, and their qualities of service."""
 
 from collections.abc import Callable
@@ -41,7 +40,7 @@ class Topic(NamedTuple):
         return self._replace(name=f"~/{self.name.partition('/')[2]}")
 
     def subscribe(
-        self, node: Node, callback: Callable[[Any], Any], **more: Any
+        self, node: Node, callback: Callable[..., Any], **more: Any
     ) -> "Subscription[Any]":
         """Return a node's subscription; ``more`` as its ``create_subscription`` has it."""
         return node.create_subscription(self.kind, self.name, callback, self.quality, **more)

@@ -1,4 +1,3 @@
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """For viewers: the plan as a path and as markers in the map's frame, and the state of health."""
 
 import math

@@ -1,0 +1,6 @@
+from typing import Any, TypeVar
+
+_Message = TypeVar("_Message")
+
+def serialize_message(message: Any) -> bytes: ...
+def deserialize_message(serialized_message: bytes, message_type: type[_Message]) -> _Message: ...

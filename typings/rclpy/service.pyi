@@ -1,0 +1,3 @@
+class Service:
+    @property
+    def service_name(self) -> str: ...

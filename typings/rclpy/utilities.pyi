@@ -1,0 +1,6 @@
+from collections.abc import Sequence
+
+from rclpy.context import Context
+
+def ok(*, context: Context | None = ...) -> bool: ...
+def remove_ros_args(args: Sequence[str] | None = ...) -> list[str]: ...

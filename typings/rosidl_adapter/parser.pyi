@@ -1,0 +1,3 @@
+from typing import Any
+
+def parse_message_file(pkg_name: str, interface_filename: str) -> Any: ...
