@@ -8,6 +8,7 @@ host that are not its own, because a page of the network might use them to read 
 """
 
 import asyncio
+import errno
 import ipaddress
 import itertools
 import json
@@ -18,10 +19,10 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from http import HTTPStatus
 from importlib.resources import files
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 from urllib.parse import urlsplit
 
 from websockets.asyncio.server import ServerConnection, serve
@@ -30,6 +31,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from envs.edge.json_text import parse_json
+from ros_bridge.display.connections import Connections
 from ros_bridge.display.picture import VERSION, Document, picture
 from ros_bridge.display.scene import Scene
 
@@ -45,6 +47,8 @@ _MOST_CLIENTS = 32
 _QUEUE = 2  # pictures that wait for a client
 _LARGEST = 1_024  # bytes of a client's message
 _SHORTEST, _LONGEST = 0.05, 0.5  # s from one picture to the next: after a change; without one
+_AGAIN = 10.0  # s between two lines that say the same of clients
+_RUN_OUT = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _REFUSED = 1008  # close code: policy violation
 
 
@@ -140,6 +144,7 @@ class Screen:
     """Serves one source to its clients."""
 
     def __init__(self, source: Board | Recording, name: str, say: Callable[[str], None]) -> None:
+        self.connections = Connections()
         self._source, self._name, self._say = source, name, say
         self._clients: set[_Client] = set()
         self._dropped = 0
@@ -167,6 +172,7 @@ class Screen:
 
     async def handle(self, connection: ServerConnection) -> None:
         """Serve one client until it leaves."""
+        self.connections.end(connection)  # it is a client now
         client = _Client(connection)
         self._clients.add(client)
         try:
@@ -242,6 +248,7 @@ class _OneLine(logging.Handler):
     def __init__(self, say: Callable[[str], None]) -> None:
         super().__init__()
         self._say = say
+        self._said: dict[str, float] = {}  # when a line was said last, s
 
     def emit(self, record: logging.LogRecord) -> None:
         """Say what went wrong; what is usual, such as that a file was sent, is not said."""
@@ -254,7 +261,11 @@ class _OneLine(logging.Handler):
         while root is not None and root.__cause__ is not None:
             root = root.__cause__
         what = "" if root is None else f": {str(root) or type(root).__name__}"
-        self._say(f"a client: {record.getMessage()}{what}")
+        text, now = f"a client: {record.getMessage()}{what}", time.monotonic()
+        self._said = {one: at for one, at in self._said.items() if now - at < _AGAIN}
+        if text not in self._said:
+            self._said[text] = now
+            self._say(text)
 
 
 def bind_socket(host: str, port: int) -> socket.socket:
@@ -289,12 +300,28 @@ async def run_server(screen: Screen, listener: socket.socket, say: Callable[[str
             close_timeout=2.0,
             server_header=None,
             logger=logger,
+            create_connection=cast("type[ServerConnection]", screen.connections.make),
         )
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(partial(_handle_exception, logger))
         try:
             await server.serve_forever()
         finally:
             server.close()
             await server.wait_closed()
+
+
+def _handle_exception(
+    logger: logging.Logger, loop: asyncio.AbstractEventLoop, context: dict[str, Any]
+) -> None:
+    """Say in a line that no connection can be taken, as where files have run out; the loop tries
+    again after a second. Anything else is reported as it is by default.
+    """
+    problem = context.get("exception")
+    if isinstance(problem, OSError) and problem.errno in _RUN_OUT:
+        logger.warning("no connection can be taken", exc_info=problem)
+    else:
+        loop.default_exception_handler(context)
 
 
 def _answer(screen: Screen, request: Request) -> Response | None:
