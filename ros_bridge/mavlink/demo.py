@@ -21,6 +21,7 @@ from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, fly
 from ros_bridge.mavlink.flight_picture import draw
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.options import check_folder, options_of
+from ros_bridge.mavlink.sitl import LAST_INSTANCE
 
 _UNTIL = 160.0  # s
 _STRONGEST = 8.0  # m/s of wind
@@ -70,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     picture = Path("encounter.png")
     parser.add_argument("--out", type=Path, default=picture, help=f"picture (default {picture})")
-    ports = "10 times this, 0 to 5000, is added to the simulation's ports (default 0)"
+    ports = f"10 times this, 0 to {LAST_INSTANCE}, is added to the simulation's ports (default 0)"
     parser.add_argument(
         "--display",
         nargs="?",

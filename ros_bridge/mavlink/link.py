@@ -25,6 +25,7 @@ os.environ.setdefault("MAVLINK20", "1")  # before pymavlink: messages of both ve
 COMPONENT = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 _DRIFT = 1e-4  # of two clocks, s per s: a message so much later is no later
 _BACK = 5  # s by which a clock that steps back has begun anew; less is out of order
+_MEASURED = 3.0  # s over which the clock's speed is measured
 _PATIENCE = 5.0  # s for an answer
 _TRIES = 5
 _TEXT = 50  # characters of a STATUSTEXT
@@ -58,6 +59,7 @@ class Clock:
 
     Attributes:
         begun: how often it has begun, as it does where the autopilot begins anew.
+        speed: how many times as fast as ours it ran of late.
 
     Args:
         simulated: whether its time is a simulation's, which may run faster: it then stands still
@@ -69,7 +71,9 @@ class Clock:
         self._newest = 0
         self._offset: float | None = None  # ours less its, s, of the quickest message
         self._heard = 0.0
+        self._from: tuple[int, float] | None = None  # its time, ns, and ours, s
         self.begun = 0
+        self.speed = 1.0
 
     def hear(self, boot: int, arrived: float) -> bool:
         """Take in a time of its clock, ns, and of ours, s; return whether it has begun anew."""
@@ -82,7 +86,15 @@ class Clock:
             self._offset = min(offset, self._offset + _DRIFT * (arrived - self._heard))
         self._newest = boot if again else max(boot, self._newest)
         self._heard = arrived
+        self._measure_speed(boot, arrived, again)
         return again
+
+    def _measure_speed(self, boot: int, arrived: float, again: bool) -> None:
+        if self._from is None or again:
+            self._from = boot, arrived
+        elif arrived - self._from[1] >= _MEASURED:
+            self.speed = (boot - self._from[0]) / SECOND / (arrived - self._from[1])
+            self._from = boot, arrived
 
     def now(self, ours: float) -> int:
         """Return its time at a time of ours, s; 0 before the first message."""

@@ -191,6 +191,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--seconds", type=float, help="end after this time, s (default: never)")
     add("--quiet", action="store_true", help="print nothing")
-    simulated = "the autopilot is a simulation, whose time may run faster than real time"
+    simulated = (
+        "the autopilot is a simulation, whose time may run faster than real time; what is computed "
+        "takes as many times more of it, so that more than twice is warned of"
+    )
     add("--simulated", action="store_true", help=simulated)
     return parser

@@ -81,6 +81,9 @@ means that the program does not keep up, and for :data:`RECOVERED` no plan is ca
 RECOVERED = 5.0
 """For how long it must have kept up after it has been late, s."""
 
+RACING = 2.0
+"""Times real time; a simulation that runs faster is warned of."""
+
 _REPORT = 60.0  # s between two lines about the processor, and about a receiver
 _JUDGE = 0.25  # s between two judgements
 _BEAT = 0.5  # s between our heartbeats
@@ -197,6 +200,7 @@ class Program:
         link, log = self._link, self._texts.log
         log(f"autopilot {link.system}/{link.component}, mission of {len(self._items)} items")
         log(f"fence of {areas} areas")
+        log(what_is_kept(self._rules))
         for note in found.vehicle.notes:
             log(note)
         if self._fly:
@@ -382,6 +386,23 @@ class Program:
             self._texts.log(f"{why}; nothing is taken over any more")
             self._texts.send("off, AVD_ENABLE is set")
 
+    @property
+    def _races(self) -> bool:
+        """Whether a simulation runs so fast that what is computed takes much of its time."""
+        return bool(self._options.simulated) and self._link.clock.speed > RACING
+
+    def _tell_speed(self, now: int) -> None:
+        """Say, once, that a simulation runs too fast for what is promised."""
+        speed, deadline = self._link.clock.speed, self._options.deadline
+        if self._races and "speed" not in self._told:
+            self._told.add("speed")
+            text = (
+                f"warning: the simulation runs {speed:.1f} times as fast as real time, and so "
+                f"{deadline:g} s of computing take {speed * deadline:.1f} s of its time; expected "
+                f"{RACING:g} times at most"
+            )
+            self._texts.log(text, now)
+
     def _keep_pace(self, since: float, now: int) -> None:
         """Note, and say, where so many seconds have passed unseen; what is flown goes on, but is
         no longer promised.
@@ -391,6 +412,8 @@ class Program:
             return
         self._last.late = now / SECOND
         text = f"late by {since:.1f} s, separation not assured"
+        if self._races:
+            text += f" at {self._link.clock.speed:.1f} times real time"
         wall, computed = self._spent.wall - before.wall, self._spent.computed - before.computed
         more = f"{computed:.2f} s of processor time in {wall:.2f} s"
         self._texts.tell("late", text, now, send=True, more=more)
@@ -403,6 +426,7 @@ class Program:
         if problem:
             self._texts.tell("adsb", problem, now, send=True, again=_REPORT)
         self._tell_left_out(now)
+        self._tell_speed(now)
         phase = self._control.phase
         try:
             ahead = self._course()
@@ -684,6 +708,17 @@ def _may_conflict(judged: Judgement, engage: float) -> bool:
     if judged.conflict is None:
         return judged.problem != ""
     return judged.conflict.time <= engage
+
+
+def what_is_kept(rules: Rules) -> str:
+    """Return a line on the distance that is kept from traffic that says nothing of its accuracy."""
+    keep, sigma = rules.settings.options.requirement, rules.settings.unknown.position_std
+    whole = keep.separation + keep.margin + keep.sigmas * sigma
+    return (
+        f"separation {keep.separation:g} m, margin {keep.margin:g} m: kept from traffic without an "
+        f"accuracy are {whole:.0f} m and more, because {keep.sigmas:g} sigmas of {sigma:g} m are "
+        "added (--unknown-position-std)"
+    )
 
 
 def _clocks() -> Spent:

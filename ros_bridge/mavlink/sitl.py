@@ -21,7 +21,9 @@ from envs.edge.command import InputError
 HOME = (47.4, 8.5, 520.0)
 """Latitude, longitude, degrees, and height, m, of the simulated airfield."""
 
-LAST_INSTANCE = 5_000
+LAST_INSTANCE = 255
+"""ArduPlane keeps the number in eight bits: of 256 it makes 0."""
+
 _FIRST_PORT = 5_760
 _BEGINS = 60.0  # s of real time for a start or an upload, on a loaded machine too
 _BESIDE = Path(__file__).resolve().parents[3] / "shared" / "sitl"
@@ -89,7 +91,7 @@ class Sitl:
     """A running simulation with a connection of its own, as a ground station has it.
 
     Args:
-        instance: which ports it uses: 5760 + 10 times this, and 2 and 3 above; 0 to 5000.
+        instance: which ports it uses: 5760 + 10 times this, and 2 and 3 above; 0 to 255.
         speedup: times real time.
         parameters: set before the start.
     """

@@ -44,8 +44,8 @@ from ros_bridge.mavlink.judging import Judgement, rules, watch
 from ros_bridge.mavlink.link import Clock, Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.mission import SUB, Item
-from ros_bridge.mavlink.options import options_of
-from ros_bridge.mavlink.program import main
+from ros_bridge.mavlink.options import options_of, rules_of
+from ros_bridge.mavlink.program import main, what_is_kept
 from ros_bridge.mavlink.sitl import Sitl
 
 READING = Reading({})
@@ -209,6 +209,22 @@ def test_a_clock_follows_the_quickest_message_and_begins_anew_with_the_autopilot
     assert clock.now(103.5) == pytest.approx(SECOND, abs=SECOND // 100)
 
 
+def test_every_mode_of_the_autopilot_has_its_name() -> None:
+    """But for numbers that ArduPlane does not have, by pymavlink's own list."""
+    mavutil = importlib.import_module("pymavlink.mavutil")
+    for number, name in mavutil.mode_mapping_apm.items():
+        assert messages.mode_name(number).replace("_", "") == name.replace("_", "")
+    assert messages.mode_name(9) == "mode 9"
+
+
+@pytest.mark.parametrize("speed", [1.0, 6.0])
+def test_a_clock_knows_how_fast_a_simulation_runs(speed: float) -> None:
+    clock = Clock(simulated=True)
+    for tenth in range(100):
+        clock.hear(round(0.1 * tenth * speed * SECOND), 50.0 + 0.1 * tenth)
+    assert clock.speed == pytest.approx(speed, rel=1e-6)
+
+
 @given(st.lists(st.tuples(st.floats(0.01, 2.0), st.floats(0.0, 1.0)), max_size=20))
 def test_a_clock_never_goes_back(steps: list[tuple[float, float]]) -> None:
     clock, ours, arrived, last = Clock(), 0.0, 0.0, 0
@@ -300,6 +316,14 @@ def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
     for field in ("position_std", "velocity_std"):
         assert f"intruder abc123.{field} is unknown and taken as" in said
     assert "intruder abc123.header.stamp is known within 0.58 s" in said
+
+
+def test_what_is_kept_from_traffic_of_unknown_accuracy_is_told() -> None:
+    options = options_of(["--connect", "udp:0.0.0.0:14550", "--separation", "200"])
+    line = what_is_kept(rules_of(options, vehicle.vehicle_of(PARAMETERS, 200.0)))
+    kept = 200.0 + options.margin + 2.0 * USUAL.position_std
+    assert f"separation 200 m, margin {options.margin:g} m" in line
+    assert f"{kept:.0f} m and more" in line
 
 
 def test_an_emitter_category_is_kept_its_own_separation(wire: Any) -> None:
@@ -703,8 +727,9 @@ def test_a_simulation_that_is_not_there_or_whose_port_is_taken_is_said_so(
         Sitl(5)
     for name in ("arduplane", "plane.parm"):
         (tmp_path / name).touch()
-    with pytest.raises(InputError, match="the instance is -1; expected 0 to 5000"):
-        Sitl(-1)
+    for wrong in (-1, 256, 310):  # ArduPlane itself makes 0 of 256
+        with pytest.raises(InputError, match=f"the instance is {wrong}; expected 0 to 255"):
+            Sitl(wrong)
     with socket.create_server(("", 0)) as server:
         first = server.getsockname()[1]
         monkeypatch.setattr(sitl, "_FIRST_PORT", first)

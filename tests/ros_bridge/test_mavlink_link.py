@@ -209,8 +209,10 @@ class Autopilot(threading.Thread):
 
 
 @pytest.fixture
-def program() -> Iterator[tuple[Program, Sender]]:
-    """Yield a program in flight and its autopilot, which is silent from then on."""
+def program() -> Iterator[tuple[Program, Sender, Link]]:
+    """Yield a program beside a simulation, its autopilot, which is silent from then on, and their
+    link.
+    """
     port = free_port()
     options: argparse.Namespace = options_of(
         ["--connect", f"udp:127.0.0.1:{port}", "--separation", "200", "--simulated", "--quiet"]
@@ -221,13 +223,13 @@ def program() -> Iterator[tuple[Program, Sender]]:
         found = Program(link, options)
         autopilot.stopped.set()
         autopilot.join()
-        yield found, autopilot.sender
+        yield found, autopilot.sender, link
         found.close()
 
 
 def test_where_the_autopilot_begins_anew_nothing_hangs_on_its_old_clock(program: Any) -> None:
     """Late once, an hour after the autopilot's start, and then it starts again."""
-    flying, autopilot = program
+    flying, autopilot, _ = program
     adsb = dialect.MAVLink_adsb_vehicle_message(
         0xABC123, 474_100_000, 85_000_000, 1, 600_000, 0, 2_000, 0, b"A", 1, 0, 0x0F, 0
     )
@@ -252,3 +254,17 @@ def test_where_the_autopilot_begins_anew_nothing_hangs_on_its_old_clock(program:
         autopilot.send(position(5.0 + 0.1 * tenth), heartbeat())
         flying.turn(0.005)
     assert flying.keeps_up(flying.view.time)
+
+
+@pytest.mark.parametrize("speed", [1.0, 6.0])
+def test_a_program_that_is_late_says_how_fast_the_simulation_runs(
+    program: Any, speed: float
+) -> None:
+    flying, autopilot, link = program
+    for second in (3_600.0, 3_603.0):
+        autopilot.send(position(second))
+        link.clock.speed = speed
+        flying.turn()
+    told = "".join(one.text for one in autopilot.heard() if one.get_type() == "STATUSTEXT")
+    assert "late by 3.0 s" in told
+    assert ("6.0 times real time" in told) == (speed > 2.0)
