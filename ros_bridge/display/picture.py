@@ -141,7 +141,7 @@ def _frame(scene: Scene, centre: tuple[float, float] | None) -> LocalFrame | Non
         stretched = step / max(math.cos(math.radians(own.latitude)), 0.1)
         return LocalFrame(
             max(min(round(own.latitude / step) * step, 90.0), -90.0),
-            round(own.longitude / stretched) * stretched,
+            math.remainder(round(own.longitude / stretched) * stretched, 360.0),
         )
     if centre is not None:
         return LocalFrame(*centre)

@@ -3,8 +3,10 @@ simulation."""
 
 import argparse
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,7 +26,7 @@ from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report, Unknown
 from ros_bridge.core.situation import Situation
 from ros_bridge.display.picture import picture
-from ros_bridge.display.scene import Scene
+from ros_bridge.display.scene import Scene, take_report
 from ros_bridge.display.server import Board
 from ros_bridge.mavlink import mission
 from ros_bridge.mavlink.control import Control
@@ -232,6 +234,40 @@ def test_a_plan_is_a_line_for_ground_stations_and_for_map_programs(followed: Rul
     assert drawn is not None
     places = [[float(number) for number in place.split(",")] for place in drawn.split()]
     np.testing.assert_allclose(places, expected, rtol=0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("longitude", [179.99, -179.99])
+def test_a_plan_over_the_antimeridian_is_cut_there(followed: Rules, longitude: float) -> None:
+    held = judge(received(5.0), followed).supervision.held
+    assert held is not None
+
+    def moved(one: Any) -> Any:
+        east = longitude + (one.longitude - held.start.longitude)
+        return replace(one, longitude=math.remainder(east, 360.0))
+
+    turned = held._replace(start=moved(held.start), points=tuple(moved(one) for one in held.points))
+    places = [[one.longitude, one.latitude] for one in (turned.start, *turned.points)]
+    shape = json.loads(geojson(turned))["geometry"]
+    lines = [shape["coordinates"]] if shape["type"] == "LineString" else shape["coordinates"]
+    assert (len(lines) > 1) == (longitude > 0.0)
+    drawn = [
+        [[float(number) for number in place.split(",")] for place in (one.text or "").split()]
+        for one in ElementTree.fromstring(kml(turned)).iterfind(".//{*}coordinates")
+    ]
+    for some in (lines, drawn):
+        for line in some:
+            assert np.abs(np.diff(np.array(line)[:, 0])).max() < 1.0
+        inner = [place for line in some for place in line if abs(place[0]) < 180.0]
+        np.testing.assert_allclose(inner, places, rtol=0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("latitude", [0.0, -45.0, 70.0])
+def test_the_map_is_the_same_on_both_sides_of_the_antimeridian(latitude: float) -> None:
+    for longitude in (179.9999, -179.9999, 180.0):
+        own = Report("ownship", SECOND, latitude, longitude, 20.0, 0.0)
+        origin = picture(take_report(Scene(), own, SECOND, own=True), SECOND)["origin"][1]
+        assert -180.0 <= origin <= 180.0
+        assert abs(math.remainder(longitude - origin, 360.0)) < 0.5
 
 
 @pytest.mark.filterwarnings("ignore:module 'sre_.*' is deprecated")  # of ROS's parser

@@ -156,7 +156,9 @@ def _geometry(area: Area, frame: LocalFrame) -> dict[str, Any]:
 
 
 def _close_ring(ring: Ring, frame: LocalFrame) -> list[list[float]]:
-    """Return a closed ring of places, with more points where an edge is not straight in degrees."""
+    """Return a closed ring of places, with more points where an edge is not straight in degrees;
+    over the antimeridian its longitudes go on, beyond 180 degrees, beside the frame's origin.
+    """
     x, y = np.array([*ring, ring[0]]).T
     ends = frame.geodetic(x, y)
     longitude, latitude = np.unwrap(ends.longitude, period=360.0), ends.latitude
@@ -166,7 +168,10 @@ def _close_ring(ring: Ring, frame: LocalFrame) -> list[list[float]]:
     shares = np.concatenate([n + np.arange(count) / count for n, count in enumerate(parts)])
     along = np.append(shares, len(ring))
     points = frame.geodetic(*(np.interp(along, np.arange(len(x)), field) for field in (x, y)))
-    return np.stack([points.longitude, points.latitude], axis=1).tolist()
+    east = np.unwrap(points.longitude, period=360.0)
+    east += 360.0 * np.round((frame.longitude - east.mean()) / 360.0)
+    found = np.stack([east, points.latitude], axis=1).tolist()
+    return [*found[:-1], found[0]]
 
 
 def _properties(area: Area) -> dict[str, Any]:

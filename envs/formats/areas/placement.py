@@ -153,6 +153,9 @@ def _place_polygon(
 ) -> Shapes:
     """Return where a polygon is; kept, since those of a file are placed with every request."""
     degrees = [_unwrap(np.array(ring, dtype=float)) for ring in rings]
+    middle = degrees[0][:, 1].mean()
+    for hole in degrees[1:]:  # which may be stated on the other side of the antimeridian
+        hole[:, 1] += 360.0 * round(float(middle - hole[:, 1].mean()) / 360.0)
     width = _width(degrees[0])
     if width <= _WIDE or not stands:
         plane = [_on_plane(ring, frame) for ring in degrees]

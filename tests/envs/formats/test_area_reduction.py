@@ -112,6 +112,10 @@ WORLD = [[-180, -85], [180, -85], [180, 85], [-180, 85], [-180, -85]]
         ([[[7.4, 46.8], [9.9, 46.8], [7.6, 47.0], [9.9, 47.3], [7.0, 47.2]]], HERE),
         ([[[179, -17], [-178, -18], [-179, -16]]], LocalFrame(-17.0, -179.5)),
         ([[[179, -17], [-178, -18], [-179, -16]]], LocalFrame(-17.0, 179.5)),
+        (
+            [[[179, -17], [-178, -18], [-179, -16]], [[-179.5, -17], [-179, -17], [-179, -16.9]]],
+            LocalFrame(-17.0, -179.5),
+        ),
         ([[[0, 60], [40, 62], [60, 75], [0, 70]]], LocalFrame(70.0, 20.0)),
     ],
 )
@@ -130,7 +134,9 @@ def test_of_a_wide_area_all_counts_that_lies_near(
     outer = np.array(rings[0], dtype=float)
     if rings[0] is not WORLD:
         outer[:, 0] = np.unwrap(outer[:, 0], period=360.0)
-    whole = shapely.Polygon(outer, rings[1:])
+    beyond = outer[:, 0].max() > 180.0
+    holes = [[(x + 360.0 * (beyond and x < 0.0), y) for x, y in hole] for hole in rings[1:]]
+    whole = shapely.Polygon(outer, holes)
     longitude = at.longitude + 360.0 * ((at.longitude < 0.0) & (outer[:, 0].max() > 180.0))
     places = shapely.points(longitude, at.latitude)
     inside = shapely.contains(whole, places)

@@ -309,6 +309,21 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
         assert (one.valid_from, one.valid_until) == (other.valid_from, other.valid_until)
 
 
+def test_what_is_written_over_the_antimeridian_is_in_one_piece(tmp_path: Path) -> None:
+    """Map programs draw an edge from 179.9 to -179.9 degrees round the earth."""
+    outer = (-2e3, -2e3), (2e3, -2e3), (2e3, 2e3), (-2e3, 2e3)
+    hole = (500.0, 0.0), (600.0, 0.0), (500.0, 100.0)
+    for frame in (LocalFrame(-45.0, 179.999), LocalFrame(-45.0, -179.999)):
+        write_areas(tmp_path / "a.geojson", [Area(Polygon(outer, (hole,)))], frame)
+        written = json.loads((tmp_path / "a.geojson").read_text())
+        rings = written["features"][0]["geometry"]["coordinates"]
+        east = np.concatenate([np.array(ring)[:, 0] for ring in rings])
+        assert np.ptp(east) < 0.1
+        (found,) = read_areas(tmp_path / "a.geojson", frame)
+        assert isinstance(found.shape, Polygon)
+        assert same_ring(outer, np.array(found.shape.outer))
+
+
 def test_long_edges_stay_where_they_are(tmp_path: Path) -> None:
     ring = ((-25e3, -9e3), (25e3, -9e3), (20e3, 30e3), (-20e3, 25e3))
     write_areas(tmp_path / "a.geojson", [Area(Polygon(ring))], HERE)
