@@ -109,7 +109,7 @@ def _curves(own: VehicleState, steering: Steering, look_ahead: float) -> tuple[P
     time = np.concatenate([np.zeros((len(held), 1)), held], axis=1)
     duration = np.diff(time, axis=1)
     arcs = time[:, :-1, None] + duration[..., None] * (np.arange(ARCS) / ARCS)
-    state = _states(own, steering, arcs.reshape(len(held), -1))
+    state = _states(own, steering, arcs.reshape(len(held), (HOLDS + 1) * ARCS))
     x, y, heading, speed = (field.reshape(arcs.shape) for field in state)
     controls = (
         np.concatenate(

@@ -186,7 +186,7 @@ def _likely(
     merit = np.minimum(clearance, _ENOUGH * unit) - effort
     enters = depth > 0.0
     order = np.lexsort((-merit, depth, enters & (clearance < 0.0), enters, family.of))
-    return order.reshape(count, -1)[:, :_TRIED].ravel()
+    return order.reshape(count, _FAMILY_TURN.size)[:, :_TRIED].ravel()
 
 
 def _judge(
@@ -266,7 +266,7 @@ def _relative(
     The flight ``[S, N * F]`` begins at the time numbered ``first`` of the tracks ``[N, T, K]``.
     """
     count, at = tracks.x.shape[0], first + sample
-    x, y = (field[sample].reshape(count, -1, 1) for field in (flown.x, flown.y))
+    x, y = (field[sample].reshape(count, _FAMILY_TURN.size, 1) for field in (flown.x, flown.y))
     return tracks.x[:, at, None] - x, tracks.y[:, at, None] - y
 
 

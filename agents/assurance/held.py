@@ -359,7 +359,9 @@ def _judge_straight(
     """
     window, over = against.traffic.window, look_ahead
     if window is not None:
-        begin, over = np.maximum(begin, window.begin), np.minimum(look_ahead, window.end)
+        # One that counts later, or never, is looked at for no time.
+        begin = np.minimum(np.maximum(begin, window.begin), look_ahead)
+        over = np.minimum(look_ahead, window.end)
     far = _relative(_straight_on(own, begin - reached[..., None]), against.intruders_at(begin))
     lasts = np.maximum(over - begin, 0.0)
     found = _judge_piece(

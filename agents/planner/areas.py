@@ -193,7 +193,7 @@ def judge(
         required: signed distances to be kept instead, from each area, m, ``[N]``.
     """
     found = AreaFindings.blank(len(plan_states.time))
-    if not areas or found.wrong.size == 0:
+    if not areas:
         return found
     arcs = _chords(plan_states, curves)
     for number, one in enumerate(areas):
@@ -217,8 +217,9 @@ def _chords(plan_states: PlanStates, curves: Legs) -> _Chords:
     """Return the chords of all arcs of plans, ``[N, A]``."""
     rows = len(plan_states.time)
     step = curves.duration[..., None] / ARCS
-    begin = (curves.time[..., None] + np.arange(ARCS) * step).reshape(rows, -1)
-    x, y = curves.x.reshape(rows, -1), curves.y.reshape(rows, -1)
+    arcs = rows, curves.time.shape[1] * ARCS
+    begin = (curves.time[..., None] + np.arange(ARCS) * step).reshape(arcs)
+    x, y = curves.x.reshape(arcs), curves.y.reshape(arcs)
     quickest = np.maximum(curves.speed, curves.speed + curves.acceleration * step)
     acceleration = np.hypot(curves.acceleration, quickest * curves.yaw_rate)
     return _Chords(
@@ -229,7 +230,7 @@ def _chords(plan_states: PlanStates, curves: Legs) -> _Chords:
         y0=y,
         x1=np.concatenate([x[:, 1:], plan_states.x[:, -1:]], axis=1),
         y1=np.concatenate([y[:, 1:], plan_states.y[:, -1:]], axis=1),
-        acceleration=acceleration.reshape(rows, -1),
+        acceleration=acceleration.reshape(arcs),
         error=np.repeat(curves.miss + position_error_bound(curves), ARCS, axis=1),
     )
 

@@ -2,17 +2,39 @@
 different they are: known exactly or not, turning, counting for a while only, or absent.
 """
 
+import itertools
 import math
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.assurance.bands import Bands, heading_bands, losses_on_course, speed_bands
+from agents import assurance
+from agents.assurance import single
+from agents.assurance.alerts import Alerting, Region, no_alerts, regions, update
+from agents.assurance.area_bands import area_losses
+from agents.assurance.backup import search
+from agents.assurance.bands import (
+    Bands,
+    heading_bands,
+    losses_on_course,
+    recovery,
+    speed_bands,
+    stretches,
+)
+from agents.assurance.monitor import references
+from agents.assurance.thresholds import BLIND, Thresholds
+from agents.planner import Options, RequestError, plan
 from agents.planner.traffic import Requirement, Traffic, Window
+from agents.policy.inference import Policy
 from envs.kinematics import C208_PUBLISHED, VehicleState
-from tests.support import one
+from envs.waypoints import RoutePoint
+from envs.wind import Wind
+from tests.agents.extremes import altitudes, areas, intruders
+from tests.agents.scenes import on_plan, straight
+from tests.support import one, random_states
 
 REQUIREMENT = Requirement(1_000.0, margin=0.02, sigmas=2.0)
 LOOK_AHEAD = 120.0
@@ -21,7 +43,7 @@ GOOD = 0.6  # m that a clearance may be off
 
 
 @st.composite
-def intruders(draw: Any) -> dict[str, float]:
+def numbers(draw: Any) -> dict[str, float]:
     """Draw one intruder: near or far, exact or not, turning or not, always there or for a while."""
     away = draw(st.sampled_from([900.0, 3_000.0, 9_000.0, 60_000.0]))
     bearing = draw(st.floats(-math.pi, math.pi))
@@ -67,8 +89,8 @@ def bands_of(traffic: Traffic) -> tuple[Bands, Bands]:
     return heading_bands(*given), speed_bands(*given)
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.lists(intruders(), min_size=1, max_size=4))
+@settings(max_examples=15, deadline=None)
+@given(st.lists(numbers(), min_size=1, max_size=4))
 def test_a_mixture_closes_what_one_of_its_intruders_closes(group: list[dict[str, float]]) -> None:
     together = bands_of(traffic_of(group))
     each = [bands_of(traffic_of([alone])) for alone in group]
@@ -109,3 +131,93 @@ def test_bands_of_an_exact_intruder_beside_a_far_one_that_is_not() -> None:
     for kind in range(2):
         assert both[kind].closed.any()
         assert (both[kind].closed == alone[kind].closed).all()
+
+
+POLICY = Policy.load()
+OPTIONS = Options.for_aircraft(POLICY.aircraft, deadline_s=math.inf, exhaustive=False, goals=1)
+THRESHOLDS = Thresholds.for_plans(OPTIONS)
+ALERTING = Alerting.for_aircraft(POLICY.aircraft)
+ROUTE = [RoutePoint(number, 12_000.0 + 5_000.0 * number, 0.0) for number in range(9)]
+
+
+def look_at(verdict: single.Verdict, thresholds: Thresholds) -> None:
+    """Compute all that a display shows of a verdict."""
+    measured = verdict.measured
+    if int(measured.causes[0]) & BLIND:
+        return
+    own, traffic, areas = measured.own, measured.traffic, measured.areas
+    given = own, traffic, thresholds.requirement
+    about = thresholds.manoeuvre, LOOK_AHEAD, None, areas
+    for bands, circle in (
+        (heading_bands(*given, *about), True),
+        (speed_bands(*given, *about), False),
+    ):
+        for field in bands:
+            assert not np.isnan(np.asarray(field, dtype=float)).any()
+        parts = stretches(bands, circle=circle)
+        for part, after in itertools.pairwise(parts):
+            assert part.low < part.high == after.low and part.closed != after.closed
+        shown = regions(bands, ALERTING, POLICY.aircraft.separation)
+        assert ((shown == Region.FREE).any() | bands.closed.all()).all()
+        assert (recovery(bands, POLICY.aircraft.separation).index >= 0) == bands.closed.all()
+    losses = losses_on_course(*given, LOOK_AHEAD)
+    assert losses.shape == traffic.mask.shape and not np.isnan(losses).any()
+    area_losses(own, areas[0], thresholds.requirement.margin, LOOK_AHEAD)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.data())
+def test_monitor_and_guidance_go_on_whatever_the_traffic_is(data: st.DataObject) -> None:
+    draw = data.draw
+    wind = draw(st.sampled_from([None, Wind(10.0, -5.0, 1.0)]))
+    altitude, fences = draw(altitudes()), draw(st.lists(areas(), max_size=2))
+    reports = {name: draw(intruders()) for name in draw(st.sampled_from(["", "a", "abc"]))}
+    own, time = VehicleState(0.0, 0.0, 0.0, 70.0), 0.0
+    first = plan(own, [], ROUTE, POLICY, OPTIONS, wind=wind)
+    watch = single.activate(single.begin(THRESHOLDS), first, own, {}, time)
+    for number in range(4):
+        time += draw(st.sampled_from([1.0, 1.0, 0.2, 0.0, 30.0]))
+        reports[draw(st.sampled_from(["a", "b", f"new {number}"]))] = draw(intruders())
+        own = VehicleState(70.0 * time, draw(st.sampled_from([0.0, 40.0])), 0.0, 70.0)
+        watch, verdict = single.step(
+            watch,
+            time,
+            draw(st.sampled_from([own, own, None])),
+            {name: one for name, one in reports.items() if draw(st.booleans())},
+            own_altitude=altitude,
+            gone=[name for name in watch.names if draw(st.integers(0, 5)) == 0],
+            areas=fences,
+        )
+        look_at(verdict, watch.thresholds_in_air)
+        if verdict.ask is not None:
+            asked = verdict.ask.own, verdict.ask.intruders, ROUTE, POLICY, OPTIONS
+            try:
+                again = plan(*asked, own_altitude=altitude, wind=wind, areas=fences)
+            except RequestError:
+                continue
+            watch, _ = single.answer(watch, verdict.ask.number, again)
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+@pytest.mark.parametrize("others", [0, 1, 2])
+def test_any_number_of_aircraft_is_watched(count: int, others: int) -> None:
+    rows, times = np.arange(count), np.zeros(count)
+    own = on_plan(0.0, count)
+    traffic = Traffic.straight(random_states(np.random.default_rng(1), count, others))
+    monitor = assurance.start(count, others, THRESHOLDS)
+    monitor = assurance.activate(
+        monitor, rows, straight(count=count), times == 0.0, 0.0, traffic, THRESHOLDS
+    )
+    monitor, decision = assurance.step(
+        monitor, assurance.inputs(1.0, on_plan(1.0, count), traffic.state), THRESHOLDS
+    )
+    assert decision.state.shape == (count,)
+    assert references(monitor, times, 1.0, 2).x.shape == (3, count)
+    assert search(own, traffic, times, THRESHOLDS).safe.shape == (count,)
+    for targets in (np.array([0.3]), np.zeros(0)):
+        given = own, traffic, REQUIREMENT, C208_PUBLISHED, LOOK_AHEAD, targets
+        for bands in (heading_bands(*given), speed_bands(*given)):
+            assert bands.closed.shape == (count, targets.size)
+    losses = losses_on_course(own, traffic, REQUIREMENT, LOOK_AHEAD)
+    shown = update(no_alerts(count, others, ALERTING), times, losses, traffic.mask, ALERTING)
+    assert shown.level.shape == (count, others)
