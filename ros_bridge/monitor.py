@@ -1,8 +1,10 @@
-"""The monitor node: ``python -m ros_bridge.monitor``."""
+"""The monitor node: ``python -m ros_bridge.monitor`` or ``rlcas-monitor``."""
 
-from envs.edge.command import run_cli
-from ros_bridge.transport.stopping import end_in_order_from_now_on
+from functools import partial
+
+from ros_bridge.transport.starting import run_node
+
+main = partial(run_node, "monitor")
 
 if __name__ == "__main__":
-    end_in_order_from_now_on()
-    run_cli("ros_bridge.nodes.monitor:main")
+    main()

@@ -1,12 +1,10 @@
-"""The runner node: ``python -m ros_bridge.runner``."""
+"""The runner node: ``python -m ros_bridge.runner`` or ``rlcas-runner``."""
 
-import gc
+from functools import partial
 
-from envs.edge.command import run_cli
-from ros_bridge.transport.stopping import end_in_order_from_now_on
+from ros_bridge.transport.starting import run_node
+
+main = partial(run_node, "runner")
 
 if __name__ == "__main__":
-    end_in_order_from_now_on()
-    # Whatever is imported stays; looking for what does not takes an eighth of the time.
-    gc.disable()
-    run_cli("ros_bridge.nodes.runner:main")
+    main()

@@ -81,15 +81,8 @@ class Course:
     residuals: tuple[float, ...] = ()
     """How far the last reports' places were from what the velocities make of those before, m."""
 
-    @property
-    def scatter(self) -> float:
-        """One sigma per axis of the places as measured, m; 0 where what they declare excuses it."""
-        if not self.residuals or self.newest.position_std is None:
-            return 0.0
-        # Two places differ, on two axes.
-        measured = 0.5 * math.sqrt(sum(off**2 for off in self.residuals) / len(self.residuals))
-        excused = _SCATTER_BEYOND * self.newest.spread(EXACT)[0] + _SCATTER_LEAST
-        return measured if measured > excused else 0.0
+    scatter: float = 0.0
+    """One sigma per axis of the places as measured, m; 0 where what they declare excuses it."""
 
 
 def begin_course(report: Report) -> Course:
@@ -122,18 +115,30 @@ def extend(course: Course, report: Report) -> Course:
         if length >= longest:
             windows[number] = _Window(report)
     residuals = _residuals(course, report, (east, north), seconds)
-    course = replace(course, newest=report, residuals=residuals)
-    estimate, tracks = _improve(course, report)
+    scatter = _scatter(residuals, report)
+    estimate, tracks = _improve(course, report, scatter)
     reference, turn = _measure_turn(course, estimate)
-    return replace(
-        course,
-        windows=tuple(windows),
-        estimate=estimate,
-        tracks=tracks,
-        reference=reference,
-        contradiction=contradiction,
-        turn=turn,
+    return Course(
+        report,
+        tuple(windows),
+        estimate,
+        tracks,
+        reference,
+        contradiction,
+        turn,
+        residuals,
+        scatter,
     )
+
+
+def _scatter(residuals: tuple[float, ...], report: Report) -> float:
+    """Return what the residuals of a course say of its newest report (:attr:`Course.scatter`)."""
+    if not residuals or report.position_std is None:
+        return 0.0
+    # Two places differ, on two axes.
+    measured = 0.5 * math.sqrt(sum(off**2 for off in residuals) / len(residuals))
+    excused = _SCATTER_BEYOND * report.spread(EXACT)[0] + _SCATTER_LEAST
+    return measured if measured > excused else 0.0
 
 
 def _residuals(
@@ -187,13 +192,13 @@ def _first(report: Report) -> Tracks:
     return begin(_state_at(0.0, 0.0, report), *report.spread(EXACT))
 
 
-def _improve(course: Course, report: Report) -> tuple[Report, Tracks]:
+def _improve(course: Course, report: Report, scatter: float) -> tuple[Report, Tracks]:
     """Return the estimate after one more report, later than those before, and what the tracker
     remembers then.
     """
-    if course.scatter:
+    if scatter:
         # Its noise is no white one: nothing is averaged.
-        report = replace(report, position_std=course.scatter)
+        report = replace(report, position_std=scatter)
         return report, _first(report)
     spread = report.spread(EXACT)
     if report.position_std is None or report.velocity_std is None or not any(spread):

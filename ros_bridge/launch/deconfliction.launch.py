@@ -12,7 +12,7 @@ from ros_bridge.transport import launching
 
 
 def _nodes(context: Any) -> list[Any]:
-    nodes = launching.protecting(context)
+    nodes: list[Any] = launching.protecting(context, lifecycle=True)
     if launching.value(context, "translate").lower() == "true":
         nodes.append(launching.node(context, "translator"))
     return nodes
@@ -25,4 +25,6 @@ def generate_launch_description() -> LaunchDescription:
         "false",
         "whether to start the translator, whose sources stand in params_file",
     )
-    return LaunchDescription([*launching.declarations(translate), OpaqueFunction(function=_nodes)])
+    return LaunchDescription(
+        [*launching.declarations(translate, launching.MANUAL), OpaqueFunction(function=_nodes)]
+    )

@@ -9,6 +9,7 @@ that takes these.
     out   ~/output/command                     geometry_msgs/Twist, every 0.1 s: linear.x speed
                                                along the track, m/s, angular.z turn rate of the
                                                track, rad/s, positive to the left
+          ~/output/command_stamped             geometry_msgs/TwistStamped, the same in base_link
 
 Nothing is published while nothing is to be flown, nor while the ownship's state cannot be used or
 is older than ownship_max_age, nor 1 s after the monitor's last status (monitor_silence), which the
@@ -22,7 +23,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rlcas_msgs.msg import AircraftState, AssuranceStatus, Trajectory
 
@@ -35,8 +36,9 @@ from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation, to_local
 from ros_bridge.core.tracks import Rules
 from ros_bridge.sim.guidance import Flying, Guidance, curve
-from ros_bridge.transport import process, qos, topics
+from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.clock import ClockGuard
+from ros_bridge.transport.messages import header
 from ros_bridge.transport.settings import declare, limits_of
 
 
@@ -62,6 +64,8 @@ class Pilot(ClockGuard):
         self._situation = Situation()
         self._line: _Line | None = None
         self._commands = self.create_publisher(Twist, "~/output/command", qos.EVENTS)
+        stamped = "~/output/command_stamped"
+        self._stamped = self.create_publisher(TwistStamped, stamped, qos.EVENTS)
         topics.OWNSHIP.subscribe(self, self._on_ownship)
         topics.PLAN.subscribe(self, self._guidance.add_plan)
         topics.STATUS.subscribe(self, self._on_status, event_callbacks=self._events())
@@ -116,7 +120,9 @@ class Pilot(ClockGuard):
         line = self._line_of(wanted)
         if line is None:
             return
-        self._commands.publish(self._command(line, own, now))
+        command = self._command(line, own, now)
+        self._commands.publish(command)
+        self._stamped.publish(TwistStamped(header=header(now, views.BODY), twist=command))
 
     def _line_of(self, wanted: Trajectory) -> _Line | None:
         """Return what is flown of a trajectory; None where it cannot be flown."""

@@ -16,6 +16,7 @@ subscribes from the configuration on, and answers and publishes while it is acti
     out   ~/output/trajectory      rlcas_msgs/Trajectory            latched; SAFE, or a withdrawal
           ~/output/advisory        rlcas_msgs/Trajectory            reliable; plans that are unsafe
           ~/output/path            nav_msgs/Path                    latched
+          ~/output/odometry        nav_msgs/Odometry                the ownship, map to base_link
           ~/output/markers         visualization_msgs/MarkerArray   latched
           /diagnostics             diagnostic_msgs/DiagnosticArray
     srv   ~/generate_trajectory    rlcas_msgs/GenerateTrajectory
@@ -26,6 +27,7 @@ Parameters:
 
 import time
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -55,9 +57,11 @@ from ros_bridge.core.situation import (
     LeftOut,
     PlanTask,
     Refusal,
+    Situation,
     in_terms_of_messages,
     refusal_of,
     task,
+    to_local,
 )
 from ros_bridge.core.tracks import UNKNOWN, Track, Verdict
 from ros_bridge.nodes.requests import NO_PLAN, check
@@ -116,6 +120,7 @@ class Runner(ListeningNode):
         self._advice = self._advertise(topics.ADVISORY.private)
         self._paths = self._advertise(topics.PATH.private)
         self._markers = self._advertise(topics.MARKERS.private)
+        self._odometry = self._advertise(topics.ODOMETRY.private)
         self._offer_service()
         self._call_every(_VIEWS_EVERY, partial(self._show, "path and markers", self._on_views))
         self._subscribe(topics.STATUS, self._on_status)
@@ -210,6 +215,15 @@ class Runner(ListeningNode):
         frame = self._value("map_frame")
         self._paths.publish(views.path(result, wanted, frame))
         self._markers.publish(views.markers(result, wanted, frame))
+
+    def _take_in(self, update: Callable[..., Situation], message: Any) -> None:
+        before = self._situation.own.last
+        super()._take_in(update, message)
+        origin, own = self._situation.origin.value, self._situation.own
+        if own.last is None or own.last is before or origin is None or not self._active:
+            return
+        state, frame = to_local(origin.frame, own.last), self._value("map_frame")
+        self._odometry.publish(views.odometry(state, own.last, own.turn_rate, frame))
 
     # Answers.
 

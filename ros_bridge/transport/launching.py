@@ -1,17 +1,20 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 """What the launch files have in common: their arguments, and the nodes as processes of this Python.
 
-A node is started as a module of the interpreter that runs the launch file, so that a pip
-installation and a colcon workspace work alike. What runner and monitor must agree on is one
+In a colcon workspace a node is an executable of the package, as ``ros2 run`` starts it; where the
+toolkit was installed by pip it is a module of the interpreter that runs the launch file. What
+runner and monitor must agree on is one
 argument for both.
 """
 
 import sys
+from pathlib import Path
 from typing import Any
 
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
+from launch_ros.actions import LifecycleNode, Node
 
 from ros_bridge.transport import parameters
 
@@ -43,6 +46,16 @@ ARGUMENTS = (
 """Name, default and meaning of the arguments of every launch file."""
 
 
+MANUAL = (
+    "manual",
+    "false",
+    "whether runner and monitor wait to be configured and activated by a lifecycle manager",
+)
+"""Argument of launch files with lifecycle nodes."""
+
+_PACKAGE = "rlcas_toolkit"
+
+
 def declarations(*more: tuple[str, str, str], **other: str) -> list[DeclareLaunchArgument]:
     """Return the arguments of a launch file: the common ones, with ``other`` defaults, and
     ``more``.
@@ -59,12 +72,14 @@ def value(context: Any, name: str) -> str:
     return LaunchConfiguration(name).perform(context)
 
 
-def node(context: Any, name: str, *others: tuple[str, str, str], **more: Any) -> Node:
+def node(
+    context: Any, name: str, *others: tuple[str, str, str], lifecycle: bool = False, **more: Any
+) -> Node:
     """Return the action that starts the node of a module, with the arguments that are its
     parameters and not empty.
 
-    ``others`` are the arguments besides the common ones, ``more`` goes to
-    :class:`launch_ros.actions.Node`.
+    ``others`` are the arguments besides the common ones, ``lifecycle`` is whether launch takes part
+    in its life cycle (with :data:`MANUAL`), ``more`` goes to :class:`launch_ros.actions.Node`.
     """
     texts = {argument: value(context, argument) for argument, *_ in (*ARGUMENTS, *others)}
     given: list[Any] = [{"use_sim_time": texts["use_sim_time"].lower() == "true"}]
@@ -74,9 +89,11 @@ def node(context: Any, name: str, *others: tuple[str, str, str], **more: Any) ->
             given[0][one.name] = kind(texts[one.name])
     if texts["params_file"]:
         given.append(texts["params_file"])
-    return Node(
-        executable=sys.executable,
-        arguments=["-m", f"ros_bridge.{name}"],
+    how = _executable(name)
+    if lifecycle and value(context, MANUAL[0]).lower() == "true":
+        how["arguments"].append("--manual")
+    return (LifecycleNode if lifecycle else Node)(
+        **how,
         ros_arguments=["--log-level", texts["log_level"]],
         name=f"rlcas_{name}",
         namespace=texts["namespace"],
@@ -86,8 +103,22 @@ def node(context: Any, name: str, *others: tuple[str, str, str], **more: Any) ->
     )
 
 
-def protecting(context: Any) -> list[Node]:
+def protecting(context: Any, *, lifecycle: bool = False) -> list[Node]:
     """Return the actions that start runner and monitor, each again where it has died: until the
     runner answers the monitor has its backup, and until the monitor speaks nothing is flown.
+    ``lifecycle`` as :func:`node` has it.
     """
-    return [node(context, name, respawn=True, respawn_delay=1.0) for name in ("runner", "monitor")]
+    again: dict[str, Any] = {"lifecycle": lifecycle, "respawn": True, "respawn_delay": 1.0}
+    return [node(context, name, **again) for name in ("runner", "monitor")]
+
+
+def _executable(name: str) -> dict[str, Any]:
+    """Return what starts a node, as the action of launch has it."""
+    command = f"rlcas-{name}"
+    try:
+        installed = Path(get_package_prefix(_PACKAGE)) / "lib" / _PACKAGE / command
+    except (PackageNotFoundError, OSError):  # OSError: no workspace at all
+        installed = None
+    if installed is not None and installed.exists():
+        return {"package": _PACKAGE, "executable": command, "arguments": []}
+    return {"executable": sys.executable, "arguments": ["-m", f"ros_bridge.{name}"]}

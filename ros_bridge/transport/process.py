@@ -22,7 +22,7 @@ from ros_bridge.transport import parameters
 from ros_bridge.transport.children import FLAG, end_with_parent
 from ros_bridge.transport.discovery import configure_dds, reserve_ports
 from ros_bridge.transport.overrides import refuse_unknown_nodes
-from ros_bridge.transport.stopping import note_start
+from ros_bridge.transport.starting import note_start
 
 _RCL_LINE = re.compile(r"\s*, at \S+:\d+")
 _LOOK = 1.0  # s between two looks at whether the node has finished

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Path
+from nav_msgs.msg import Odometry, Path
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
@@ -58,6 +58,7 @@ PLAN = Topic(Trajectory, f"{RUNNER}/output/trajectory", qos.LATCHED)
 ADVISORY = Topic(Trajectory, f"{RUNNER}/output/advisory", qos.EVENTS)
 PATH = Topic(Path, f"{RUNNER}/output/path", qos.LATCHED)
 MARKERS = Topic(MarkerArray, f"{RUNNER}/output/markers", qos.LATCHED)
+ODOMETRY = Topic(Odometry, f"{RUNNER}/output/odometry", qos.EVENTS)
 STATUS = Topic(AssuranceStatus, f"{MONITOR}/output/status", qos.STATUS)
 BACKUP = Topic(Trajectory, f"{MONITOR}/output/backup", qos.LATCHED)
 GUIDANCE = Topic(GuidanceBands, f"{MONITOR}/output/guidance", qos.LATCHED)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Vector3
-from nav_msgs.msg import Path
+from nav_msgs.msg import Odometry, Path
 from rclpy.node import Node
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
@@ -16,16 +16,35 @@ from agents.planner.answer import Plan
 from agents.planner.reports import arrays_of_reports
 from agents.planner.traffic import advance_reports
 from envs.areas import Area, Circle, Keep, Polygon, Ring
+from envs.kinematics import VehicleState
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from ros_bridge.core.fields import SECOND
+from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import PlanTask
 from ros_bridge.transport.messages import header
+
+BODY = "base_link"
+"""Frame of the ownship's body (REP 105)."""
 
 _TEXT = Marker.TEXT_VIEW_FACING
 _STEP = 2.0  # s between the points of the drawn line
 _CORNERS = 48  # of a drawn circle
 _AREAS = {Keep.OUT: (0.75, 0.1, 0.4), Keep.IN: (0.2, 0.45, 0.8)}
 _SAFE, _UNSAFE, _TRAFFIC = (0.1, 0.6, 0.3), (0.85, 0.2, 0.1), (0.9, 0.55, 0.1)
+
+
+def odometry(own: VehicleState, report: Report, turn: float, frame: str) -> Odometry:
+    """Return the ownship in the map's frame, as of its report; its twist is in the body's frame, x
+    ahead along the track. What the report does not know has a variance of -1.
+    """
+    message = Odometry(header=header(report.time, frame), child_frame_id=BODY)
+    message.pose.pose = _pose(own.x, own.y)
+    message.pose.pose.orientation = _facing(own.heading)
+    message.twist.twist.linear.x, message.twist.twist.angular.z = own.speed, turn
+    for part, std in ((message.pose, report.position_std), (message.twist, report.velocity_std)):
+        variance = -1.0 if std is None else std**2
+        part.covariance[0], part.covariance[7] = variance, variance
+    return message
 
 
 def path(plan: Plan, task: PlanTask, frame: str) -> Path:
@@ -36,9 +55,7 @@ def path(plan: Plan, task: PlanTask, frame: str) -> Path:
             header=header(task.time + round(point.time * SECOND), frame),
             pose=Pose(
                 position=Point(x=float(point.x), y=float(point.y)),
-                orientation=Quaternion(
-                    z=math.sin(0.5 * point.heading), w=math.cos(0.5 * point.heading)
-                ),
+                orientation=_facing(float(point.heading)),
             ),
         )
         for point in (start, *plan.waypoints)
@@ -148,6 +165,11 @@ def _line(plan: Plan, task: PlanTask) -> list[tuple[float, float]]:
     each = Legs(*(np.broadcast_to(field, (times.size, *np.shape(field))) for field in curve))
     state = at(each, times, plan.wind)
     return list(zip(state.x.tolist(), state.y.tolist(), strict=True))
+
+
+def _facing(heading: float) -> Quaternion:
+    """Return a turn about z by a heading, rad."""
+    return Quaternion(z=math.sin(0.5 * heading), w=math.cos(0.5 * heading))
 
 
 def _colour(rgb: tuple[float, float, float], alpha: float = 1.0) -> ColorRGBA:

@@ -2,6 +2,7 @@
 says so, and stops saying so.
 """
 
+import math
 import signal
 import subprocess
 import sys
@@ -9,12 +10,13 @@ from typing import Any
 
 import pytest
 
-from tests.ros_bridge.graph import MISSING, NODE, ROOT, Client, beside
+from tests.ros_bridge.graph import MISSING, NODE, ROOT, Client, World, beside
 
 pytest.importorskip("rclpy", reason=MISSING)
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Odometry
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -135,11 +137,36 @@ def test_diagnostics_of_thousands_of_aircraft_are_bounded():
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_during_the_start_ends_it_in_order(how: signal.Signals):
     code = (
-        "import os\nfrom ros_bridge.transport.stopping import end_in_order_from_now_on as begin\n"
+        "import os\nfrom ros_bridge.transport.starting import end_in_order_from_now_on as begin\n"
         f"begin()\nos.kill(os.getpid(), {int(how)})\nraise SystemExit(3)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False, timeout=60)
     assert done.returncode == 0
+
+
+def test_the_ownship_is_published_as_odometry_in_the_map():
+    with beside(Runner) as (node, client):
+        begin(node)
+        world = World(client)
+        seen = client.hear(Odometry, f"{NODE}/output/odometry", qos.EVENTS)
+        world.reference()
+        heading = 0.3
+
+        def reported() -> list[Odometry]:
+            world.ownship(3_000.0, -400.0, heading, 75.0, position_std=5.0, valid=0x45)
+            client.idle(0.1)
+            return seen
+
+        message = client.spin(reported)[0]
+    assert (message.header.frame_id, message.child_frame_id) == ("map", "base_link")
+    place, facing = message.pose.pose.position, message.pose.pose.orientation
+    flown = math.hypot(place.x - 3_000.0, place.y + 400.0)
+    assert place.x - 3_000.0 == pytest.approx(flown * math.cos(heading), abs=0.5)
+    assert place.y + 400.0 == pytest.approx(flown * math.sin(heading), abs=0.5)
+    assert 2.0 * math.atan2(facing.z, facing.w) == pytest.approx(heading, abs=1e-3)
+    assert message.twist.twist.linear.x == pytest.approx(75.0, abs=1e-3)
+    assert message.pose.covariance[0] == message.pose.covariance[7] == 25.0
+    assert message.twist.covariance[0] == -1.0  # unknown
 
 
 def test_disagreements_name_what_differs():

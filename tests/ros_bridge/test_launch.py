@@ -77,7 +77,7 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         ),
         "launch.substitutions": {"LaunchConfiguration": _Value},
         "launch_ros": {},
-        "launch_ros.actions": {"Node": _Action},
+        "launch_ros.actions": {"Node": _Action, "LifecycleNode": _Action},
     }
     for name, content in names.items():
         module = types.ModuleType(name)

@@ -26,7 +26,7 @@ from tests.ros_bridge.scenes import FRAME, NOW, SECOND, stamp
 pytest.importorskip("rclpy", reason=MISSING)
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, TwistStamped
 from rlcas_msgs.msg import AssuranceStatus, Trajectory, Waypoint
 
 from agents.planner.request import Altitude
@@ -227,6 +227,7 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship_or_a_monitor():
 
         monitor()
         commands: list[Twist] = client.hear(Twist, "/rlcas_pilot/output/command", qos.EVENTS)
+        stamped = client.hear(TwistStamped, "/rlcas_pilot/output/command_stamped", qos.EVENTS)
         client.idle(0.3)
         assert commands == []
 
@@ -244,6 +245,9 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship_or_a_monitor():
             min(0.25 * 30.0 / 75.0, math.radians(5.0)), rel=0.05
         )
         assert command.linear.x == pytest.approx(75.0, abs=0.5)
+        client.spin(lambda: stamped)
+        assert stamped[0].header.frame_id == "base_link"
+        assert stamped[0].twist in commands
         # Without an ownship, and without a monitor, it commands nothing.
         for speaks in (monitor, lambda: world.ownship(75.0 * (client.now() - now) / 1e9, -30.0)):
             for _ in range(15):
