@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from importlib import import_module
-from importlib.util import find_spec
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
@@ -27,7 +26,7 @@ import numpy as np
 
 from agents.inference import Policy
 from benchmarks.measure import report
-from envs.edge.command import Parser, run_cli, whole
+from envs.edge.command import Parser, require, run_cli, whole
 from envs.edge.json_text import parse_json
 from eval.stats.intervals import clopper_pearson
 
@@ -342,9 +341,9 @@ def _draw_circles(axes: "Axes", circles: dict[str, Any]) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
     options = _parser().parse_args(arguments)
-    for name in ("bluesky", "bluesky_gym"):
-        if find_spec(name) is None:
-            raise ModuleNotFoundError(name=name)
+    require("the benchmark", "bluesky", "bluesky_gym", "gymnasium", "matplotlib")
+    if options.sac is not None:
+        require("--sac", "stable_baselines3")
     episodes = measure_episodes(options)
     for name, found in episodes.items():
         low, high = found["interval"]

@@ -25,7 +25,7 @@ from benchmarks.measure import report
 from benchmarks.planner import question
 from benchmarks.questions import Question, time_plan
 from envs.aircraft import PAPER
-from envs.edge.command import InputError, Parser, run_cli, whole
+from envs.edge.command import InputError, Parser, require, run_cli, whole
 from envs.edge.figures import save_figure
 from envs.edge.files import write_file
 from envs.edge.json_text import parse_json
@@ -175,6 +175,7 @@ def draw(found: dict[str, Any]) -> "Figure":
 def main() -> None:
     """Measure what is missing, and print."""
     options = _parser().parse_args()
+    require("--out", "matplotlib")
     policy = Policy.load(options.policy)
     policy = policy.for_aircraft(policy.aircraft, outside="allow")  # up to eight intruders
     options.out.mkdir(parents=True, exist_ok=True)

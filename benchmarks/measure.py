@@ -15,7 +15,7 @@ import numpy as np
 
 from agents.planner import Options
 from agents.policy.inference import Policy
-from envs.edge.command import ConfigError, InputError, Parser, real, whole
+from envs.edge.command import ConfigError, InputError, Parser, real, require, whole
 from envs.edge.json_text import parse_json
 
 __all__ = [
@@ -120,7 +120,10 @@ def processor_time(process: int) -> float:
 
 
 def find_chromium() -> str:
-    """Return the path of Chromium; raise an InputError where none is installed."""
+    """Return the path of Chromium; raise an InputError where none is installed, or Playwright is
+    not.
+    """
+    require("the benchmark", "playwright")
     for name in ("chromium", "chromium-browser", "google-chrome"):
         path = shutil.which(name)
         if path is not None:

@@ -15,6 +15,7 @@ from agents.planner.options import Options, check
 from agents.planner.traffic import Requirement
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
+from envs.edge.command import require
 from envs.encounters import SCENARIOS, EncounterError, Scenario, is_known, sampler_of
 from envs.random_areas import MOST
 
@@ -360,6 +361,8 @@ class MonteCarloConfig(PolicyConfig, EncountersConfig):
 
     def backend_for(self, policy: Policy, encounters: int) -> Literal["numpy", "jax"]:
         """Return what computes the policy's decisions, numpy or jax."""
+        if self.backend == "jax":
+            require("backend jax", "jax")
         if self.backend != "auto":
             return self.backend
         suits = (

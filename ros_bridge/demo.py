@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from envs.aircraft import Aircraft
 from envs.areas import Area
-from envs.edge.command import InputError, Parser, run_cli
+from envs.edge.command import InputError, Parser, require, run_cli
 from envs.kinematics import VehicleState
 from envs.random_areas import MOST, random_areas
 from ros_bridge.core.aircraft import aircraft_of, load_policy
@@ -59,6 +59,10 @@ _OPTIONS = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly the demonstration and return the exit code."""
     options = _parser().parse_args(arguments)
+    if options.record is not None:
+        require("--record", "mcap", "rosidl_adapter")
+    if options.display:
+        require("--display", "websockets")
     try:
         aircraft = aircraft_of(options.aircraft, options.policy)
         load_policy(options.policy).for_aircraft(aircraft, outside=options.outside_domain)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from benchmarks.ardupilot.encounters import GOAL
 from benchmarks.measure import parse_names, report
-from envs.edge.command import Parser
+from envs.edge.command import Parser, require
 from eval.plots.style import legend, sample
 from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, apart, fly, place_of
 from ros_bridge.mavlink.flight_picture import draw
@@ -159,6 +159,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", default=names, help=f"names with commas (default {names})")
     parser.add_argument("--out", type=Path, help="folder of the pictures (default: none)")
     options = parser.parse_args(arguments)
+    if options.out is not None:
+        require("--out", "matplotlib")
     rows: list[dict[str, Any]] = []
     flights: dict[str, Result] = {}
     for name in parse_names(options.only, SITUATIONS):

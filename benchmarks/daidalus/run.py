@@ -32,7 +32,7 @@ from benchmarks.daidalus.sides import Flight, Ours, Sides
 from benchmarks.measure import report
 from envs.aircraft import PAPER
 from envs.arrays import Array
-from envs.edge.command import InputError, Parser
+from envs.edge.command import InputError, Parser, require
 from envs.formats.track_files import read_daidalus
 from envs.kinematics import Limits, VehicleState
 from envs.traffic.tracks import Track
@@ -97,6 +97,8 @@ class Scenario(NamedTuple):
 def main() -> None:
     """Run the command."""
     given = _parser().parse_args()
+    if given.out:
+        require("--out", "matplotlib")
     program, paths = locate(given.program), _paths(given.scenarios, given.only)
     picture, folder = given.picture or paths[0].stem, Path(given.out) if given.out else None
     names = [path.stem for path in paths]

@@ -26,7 +26,7 @@ from benchmarks.icarous.judge import Verdict, judge
 from benchmarks.icarous.missions import Mission, aircraft, mission
 from benchmarks.measure import Kind, parse_names, read_done, report
 from envs.aircraft import Aircraft
-from envs.edge.command import Parser, whole
+from envs.edge.command import Parser, require, whole
 from envs.edge.figures import save_figure
 from envs.edge.progress import Progress
 
@@ -51,6 +51,7 @@ KINDS = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly what is missing, and print the table."""
     options = _parser().parse_args(arguments)
+    require("--out", "matplotlib")
     sides = parse_names(options.only, SIDES) if options.only else list(SIDES)
     home = peer.locate(options.icarous) if "icarous" in sides else None
     options.out.mkdir(parents=True, exist_ok=True)

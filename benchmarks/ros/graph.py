@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from envs.edge.command import require
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import VehicleState
 from ros_bridge.transport.children import free_domain, start_node
@@ -47,7 +48,10 @@ FRAME = LocalFrame(*ORIGIN)
 
 @contextmanager
 def own_domain() -> Generator[None]:
-    """Keep this process, and those that it starts, on a graph of their own on this machine."""
+    """Keep this process, and those that it starts, on a graph of their own on this machine; raise
+    an InputError where there is no ROS.
+    """
+    require("the benchmark", "rclpy", "rlcas_msgs")
     with free_domain() as domain:
         os.environ |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         yield

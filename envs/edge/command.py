@@ -8,6 +8,7 @@ import argparse
 import ast
 import errno
 import importlib
+import importlib.util
 import os
 import sys
 import traceback
@@ -85,6 +86,15 @@ class _Once(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
+def require(asker: str, *modules: str) -> None:
+    """Raise :class:`ConfigError` where a module is not installed that an option, or whatever
+    ``asker`` names, will need: asked for before anything begins.
+    """
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            raise ConfigError(f"{asker} needs {module}, which {_to_install(module, '')}")
+
+
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:
     """Return a type of an option: a whole number of at least ``least``, at most ``most``."""
     wanted = (
@@ -127,7 +137,7 @@ def real(low: float, high: float, unit: str = "") -> Callable[[str], float]:
 def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
     """Run a program's main function and exit with its status.
 
-    Bad input (:class:`InputError`) ends with one line on stderr and status 2; a missing extra, a
+    Bad input (:class:`InputError`) and a missing extra end with one line on stderr and status 2; a
     full disk and what no machine holds with one line and status 1; Ctrl-C with 130. Where an extra
     is missing ``--help`` says what the program does and what to install. Everything else is a
     defect and keeps its traceback. ``main`` returns the status (None: 0) or is a name,
@@ -147,16 +157,16 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
     except ModuleNotFoundError as problem:
-        extra = extra_of(problem.name, main if isinstance(main, str) else "")
-        if extra is None:
+        command = main if isinstance(main, str) else ""
+        if extra_of(problem.name, command) is None:
             raise
-        install = f"pip install 'rlcas-toolkit[{extra}]'"
         if {"-h", "--help"} & set(sys.argv[1:]):
             print(f"usage: {Path(sys.argv[0]).name} [options]\n\n{_purpose(main)}\n")
+            install = _install(problem.name, command)
             print(f"Its options can be listed once {problem.name} is installed: {install}")
             status = 0
         else:
-            status = _say(f"{problem.name} is not installed; expected the extra: {install}", 1)
+            status = _say(f"{problem.name} {_to_install(problem.name, command)}", 2)
     except OSError as problem:
         if problem.errno is None:
             raise
@@ -234,6 +244,15 @@ def _version() -> str:
         return f"rlcas-toolkit {metadata.version('rlcas-toolkit')}"
     except metadata.PackageNotFoundError:
         return "rlcas-toolkit, not installed"
+
+
+def _install(module: str | None, command: str) -> str:
+    """Return what installs a module of an extra."""
+    return f"pip install 'rlcas-toolkit[{extra_of(module, command)}]'"
+
+
+def _to_install(module: str | None, command: str) -> str:
+    return f"is not installed; expected the extra: {_install(module, command)}"
 
 
 def _say(sentence: str, status: int) -> int:

@@ -31,6 +31,7 @@ EXTRAS = {
     "bluesky": ("bluesky", "bluesky_gym"),
     "display": ("mcap", "mcap_ros2", "websockets"),
     "mavlink": ("pymavlink", "serial"),
+    "dev": ("playwright",),
     "ros": (
         "builtin_interfaces",
         "diagnostic_msgs",

@@ -19,7 +19,7 @@ from typing import Any
 
 from agents.config.load import Parser, load
 from agents.policy.inference import Policy
-from envs.edge.command import real
+from envs.edge.command import real, require
 from envs.edge.files import write_file
 from envs.edge.json_text import parse_json
 from eval.evidence.closing import show_closing
@@ -49,6 +49,8 @@ what is finished. More: docs/reference/evidence.md."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run or publish what the command line asks for and return the exit status."""
     options = _parser().parse_args(arguments)
+    if options.scheduler is not None:
+        require("--scheduler", "distributed")
     listed = load(Evidence, options.list)
     names = listed.choose(options.only)
     policy = Policy.load().sha256

@@ -9,7 +9,7 @@ from typing import Any
 from agents.config.load import ConfigError, Parser
 from agents.planner.answer import RequestError
 from envs.c208.flightgear import flightgear_at
-from envs.edge.command import whole
+from envs.edge.command import require, whole
 from envs.edge.progress import group_digits
 from envs.wind import Wind
 from eval.hifi.config import HifiConfig
@@ -101,6 +101,8 @@ def campaign_of(config: HifiConfig) -> tuple[Campaign, HifiConfig]:
 
 
 def _resolve(config: HifiConfig, options: argparse.Namespace) -> Resolved:
+    if config.vehicle in ("c208_ex", "c208"):
+        require(f"vehicle {config.vehicle}", "jsbsim")
     viewer = None
     if options.flightgear is not None:
         if config.vehicle not in ("c208_ex", "c208"):

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
 from agents.config.keys import help_text
 from agents.config.load import ConfigError
+from envs.edge.command import require
 from envs.edge.files import check_space, write_file
 from envs.edge.folder_lock import lock
 from envs.edge.installation import versions
@@ -217,6 +218,7 @@ def _cluster_of(
         raise ConfigError(
             "--workers and --scheduler: expected one of them, because a cluster has its own workers"
         )
+    require("--scheduler", "distributed")
     from eval.runner.cluster import connect_scheduler
 
     return connect_scheduler(options.scheduler, packages)

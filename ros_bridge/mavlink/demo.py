@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from envs.edge.command import InputError, Parser, run_cli
+from envs.edge.command import InputError, Parser, require, run_cli
 from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, fly
 from ros_bridge.mavlink.flight_picture import draw
 from ros_bridge.mavlink.messages import Mode
@@ -56,6 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _check_picture(file: Path) -> None:
     """Raise :class:`InputError` where the picture could not be written after the flight."""
+    require("--out", "matplotlib")
     from matplotlib.backend_bases import FigureCanvasBase
 
     check_folder("out", file)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from agents.policy.domain import OutsideDomainError
 from agents.policy.inference import Policy
-from envs.edge.command import InputError, Parser, whole
+from envs.edge.command import InputError, Parser, require, whole
 from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.categories import Categories, separations_of
 from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD, Unknown
@@ -112,7 +112,10 @@ def _check_outputs(options: argparse.Namespace) -> None:
             check_folder(name, file)
     if options.record is not None and options.record.exists():
         raise InputError(f"--record {options.record} exists already")
+    if options.record is not None:
+        require("--record", "mcap", "mcap_ros2")
     if options.display is not None:
+        require("--display", "websockets")
         from ros_bridge.mavlink.showing import host_and_port
 
         host_and_port(options.display)

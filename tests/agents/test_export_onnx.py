@@ -221,7 +221,7 @@ def test_without_onnx_it_says_what_to_install(
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(SystemExit) as ended:
         run_cli(lambda: export_onnx.main([str(SHIPPED), str(tmp_path / "out.onnx")]))
-    assert ended.value.code == 1
+    assert ended.value.code == 2
     assert (
         "onnx is not installed; expected the extra: pip install 'rlcas-toolkit[onnx]'"
         in capsys.readouterr().err

@@ -3,6 +3,7 @@ folders.
 """
 
 import errno
+import importlib
 import os
 import re
 import signal
@@ -176,7 +177,7 @@ def test_without_extras_every_program_has_help_that_names_what_to_install(tmp_pa
             )
             assert installs or result.stdout.startswith("usage: "), (module, result.stdout)
     result = start("-m", "rlcas_jax.train", "--config", "quick")
-    assert result.returncode == 1
+    assert result.returncode == 2
     assert re.fullmatch(r"error: \w+ is not installed; .*rlcas-toolkit\[train\]'\n", result.stderr)
     result = start("-c", VERSIONS, *modules)
     assert result.stdout.count("rlcas-toolkit") == len(modules), result.stdout + result.stderr
@@ -190,6 +191,46 @@ def test_the_extra_is_that_of_the_command():
     assert extra_of("serial", "ros_bridge.mavlink.program:main") == "mavlink"
     assert extra_of("jax.numpy", "") == "train"
     assert extra_of("agents.nothing", "") is None
+
+
+MAVLINK = "--connect", "tcp:127.0.0.1:1"  # where nothing listens
+SCHEDULER = "--scheduler", "tcp://127.0.0.1:1"
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments", "asker", "module"),
+    [
+        ("ros_bridge.mavlink.program", (*MAVLINK, "--record", "a.mcap"), "--record", "mcap"),
+        ("ros_bridge.mavlink.program", (*MAVLINK, "--record", "a.mcap"), "--record", "mcap_ros2"),
+        ("ros_bridge.mavlink.program", (*MAVLINK, "--display"), "--display", "websockets"),
+        ("ros_bridge.mavlink.demo", ("--record", "a.mcap"), "--record", "mcap"),
+        ("ros_bridge.mavlink.demo", (), "--out", "matplotlib"),
+        ("ros_bridge.demo", ("--record", "a.mcap"), "--record", "mcap"),
+        ("ros_bridge.demo", ("--display",), "--display", "websockets"),
+        ("eval.monte_carlo.run", (*SCHEDULER, "--out", "run"), "--scheduler", "distributed"),
+        ("eval.monte_carlo.run", ("--set", "backend=jax", "--out", "run"), "backend jax", "jax"),
+        ("eval.hifi.run", ("--out", "run"), "vehicle c208_ex", "jsbsim"),
+        ("eval.evidence.run", ("--only", "results", *SCHEDULER), "--scheduler", "distributed"),
+    ],
+)
+def test_what_an_option_needs_is_asked_for_before_anything_begins(
+    command: str,
+    arguments: tuple[str, ...],
+    asker: str,
+    module: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    main = importlib.import_module(command).main
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, module, None)  # as if it were not installed
+    with pytest.raises(SystemExit) as ended:
+        run_cli(lambda: main(list(arguments)))
+    assert ended.value.code == 2
+    says = rf"error: {asker} needs {module}, which is not installed; .*rlcas-toolkit\[\w+\]'\n"
+    assert re.fullmatch(says, capsys.readouterr().err)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_refused_policy_is_bad_input():
