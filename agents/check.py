@@ -11,6 +11,7 @@ separation itself less 3 micrometres (docs/explanation/safe-theorem.md).
 
 import argparse
 import cmath
+import io
 import json
 import math
 import os
@@ -1403,6 +1404,8 @@ def load(path: Path, what: str) -> bytes:
 
 def main(arguments: list[str] | None = None) -> int:
     """Check a file; return the exit status, 130 after Ctrl-C."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # what its encoding lacks stands there as a code
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         status = check(arguments)
         sys.stdout.flush()

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from envs.c208.conditions import Conditions, Loading
 from envs.c208.facts import GRAVITY, POINTS, value
@@ -26,6 +25,7 @@ from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["Margins", "figure", "limits_figure", "main", "margins", "step", "steps_figure"]
 
@@ -36,8 +36,10 @@ _COLORS = (ORANGE, GREEN, BLUE, VERMILION)
 _KNOT = 0.514444  # m/s
 
 
-def figure() -> Figure:
+def figure() -> "Figure":
     """Return the three panels."""
+    from matplotlib.figure import Figure
+
     picture = Figure(figsize=(9.0, 7.4), layout="constrained")
     places = picture.subplot_mosaic([["speeds", "step"], ["published", "published"]])
     _accelerations(places["speeds"])
@@ -119,12 +121,14 @@ def _step(axes: "Axes") -> None:
     axes.legend(frameon=False)
 
 
-def steps_figure() -> Figure:
+def steps_figure() -> "Figure":
     """Return the answers to steps of the speed demanded: acceleration above all that can be had,
     then hold.
 
     The demand is half of the speed's error a second. The surrogate's limits are drawn in.
     """
+    from matplotlib.figure import Figure
+
     picture = Figure(figsize=(9.6, 6.6), layout="constrained")
     grid = picture.subplots(2, 2, sharex=True)
     for column, (steps, title) in enumerate(((_UP, "acceleration"), (_DOWN, "deceleration"))):
@@ -161,10 +165,12 @@ def step(first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return time, log[:, LOG_COLUMNS.index("airspeed")], np.gradient(speed, time)
 
 
-def limits_figure() -> Figure:
+def limits_figure() -> "Figure":
     """Return where the surrogate's limits lie inside the aircraft's, over weights, altitudes and
     speeds.
     """
+    from matplotlib.figure import Figure
+
     picture = Figure(figsize=(9.6, 3.8), layout="constrained")
     left, middle, right = picture.subplots(1, 3, sharey=True)
     altitudes = np.array([500.0, 1500.0, 2500.0, 3500.0, 4500.0, 5500.0])

@@ -9,6 +9,7 @@ import ast
 import errno
 import importlib
 import importlib.util
+import io
 import os
 import sys
 import traceback
@@ -143,6 +144,7 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
     defect and keeps its traceback. ``main`` returns the status (None: 0) or is a name,
     ``package.module:function``, to be imported under the guard.
     """
+    _settle_surroundings()
     try:
         status = _run(main)
         sys.stdout.flush()
@@ -206,6 +208,19 @@ def visible(text: str) -> str:
         f"\\u{ord(each):04x}" if each != "\n" and unicodedata.category(each) in _HIDDEN else each
         for each in text
     )
+
+
+def _settle_surroundings() -> None:
+    """Let figures and texts be written whatever the environment says of screens and encodings.
+
+    Programs draw into files, while matplotlib refuses to load where ``MPLBACKEND`` names a backend
+    that is not installed, as notebooks hand theirs on. A character that the output's encoding lacks
+    stands there as its code.
+    """
+    os.environ["MPLBACKEND"] = "agg"
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _disk_full(problem: BaseException | None) -> bool:

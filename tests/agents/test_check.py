@@ -554,6 +554,21 @@ def test_what_cannot_be_said_is_not_accepted(data: dict[str, Any], tmp_path: Pat
     assert done.stderr == "the output cannot be written: No space left on device\n"
 
 
+def test_a_name_that_the_output_cannot_hold_is_said_by_its_code(
+    data: dict[str, Any], tmp_path: Path
+) -> None:
+    path = tmp_path / "höhe.json"
+    path.write_text(json.dumps(data))
+    done = subprocess.run(
+        [sys.executable, "-m", "agents.check", path],
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "") and "h\\xf6he.json: accepted" in done.stdout
+
+
 @pytest.mark.parametrize("path", sorted((ROOT / "configs/aircraft").glob("*.yaml")))
 def test_aircraft_files_are_read_as_the_toolkit_reads_them(path: Path) -> None:
     read, config = check.read_aircraft(path.read_text()), load(AircraftConfig, path)

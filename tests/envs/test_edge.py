@@ -52,13 +52,22 @@ def parser() -> Parser:
     return made
 
 
-def program(body: str, *arguments: str, before: str = "") -> subprocess.CompletedProcess[str]:
+def program(
+    body: str, *arguments: str, before: str = "", **environment: str
+) -> subprocess.CompletedProcess[str]:
     text = (
         f"from pathlib import Path\nfrom envs.edge.command import *\n{before}\ndef main():\n   "
         f" {body}\nrun_cli(main)"
     )
     command = [sys.executable, "-c", text, *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        command,
+        cwd=ROOT,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 @pytest.mark.parametrize(
@@ -191,6 +200,29 @@ def test_the_extra_is_that_of_the_command():
     assert extra_of("serial", "ros_bridge.mavlink.program:main") == "mavlink"
     assert extra_of("jax.numpy", "") == "train"
     assert extra_of("agents.nothing", "") is None
+
+
+NOTEBOOK = {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "PYTHONIOENCODING": "ascii"}
+
+
+def test_neither_a_backend_nor_an_encoding_ends_a_program():
+    body = "from matplotlib.figure import Figure; Figure().savefig('/dev/null'); print('1 ± 0')"
+    result = program(body, **NOTEBOOK)
+    assert (result.returncode, result.stdout, result.stderr) == (0, "1 \\xb1 0\n", "")
+
+
+@pytest.mark.slow
+def test_every_program_starts_with_what_a_notebook_hands_on():
+    for module in commands():
+        result = subprocess.run(
+            [sys.executable, "-m", module, "--help"],
+            cwd=ROOT,
+            env=os.environ | NOTEBOOK,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert (result.returncode, result.stderr) == (0, ""), module
 
 
 MAVLINK = "--connect", "tcp:127.0.0.1:1"  # where nothing listens
