@@ -21,6 +21,7 @@ from envs.perception import Coverage, Sensor
 from envs.reaction import Reaction
 from envs.relative import distance, straight_cpa
 from envs.trees import choose, map_leaves
+from envs.wind import Wind
 
 
 class EncounterError(InputError):
@@ -41,6 +42,13 @@ class Encounter(NamedTuple):
     separation: Array | None = None
     """To be kept from each intruder, m, ``[..., K]``; None: the aircraft's, from all."""
     reaction: Reaction | None = None  # [..., K]; None: no intruder takes notice of the ownship
+    wind: Wind | None = None
+    """In which they are flown, ``[...]``, of evaluations alone. Places and goal are over the
+    ground, headings and speeds through the air; only an intruder of speed 0 stands on the ground.
+    None: still air, or the evaluation's wind."""
+    areas: Array | None = None
+    """Tuples of :class:`envs.areas.Area` over the ground, object ``[...]``, of evaluations alone;
+    None: none of their own."""
 
 
 MOST_INTRUDERS = 64
@@ -264,6 +272,11 @@ def attempt(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounte
             f"scenario {scenario.name!r}: its sampler {failure(problem)}"
         ) from problem
     _check_shapes(scenario, made, draws.shape[0])
+    if xp.__name__ != "numpy" and not (made[0].wind is None and made[0].areas is None):
+        raise EncounterError(
+            f"scenario {scenario.name!r} has a wind or areas of its own; expected an evaluation "
+            "that heeds them (eval.monte_carlo)"
+        )
     return made
 
 
@@ -286,6 +299,9 @@ def _check_shapes(scenario: Scenario, made: object, count: int) -> None:
     for name in ("coverage", "separation", "reaction"):
         if getattr(encounter, name) is not None:
             _check_shape(f"{where} {name}", getattr(encounter, name), wide)
+    for name in ("wind", "areas"):
+        if getattr(encounter, name) is not None:
+            _check_shape(f"{where} {name}", getattr(encounter, name), (count,))
 
 
 def _check_shape(where: str, tree: Any, expected: tuple[int, ...]) -> None:

@@ -11,10 +11,13 @@ from numpy.typing import DTypeLike
 
 from envs import draws
 from envs.aircraft import Aircraft
+from envs.areas import Area
 from envs.arrays import Array
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, sample
 from envs.reaction import GIVES_WAY, TURNS_INTO
 from envs.trees import map_leaves
+
+_STRONGEST = 100.0  # m/s of a wind
 
 _OPTIONAL = {
     "separation": "intruders with separations of their own; expected a training, "
@@ -23,11 +26,16 @@ _OPTIONAL = {
     "eval.monte_carlo in mode policy",
     "reaction": "intruders that answer the ownship; expected a training, or eval.monte_carlo in "
     "mode policy",
+    "wind": "a wind of its own; expected eval.monte_carlo in mode plan or assured",
+    "areas": "areas of its own; expected eval.monte_carlo",
 }
 """What an encounter has by its optional fields, and who heeds them."""
 
 EVERY_FIELD = tuple(_OPTIONAL)
 """The optional fields of an encounter."""
+
+OF_INTRUDERS = "separation", "coverage", "reaction"
+"""Those that say more of its intruders."""
 
 
 def encounters_of_seed(
@@ -111,7 +119,7 @@ def join(first: Encounter, second: Encounter) -> Encounter:
 def cast(encounters: Encounter, dtype: DTypeLike) -> Encounter:
     """Return the encounters with numbers of another type; the mask stays."""
     return map_leaves(
-        lambda field: field if field.dtype == bool else field.astype(dtype), encounters
+        lambda field: field if field.dtype in (bool, object) else field.astype(dtype), encounters
     )
 
 
@@ -162,7 +170,20 @@ def check_encounter(
         coverage=optional("coverage"),
         separation=optional("separation"),
         reaction=optional("reaction"),
+        wind=None if encounter.wind is None else part("wind", batch),
+        areas=None if encounter.areas is None else _areas(encounter.areas, batch),
     )
+
+
+def _areas(given: Array, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the areas of encounters, each a tuple of them."""
+    areas = np.asarray(given, dtype=object)
+    each = list(areas.ravel()) if areas.shape == shape else [None]
+    if not all(isinstance(some, tuple) and all(isinstance(a, Area) for a in some) for some in each):
+        raise EncounterError(
+            f"areas: expected an object array {shape} of tuples of envs.areas.Area"
+        )
+    return areas
 
 
 def _part(
@@ -202,6 +223,9 @@ def _ranges(aircraft: Aircraft) -> dict[str, tuple[float, float]]:
         "reaction.within": positive,
         "reaction.heading_change": (0.0, math.pi),
         "reaction.turn_rate": rate,
+        "wind.east": (-_STRONGEST, _STRONGEST),
+        "wind.north": (-_STRONGEST, _STRONGEST),
+        "wind.std": positive,
         "separation": (0.01 * aircraft.separation, 100.0 * aircraft.separation),
     }
 

@@ -316,8 +316,38 @@ class MonteCarloConfig(PolicyConfig, EncountersConfig):
     areas: int = Field(default=0, ge=0, le=MOST)
     """Areas that must not be entered along the way of an encounter, at most: discs and polygons
     drawn at random, a third of them moving; fewer where start or goal are in the way of one."""
+    areas_file: Path | None = None
+    """File of areas that every encounter has, beside the configuration file or in the working
+    directory: GeoJSON, ED-269, ED-318, .plan or ICAROUS YAML; null: none."""
+    latitude: float | None = Field(default=None, ge=-90.0, le=90.0)
+    """Latitude of the encounters' origin, degrees north, where there is a file of areas."""
+    longitude: float | None = Field(default=None, ge=-180.0, le=180.0)
+    """Longitude of the encounters' origin, degrees east, where there is a file of areas."""
+    areas_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
+    """SHA-256 that the file of areas must have; null: any."""
     figures: bool = True
     """Whether figures are drawn."""
+
+    @field_validator("areas_file")
+    @classmethod
+    def _areas_file(cls, path: Path | None, info: ValidationInfo) -> Path | None:
+        return None if path is None else locate(path, info)
+
+    @model_validator(mode="after")
+    def _check_areas(self) -> "MonteCarloConfig":
+        for name in ("latitude", "longitude"):
+            value = getattr(self, name)
+            if (self.areas_file is None) != (value is None):
+                raise ConfigError(
+                    f"{name} is {value}; expected that of the encounters' origin with areas_file, "
+                    "and null without"
+                )
+        if self.areas_file is not None and self.prefix not in (None, FILE):
+            raise ConfigError(
+                f"areas_file is {self.areas_file}; expected null for {self.scenario}, whose "
+                "aircraft are recorded in a sky of their own"
+            )
+        return self
 
     @model_validator(mode="after")
     def _check(self) -> "MonteCarloConfig":

@@ -31,7 +31,7 @@ from envs.edge.files import write_file
 from envs.encounters import Encounter, pad, scenario
 from envs.kinematics import Limits, VehicleState
 from envs.perception import Sensor, carry_back, perceive
-from envs.starts import EVERY_FIELD, encounters_of_seed, join
+from envs.starts import OF_INTRUDERS, encounters_of_seed, join
 from envs.trees import map_leaves, take
 from eval.stats.intervals import share
 
@@ -351,7 +351,7 @@ def _training_starts(
         if not own:
             given["intruder_speed"] = span
         sampled = ScenarioConfig(**given).scenario(aircraft)
-        encounters = encounters_of_seed(sampled, seed, 0, _STARTS, heeds=EVERY_FIELD)
+        encounters = encounters_of_seed(sampled, seed, 0, _STARTS, heeds=OF_INTRUDERS)
         starts.append(pad(_of_one_form(encounters, aircraft), policy.most, np))
     return starts
 

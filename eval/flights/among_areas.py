@@ -53,6 +53,21 @@ def areas_of(
     return found
 
 
+def together(
+    own: np.ndarray | None, drawn: np.ndarray | None, given: tuple[Area, ...], count: int
+) -> np.ndarray | None:
+    """Return all areas of encounters, object ``[count]``: their own, drawn ones, both None where
+    there are none, and those that every encounter has. None: there are none.
+    """
+    some = [each for each in (own, drawn) if each is not None]
+    if not some and not given:
+        return None
+    found = np.empty(count, dtype=object)
+    for n in range(count):
+        found[n] = sum((each[n] for each in some), given)
+    return found
+
+
 def in_air_at(areas: np.ndarray, wind: Wind | None, time: float) -> np.ndarray:
     """Return areas of flights, object ``[N]``, as their air masses see them some seconds after the
     start, as they are then.

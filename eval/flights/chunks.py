@@ -19,15 +19,16 @@ from agents.planner.planner import Plans
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Method, Verdict
 from envs.aircraft import Aircraft
-from envs.encounters import Encounter, Scenario
-from envs.starts import EVERY_FIELD, join
+from envs.areas import Area
+from envs.encounters import Encounter, EncounterError, Scenario
+from envs.starts import OF_INTRUDERS, join
 from envs.wind import Wind
-from eval.flights.among_areas import areas_of, judge, with_breaches
+from eval.flights.among_areas import areas_of, judge, together, with_breaches
 from eval.flights.areas_seen import what_stands_in_each
 from eval.flights.assured_mode import fly_assured
 from eval.flights.compiled import Compiled
 from eval.flights.conditions import conditions, verdicts
-from eval.flights.in_wind import carry, to_ground, winds
+from eval.flights.in_wind import carry, stand, to_ground, winds
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start, promised_separation
 from eval.flights.simulate import ENDS, OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
 from eval.flights.sources import Source, draw
@@ -48,23 +49,39 @@ class Evaluation(NamedTuple):
     backend: str = "numpy"  # what computes the policy's decisions, likewise
     wind_mps: tuple[float, float] = (0.0, 0.0)  # span of the wind's speed in the other modes
     areas: int = 0  # of an encounter at most
+    given_areas: tuple[Area, ...] = ()  # of a file: those of every encounter
 
-    def wind(self, numbers: np.ndarray) -> Wind | None:
-        """Return the winds of encounters with these numbers, ``[M]``; None: still air."""
-        return winds(self.wind_mps, self.seed, numbers)
+    def wind(self, starts: Encounter, numbers: np.ndarray) -> Wind | None:
+        """Return the winds of encounters with these numbers, ``[M]``; None: still air.
+
+        Raises:
+            EncounterError: they have winds of their own, and others are asked for.
+        """
+        if starts.wind is None:
+            return winds(self.wind_mps, self.seed, numbers)
+        if self.wind_mps != (0.0, 0.0):
+            low, high = self.wind_mps
+            raise EncounterError(
+                f"wind_mps is [{low:g}, {high:g}]; expected [0, 0] for encounters that have a wind "
+                "of their own"
+            )
+        return starts.wind
 
     def areas_of(self, starts: Encounter, numbers: np.ndarray) -> np.ndarray | None:
         """Return the areas of encounters with these numbers, over the ground, object ``[M]``; their
         goals are over the ground. None: there are none.
         """
-        return areas_of(self.areas, self.seed, starts, numbers, self.aircraft)
+        drawn = areas_of(self.areas, self.seed, starts, numbers, self.aircraft)
+        return together(starts.areas, drawn, self.given_areas, len(numbers))
 
     @property
     def heeds(self) -> tuple[str, ...]:
         """The optional fields of encounters that the mode heeds: a plan knows neither of reports
-        that are missing nor of intruders that answer it.
+        that are missing nor of intruders that answer it, the policy of no wind.
         """
-        return EVERY_FIELD if self.mode == "policy" else ("separation",)
+        if self.mode == "policy":
+            return *OF_INTRUDERS, "areas"
+        return "separation", "wind", "areas"
 
     @property
     def options(self) -> Options:
@@ -119,8 +136,9 @@ def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndar
         flights, more = _plan(ready, conditions_of(evaluation, starts, number, noise))
     else:
         flights, more = _decide(ready, conditions_of(evaluation, starts, number, noise))
-    solved = reduce(np.logical_or, (_reached(one) for one in (flights, *beside.values())))
-    judged = verdicts(starts, aircraft, solved=solved)
+    other = _differs_in_wind(evaluation, starts, number)
+    solved = reduce(np.logical_or, map(_reached, beside.values())) & ~other | _reached(flights)
+    judged = verdicts(starts, aircraft, solved=solved, other=other)
     begun = conditions(starts, aircraft)
     names = evaluation.names or ()
     return {
@@ -134,6 +152,17 @@ def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndar
         **more,
         **begun,
     }
+
+
+def _differs_in_wind(evaluation: Evaluation, starts: Encounter, numbers: np.ndarray) -> np.ndarray:
+    """Return which encounters are another conflict in their wind than in still air, bool ``[N]``:
+    those with a wind of their own, whose goals are over the ground, and those with traffic that
+    stands on the ground.
+    """
+    if evaluation.wind(starts, numbers) is None:
+        return np.zeros(len(numbers), dtype=bool)
+    stands = (starts.mask & (starts.intruders.speed == 0.0)).any(axis=-1)
+    return stands | (starts.wind is not None)
 
 
 def _reached(flights: Flights) -> np.ndarray:
@@ -181,8 +210,9 @@ def conditions_of(
     noise: Callable[[int], np.ndarray] | None,
 ) -> Conditioned:
     """Return encounters ``[N]`` by their numbers in the evaluation's wind, among its areas."""
-    wind = evaluation.wind(numbers)
-    carried = carry(starts, wind)
+    wind = evaluation.wind(starts, numbers)
+    # One that has a wind of its own states its goal over the ground.
+    carried = stand(starts if starts.wind is not None else carry(starts, wind), wind)
     return Conditioned(carried, noise, wind, evaluation.areas_of(carried, numbers))
 
 

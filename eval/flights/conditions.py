@@ -45,22 +45,27 @@ def conditions(encounters: Encounter, aircraft: Aircraft) -> dict[str, np.ndarra
     }
 
 
-def verdicts(encounters: Encounter, aircraft: Aircraft, solved: np.ndarray) -> Resolvability:
+def verdicts(
+    encounters: Encounter, aircraft: Aircraft, solved: np.ndarray, other: np.ndarray | None = None
+) -> Resolvability:
     """Decide which encounters are resolvable; arguments as of
-    :func:`agents.resolvability.classify`.
+    :func:`agents.resolvability.classify`, and which of them are flown as another conflict than they
+    state, bool ``[N]``: these are undecided where nothing has solved them.
 
     A proof that looks between the seconds holds only for a recording that keeps to arcs there:
     where it is farther off than :data:`LARGEST_OFF`, such an encounter is undecided.
     """
     rules, limits = aircraft.rules(), aircraft.limits
     if encounters.reaction is not None:
-        # Searches and proofs know of traffic whose flight nobody changes: what nothing has solved
-        # is undecided.
+        # Searches and proofs know of traffic whose flight nobody changes.
+        other = np.ones(solved.shape, dtype=bool)
+    if other is not None and other.any():
+        known = solved | ~other
         found = classify(encounters, rules, limits, solved=solved)
         return found._replace(
-            verdict=np.where(solved, found.verdict, Verdict.UNDECIDED).astype(np.int8),
-            method=np.where(solved, found.method, Method.NONE).astype(np.int8),
-            proof_time=np.where(solved, found.proof_time, np.nan),
+            verdict=np.where(known, found.verdict, Verdict.UNDECIDED).astype(np.int8),
+            method=np.where(known, found.method, Method.NONE).astype(np.int8),
+            proof_time=np.where(known, found.proof_time, np.nan),
         )
     if not isinstance(encounters.intent, Recording):
         return classify(encounters, rules, limits, solved=solved)

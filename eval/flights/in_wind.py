@@ -8,6 +8,7 @@ import numpy as np
 
 from envs import draws
 from envs.encounters import Encounter
+from envs.intruder import Recording
 from envs.kinematics import VehicleState
 from envs.wind import Wind, over_ground
 from eval.flights.trajectories import Trajectories
@@ -36,6 +37,22 @@ def carry(encounters: Encounter, wind: Wind | None) -> Encounter:
     return encounters._replace(
         goal_x=encounters.goal_x + wind.east * seconds,
         goal_y=encounters.goal_y + wind.north * seconds,
+    )
+
+
+def stand(encounters: Encounter, wind: Wind | None) -> Encounter:
+    """Return encounters ``[N]`` in the air mass whose intruders of speed 0 stand on the ground."""
+    if wind is None or isinstance(encounters.intent, Recording):
+        return encounters
+    others, intent = encounters.intruders, encounters.intent
+    stands = others.speed == 0.0
+    east, north = (np.broadcast_to(part, wind.east.shape)[:, None] for part in wind[:2])
+    return encounters._replace(
+        intruders=others._replace(
+            heading=np.where(stands, np.arctan2(-north, -east), others.heading),
+            speed=np.where(stands, np.hypot(east, north), others.speed),
+        ),
+        intent=intent._replace(heading_change=np.where(stands, 0.0, intent.heading_change)),
     )
 
 

@@ -146,6 +146,8 @@ class HifiConfig(MonteCarloConfig):
     def _whole(self) -> "HifiConfig":
         if self.wind_mps != (0.0, 0.0):
             raise ConfigError("wind_mps is of eval.monte_carlo; expected condition.wind_mps here")
+        if self.areas_file is not None:
+            raise ConfigError("areas_file is of eval.monte_carlo; expected null here")
         dt = 1.0 if self.aircraft is None else self.aircraft.aircraft().dt
         if dt != 1.0:
             raise ConfigError(

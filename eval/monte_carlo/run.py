@@ -3,16 +3,19 @@ runs/first``.
 """
 
 import argparse
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from agents.config.load import Parser, load
 from agents.policy.domain import excess
-from envs.edge.command import whole
+from envs.edge.command import real, whole
 from envs.edge.progress import group_digits
 from eval.config import MonteCarloConfig
-from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
+from eval.flights.chunks import Evaluation, ReadyEvaluation, columns, conditions_of, pick
 from eval.flights.sources import describe_tracks, say
 from eval.metrics.summary import headline, print_table, summarise
 from eval.runner.command import Command, Finished, Resolved, fly, run
@@ -45,6 +48,7 @@ examples:
   python -m eval.monte_carlo --scenario multi --encounters 2000 --out runs/multi
   python -m eval.monte_carlo --set changes.min_initial_separation=0 --out runs/unfiltered
   python -m eval.monte_carlo --policy mine.safetensors --aircraft uas --out runs/uas
+  python -m eval.monte_carlo --areas zones.json --latitude 47 --longitude 8 --out runs/valley
   python -m eval.monte_carlo --resume --out runs/circle        go on with a run that was interrupted
   python -m eval.monte_carlo --scheduler tcp://node7:8786 --encounters 1000000 --out runs/many
 
@@ -82,8 +86,11 @@ def evaluate(
 
 
 def resolve_config(config: MonteCarloConfig) -> Resolved:
-    """Return what a configuration names to be flown."""
+    """Return what a configuration names to be flown, whose first encounter has been drawn: what
+    cannot be flown is refused before anything is written.
+    """
     evaluation, _, resolved = named_evaluation(config)
+    conditions_of(evaluation, pick(evaluation, [0]), np.arange(1), None)
     say(evaluation.source)
     packages = ("jax", "jaxlib") if evaluation.backend == "jax" else ()
     return Resolved(evaluation, config.model_copy(update=resolved), packages)
@@ -125,8 +132,22 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NAME",
         help="decides in the policy's place: rules, mvp or mvp_speed (default: none)",
     )
+    add(
+        "--areas",
+        type=_file,
+        metavar="FILE",
+        help="areas that every encounter has: GeoJSON, ED-269, ED-318, .plan or ICAROUS YAML",
+    )
+    for name, most in (("latitude", 90.0), ("longitude", 180.0)):
+        of_origin = f"{name} of the encounters' origin, degrees, for --areas"
+        add(f"--{name}", type=real(-most, most), metavar="DEG", help=of_origin)
     last_options(parser, "monte_carlo")
     return parser
+
+
+def _file(text: str) -> str:
+    """Return a path as a value of YAML, from the root."""
+    return json.dumps(str(Path(text).absolute()))
 
 
 def _resolve(config: MonteCarloConfig, options: argparse.Namespace) -> Resolved:
@@ -188,6 +209,9 @@ _KEYS = {
     "baseline": "baseline",
     "workers": "workers",
     "repair": "tracks.repair",
+    "areas": "areas_file",
+    "latitude": "latitude",
+    "longitude": "longitude",
 }
 _COMMAND = Command(
     name="monte_carlo",

@@ -41,6 +41,8 @@ class RareConfig(MonteCarloConfig):
         if self.wind_mps != (0.0, 0.0):
             low, high = self.wind_mps
             raise ConfigError(f"wind_mps is [{low:g}, {high:g}]; expected [0, 0] for rare losses")
+        if self.areas_file is not None:
+            raise ConfigError(f"areas_file is {self.areas_file}; expected null for rare losses")
         if self.areas:
             raise ConfigError(f"areas is {self.areas}; expected 0 for rare losses")
         return self

@@ -96,10 +96,10 @@ def _batch(
 ) -> Iterator[Replayed]:
     evaluation, batch = ready.evaluation, fly_recorded(ready, numbers)
     # A witness is one of still air, and knows no areas.
-    still = evaluation.wind_mps == (0.0, 0.0) and not evaluation.areas
+    winds = evaluation.wind(batch.starts, np.asarray(numbers))
+    still = winds is None and batch.areas is None
     witnessed = [row for row, number in enumerate(numbers) if still and number in wanted]
     witnesses = _witnesses(evaluation.aircraft, batch.starts, witnessed)
-    winds = evaluation.wind(np.asarray(numbers))
     for row, number in enumerate(numbers):
         track = batch.track(row)
         if not track.separation.size:

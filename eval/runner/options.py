@@ -3,6 +3,7 @@
 import argparse
 import hashlib
 import json
+import sys
 import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,9 +14,12 @@ from agents.policy import inputs
 from agents.policy.inference import Policy
 from envs import scenarios
 from envs.aircraft import Aircraft
-from envs.edge.command import real, whole
+from envs.areas import Area, AreaError
+from envs.edge.command import real, visible, whole
 from envs.edge.extension import is_extension, load_extension
 from envs.encounters import EncounterError, Sampler
+from envs.formats.areas import read_near_areas
+from envs.formats.local_frame import LocalFrame
 from eval.config import PREFIXES, EncountersConfig, MonteCarloConfig, PolicyConfig
 from eval.flights.chunks import Evaluation
 from eval.flights.sources import Source, most_intruders, read_source
@@ -255,6 +259,8 @@ def load_config(
     if options.scenario is not None:
         overrides.append(f"scenario={_absolute(options.scenario)}")
         overrides += [] if options.resume else ["scenario_sha256=null"]
+    if getattr(options, "areas", None) is not None and not options.resume:
+        overrides.append("areas_sha256=null")
     given = {key: getattr(options, name) for name, key in keys.items()}
     overrides += [f"{key}={value}" for key, value in given.items() if value is not None]
     try:
@@ -343,5 +349,32 @@ def named_evaluation(config: MonteCarloConfig) -> tuple[Evaluation, Policy, dict
     backend = config.backend_for(policy, resolved["encounters"])
     planner = config.planner.options(aircraft)
     how = (config.mode, planner, config.baseline, backend, config.wind_mps, config.areas)
-    evaluation = Evaluation(config.policy, source, names, config.seed, aircraft, *how)
-    return evaluation, policy, resolved | {"policy_sha256": policy.sha256, "backend": backend}
+    given, digest = named_areas(config)
+    evaluation = Evaluation(config.policy, source, names, config.seed, aircraft, *how, given)
+    resolved |= {"policy_sha256": policy.sha256, "backend": backend, "areas_sha256": digest}
+    return evaluation, policy, resolved
+
+
+def named_areas(config: MonteCarloConfig) -> tuple[tuple[Area, ...], str | None]:
+    """Return the areas of a configuration's file, and its SHA-256; what is left out or changed of
+    it is said on stderr.
+
+    Raises:
+        ConfigError: it is not the expected file.
+        AreaError: it cannot be used, or holds nothing that lies near.
+    """
+    if config.areas_file is None or config.latitude is None or config.longitude is None:
+        return (), None
+    frame = LocalFrame(config.latitude, config.longitude)
+    areas, remarks = read_near_areas(config.areas_file, frame)
+    for remark in remarks:
+        print(visible(remark), file=sys.stderr)
+    if not areas:
+        raise AreaError(f"{config.areas_file}: holds no area that is an obstacle, expected some")
+    digest = hashlib.sha256(config.areas_file.read_bytes()).hexdigest()
+    if config.areas_sha256 not in (None, digest):
+        raise ConfigError(
+            f"{config.areas_file} has SHA-256 {digest}, expected {config.areas_sha256} (key "
+            "areas_sha256)"
+        )
+    return areas, digest

@@ -10,7 +10,7 @@ from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.relative import distance
 from eval.config import MonteCarloConfig
-from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
+from eval.flights.chunks import Evaluation, ReadyEvaluation, columns, pick
 from eval.flights.recorded import fly_recorded
 from eval.flights.simulate import OUTCOMES
 
@@ -38,10 +38,11 @@ def test_plans_are_safe_and_arrive() -> None:
 
 def test_winds_follow_from_the_number_alone() -> None:
     evaluation = pilot("plan", (5.0, 20.0)).evaluation
-    every, some = evaluation.wind(np.arange(10)), evaluation.wind(np.array([7, 3]))
+    still = pick(evaluation, [0])
+    every, some = (evaluation.wind(still, each) for each in (np.arange(10), np.array([7, 3])))
     assert every is not None and some is not None
     np.testing.assert_array_equal(some.east, every.east[[7, 3]])
-    assert pilot("plan", (0.0, 0.0)).evaluation.wind(np.arange(10)) is None
+    assert pilot("plan", (0.0, 0.0)).evaluation.wind(still, np.arange(10)) is None
 
 
 @pytest.mark.parametrize("mode", ["plan", pytest.param("assured", marks=pytest.mark.slow)])
