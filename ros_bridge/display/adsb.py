@@ -81,6 +81,9 @@ class Receiving:
         except TimeoutError as late:
             self._receiver.restart()
             self._board.feed(partial(note, name="receiver", text=str(late), now=arrived))
+        except Exception as error:  # of our own: what follows is read all the same
+            text = f"failed for an error of the display: {error!r}"
+            self._board.feed(partial(note, name="traffic", text=text, now=arrived))
 
     def _is_own(self, found: Report | FieldError) -> bool:
         seen = found.sighting

@@ -60,7 +60,7 @@ class Listening:
         """Begin to listen."""
         for topic in topics.EVERY:
             if topic is not topics.CLOCK and topic.name in INPUTS:
-                topic.subscribe(self._node, partial(self._hear, topic.name))
+                topic.undemanding.subscribe(self._node, partial(self._hear, topic.name))
         self._thread.start()
         return self
 

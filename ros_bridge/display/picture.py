@@ -83,12 +83,12 @@ def picture(scene: Scene, now: int, centre: tuple[float, float] | None = None) -
     scene = scene.at(now)
     frame = _frame(scene, centre)
     if frame is None:
-        return _empty(scene, now)
+        return empty(scene, now)
     levels = _levels(scene, now)
     own, traffic = _aircraft(scene, frame, levels, now)
     report = scene.situation.own.last
     wind = None if report is None else report.wind
-    document = _empty(scene, now) | {
+    document = empty(scene, now) | {
         "origin": [frame.latitude, frame.longitude],
         "own": own,
         "traffic": traffic,
@@ -106,7 +106,7 @@ def picture(scene: Scene, now: int, centre: tuple[float, float] | None = None) -
     return document
 
 
-def _empty(scene: Scene, now: int) -> Document:
+def empty(scene: Scene, now: int) -> Document:
     """Return a picture without a map."""
     return {
         "type": "picture",

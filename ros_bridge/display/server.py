@@ -31,8 +31,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from envs.edge.json_text import parse_json
+from ros_bridge.core.failures import Failures
 from ros_bridge.display.connections import Connections
-from ros_bridge.display.picture import VERSION, Document, picture
+from ros_bridge.display.picture import VERSION, Document, empty, picture
 from ros_bridge.display.scene import Scene
 
 __all__ = ["Board", "Recording", "Screen", "bind_socket", "run_server"]
@@ -84,10 +85,12 @@ class Board:
         self._centre = centre
         self._loop: asyncio.AbstractEventLoop | None = None
         self._changed = asyncio.Event()
+        self._failures = Failures(_ignore)
 
-    def begin(self) -> None:
-        """Take what is fed from now on into the running event loop."""
+    def begin(self, say: Callable[[str], object]) -> None:
+        """Take what is fed from now on into the running event loop; ``say`` takes a sentence."""
         self._loop = asyncio.get_running_loop()
+        self._failures = Failures(say)
 
     def feed(self, change: Callable[[Scene], Scene]) -> None:
         """Change the scene by a pure function; before the server runs, at once."""
@@ -97,11 +100,19 @@ class Board:
             self._loop.call_soon_threadsafe(self._change, change)
 
     def _change(self, change: Callable[[Scene], Scene]) -> None:
-        self.scene = change(self.scene)
+        self._replace_by("what was received", change)
         self._changed.set()
 
-    async def next_picture(self) -> Document:
-        """Return the picture after the next change, at most so often and at least so rarely."""
+    def _replace_by(self, what: str, change: Callable[[Scene], Scene]) -> None:
+        """Replace the scene; where that fails, the one before stays, and grows old."""
+
+        def replace() -> None:
+            self.scene = change(self.scene)
+
+        self._failures.attempt(what, replace)
+
+    async def wait(self) -> None:
+        """Wait for the next change, at most so often and at least so rarely."""
         await asyncio.sleep(_SHORTEST)
         try:
             async with asyncio.timeout(_LONGEST - _SHORTEST):
@@ -109,9 +120,33 @@ class Board:
         except TimeoutError:
             pass
         self._changed.clear()
-        now = self.clock()
-        self.scene = self.scene.at(now)
-        return picture(self.scene, now, self._centre)
+        self._replace_by("the time", lambda scene: scene.at(self.clock()))
+
+    def text(self, number: int) -> str:
+        """Return the picture of now as it is sent. An error of our own is told in it; where there
+        is no picture for it, without a map.
+        """
+        try:
+            made = self._text(picture(self.scene, self.clock(), self._centre), number)
+        except Exception as error:
+            self._failures.note("the picture", error)
+            return self._text(empty(Scene(), self.clock()), number)
+        self._failures.clear("the picture")
+        return made
+
+    def _text(self, document: Document, number: int) -> str:
+        return _text(self._tell_failures(document) | {"number": number})
+
+    def _tell_failures(self, document: Document) -> Document:
+        told = [
+            {"name": "display", "level": 2, "text": text, "age": None}
+            for text in self._failures.problems()
+        ]
+        return document | {"health": [*told, *document["health"]]}
+
+
+def _ignore(_: str) -> None:
+    """Say nothing: nobody listens yet."""
 
 
 class _Client:
@@ -155,7 +190,7 @@ class Screen:
         """
         async with asyncio.TaskGroup() as group:
             if isinstance(self._source, Board):
-                self._source.begin()
+                self._source.begin(self._say)
                 group.create_task(self.broadcast())
             group.create_task(run_server(self, listener, self._say))
             begun()
@@ -164,9 +199,9 @@ class Screen:
         """Send pictures of a live source until cancelled."""
         assert isinstance(self._source, Board)
         for number in itertools.count():
-            document = await self._source.next_picture()
+            await self._source.wait()
             if self._clients:
-                text = _text(document | {"number": number})
+                text = self._source.text(number)
                 for client in self._clients:
                     client.offer(text)
 

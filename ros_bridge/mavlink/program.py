@@ -22,6 +22,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 from agents.assurance.state import FlyMode
@@ -32,6 +33,7 @@ from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.adsb_live import OWN_TRACES
 from ros_bridge.core.assurance import to_fly
+from ros_bridge.core.failures import Failures
 from ros_bridge.core.fields import SECOND, FieldError, readable
 from ros_bridge.core.planning import rehearse
 from ros_bridge.core.situation import Situation
@@ -121,6 +123,7 @@ class _Last:
     rates: float = 0.0  # the autopilot was asked for its messages; ours
     judgement: float = 0.0  # the autopilot's, as below
     late: float = -math.inf  # it did not keep up
+    failing: float = math.inf  # the judgement began to fail; infinite: it does not
 
 
 class _Leg(NamedTuple):
@@ -163,6 +166,8 @@ class Program:
         self._texts = Texts(link, None if options.quiet else sys.stdout)
         self.planned: deque[Spent] = deque(maxlen=20_000)
         self.viewers: list[Callable[[View], object]] = []
+        self._protecting = Failures(self._texts.log)
+        self._showing = Failures(lambda text: self._texts.tell(text, text, self._now(), send=True))
         self._open = ExitStack()
         self._last = _Last()
         self._causes: set[Cause] = set()
@@ -337,7 +342,7 @@ class Program:
         self._judgement = self._without_plan()
         self._control = begin_anew(self._control, now / SECOND)
         self.pilot = Pilot(self._link, self._texts, self._vehicle)
-        self._last.judgement, self._last.late = 0.0, -math.inf
+        self._last.judgement, self._last.late, self._last.failing = 0.0, -math.inf, math.inf
         self._leg, self._moved, self._entered_auto = None, False, -math.inf
         self._refresh.hasten()
         self._link.ask_rates()
@@ -421,6 +426,31 @@ class Program:
     # Judging.
 
     def _judge(self, now: int) -> None:
+        """Judge what lies ahead, steer and show; an error of our own in one ends no other."""
+        if self._protecting.attempt("judgement", partial(self._look_ahead, now)):
+            self._last.failing = math.inf
+        else:
+            self._promise_nothing(now)
+        done = self._now()
+        self._keep_pace((done - now) / SECOND, done)
+        self._control_step(done)
+        for viewer in self.viewers:
+            self._showing.attempt("display", partial(self._show_to, viewer))
+
+    def _show_to(self, viewer: Callable[[View], object]) -> None:
+        viewer(self.view)
+
+    def _promise_nothing(self, now: int) -> None:
+        """Say that the judgement failed, and call nothing safe; where that lasts nothing is flown
+        any more (:meth:`_make_seen`).
+        """
+        [*_, text] = self._protecting.problems()
+        self._last.late = now / SECOND
+        self._last.failing = min(self._last.failing, now / SECOND)
+        self._judgement = replace(self._judgement, plan=None, verdict=None, problem=text)
+        self._texts.tell("failed", f"{text}, separation not assured", now, send=True)
+
+    def _look_ahead(self, now: int) -> None:
         self._received = forget(self._received, now, self._fresh.silence)
         problem = "" if self._live is None else self._live.take_problem()
         if problem:
@@ -459,11 +489,6 @@ class Program:
         if self._judgement.plan not in (None, before.plan):
             self._tell_time(began, now)
         self._remark(now)
-        done = self._now()
-        self._keep_pace((done - now) / SECOND, done)
-        self._control_step(done)
-        for show in self.viewers:
-            show(self.view)
 
     def _tell_left_out(self, now: int) -> None:
         """Say, once for each reason, that something is not taken as traffic, or is although a field
@@ -672,13 +697,14 @@ class Program:
         on_plan = to_fly(judged.supervision) is FlyMode.PLAN
         watching = self._control.phase is Phase.WATCHING
         guiding = self._control.phase is Phase.GUIDING
+        judges = now / SECOND - self._last.failing <= LATE  # else nobody watches what is flown
         return Seen(
             time=now / SECOND,
             mode=self._mode,
             armed=received.heartbeat is not None and received.heartbeat.armed,
             fresh=fresh,
             conflict=_may_conflict(judged, self._rules.engage),
-            flyable=self._safe(now) if watching else to_follow(judged) is not None,
+            flyable=self._safe(now) if watching else to_follow(judged) is not None and judges,
             rejoined=on_plan and rejoin is not None and now >= rejoin.time,
             diverted=guiding and self.pilot.is_diverted(received.target),
         )

@@ -77,7 +77,8 @@ class Recording:
     """Records what a :class:`Showing` feeds it while it is entered, in a thread of its own, into an
     MCAP file.
 
-    Where the file cannot be written any more, as on a full disk, that is said and nothing stops.
+    Where the file cannot be written any more, as on a full disk, or for an error of our own, that
+    is said and nothing stops.
 
     Args:
         path: of the file, which must not exist yet.
@@ -93,11 +94,13 @@ class Recording:
             raise InputError(f"--record {problem}") from problem
         self._path, self._say = path, say
         self._waiting: SimpleQueue[Callable[[Scene], Scene] | None] = SimpleQueue()
+        self._works = True
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
 
     def feed(self, change: Callable[[Scene], Scene]) -> None:
         """Take in a change; it does not wait."""
-        self._waiting.put(change)
+        if self._works:
+            self._waiting.put(change)
 
     def __enter__(self) -> Self:
         """Begin to write."""
@@ -116,6 +119,10 @@ class Recording:
                     recorder.feed(change)
         except OSError as problem:
             self._say(f"{self._path}: cannot be written: {problem.strerror}")
+        except Exception as error:
+            self._say(f"{self._path}: ends here, for an error of the program: {error!r}")
+        finally:
+            self._works = False
 
 
 def show(

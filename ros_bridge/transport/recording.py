@@ -38,7 +38,7 @@ class Recorder:
             channels.append((topic, self._file.channel(name, kind, definition(kind))))
         self._file.flush()
         for topic, channel in channels:
-            topic.subscribe(node, partial(self._write, channel), raw=True)
+            topic.undemanding.subscribe(node, partial(self._write, channel), raw=True)
 
     def _write(self, channel: int, data: bytes) -> None:
         self._file.write(channel, data, self._now())

@@ -39,6 +39,16 @@ class Topic(NamedTuple):
         """The topic as the node calls it that it belongs to, whatever that node's name is."""
         return self._replace(name=f"~/{self.name.partition('/')[2]}")
 
+    @property
+    def undemanding(self) -> "Topic":
+        """The topic for who only looks: what offers no deadline or liveliness is taken, too."""
+        asked = QoSProfile(
+            depth=self.quality.depth,
+            reliability=self.quality.reliability,
+            durability=self.quality.durability,
+        )
+        return self._replace(quality=asked)
+
     def subscribe(
         self, node: Node, callback: Callable[..., Any], **more: Any
     ) -> "Subscription[Any]":

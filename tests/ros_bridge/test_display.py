@@ -351,6 +351,30 @@ def pictures(client: Any, count: int) -> list[dict[str, Any]]:
     return [json.loads(client.recv(timeout=10.0)) for _ in range(count)]
 
 
+def test_an_error_of_our_own_is_told_in_the_picture(monkeypatch: pytest.MonkeyPatch):
+    """A picture that cannot be made is empty, not stale; the next one is whole again."""
+
+    def fail(*_: Any) -> Any:
+        raise ValueError("operands could not be broadcast together")
+
+    source = board(aircraft(5_000.0, 0.0, 0.0, 80.0))
+    with serving(source) as server, open_client(server.port) as client:
+        _, first = pictures(client, 2)
+        assert first["own"] and first["traffic"]
+        with monkeypatch.context() as broken:
+            broken.setattr("ros_bridge.display.server.picture", fail)
+            pictures(client, 3)
+            [failed] = pictures(client, 1)
+        assert failed["own"] is None and failed["traffic"] == [] and failed["monitor"] is None
+        assert failed["health"][0]["name"] == "display" and failed["health"][0]["level"] == 2
+        assert "ValueError: operands" in failed["health"][0]["text"]
+        source.feed(fail)
+        pictures(client, 3)
+        [whole] = pictures(client, 1)
+        assert whole["traffic"]
+        assert any("what was received failed" in one["text"] for one in whole["health"])
+
+
 def test_twenty_clients_get_pictures_and_what_one_sends_is_refused():
     source = board(aircraft(5_000.0, 0.0, 0.0, 80.0))
     with serving(source) as server, ExitStack() as stack:

@@ -268,3 +268,45 @@ def test_a_program_that_is_late_says_how_fast_the_simulation_runs(
     told = "".join(one.text for one in autopilot.heard() if one.get_type() == "STATUSTEXT")
     assert "late by 3.0 s" in told
     assert ("6.0 times real time" in told) == (speed > 2.0)
+
+
+def fail(*_: Any, **__: Any) -> Any:
+    raise ValueError("operands could not be broadcast together")
+
+
+def texts(autopilot: Sender) -> str:
+    return " ".join(one.text for one in autopilot.heard() if one.get_type() == "STATUSTEXT")
+
+
+def test_a_display_that_fails_is_told_and_ends_nothing(program: Any) -> None:
+    flying, autopilot, _ = program
+    shown: list[Any] = []
+    flying.viewers += [fail, shown.append]
+    for second in range(1, 4):
+        autopilot.send(heartbeat(), position(float(second)))
+        flying.turn()
+    assert len(shown) >= 2
+    told = texts(autopilot)
+    assert told.count("display failed") == 1
+    assert flying.keeps_up(flying.view.time)
+
+
+def test_a_judgement_that_fails_is_told_and_promises_nothing(
+    program: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flying, autopilot, _ = program
+    autopilot.send(heartbeat(), position(1.0))
+    flying.turn()
+    with monkeypatch.context() as broken:
+        broken.setattr(Program, "_course", fail)
+        for second in (2.0, 3.0, 4.0):
+            autopilot.send(heartbeat(), position(second))
+            flying.turn()
+        assert not flying.keeps_up(flying.view.time)
+        judged = flying.view.judgement
+        assert judged.plan is None and judged.verdict is None
+        assert judged.problem.startswith("judgement failed: ValueError")
+        assert "separation not assured" in texts(autopilot)
+    autopilot.send(heartbeat(), position(5.0))
+    flying.turn()
+    assert not flying.view.judgement.problem.startswith("judgement failed")
