@@ -425,6 +425,8 @@ def _report_due(before: Report | None, track: Track, limits: Thresholds) -> Repo
     newest = track.estimate
     if newest is None or track.fault is not None:
         return None
+    if newest is before:
+        return before
     seconds = 0.0 if before is None else (newest.time - before.time) / SECOND
     if before is None or not 0.0 <= seconds < _SPACING * limits.options.aircraft.dt:
         return newest

@@ -212,7 +212,7 @@ def test_reports_are_handed_over_far_enough_apart_to_show_a_turn():
         seconds = 0.1 * tenth
         situation = own(traffic(situation, seconds), seconds)
         supervision, _ = step_monitor(supervision, situation, NOW + round(seconds * SECOND))
-        times_given.append(supervision.reported["4b1a2c"].time)
+        times_given.append(supervision.reported["4b1a2c"].report.time)
     times = sorted(set(times_given))
     assert len(times) >= 3
     assert all(b - a >= 0.25 * SECOND for a, b in itertools.pairwise(times))
@@ -224,7 +224,7 @@ def test_changed_report_is_handed_over_at_once():
     supervision, _ = step_monitor(supervision, situation, NOW + SECOND // 2)
     situation = own(traffic(situation, 0.6, heading=-0.5 * math.pi, x=FAR - 45.0), 0.6)
     supervision, verdict = step_monitor(supervision, situation, NOW + round(0.6 * SECOND))
-    assert supervision.reported["4b1a2c"].time == NOW + round(0.6 * SECOND)
+    assert supervision.reported["4b1a2c"].report.time == NOW + round(0.6 * SECOND)
     assert verdict is not None and verdict.measured.intruder_velocity[0] > 50.0
 
 

@@ -1,10 +1,14 @@
 """Traffic of a whole sky arrives whole, and what is lost is told."""
 
+import json
+import time
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.ros_bridge.graph import MISSING, NODE, beside
+from tests.ros_bridge.graph import MISSING, NODE, Client, Process, beside, domain
 
 pytest.importorskip("rclpy", reason=MISSING)
 
@@ -42,6 +46,47 @@ def test_a_whole_sky_at_once_is_passed_on_whole():
             node._pass("traffic", Report(name, client.now(), 47.0, 8.0, 60.0, 0.0))
         client.spin(lambda: {state.id for state in states} == names)
     assert len(states) == len(names)
+
+
+@pytest.mark.slow
+def test_every_aircraft_of_a_document_is_known_to_the_runner(tmp_path: Path):
+    count = 801
+    document = tmp_path / "aircraft.json"
+
+    def write(now: float) -> None:
+        rows = [
+            {"hex": f"{0x400000 + n:06x}", "lat": 46.0 + n * 1e-3, "lon": 8.0, "gs": 0.0}
+            | {"track": 0.0, "seen_pos": 0.0, "alt_geom": 9_000}
+            for n in range(count)
+        ]
+        part = tmp_path / "part"
+        part.write_text(json.dumps({"now": now, "aircraft": rows}), encoding="utf-8")
+        part.rename(document)
+
+    write(1.0)
+    with domain() as number:
+        for module, parameter in (("runner", "separation:=1000.0"), ("translator", "own_id:=own")):
+            given = ["--ros-args", "-p", parameter]
+            given += ["-p", f"adsb:={document.as_uri()}"] if module == "translator" else []
+            Process(f"ros_bridge.{module}", number, *given)
+        client = Client(number)
+        try:
+            health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
+
+            def whole() -> dict[str, str] | None:
+                write(time.time())
+                client.idle(1.0)
+                values = [
+                    {pair.key: pair.value for pair in one.status[0].values}
+                    for one in health
+                    if one.status[0].name == NODE
+                ]
+                return next((one for one in values if one["intruders"] == str(count)), None)
+
+            values = client.spin(whole)
+        finally:
+            client.close()
+    assert not [key for key in values if key.startswith("lost of")]
 
 
 def test_lost_reports_are_an_error_in_the_diagnostics():
