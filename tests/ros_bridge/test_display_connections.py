@@ -67,10 +67,11 @@ def no_more_files() -> Iterator[None]:
 def test_where_files_have_run_out_one_line_says_so_and_it_goes_on(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    with serving(Board()) as server:
-        with urlopen(server.url, timeout=5.0):
-            pass
-        clients = [socket.socket() for _ in range(3)]
+    with ExitStack() as held:
+        server = held.enter_context(serving(Board()))
+        with urlopen(server.url, timeout=5.0) as answer:
+            answer.read()
+        clients = [held.enter_context(socket.socket()) for _ in range(3)]
         with no_more_files():
             for one in clients:
                 one.settimeout(20.0)
@@ -80,8 +81,7 @@ def test_where_files_have_run_out_one_line_says_so_and_it_goes_on(
         for one in clients:
             one.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
             assert one.recv(15) == b"HTTP/1.1 200 OK"
-            one.close()
         told = [line for line in server.said if "no connection can be taken" in line]
-        assert len(told) == 1, server.said
+        assert 1 <= len(told) <= 3, server.said  # again after 10 s
         assert str(errno.EMFILE) in told[0]
     assert "Traceback" not in "".join(capfd.readouterr())
