@@ -4,26 +4,32 @@ Over real sockets, with pymavlink's own messages.
 """
 
 import argparse
+import json
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
+from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
 
 pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
+pytest.importorskip("websockets", reason="websockets is not installed")
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.nearest import MOST
+from ros_bridge.display.picture import picture
+from ros_bridge.display.scene import Scene
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.link import COMPONENT, Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.options import options_of
 from ros_bridge.mavlink.program import RECOVERED, Program
+from ros_bridge.mavlink.showing import Showing
 from ros_bridge.mavlink.udp import SILENT
 from tests.ros_bridge.test_mavlink import PARAMETERS
 
@@ -208,14 +214,14 @@ class Autopilot(threading.Thread):
                     )
 
 
-@pytest.fixture
-def program() -> Iterator[tuple[Program, Sender, Link]]:
-    """Yield a program beside a simulation, its autopilot, which is silent from then on, and their
-    link.
+@contextmanager
+def flying(*more: str) -> Iterator[tuple[Program, Sender, Link]]:
+    """Yield a program beside a simulation, with more options, its autopilot, which is silent from
+    then on, and their link.
     """
     port = free_port()
     options: argparse.Namespace = options_of(
-        ["--connect", f"udp:127.0.0.1:{port}", "--separation", "200", "--simulated", "--quiet"]
+        [*f"--connect udp:127.0.0.1:{port} --separation 200 --simulated --quiet".split(), *more]
     )
     autopilot = Autopilot(port)
     with closing(Link(options.connect, simulated=True)) as link:
@@ -227,45 +233,83 @@ def program() -> Iterator[tuple[Program, Sender, Link]]:
         found.close()
 
 
+@pytest.fixture
+def program() -> Iterator[tuple[Program, Sender, Link]]:
+    """Yield a program without more options, as :func:`flying` does."""
+    with flying() as found:
+        yield found
+
+
+def texts(autopilot: Sender) -> str:
+    """Return the texts that have come since the last time, joined."""
+    return "".join(one.text for one in autopilot.heard() if one.get_type() == "STATUSTEXT")
+
+
+def test_what_is_left_out_of_the_traffic_is_told_and_shown(tmp_path: Path) -> None:
+    """A surface vehicle of the autopilot's, and what another receiver sends: an aircraft on the
+    ground and something without a name.
+    """
+    document = tmp_path / "aircraft.json"
+    taxiing = {"hex": "4b1234", "lat": 47.4, "lon": 8.5, "alt_baro": "ground", "gs": 9}
+    vehicle = dialect.MAVLink_adsb_vehicle_message(
+        0xABC123, 474_100_000, 85_000_000, 1, 400_000, 0, 500, 0, b"A", 17, 0, 0x8F, 0
+    )
+    with flying("--adsb", document.as_uri()) as (one, autopilot, _):
+        end, told = time.monotonic() + 20.0, ""
+        expected = ("surface vehicle on the ground", "traffic: on the ground", "holds 5")
+        while not all(text in told for text in expected):
+            assert time.monotonic() < end, told
+            now = time.time()
+            document.write_text(json.dumps({"now": now, "aircraft": [5, taxiing]}), "utf-8")
+            autopilot.send(heartbeat(), position(600.0 + now % 1_000.0), vehicle)
+            one.turn(0.05)
+            told += texts(autopilot)
+        shown = Showing(one.rules, lambda change: None).after(Scene(), one.view)
+        (line,) = (
+            each for each in picture(shown, one.view.time)["health"] if "left" in each["name"]
+        )
+        assert "on the ground" in line["text"]
+
+
 def test_where_the_autopilot_begins_anew_nothing_hangs_on_its_old_clock(program: Any) -> None:
     """Late once, an hour after the autopilot's start, and then it starts again."""
-    flying, autopilot, _ = program
+    one, autopilot, _ = program
     adsb = dialect.MAVLink_adsb_vehicle_message(
         0xABC123, 474_100_000, 85_000_000, 1, 600_000, 0, 2_000, 0, b"A", 1, 0, 0x0F, 0
     )
     autopilot.send(heartbeat(), position(3_600.0), adsb)
-    flying.turn()
+    one.turn()
     autopilot.send(position(3_603.0), position(3_603.0))
-    flying.turn()
-    assert list(flying.view.received.situation.traffic) == ["abc123"]
-    assert not flying.keeps_up(3_603 * SECOND)
+    one.turn()
+    assert list(one.view.received.situation.traffic) == ["abc123"]
+    assert not one.keeps_up(3_603 * SECOND)
     autopilot.heard()
     autopilot.send(position(5.0))
-    flying.turn()
-    received = flying.view.received
+    one.turn()
+    received = one.view.received
     assert received.situation.own.fault is None
-    assert received.situation.own.age(flying.view.time) < 1.0
+    assert received.situation.own.age(one.view.time) < 1.0
     assert not received.situation.traffic
     told = autopilot.heard()
-    assert any(one.get_type() == "STATUSTEXT" and "begun anew" in one.text for one in told)
-    asked = {one.get_type() for one in told}
+    assert any(m.get_type() == "STATUSTEXT" and "begun anew" in m.text for m in told)
+    asked = {message.get_type() for message in told}
     assert "COMMAND_LONG" in asked  # for its messages
     for tenth in range(1, round(10 * (RECOVERED + 1.0))):
         autopilot.send(position(5.0 + 0.1 * tenth), heartbeat())
-        flying.turn(0.005)
-    assert flying.keeps_up(flying.view.time)
+        one.turn(0.005)
+    assert one.keeps_up(one.view.time)
 
 
 @pytest.mark.parametrize("speed", [1.0, 6.0])
 def test_a_program_that_is_late_says_how_fast_the_simulation_runs(
     program: Any, speed: float
 ) -> None:
-    flying, autopilot, link = program
+    one, autopilot, link = program
     for second in (3_600.0, 3_603.0):
         autopilot.send(position(second))
         link.clock.speed = speed
-        flying.turn()
-    told = "".join(one.text for one in autopilot.heard() if one.get_type() == "STATUSTEXT")
+        one.turn()
+    told = texts(autopilot)
     assert "late by 3.0 s" in told
     assert ("6.0 times real time" in told) == (speed > 2.0)
 
@@ -274,39 +318,35 @@ def fail(*_: Any, **__: Any) -> Any:
     raise ValueError("operands could not be broadcast together")
 
 
-def texts(autopilot: Sender) -> str:
-    return " ".join(one.text for one in autopilot.heard() if one.get_type() == "STATUSTEXT")
-
-
 def test_a_display_that_fails_is_told_and_ends_nothing(program: Any) -> None:
-    flying, autopilot, _ = program
+    one, autopilot, _ = program
     shown: list[Any] = []
-    flying.viewers += [fail, shown.append]
+    one.viewers += [fail, shown.append]
     for second in range(1, 4):
         autopilot.send(heartbeat(), position(float(second)))
-        flying.turn()
+        one.turn()
     assert len(shown) >= 2
     told = texts(autopilot)
     assert told.count("display failed") == 1
-    assert flying.keeps_up(flying.view.time)
+    assert one.keeps_up(one.view.time)
 
 
 def test_a_judgement_that_fails_is_told_and_promises_nothing(
     program: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    flying, autopilot, _ = program
+    one, autopilot, _ = program
     autopilot.send(heartbeat(), position(1.0))
-    flying.turn()
+    one.turn()
     with monkeypatch.context() as broken:
         broken.setattr(Program, "_course", fail)
         for second in (2.0, 3.0, 4.0):
             autopilot.send(heartbeat(), position(second))
-            flying.turn()
-        assert not flying.keeps_up(flying.view.time)
-        judged = flying.view.judgement
+            one.turn()
+        assert not one.keeps_up(one.view.time)
+        judged = one.view.judgement
         assert judged.plan is None and judged.verdict is None
         assert judged.problem.startswith("judgement failed: ValueError")
         assert "separation not assured" in texts(autopilot)
     autopilot.send(heartbeat(), position(5.0))
-    flying.turn()
-    assert not flying.view.judgement.problem.startswith("judgement failed")
+    one.turn()
+    assert not one.view.judgement.problem.startswith("judgement failed")
