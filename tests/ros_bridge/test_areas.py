@@ -95,7 +95,7 @@ def test_far_areas_are_left_out() -> None:
     [
         ({"keep": 2}, r"areas.areas\[0\].keep is 2, expected an integer from 0 to 1"),
         ({"valid": 16}, r"areas\[0\].valid is 0x10, expected bits of 0xf only"),
-        ({"id": "x" * 65}, r"areas\[0\].id is 'x.*, expected 64 bytes"),
+        ({"id": "x" * 65}, r"areas\[0\].id is 'x.*, expected a printable name of 64 bytes"),
         ({"floor": math.nan}, r"areas\[0\].floor is nan, expected"),
         ({"ceiling_reference": 0}, r"areas\[0\].ceiling_reference is 0, expected one of"),
         ({"valid_from": stamp(0)}, r"areas\[0\].valid_from is 0 s, expected a time after zero"),
