@@ -221,7 +221,7 @@ def _end(way: str, ground: Ground, chaser: Chaser) -> Try | None:
         if way == "cut":
             relay.cut()
         elif way == "deaf":
-            relay.deafen()
+            relay.lose(to_program=True, to_autopilot=False)
         else:
             process.kill()
         handed_back = wait(ground, chaser, _WITHIN, lambda: ground.mode == Mode.AUTO)

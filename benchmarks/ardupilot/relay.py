@@ -23,7 +23,7 @@ class Relay:
         self.address = f"tcp:127.0.0.1:{self._listener.getsockname()[1]}"
         self._port, self._keep = port, keep
         self._ends: list[socket.socket] = []
-        self._deaf = False
+        self._lost: tuple[socket.socket, ...] = ()  # ends of which nothing passes
         threading.Thread(target=self._serve, daemon=True).start()
 
     def _serve(self) -> None:
@@ -39,7 +39,7 @@ class Relay:
         waiting = b""
         with suppress(OSError):
             for data in iter(partial(a.recv, 65_536), b""):
-                if self._deaf and a is self._ends[1]:
+                if a in self._lost:
                     continue
                 if self._keep is None:
                     b.sendall(data)
@@ -49,9 +49,14 @@ class Relay:
                 waiting = (waiting + data)[sum(len(frame) for _, frame in found) :]
                 b.sendall(b"".join(passed))
 
-    def deafen(self) -> None:
-        """Lose from now on what the autopilot sends; what is sent to it passes."""
-        self._deaf = True
+    def lose(self, *, to_program: bool, to_autopilot: bool) -> None:
+        """Lose from now on what is sent to the program, to the autopilot, or both."""
+        ours, theirs = self._ends
+        self._lost = (theirs,) * to_program + (ours,) * to_autopilot
+
+    def mend(self) -> None:
+        """Let everything pass again."""
+        self._lost = ()
 
     def cut(self) -> None:
         """Cut it, for good."""

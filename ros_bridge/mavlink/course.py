@@ -108,12 +108,13 @@ def course(
 
 def near(route: Route, own: Place) -> Route:
     """Return the points of a route that are near the ownship, in a row; all where none is."""
-    away = [distance(*own, one.latitude, one.longitude) for one in route]
-    first = next((n for n, far in enumerate(away) if far <= NEAR), None)
-    if first is None:
+    at = LocalFrame(*own).place([one.latitude for one in route], [one.longitude for one in route])
+    counts = np.hypot(at.x, at.y) <= NEAR
+    if not counts.any():
         return route
-    end = next((n for n in range(first, len(away)) if away[n] > NEAR), len(away))
-    return route[first:end]
+    first = int(np.argmax(counts))
+    beyond = np.flatnonzero(~counts[first:])
+    return route[first : first + int(beyond[0])] if beyond.size else route[first:]
 
 
 class _Walk(NamedTuple):

@@ -86,6 +86,8 @@ class Encounter(NamedTuple):
     fence: tuple[tuple[float, float], ...] = ()  # m east and north of home, to be kept out of
     cruise: float = 22.0  # of the mission over the ground, m/s: by it the intruders come
     goal: float = GOAL  # m east of home
+    legs: tuple[Leg, ...] = ()  # of the mission after its item 1; (): straight to the goal and on
+    home: tuple[float, float, float] = HOME  # latitude and longitude, degrees, and height, m
 
 
 class Row(NamedTuple):
@@ -170,12 +172,10 @@ def fly(
         "SIM_WIND_TURB": encounter.turbulence,
         **AVOIDANCES.get(method, {}),
     }
-    frame = LocalFrame(HOME[0], HOME[1])
-    with Sitl(instance, speedup, given) as sitl:
-        last = Leg(encounter.goal + _BEYOND, 0.0)
-        sitl.upload(
-            [Leg(100.0, 0.0, 60.0, 22, 15.0), Leg(400.0, 0.0), Leg(encounter.goal, 0.0), last]
-        )
+    frame = LocalFrame(encounter.home[0], encounter.home[1])
+    straight = (Leg(400.0, 0.0), Leg(encounter.goal, 0.0), Leg(encounter.goal + _BEYOND, 0.0))
+    with Sitl(instance, speedup, given, encounter.home) as sitl:
+        sitl.upload([Leg(100.0, 0.0, 60.0, 22, 15.0), *(encounter.legs or straight)])
         if encounter.fence:
             sitl.upload_fence(encounter.fence, keep_in=False)
         sitl.take_off()

@@ -15,7 +15,7 @@ import numpy as np
 
 from envs.areas import Keep
 from envs.formats.areas.geodetic import GeodeticArea
-from envs.formats.local_frame import LocalFrame, distance
+from envs.formats.local_frame import LocalFrame, distance, wgs84
 from ros_bridge.core.conversions import Station
 from ros_bridge.core.fields import FieldError, place
 
@@ -216,6 +216,11 @@ def _points_onward(
 
 def _apart(stations: Sequence[Station]) -> tuple[Station, ...]:
     """Return stations without those at the place of the one before."""
+    latitude = [one.latitude for one in stations]
+    longitude = [one.longitude for one in stations]
+    gaps = wgs84().inv(longitude[:-1], latitude[:-1], longitude[1:], latitude[1:])[2]
+    if min(gaps, default=math.inf) > _LEAST_LEG:
+        return tuple(stations)
     found = list(stations[:1])
     for one in stations[1:]:
         last = found[-1]

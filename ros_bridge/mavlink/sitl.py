@@ -68,11 +68,13 @@ def folder() -> Path:
     return found
 
 
-def place(east: float, north: float) -> tuple[float, float]:
+def place(
+    east: float, north: float, home: tuple[float, float, float] = HOME
+) -> tuple[float, float]:
     """Return latitude and longitude, degrees, m east and north of home."""
     from envs.formats.local_frame import LocalFrame
 
-    at = LocalFrame(HOME[0], HOME[1]).geodetic(east, north)
+    at = LocalFrame(home[0], home[1]).geodetic(east, north)
     return float(at.latitude), float(at.longitude)
 
 
@@ -94,6 +96,7 @@ class Sitl:
         instance: which ports it uses: 5760 + 10 times this, and 2 and 3 above; 0 to 255.
         speedup: times real time.
         parameters: set before the start.
+        home: latitude, longitude, degrees, and height, m, of its airfield.
     """
 
     def __init__(
@@ -101,6 +104,7 @@ class Sitl:
         instance: int = 0,
         speedup: float = 10.0,
         parameters: Mapping[str, float] | None = None,
+        home: tuple[float, float, float] = HOME,
     ) -> None:
         if not 0 <= instance <= LAST_INSTANCE:
             raise SitlError(f"the instance is {instance}; expected 0 to {LAST_INSTANCE}")
@@ -111,7 +115,7 @@ class Sitl:
         where = Path(self._folder.name)
         extra = where / "extra.parm"
         extra.write_text("".join(f"{k} {v}\n" for k, v in (parameters or {}).items()))
-        home = ",".join(map(str, (*HOME, 90)))
+        self.home = home
         self._log = (where / "output").open("wb")
         # A group of its own: nothing that ends the test ends it half.
         self._process = subprocess.Popen(
@@ -120,7 +124,7 @@ class Sitl:
                 "-w",
                 "--model=plane",
                 f"--speedup={speedup:g}",
-                f"--home={home}",
+                f"--home={','.join(map(str, (*home, 90)))}",
                 f"--defaults={program / 'plane.parm'},{extra}",
                 f"--instance={instance}",
             ],
@@ -253,9 +257,15 @@ class Sitl:
 
     def upload(self, legs: Sequence[Leg]) -> None:
         """Upload a mission; item 0 is home."""
-        items = [_Item(0, 16, 0.0, *HOME)]
+        items = [_Item(0, 16, 0.0, *self.home)]
         items += [
-            _Item(_RELATIVE, one.command, one.parameter, *place(one.east, one.north), one.above)
+            _Item(
+                _RELATIVE,
+                one.command,
+                one.parameter,
+                *place(one.east, one.north, self.home),
+                one.above,
+            )
             for one in legs
         ]
         self._upload(items, 0)
@@ -263,7 +273,7 @@ class Sitl:
     def upload_fence(self, polygon: Sequence[tuple[float, float]], *, keep_in: bool) -> None:
         """Upload a fence of one polygon, m east and north of home."""
         command, corners = 5001 if keep_in else 5002, float(len(polygon))
-        items = [_Item(0, command, corners, *place(*corner), 0.0) for corner in polygon]
+        items = [_Item(0, command, corners, *place(*corner, self.home), 0.0) for corner in polygon]
         self._upload(items, 1)
 
     def _upload(self, items: Sequence[_Item], kind: int) -> None:
@@ -343,7 +353,7 @@ class Sitl:
             speed: m/s.
             above: m above mean sea level.
         """
-        latitude, longitude = place(east, north)
+        latitude, longitude = place(east, north, self.home)
         self.station.mav.adsb_vehicle_send(
             ICAO_address=number,
             lat=round(1e7 * latitude),

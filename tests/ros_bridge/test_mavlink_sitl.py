@@ -215,7 +215,7 @@ def test_a_program_that_hears_nothing_falls_silent_so_that_the_failsafe_acts() -
     with encounter("--fly", address=relay.address) as (sky, process):
         sky.until(Mode.GUIDED, 150.0)
         sky.turn(0.5)
-        relay.deafen()
+        relay.lose(to_program=True, to_autopilot=False)
         # Five seconds of our clock, at four times real time, and the failsafe's ten.
         assert sky.until(Mode.AUTO, 60.0) < 50.0
         assert process.poll() is None
