@@ -13,7 +13,7 @@ from envs.angles import sincos
 from envs.arrays import Array, ArrayModule
 from envs.backend import FloatNamespace
 from envs.kinematics import VehicleState
-from envs.relative import bearing, distance, straight_cpa
+from envs.relative import RelativeMotion, bearing, cpa_of_motion, distance, relative_motion
 from envs.trees import map_leaves
 
 T = TypeVar("T")
@@ -201,15 +201,24 @@ def criticality(
 
     Ownship and aircraft are ``[..., 1]``, the intruders ``[..., K]``.
     """
-    radius = 1.5 * aircraft.separation
-    length = 1_000.0 / aircraft.separation
-    cpa = straight_cpa(own, intruders, xp)
-    now = distance(intruders.x - own.x, intruders.y - own.y, xp)
+    return rank_motion(
+        relative_motion(own, intruders, xp), aircraft.separation, aircraft.time_unit, xp
+    )
+
+
+def rank_motion(
+    motion: RelativeMotion, separation: Array, time_unit: Array, xp: ArrayModule
+) -> Array:
+    """Return :func:`criticality` of relative motions ``[..., K]``."""
+    radius = 1.5 * separation
+    length = 1_000.0 / separation
+    cpa = cpa_of_motion(motion, xp)
+    now = distance(motion.x, motion.y, xp)
     # Along a straight relative course the squared range is d^2 + w^2 (t - t_cpa)^2 with w the
     # relative speed.
     travelled = xp.sqrt(xp.maximum(now * now - cpa.distance * cpa.distance, 1e-9))
     inside = xp.sqrt(xp.maximum(radius * radius - cpa.distance * cpa.distance, 0.0))
-    time = xp.maximum(cpa.time * (1.0 - inside / travelled), 0.0) * (10.0 / aircraft.time_unit)
+    time = xp.maximum(cpa.time * (1.0 - inside / travelled), 0.0) * (10.0 / time_unit)
     # Of several inside, the one that will come closest: with equal ranks their order would decide.
     conflict = xp.where(now < radius, (cpa.distance - radius) * length, time)
     return xp.where(cpa.distance < radius, conflict, 10_000.0 + cpa.distance * length)

@@ -53,8 +53,12 @@ class StraightCpa(NamedTuple):
 
 def straight_cpa(own: VehicleState, other: VehicleState, xp: ArrayModule) -> StraightCpa:
     """Predict the closest point of approach of aircraft ``[...]`` on straight courses."""
-    x, y = other.x - own.x, other.y - own.y
-    vx, vy = _relative_velocity(own, other, xp)
+    return cpa_of_motion(relative_motion(own, other, xp), xp)
+
+
+def cpa_of_motion(motion: RelativeMotion, xp: ArrayModule) -> StraightCpa:
+    """Predict the closest point of approach of a relative motion ``[...]`` that stays as it is."""
+    x, y, vx, vy = motion
     time = xp.maximum(-(x * vx + y * vy) / xp.maximum(vx * vx + vy * vy, 1e-9), 0.0)
     return StraightCpa(time, distance(x + vx * time, y + vy * time, xp))
 

@@ -72,7 +72,8 @@ def test_it_decides_as_the_policy_on_a_thousand_scenes(opened: Any) -> None:
                 rng.uniform(-np.pi, np.pi),
                 rng.uniform(limits.speed_min, speed),
             ]
-            place = rng.uniform(-10.0, 10.0, (count, 2)) * length
+            far = 25.0 if number % 3 else 10.0
+            place = rng.uniform(-far, far, (count, 2)) * length
             others = np.column_stack(
                 [place, rng.uniform(-np.pi, np.pi, count), rng.uniform(0.2, 1.5, count) * speed]
             )

@@ -1,16 +1,17 @@
 """From a policy file to an ONNX model: ``python -m agents.export_onnx POLICY.safetensors
 OUT.onnx``.
 
-The model is the whole decision, with the derived inputs and the clip. It is converted from the
+The model is the whole decision, from where everything is: the choice of the most critical
+intruders, what is far away, the derived inputs and the clip. It is converted from the
 training framework's own functions, so that there is no second definition.
 """
 
 import importlib
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,27 +23,41 @@ from agents.policy.digest import canonical
 from agents.policy.file import PolicyFile, read
 from agents.policy.inference import TOLERANCE, Policy, input_table
 from agents.policy.inputs import Input, resolve
-from agents.policy.scene import OWN_NUMBERS, parts, unpack
+from agents.policy.scene import (
+    OWN_NUMBERS,
+    Scene,
+    as_seen,
+    parts,
+    surroundings,
+    unpack,
+)
 from agents.policy.set_features import set_inputs
 from agents.policy.set_network import check_one_layer
+from envs.aircraft import Aircraft
 from envs.edge.command import InputError, Parser
 from envs.edge.files import write_file
 from envs.edge.installation import versions
-from envs.observation import SIZE
+from envs.kinematics import VehicleState
+from envs.observation import SIZE, rank_motion
+from envs.relative import RelativeMotion
 
 OPSET = 21
 """Of the operators, domain ``ai.onnx``."""
 
 _IR = 10  # version of the format that belongs to this set of operators; runtimes refuse later ones
-# of actions from the parity vectors, which are of double precision; the model is of single
+# of actions from the policy's; those of the parity vectors are of double precision, the model is of
+# single
 _TOLERANCE = 1e-4
+_DRAWN = 200  # scenes of each kind, at which the model is compared with the policy
 
 _DESCRIPTION = """\
-Write a policy as an ONNX model, float32, N and K free, derived inputs and clip included. A policy
-for any number of intruders maps own [N, 7], traffic [N, K, 4] and mask [N, K] (1 or 0) to
-action [N, 2]: the scene without dimension of docs/reference/policy-file.md. One of schema 1 maps
-observation [N, 8] to action [N, 2]. Input that is not finite, or an observation that leaves [-1,
-1], gives NaN. The model is compared with the policy on its parity vectors before it is written."""
+Write a policy as an ONNX model, float32, N and K free: the whole decision, with the choice of the
+most critical intruders, what is far away, derived inputs and clip. A policy for any number of
+intruders maps own [N, 7], traffic [N, K, 4 or 5] and mask [N, K] (1 or 0) to action [N, 2]: the
+scene without dimension of docs/reference/policy-file.md. One of schema 1 maps observation [N, 8]
+to action [N, 2]. Input that is not finite, or an observation that leaves [-1, 1], gives NaN. The
+model is compared with the policy before it is written: on its parity vectors, and near, far, among
+many intruders and with separations of their own."""
 
 _EPILOG = """\
 example:
@@ -172,7 +187,8 @@ def export(
     inputs: Sequence[Input] = (),
 ) -> float:
     """Write the ONNX model of a policy file, whole or not at all; return the largest difference on
-    its parity vectors. ``inputs`` are of the user's own, beside the registered ones.
+    its parity vectors and on what is drawn. ``inputs`` are of the user's own, beside the registered
+    ones.
 
     Raises:
         PolicyFileError: the policy file is refused.
@@ -186,18 +202,96 @@ def export(
         )
     made = model(content, inputs)
     evaluator = importlib.import_module("onnx.reference").ReferenceEvaluator(made)
-    (actions,) = evaluator.run(None, inputs_of(content))
-    difference = float(np.abs(actions - content.parity_action).max())
-    # Inverted, so that NaN is refused.
-    if not difference <= _TOLERANCE:
-        raise ExportError(
-            f"{source}: the model's actions differ by {difference:.1e}, expected {_TOLERANCE}"
-        )
+    difference = 0.0
+    for kind, asked, expected in _known_actions(content, inputs):
+        (actions,) = evaluator.run(None, asked)
+        largest = float(np.abs(actions - expected).max())
+        # Inverted, so that NaN is refused.
+        if not largest <= _TOLERANCE:
+            raise ExportError(
+                f"{source}: the model's actions differ by {largest:.1e} ({kind}), expected "
+                f"{_TOLERANCE}"
+            )
+        difference = max(difference, largest)
     try:
         write_file(target, made.SerializeToString(deterministic=True))
     except OSError as problem:
         raise ExportError(f"{target}: cannot be written: {problem.strerror}") from None
     return difference
+
+
+def _known_actions(
+    content: PolicyFile, inputs: Sequence[Input]
+) -> Iterator[tuple[str, dict[str, np.ndarray], np.ndarray]]:
+    """Yield inputs of the model by name with the actions ``[N, 2]`` that the policy takes there:
+    its parity vectors, and random ones of several kinds, with the kind in words.
+    """
+    yield "parity vectors", inputs_of(content), content.parity_action
+    policy, random = Policy(content, inputs=inputs), np.random.default_rng(14)
+    if not content.of_set:
+        observation = random.uniform(-1.0, 1.0, (_DRAWN, SIZE)).astype(np.float32)
+        yield "random observations", {"observation": observation}, policy(observation)
+        return
+    policy = policy.for_aircraft(policy.aircraft, outside="allow")
+    for kind, size, count, own_separations in (
+        ("near", 3.0, policy.most, False),
+        ("inside what is seen", 18.0, policy.most, False),
+        ("far", 60.0, policy.most, False),
+        ("more intruders than are looked at", 30.0, policy.most + 4, False),
+        ("separations of their own", 30.0, policy.most + 4, True),
+    ):
+        states = random_states(policy.aircraft, random, _DRAWN, count, size)
+        share = random.uniform(0.3, 3.3, states.mask.shape) if own_separations else None
+        yield kind, inputs_of_states(states, policy.aircraft, share), policy.command(*states, share)
+
+
+class States(NamedTuple):
+    """What :meth:`Policy.command` is asked, SI; fields ``[N]``, of intruders ``[N, K]``."""
+
+    own: VehicleState
+    intruders: VehicleState
+    mask: np.ndarray
+    goal_x: np.ndarray
+    goal_y: np.ndarray
+
+
+def random_states(
+    aircraft: Aircraft, random: np.random.Generator, count: int, most: int, size: float
+) -> States:
+    """Return states ``[count]`` with none to ``most`` intruders; they and the goals are up to
+    ``size`` separations away to each side.
+    """
+    limits, length = aircraft.limits, size * aircraft.separation
+    shape = count, most
+    own = VehicleState(
+        *random.uniform(-length, length, (2, count)),
+        random.uniform(-np.pi, np.pi, count),
+        random.uniform(limits.speed_min, limits.speed_max, count),
+    )
+    x, y = random.uniform(-length, length, (2, *shape))
+    intruders = VehicleState(
+        own.x[:, None] + x,
+        own.y[:, None] + y,
+        random.uniform(-np.pi, np.pi, shape),
+        random.uniform(0.0, aircraft.traffic_speed_max, shape),
+    )
+    mask = random.random(shape) < random.uniform(0.0, 1.3, (count, 1))
+    x, y = random.uniform(-length, length, (2, count))
+    return States(own, intruders, mask, own.x + x, own.y + y)
+
+
+def inputs_of_states(
+    states: States, aircraft: Aircraft, share: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
+    """Return the inputs of a model of schema 2 or 3 by name, float32, for states of an aircraft;
+    shares as :meth:`Policy.command` takes them.
+    """
+    around = surroundings(*states, aircraft.limits, aircraft.separation, np)
+    own = [around.own_speed, around.goal_x, around.goal_y]
+    own += [np.full_like(around.own_speed, ratio) for ratio in around.ratios]
+    traffic = [around.x, around.y, around.vx, around.vy, *([] if share is None else [share])]
+    named = {"own": np.stack(own, -1), "traffic": np.stack(traffic, -1), "mask": states.mask}
+    return {name: values.astype(np.float32) for name, values in named.items()}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -220,7 +314,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     difference = export(options.policy, options.out, resolve(options.extension))
     print(
         f"{options.out}: opset {OPSET}, largest difference from the policy {difference:.1e} on "
-        "its parity vectors"
+        "its parity vectors and random scenes"
     )
     return 0
 
@@ -238,19 +332,35 @@ def _decision(
         return jnp.clip(mean[0], -1.0, 1.0) + nothing[:, None]
 
     def of_scene(own: jax.Array, traffic: jax.Array, mask: jax.Array) -> jax.Array:
-        rows = jnp.concatenate([traffic, mask[..., None]], axis=-1)
-        seen = unpack(own, rows)
+        # The share is the fifth of the traffic's numbers, 1 where there are four.
+        numbers = jnp.concatenate([traffic, jnp.ones_like(mask)[..., None]], axis=-1)
+        x, y, vx, vy, share = (jnp.moveaxis(numbers, -1, 0)[number] for number in range(5))
+        rows = jnp.stack([x, y, vx, vy, mask], axis=-1)
+        seen = unpack(own, rows)._replace(share=share)
         # 0, but NaN where a number is not finite: comparisons inside would make a number of it.
-        nothing = 0.0 * (jnp.sum(own, axis=-1) + jnp.sum(rows, axis=(-2, -1)))
-        return clip(set_inputs(seen, jnp, table), nothing)
+        nothing = 0.0 * (jnp.sum(own, axis=-1) + jnp.sum(rows, axis=(-2, -1)) + jnp.sum(share, -1))
+        seen = _most_urgent(seen, content.metadata["architecture"]["intruders"])
+        return clip(set_inputs(as_seen(seen, jnp), jnp, table), nothing)
 
     def of_observation(observation: jax.Array) -> jax.Array:
         inside = jnp.sqrt(1.0 + TOLERANCE - jnp.abs(observation))
         return clip(observation, 0.0 * jnp.sum(inside, axis=-1))
 
     if content.of_set:
-        return of_scene, [("N", OWN_NUMBERS), ("N", "K", 4), ("N", "K")]
+        return of_scene, [("N", OWN_NUMBERS), ("N", "K", "C"), ("N", "K")]
     return of_observation, [("N", SIZE)]
+
+
+def _most_urgent(seen: Scene, most: int) -> Scene:
+    """Return a scene ``[N, K]`` whose mask leaves the ``most`` most urgent intruders, as
+    :meth:`Policy.most_critical` chooses them.
+    """
+    place = seen.share * seen.x, seen.share * seen.y
+    motion = RelativeMotion(*place, seen.vx - seen.own_speed[:, None], seen.vy)
+    rank = rank_motion(motion, 1.0, 1.0, jnp)  # lengths in separations, speeds in the greatest
+    rank = jnp.where(seen.mask, rank, jnp.inf)
+    earlier = jnp.sum(rank[:, None, :] < rank[:, :, None], axis=-1)
+    return seen._replace(mask=seen.mask & (earlier < most))
 
 
 def _properties(content: PolicyFile) -> dict[str, str]:

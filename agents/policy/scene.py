@@ -59,10 +59,23 @@ def scene(
 
     Limits and required separation are floats or ``[...]``.
     """
+    return as_seen(surroundings(own, intruders, mask, goal_x, goal_y, limits, separation, xp), xp)
+
+
+def surroundings(
+    own: VehicleState,
+    intruders: VehicleState,
+    mask: Array,
+    goal_x: Array,
+    goal_y: Array,
+    limits: Limits,
+    separation: Array,
+    xp: ArrayModule,
+) -> Scene:
+    """Return a scene with everything where it is; arguments as of :func:`scene`."""
     length, speed = 1.0 / separation, 1.0 / limits.speed_max
     sine, cosine = sincos(own.heading, xp)
     ahead, left = _rotate((goal_x - own.x) * length, (goal_y - own.y) * length, cosine, sine)
-    goal_nearer = xp.minimum(1.0, FARTHEST / xp.maximum(distance(ahead, left, xp), 1e-6))
     sine, cosine, length, speed = (
         xp.asarray(value)[..., None] for value in (sine, cosine, length, speed)
     )
@@ -72,21 +85,41 @@ def scene(
         cosine,
         sine,
     )
-    nearer = xp.minimum(1.0, FARTHEST / xp.maximum(distance(x, y, xp), 1e-6))
     course_sine, course_cosine = sincos(intruders.heading, xp)
     pace = intruders.speed * speed
     vx, vy = _rotate(pace * course_cosine, pace * course_sine, cosine, sine)
     return Scene(
         own_speed=own.speed * speed[..., 0],
-        goal_x=ahead * goal_nearer,
-        goal_y=left * goal_nearer,
-        x=xp.where(mask, x * nearer, NOWHERE),
-        y=xp.where(mask, y * nearer, 0.0),
-        vx=xp.where(mask, vx, 0.0),
-        vy=xp.where(mask, vy, 0.0),
+        goal_x=ahead,
+        goal_y=left,
+        x=x,
+        y=y,
+        vx=vx,
+        vy=vy,
         mask=mask,
         ratios=ratios(limits, separation),
     )
+
+
+def as_seen(around: Scene, xp: ArrayModule) -> Scene:
+    """Return surroundings as a policy sees them: what is farther than :data:`FARTHEST` is there, in
+    its direction, and absent intruders are :data:`NOWHERE`.
+    """
+    goal_x, goal_y = _within_sight(around.goal_x, around.goal_y, xp)
+    x, y = _within_sight(around.x, around.y, xp)
+    return around._replace(
+        goal_x=goal_x,
+        goal_y=goal_y,
+        x=xp.where(around.mask, x, NOWHERE),
+        y=xp.where(around.mask, y, 0.0),
+        vx=xp.where(around.mask, around.vx, 0.0),
+        vy=xp.where(around.mask, around.vy, 0.0),
+    )
+
+
+def _within_sight(x: Array, y: Array, xp: ArrayModule) -> tuple[Array, Array]:
+    nearer = xp.minimum(1.0, FARTHEST / xp.maximum(distance(x, y, xp), 1e-6))
+    return x * nearer, y * nearer
 
 
 def scene_of_one(

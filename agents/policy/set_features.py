@@ -113,6 +113,8 @@ def set_inputs(seen: Scene, xp: ArrayModule, inputs: InputTable | None = None) -
     a table the toolkit's own, all within about [-3, 3].
     """
     inputs = TABLE if inputs is None else inputs
+    if seen.share is not None:  # of absent intruders it must not count
+        seen = seen._replace(share=xp.where(seen.mask, seen.share, 1.0))
     seen, sign = mirror(seen, xp)
     return SetInputs(
         _side_by_side(inputs.ownship, seen, xp),
