@@ -48,6 +48,17 @@ C208_PUBLISHED = Limits(31.0, 100.0, -0.8, 0.5, math.radians(5.0))
 """The true Cessna 208's limits as the paper states them (same table)."""
 
 
+def within(inner: Limits, outer: Limits) -> bool:
+    """Return whether all that inner limits allow is allowed by outer ones, too; floats."""
+    return (
+        outer.speed_min <= inner.speed_min
+        and inner.speed_max <= outer.speed_max
+        and outer.acceleration_min <= inner.acceleration_min
+        and inner.acceleration_max <= outer.acceleration_max
+        and inner.yaw_rate_max <= outer.yaw_rate_max
+    )
+
+
 def intersection(first: Limits, second: Limits) -> Limits:
     """Return the limits that keep both; floats.
 

@@ -1,7 +1,6 @@
 """Several resolvers on the same encounters, and the table of their flights."""
 
 from collections.abc import Callable, Sequence
-from functools import reduce
 from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
@@ -12,12 +11,14 @@ from agents.baselines.acas_nnet import load_logic
 from agents.baselines.baselines import BASELINES, Baseline
 from agents.config.keys import one_of
 from agents.config.load import ConfigError
+from agents.planner.options import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter
+from envs.kinematics import Limits
 from eval.flights.chunks import Conditioned, Evaluation, ReadyEvaluation, noise_of
-from eval.flights.conditions import verdicts
+from eval.flights.conditions import Flown, verdict_within
 from eval.flights.optimal import WitnessSearch, fly_witnesses
 from eval.flights.recorded import fly_in_mode
 from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
@@ -154,7 +155,7 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
     starts, weights = draw(evaluation.source, evaluation.seed, first, count)
     noise = noise_of(evaluation, starts, first)
     table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count), "weight": weights}
-    solved = []
+    flown_within = []
     for entry in comparison.entries:
         flights, flown = _fly_on(
             entry.resolver, starts, evaluation, None if entry.name == REFERENCE else noise
@@ -164,12 +165,27 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
             OUTCOMES.index("violation"),
             flights.outcome,
         )
-        solved.append(outcome == OUTCOMES.index("reached"))
+        limits = limits_of(entry.resolver, aircraft)
+        flown_within.append(Flown(limits, outcome == OUTCOMES.index("reached")))
         made = _columns(outcome, flights, flown, starts.mask) | costs(starts, flights, flown)
         table |= {f"{entry.name}.{name}": values for name, values in made.items()}
-    judged = verdicts(starts, aircraft, solved=reduce(np.logical_or, solved))
-    table["unresolvable"] = judged.verdict == Verdict.UNRESOLVABLE
+    lost = {
+        limits: verdict_within(starts, aircraft, limits, flown_within).verdict
+        == Verdict.UNRESOLVABLE
+        for limits in dict.fromkeys(one.limits for one in flown_within)
+    }
+    for entry, one in zip(comparison.entries, flown_within, strict=True):
+        table[f"{entry.name}.unresolvable"] = lost[one.limits]
     return table
+
+
+def limits_of(resolver: Resolver, aircraft: Aircraft) -> Limits:
+    """Return the limits within which something flies, and within which its encounters are judged:
+    plans are followed within those of the vehicle.
+    """
+    if isinstance(resolver, Plans):
+        return Options.for_aircraft(aircraft).limits
+    return aircraft.limits
 
 
 def _fly_on(

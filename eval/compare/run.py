@@ -238,7 +238,9 @@ def _summary(
     entries, evaluation = comparison
     weighted = bool((table["weight"] != 1.0).any())
     weights = table["weight"] if weighted else None
-    found = Statistics(table, weights, config.confidence, config.resamples, config.seed)
+    found = Statistics(
+        table, weights, config.confidence, config.resamples, config.seed, evaluation.aircraft
+    )
     keys = ("scenario", "changes", "seed", "confidence", "resamples")
     return {
         "schema_version": SCHEMA_VERSION,

@@ -11,8 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eval.compare.resolvers import REFERENCE, WITNESS, Entry
-from eval.flights.aircraft import lines_about
+from envs.aircraft import Aircraft
+from envs.kinematics import Limits
+from eval.compare.resolvers import REFERENCE, WITNESS, Entry, limits_of
+from eval.flights.aircraft import format_limits, lines_about
 from eval.metrics.summary import print_table
 from eval.metrics.volumes import VOLUMES
 from eval.metrics.weighted import ratio
@@ -20,7 +22,7 @@ from eval.plots.style import BLUE, GREY, ORANGE, SKY, VERMILION, scenario_title,
 from eval.stats.intervals import interval, mean_interval, number, percent, share
 from eval.stats.paired import mcnemar_exact, pairs, tango
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 _RATES = ("success_rate", "success_given_resolvable", "violation_rate", "timeout_rate")
 
 
@@ -34,17 +36,17 @@ class Statistics(NamedTuple):
     confidence: float
     resamples: int
     seed: int
+    aircraft: Aircraft
 
     def summary(self, entries: Sequence[Entry]) -> dict[str, Any]:
         """Return the statistics in JSON types; what cannot be said is None. The others are compared
         with the first.
         """
         first, total = entries[0], len(self.table["encounter"])
-        possible = total - int(np.count_nonzero(self.table["unresolvable"]))
         witness = next((entry for entry in entries if entry.kind == WITNESS), None)
         rows = []
         for entry in entries:
-            row = self._row(entry, possible)
+            row = self._row(entry)
             row["difference"] = None if entry is first else self._difference(entry, first)
             if witness is not None:
                 row["path_excess_over_witness_mean"] = (
@@ -53,7 +55,6 @@ class Statistics(NamedTuple):
             rows.append(row)
         return {
             "encounters": total,
-            "resolvable_rate": share(possible, total, self.confidence),
             "volumes": {name: volume._asdict() for name, volume in VOLUMES.items()},
             "altitude": (
                 "co-altitude is assumed: every loss is given that the altitudes do not separate"
@@ -67,8 +68,9 @@ class Statistics(NamedTuple):
     def _success(self, entry: Entry) -> np.ndarray:
         return self._of(entry, "outcome") == "reached"
 
-    def _row(self, entry: Entry, possible: int) -> dict[str, Any]:
+    def _row(self, entry: Entry) -> dict[str, Any]:
         severity, total = self._of(entry, "severity"), len(self.table["encounter"])
+        possible = total - int(np.count_nonzero(self._of(entry, "unresolvable")))
         severe, reached = severity[severity > 0.0], self._success(entry)
         counts = {
             name: np.count_nonzero(self._of(entry, "outcome") == name)
@@ -78,6 +80,8 @@ class Statistics(NamedTuple):
         means |= {"cross_track_max_mean_m": "cross_track_m"}
         return {
             **{key: getattr(entry, key) for key in ("name", "kind", "sha256")},
+            "limits": limits_of(entry.resolver, self.aircraft)._asdict(),
+            "resolvable_rate": share(possible, total, self.confidence),
             "success_rate": share(np.count_nonzero(reached), total, self.confidence),
             "success_given_resolvable": share(np.count_nonzero(reached), possible, self.confidence),
             **{
@@ -132,7 +136,16 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
         f"{summary['seed']}"
     )
     witness = "path_excess_over_witness_mean" in summary["entries"][0]
-    names = ["", "success", "resolvable *", "violation", "time-out", "risk ratio **", "path excess"]
+    names = [
+        "",
+        "limits",
+        "success",
+        "resolvable *",
+        "violation",
+        "time-out",
+        "risk ratio **",
+        "path excess",
+    ]
     names += ["over witness", "difference", "p"] if witness else ["difference", "p"]
     rows = [_cells(row, witness=witness) for row in summary["entries"]]
     files = "compare.png, compare.svg, config.yaml, encounters.parquet, summary.json"
@@ -142,7 +155,8 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
 
 def _cells(row: Mapping[str, Any], *, witness: bool) -> list[str]:
     """Return the cells of an entry; ``witness``: one takes part."""
-    cells = [row["name"], *(percent(row[key]) for key in _RATES)]
+    limits = format_limits(Limits(**row["limits"]))
+    cells = [row["name"], limits, *(percent(row[key]) for key in _RATES)]
     cells.append(_format_rate(row["risk_ratio"], "{:.4f} [{:.4f}, {:.4f}]", 1.0))
     cells.append(_format_rate(row["path_excess_mean"], "{:.2f} %"))
     if witness:
@@ -158,7 +172,7 @@ def _notes(summary: Mapping[str, Any], *, witness: bool) -> list[str]:
     notes = [
         f"in brackets: {level} intervals (Clopper-Pearson, of differences Tango's, of ratios a "
         "bootstrap)",
-        "* success of all that are not proven unresolvable",
+        "* success of all that are not proven unresolvable within the row's own limits",
         "** violations with the resolver / without it",
         "difference: of success from the first row's; p: McNemar's exact",
     ]

@@ -61,10 +61,12 @@ def _plain(aircraft: Aircraft) -> dict[str, Any]:
 
 
 def _line(aircraft: Aircraft) -> str:
-    limits = aircraft.limits
+    return f"{format_limits(aircraft.limits)}, separation {aircraft.separation:g} m"
+
+
+def format_limits(limits: Limits) -> str:
+    """Return limits in words."""
     return (
         f"{limits.speed_min:g} to {limits.speed_max:g} m/s, {limits.acceleration_min:g} to "
-        f"{limits.acceleration_max:g} m/s², {math.degrees(limits.yaw_rate_max):.4g} deg/s, "
-        "separation "
-        f"{aircraft.separation:g} m"
+        f"{limits.acceleration_max:g} m/s², {math.degrees(limits.yaw_rate_max):.4g} deg/s"
     )

@@ -21,13 +21,14 @@ from agents.resolvability.classify import Method, Verdict
 from envs.aircraft import Aircraft
 from envs.areas import Area
 from envs.encounters import Encounter, EncounterError, Scenario
+from envs.kinematics import Limits
 from envs.starts import OF_INTRUDERS, join
 from envs.wind import Wind
 from eval.flights.among_areas import areas_of, judge, together, with_breaches
 from eval.flights.areas_seen import what_stands_in_each
 from eval.flights.assured_mode import fly_assured
 from eval.flights.compiled import Compiled
-from eval.flights.conditions import conditions, verdicts
+from eval.flights.conditions import Flown, conditions, verdict_within
 from eval.flights.in_wind import carry, stand, to_ground, winds
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start, promised_separation
 from eval.flights.simulate import ENDS, OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
@@ -84,6 +85,13 @@ class Evaluation(NamedTuple):
         return "separation", "wind", "areas"
 
     @property
+    def limits(self) -> Limits:
+        """Within which the mode flies, and within which its encounters are judged: those of the
+        decisions in mode policy, those of the vehicle where plans are followed.
+        """
+        return self.aircraft.limits if self.mode == "policy" else self.options.limits
+
+    @property
     def options(self) -> Options:
         """How plans are made and flown."""
         return Options.for_aircraft(self.aircraft) if self.given is None else self.given
@@ -137,8 +145,14 @@ def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndar
     else:
         flights, more = _decide(ready, conditions_of(evaluation, starts, number, noise))
     other = _differs_in_wind(evaluation, starts, number)
-    solved = reduce(np.logical_or, map(_reached, beside.values())) & ~other | _reached(flights)
-    judged = verdicts(starts, aircraft, solved=solved, other=other)
+    own = Flown(evaluation.limits, _reached(flights))
+    # Those that are flown beside it fly in still air.
+    still = [Flown(aircraft.limits, _reached(one)) for one in beside.values()]
+    flown = [own, *(one.but(other) for one in still)]
+    judged = verdict_within(starts, aircraft, evaluation.limits, flown, other)
+    if plans:
+        alone = verdict_within(starts, aircraft, aircraft.limits, [own.but(other), *still])
+        more["policy_verdict"] = _names(Verdict)[alone.verdict]
     begun = conditions(starts, aircraft)
     names = evaluation.names or ()
     return {

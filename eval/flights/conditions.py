@@ -3,6 +3,9 @@ hindsight.
 """
 
 import math
+from collections.abc import Iterable
+from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +14,7 @@ from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.intruder import Recording
+from envs.kinematics import Limits, within
 from envs.observation import most_critical
 from envs.relative import bearing, distance, straight_cpa
 from envs.traffic.replay import off_arcs
@@ -46,34 +50,61 @@ def conditions(encounters: Encounter, aircraft: Aircraft) -> dict[str, np.ndarra
 
 
 def verdicts(
-    encounters: Encounter, aircraft: Aircraft, solved: np.ndarray, other: np.ndarray | None = None
+    encounters: Encounter,
+    aircraft: Aircraft,
+    limits: Limits,
+    solved: np.ndarray,
+    other: np.ndarray | None = None,
 ) -> Resolvability:
-    """Decide which encounters are resolvable; arguments as of
-    :func:`agents.resolvability.classify`, and which of them are flown as another conflict than they
-    state, bool ``[N]``: these are undecided where nothing has solved them.
+    """Decide which encounters are resolvable within some limits; ``solved`` are those that a flight
+    within these limits has solved, ``other`` those that are flown as another conflict than they
+    state, bool ``[N]`` both.
 
     A proof that looks between the seconds holds only for a recording that keeps to arcs there:
-    where it is farther off than :data:`LARGEST_OFF`, such an encounter is undecided.
+    where it is farther off than :data:`LARGEST_OFF`, such an encounter is undecided. So is, where
+    nothing has solved it, what is flown as another conflict, what begins beyond the limits' speeds,
+    and what answers the ownship: proofs know of none of them.
     """
-    rules, limits = aircraft.rules(), aircraft.limits
-    if encounters.reaction is not None:
-        # Searches and proofs know of traffic whose flight nobody changes.
-        other = np.ones(solved.shape, dtype=bool)
-    if other is not None and other.any():
-        known = solved | ~other
-        found = classify(encounters, rules, limits, solved=solved)
-        return found._replace(
-            verdict=np.where(known, found.verdict, Verdict.UNDECIDED).astype(np.int8),
-            method=np.where(known, found.method, Method.NONE).astype(np.int8),
-            proof_time=np.where(known, found.proof_time, np.nan),
-        )
-    if not isinstance(encounters.intent, Recording):
-        return classify(encounters, rules, limits, solved=solved)
-    found = classify(encounters, rules, limits, solved=solved, reserve=LARGEST_OFF)
-    between = np.isin(found.method, (Method.CONTAINMENT, Method.SPLITTING))
-    loose = between & (off_arcs(encounters.intent, encounters.mask, aircraft.dt) > LARGEST_OFF)
+    recorded = isinstance(encounters.intent, Recording)
+    reserve = LARGEST_OFF if recorded else 0.0
+    found = classify(encounters, aircraft.rules(), limits, solved=solved, reserve=reserve)
+    speed = np.asarray(encounters.own.speed, float)
+    # Starts are of single precision, and a hair's breadth beyond a limit is one of its rounding.
+    unknown = (speed < limits.speed_min - 1e-3) | (speed > limits.speed_max + 1e-3)
+    unknown |= encounters.reaction is not None
+    unknown = (unknown if other is None else unknown | other) & ~solved
+    if recorded:
+        between = np.isin(found.method, (Method.CONTAINMENT, Method.SPLITTING))
+        off = off_arcs(encounters.intent, encounters.mask, aircraft.dt)
+        unknown |= between & (off > LARGEST_OFF)
     return found._replace(
-        verdict=np.where(loose, Verdict.UNDECIDED, found.verdict).astype(np.int8),
-        method=np.where(loose, Method.NONE, found.method).astype(np.int8),
-        proof_time=np.where(loose, np.nan, found.proof_time),
+        verdict=np.where(unknown, Verdict.UNDECIDED, found.verdict).astype(np.int8),
+        method=np.where(unknown, Method.NONE, found.method).astype(np.int8),
+        proof_time=np.where(unknown, np.nan, found.proof_time),
     )
+
+
+class Flown(NamedTuple):
+    """What flights ``[N]`` within some limits have solved."""
+
+    limits: Limits
+    solved: np.ndarray  # bool [N]
+
+    def but(self, others: np.ndarray) -> "Flown":
+        """Return the same without some encounters, bool ``[N]``."""
+        return self._replace(solved=self.solved & ~others)
+
+
+def verdict_within(
+    encounters: Encounter,
+    aircraft: Aircraft,
+    limits: Limits,
+    flown: Iterable[Flown],
+    other: np.ndarray | None = None,
+) -> Resolvability:
+    """Decide which encounters are resolvable within some limits, by what has been flown: a flight
+    counts only if its own limits lie within them; ``other`` as of :func:`verdicts`.
+    """
+    counted = (one.solved for one in flown if within(one.limits, limits))
+    nothing = np.zeros(len(encounters.goal_x), bool)
+    return verdicts(encounters, aircraft, limits, reduce(np.logical_or, counted, nothing), other)

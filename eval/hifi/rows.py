@@ -10,7 +10,6 @@ import numpy as np
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict, classify
 from envs.follower import PERIOD
-from envs.kinematics import intersection
 from envs.outcome import Rules
 from eval.flights.among_areas import nearest
 from eval.flights.conditions import conditions
@@ -205,13 +204,13 @@ def _loss(campaign: Campaign, one: FlightRecord) -> PlanLoss:
 
 def _separability(campaign: Campaign, one: FlightRecord) -> str:
     """Say whether the separation that the plan must keep can be kept at all, within the limits of
-    its manoeuvres.
+    its legs.
     """
     options = campaign.options
     required = options.requirement.separation + options.requirement.margin
     rules = campaign.aircraft.rules()._replace(separation=required)
     solved = one.made is not None and bool(one.made.plans.proposals.safe[0])
-    limits = intersection(campaign.aircraft.limits, campaign.options.limits)
+    limits = campaign.options.limits
     begins = limits.speed_min <= float(one.scene.encounter.own.speed[0]) <= limits.speed_max
     if not begins and not solved:
         return "outside"

@@ -149,6 +149,8 @@ def rates_of(table: Mapping[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.
     rate's name.
     """
     outcome, verdict = table["outcome"], table["verdict"]
+    # The policy flies within the limits of decisions, plans within those of the vehicle.
+    of_policy = table.get("policy_verdict", verdict) != "unresolvable"
     every, possible = np.ones(len(outcome), bool), verdict != "unresolvable"
     reached = outcome == "reached"
     rates = {
@@ -164,18 +166,18 @@ def rates_of(table: Mapping[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.
     }
     if "areas" in table:
         rates["breach_rate"] = (outcome == "breach", every)
-    for name in ("policy", "plan"):
+    for name, can in (("policy", of_policy), ("plan", possible)):
         if f"{name}_outcome" in table:
             other = table[f"{name}_outcome"]
             rates[f"{name}_success_rate"] = (other == "reached", every)
-            rates[f"{name}_success_given_resolvable"] = (other == "reached", possible)
+            rates[f"{name}_success_given_resolvable"] = (other == "reached", can)
             rates[f"{name}_violation_rate"] = (other == "violation", every)
     if "backup_s" in table:
         rates["backup_used_rate"] = (table["backup_s"] > 0.0, every)
     if "plan_status" in table:
         safe = table["plan_status"] == "safe"
         rates |= {"plan_safe_rate": (safe, every), "plan_safe_given_resolvable": (safe, possible)}
-    # The true vehicle's limits let it save some encounters that are lost within the surrogate's.
+    # SAFE plans may stand in encounters that are lost in hindsight: an intruder turns later.
     return {name: (counted & of, of) for name, (counted, of) in rates.items()}
 
 

@@ -14,7 +14,9 @@ from agents.config.load import Parser, load
 from agents.policy.domain import excess
 from envs.edge.command import real, whole
 from envs.edge.progress import group_digits
+from envs.kinematics import Limits
 from eval.config import MonteCarloConfig
+from eval.flights.aircraft import format_limits
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns, conditions_of, pick
 from eval.flights.sources import describe_tracks, say
 from eval.metrics.summary import headline, print_table, summarise
@@ -174,6 +176,7 @@ def _summary(
     return {
         "baseline": config.baseline,
         "backend": config.backend,
+        "limits": evaluation.limits._asdict(),
         **summarise(table, config.confidence, config.resamples, config.seed),
         "outside_domain": outside,
         **describe_tracks(evaluation.source),
@@ -187,7 +190,9 @@ def _show(summary: Mapping[str, Any]) -> None:
     count = group_digits(summary["encounters"])
     title = f"{count} encounters, {resolver}, scenario {summary['scenario']}"
     names = ("", "value", f"{100.0 * summary['confidence']:g} % interval", "count")
-    notes = []
+    notes = [f"resolvable within the limits flown: {format_limits(Limits(**summary['limits']))}"]
+    if summary["mode"] != "policy":
+        notes[0] += "; for the policy alone within those of its decisions"
     ratio, ends = summary["risk_ratio"], summary["risk_ratio_interval"]
     if ratio is not None and ends["high"] - ends["low"] > ratio:
         notes.append(

@@ -11,7 +11,7 @@ from envs.encounters import Encounter, Scenario, sample
 from envs.starts import check_heeded
 from envs.trees import take
 from eval.flights.chunks import Conditioned, ReadyEvaluation
-from eval.flights.conditions import verdicts
+from eval.flights.conditions import verdict_within
 from eval.flights.recorded import fly_in_mode
 from eval.flights.simulate import Direct, Flights, fly
 
@@ -97,8 +97,10 @@ class FlightProblem:
 
     def unresolvable(self, starts: Encounter) -> np.ndarray:
         """Return which encounters are proven unresolvable, bool ``[N]``."""
-        solved = np.zeros(len(starts.goal_x), bool)
-        return verdicts(starts, self._aircraft, solved=solved).verdict == Verdict.UNRESOLVABLE
+        mode = self._ready.evaluation.mode
+        limits = self._aircraft.limits if mode == "none" else self._ready.evaluation.limits
+        judged = verdict_within(starts, self._aircraft, limits, ())
+        return judged.verdict == Verdict.UNRESOLVABLE
 
     def _fly(self, starts: Encounter, noise: np.ndarray) -> Flights:
         if self._ready.evaluation.mode == "none":

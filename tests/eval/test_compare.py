@@ -20,7 +20,7 @@ from agents.manoeuvres.escape_search import Found
 from agents.planner.validator import Findings
 from agents.policy import file as policy_file
 from agents.policy.inference import OutsideDomainError
-from agents.resolvability.classify import replay
+from agents.resolvability.classify import Verdict, replay
 from agents.resolvability.witness import least_cost
 from envs.aircraft import PAPER
 from envs.edge.command import InputError
@@ -44,8 +44,10 @@ from eval.compare.resolvers import (
 from eval.flights import chunks, simulate
 from eval.flights import recorded as recorded_flights
 from eval.flights.chunks import Evaluation, ReadyEvaluation
+from eval.flights.conditions import Flown, verdict_within
 from eval.flights.optimal import Witness, WitnessSearch, fly_witnesses
 from eval.flights.simulate import OUTCOMES
+from eval.metrics.weighted import rates_of
 from eval.runner import outputs
 from eval.stats.paired import mcnemar_exact, pairs, tango
 from tests.support import fly_recorded, recorded_path
@@ -151,7 +153,7 @@ def test_the_command_and_its_files(
     assert names == ["policy", "mvp", "none"]
     table = pq.read_table(out / "encounters.parquet").to_pydict()
     reached = {name: np.array(table[f"{name}.outcome"]) == "reached" for name in names}
-    possible = 40 - sum(table["unresolvable"])
+    possible = 40 - sum(table["policy.unresolvable"])
     for row in summary["entries"]:
         count = int(reached[row["name"]].sum())
         assert row["success_rate"]["count"] == count
@@ -252,6 +254,29 @@ def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
     np.testing.assert_array_equal(theirs["plan_min_separation_m"], as_validated)
 
 
+def test_what_only_wider_limits_solve_is_resolvable_for_them_alone() -> None:
+    # Proven lost at 3 deg/s; at the vehicle's 5 deg/s the search knows a flight.
+    near = scenario("circle", PAPER, min_initial_separation=1300.0, radius=(3000.0, 3300.0))
+    only_wider = take(encounters_of_seed(near, 0, 87, 1), slice(0, 1))
+    solved = [Flown(PAPER.vehicle_limits, np.ones(1, bool))]
+    for flown in ([], solved):
+        narrow, wide = (
+            verdict_within(only_wider, PAPER, limits, flown).verdict.tolist()
+            for limits in (PAPER.limits, PAPER.vehicle_limits)
+        )
+        assert (narrow, wide) == ([Verdict.UNRESOLVABLE], [Verdict.RESOLVABLE])
+
+    evaluation = Evaluation(None, only_wider, None, 0, PAPER)
+    entries = (*policy_entries(None, "ours", PAPER, ("plan",)), baseline_entry("none", PAPER))
+    table = comparison.columns(Comparison(entries, evaluation), 0, 1)
+    lost = {name: bool(table[f"{name}.unresolvable"][0]) for name in ("ours", "ours, plan", "none")}
+    assert lost == {"ours": True, "ours, plan": False, "none": True}
+    planned = chunks.columns(ReadyEvaluation.load(evaluation._replace(mode="plan")), 0, 1)
+    assert planned["verdict"].tolist() == ["resolvable"]
+    assert planned["policy_verdict"].tolist() == ["unresolvable"]
+    assert rates_of(planned)["policy_success_given_resolvable"][1].sum() == 0
+
+
 def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.MonkeyPatch) -> None:
     def hopeless(*given: Any, **more: Any) -> Any:
         plans = made(*given, **more)
@@ -287,7 +312,9 @@ def test_numbers_of_a_scenario_can_be_changed(tmp_path: Path) -> None:
     compare.main([*arguments, "--out", str(tmp_path / "run")])
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["changes"] == {"own_speed": [60, 61], "radius": [9000, 9100]}
-    assert summary["resolvable_rate"]["value"] == 1.0  # nine kilometres leave room for all
+    assert (
+        summary["entries"][0]["resolvable_rate"]["value"] == 1.0
+    )  # nine kilometres leave room for all
 
 
 def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -296,7 +323,7 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     compare.main(["--scenario", f"tracks:{path}", "--baseline", "mvp_speed", "--out", str(out)])
     summary = json.loads((out / "summary.json").read_text())
     assert summary["encounters"] + len(summary["left_out"]) == 50
-    assert summary["resolvable_rate"]["total"] == summary["encounters"]
+    assert summary["entries"][0]["resolvable_rate"]["total"] == summary["encounters"]
     assert not any(summary["repairs"].values())
     rates = {row["name"]: row["success_rate"]["value"] for row in summary["entries"]}
     assert rates["none"] < 0.5
@@ -552,7 +579,7 @@ def test_the_command_says_how_much_longer_than_the_witness(
     assert recounted["value"] == pytest.approx(longer.mean())
     assert recounted["low"] <= recounted["value"] <= recounted["high"]
     # What the witness has solved is resolvable, whatever the search would say.
-    assert not table["unresolvable"][table["witness.outcome"] == "reached"].any()
+    assert not table["witness.unresolvable"][table["witness.outcome"] == "reached"].any()
     assert "over witness" in capsys.readouterr().out
 
     compare.main([*arguments, "--baseline", "none", "--out", str(tmp_path / "plain")])
@@ -577,5 +604,5 @@ def test_recorded_tracks(tmp_path: Path) -> None:
     )
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     rates = {row["name"]: row["success_rate"]["value"] for row in summary["entries"]}
-    assert rates["witness"] == summary["resolvable_rate"]["value"]
+    assert rates["witness"] == summary["entries"][0]["resolvable_rate"]["value"]
     assert rates["witness"] >= rates["policy"] > rates["none"]

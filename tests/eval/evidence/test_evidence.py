@@ -1,6 +1,7 @@
 """The list of evaluations, its results, and the tables that are generated from them."""
 
 import json
+import math
 import re
 import signal
 import subprocess
@@ -16,6 +17,8 @@ import pytest
 
 from agents.config.load import ConfigError, load
 from agents.policy.inference import Policy
+from envs.aircraft import PAPER
+from envs.kinematics import Limits
 from eval.evidence.closing import show_closing
 from eval.evidence.domain import cells, rows_of_cells
 from eval.evidence.dossier import Case, resolve
@@ -494,3 +497,16 @@ def test_an_interrupt_keeps_what_is_finished_and_goes_on(tmp_path: Path) -> None
     assert child.returncode == 130, said
     assert read_results(out / "one.json") and not (out / "two.json").exists()
     assert list(out.glob("two-*/config.yaml"))
+
+
+def test_rows_of_plans_name_the_limits_that_they_fly_with() -> None:
+    def deg_s(limits: Limits) -> str:
+        return f"({math.degrees(limits.yaw_rate_max):g} deg/s)"
+
+    wide = deg_s(PAPER.vehicle_limits)
+    for entry in LISTED.results.values():
+        planned = re.search(r"eval\.monte_carlo .*--mode (plan|assured)", entry.command)
+        assert (wide in entry.title) == bool(planned), entry.title
+    for name, column in LISTED.tables["compare"].columns.items():
+        assert (wide in name) == (", plan" in column or ", assured" in column), name
+    assert f"policy {deg_s(PAPER.limits)}" in LISTED.tables["modes"].columns

@@ -247,7 +247,7 @@ def test_a_loose_recording_is_not_proven_unresolvable() -> None:
     loose[1, 60] = 5.0
     recording = Recording(*np.stack([straight, loose], axis=1)[:, :, None])
     starts = encounters_of(own, recording, np.ones((2, 1), bool), 220.0)
-    found = conditions.verdicts(starts, PAPER, np.zeros(2, bool))
+    found = conditions.verdict_within(starts, PAPER, PAPER.limits, ())
     assert found.verdict.tolist() == [Verdict.UNRESOLVABLE, Verdict.UNDECIDED]
     assert found.method[0] in (Method.CONTAINMENT, Method.SPLITTING)
     assert found.method[1] == Method.NONE
