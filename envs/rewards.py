@@ -7,8 +7,11 @@ that the user writes in a configuration or a call (:func:`table`). A policy file
 that it was trained with; reading it imports nothing.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from envs.aircraft import Aircraft
 from envs.arrays import Array, ArrayModule
@@ -206,17 +209,29 @@ def table(weights: Mapping[str, float]) -> Rewards:
     """Return the table of weights in points by the names of terms, without those of no weight.
 
     Raises:
-        RewardError: as :func:`resolve`, which this does for every name.
+        RewardError: a weight is not a finite number; as :func:`resolve`, which this does for every
+            name.
     """
+    _check_weights(weights)
     rows = (Row(name, resolve(name), float(weight)) for name, weight in weights.items() if weight)
     return Rewards(tuple(rows))
 
 
 def with_scores(rules: Rules, weights: Mapping[str, float]) -> Rules:
-    """Return the rules with the scores that a table of weights gives to the task's own rows."""
+    """Return the rules with the scores that a table of weights gives to the task's own rows; raises
+    a RewardError where a weight is not a finite number.
+    """
+    _check_weights(weights)
     return rules._replace(
         **{field: weights[name] for name, field in TASK.items() if name in weights}
     )
+
+
+def _check_weights(weights: Mapping[str, float]) -> None:
+    for name, weight in weights.items():
+        number = isinstance(weight, (int, float, np.number)) and not isinstance(weight, bool)
+        if not (number and math.isfinite(weight)):
+            raise RewardError(f"reward {name!r} weighs {weight!r}; expected a finite number")
 
 
 def learning_reward(

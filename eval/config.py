@@ -293,7 +293,7 @@ class MonteCarloConfig(PolicyConfig, EncountersConfig):
     backend: Literal["auto", "numpy", "jax"] = "auto"
     """What computes the policy's decisions in mode policy: numpy; or jax, compiled and some three
     times as fast, with flights that differ by rounding. auto: jax where it is installed, for 2000
-    encounters or more on this machine."""
+    encounters or more."""
     chunk: int | None = Field(default=None, ge=1, le=100_000)
     """Encounters that are flown together and stored together; null: equal shares of the workers, at
     most 1250, or 5000 with backend jax. It changes no result."""

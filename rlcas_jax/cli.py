@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.config.keys import help_text
-from agents.config.load import ConfigError, Parser, dump, load
+from agents.config.load import ConfigError, Parser, check_once, dump, load
 from envs.edge.command import whole
 from envs.edge.files import write_file
 from envs.edge.folder_lock import is_unused
@@ -235,7 +235,9 @@ def check_named(given: Namespace) -> None:
 
 def overrides_of(given: Namespace) -> list[str]:
     """Return what ``--set`` and ``--steps`` change."""
-    return given.set + ([f"steps={given.steps}"] if given.steps else [])
+    overrides = given.set + ([] if given.steps is None else [f"steps={given.steps}"])
+    check_once(overrides)
+    return overrides
 
 
 def _parser() -> Parser:

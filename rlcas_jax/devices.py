@@ -5,8 +5,12 @@ writes.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+import sys
+import time
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Event, Thread
 from typing import Any
 
 import jax
@@ -19,6 +23,7 @@ from envs.edge.compiled import local_devices
 from rlcas_jax.cli import Processes
 
 AXIS = "encounters"  # name of the mesh's one axis
+_PATIENCE_S = 5.0  # between two notes that other processes are waited for
 
 
 @dataclass(frozen=True)
@@ -73,22 +78,18 @@ def connect(devices: int | None = None, processes: Processes | None = None) -> D
         processes: the processes that train together; None: this one alone.
 
     Raises:
-        ConfigError: there are fewer devices, or none of the platform that is asked for, or the
-            other processes cannot be reached.
+        ConfigError: JAX computes in double precision, there are fewer devices, or none of the
+            platform that is asked for, or the other processes cannot be reached.
     """
+    if jax.config.read("jax_enable_x64"):
+        raise ConfigError(
+            "JAX_ENABLE_X64 (jax_enable_x64) is on; expected it off, a training is in single "
+            "precision"
+        )
     if devices is not None:
         jax.config.update("jax_num_cpu_devices", devices)
     if processes is not None:
-        jax.config.update("jax_cpu_collectives_implementation", "gloo")
-        given = None if processes.coordinator == "auto" else processes.coordinator
-        try:
-            jax.distributed.initialize(given, processes.count, processes.number)
-        except (RuntimeError, ValueError) as problem:
-            reason = str(problem).strip().splitlines()[0]
-            raise ConfigError(
-                f"--coordinator {processes.coordinator}: the processes did not find each other "
-                f"({reason})"
-            ) from None
+        _join(processes)
     here = local_devices(jax)
     wanted = len(here) if devices is None else devices
     if wanted > len(here):
@@ -101,6 +102,44 @@ def connect(devices: int | None = None, processes: Processes | None = None) -> D
     ]
     chosen = [device for theirs in of_each for device in theirs[:wanted]]
     return Devices(None if len(chosen) == 1 else Mesh(np.array(chosen), (AXIS,)))
+
+
+def _join(processes: Processes) -> None:
+    """Wait until all processes that train together have begun, and say so."""
+    jax.config.update("jax_cpu_collectives_implementation", "gloo")
+    given = None if processes.coordinator == "auto" else processes.coordinator
+    others = "the others" if processes.count is None else f"{processes.count - 1} others"
+    where = f"--coordinator {processes.coordinator}: waiting for {others}"
+    # Both wait for the others: the greeting, and the first look at all devices.
+    with _says_that_it_waits(where):
+        try:
+            jax.distributed.initialize(given, processes.count, processes.number)
+            jax.devices()
+        except (RuntimeError, ValueError) as problem:
+            reason = str(problem).strip().splitlines()[0]
+            raise ConfigError(
+                f"--coordinator {processes.coordinator}: the processes did not find each other "
+                f"({reason})"
+            ) from None
+
+
+@contextmanager
+def _says_that_it_waits(what: str) -> Generator[None, None, None]:
+    """Say every :data:`_PATIENCE_S` on the standard error that what is inside still waits."""
+    done = Event()
+
+    def say() -> None:
+        began = time.monotonic()
+        while not done.wait(_PATIENCE_S):
+            print(f"note: {what}, {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
+
+    teller = Thread(target=say, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        done.set()
+        teller.join()
 
 
 def first() -> bool:

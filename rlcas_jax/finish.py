@@ -29,6 +29,7 @@ def finish(run: Run) -> dict[str, Any]:
     """Evaluate the trained policy, write it, its summary and the training figures; return the
     summary.
     """
+    export(run, None)  # whatever happens to the evaluation, the policy is there
     evaluation = evaluate(run)
     path = export(run, evaluation["score_mean"])
     figures = training_figures([run.directory], run.directory / "figures")

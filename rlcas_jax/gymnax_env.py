@@ -145,7 +145,7 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         return (
             self.observe(key, state, action, params),
             state,
-            reward,
+            jnp.asarray(reward, jnp.float32),
             violation | reached,
             info,
         )

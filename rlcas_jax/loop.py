@@ -75,7 +75,7 @@ class Run:
     steps: int  # environment steps in all
     finished: bool  # False when it was stopped early
     score: float  # mean sparse return of the stochastic policy over the last twentieth of the steps
-    wall_s: float  # time spent in this process, compilation included
+    wall_s: float  # time spent, compilation and the calls before a resumption included
 
 
 def prepare(
@@ -190,6 +190,7 @@ class _Runner:
             if self._writes:
                 log = metrics.Writer(training.directory, resume_update=resumed_update)
                 self._log = stack.enter_context(log)
+                self._began -= log.wall_s  # what was spent before
             number, state = self._phases()
         return self._end(number, state)
 

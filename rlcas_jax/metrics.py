@@ -18,7 +18,7 @@ FILE = "metrics.jsonl"
 METRICS = {
     "step": "Environment steps since the start of the training.",
     "update": "Updates since the start of the training.",
-    "wall_s": "Time since this process began the run, s. Starts anew when a run is resumed.",
+    "wall_s": "Time spent on the run, s; when it is resumed the time before counts, too.",
     "steps_per_s": "Environment steps a second over the whole update (flying and learning).",
     "score": (
         "Mean return of the episodes that ended during the update: the task's sparse reward, "
@@ -114,6 +114,8 @@ class Writer:
         with path.open("ab") as file:
             file.truncate(sum(map(len, kept)))
         self._file: IO[str] = path.open("a", encoding="utf-8")
+        self.wall_s = float(parse_json(kept[-1])["wall_s"]) if kept else 0.0
+        """Time spent until the last line that is kept, s."""
         self._board: _Board | None = None
         if find_spec("tensorboardX") is not None:
             self._board = _Board(

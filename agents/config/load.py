@@ -84,6 +84,21 @@ def file_of(path: Path, kind: str = "*.yaml") -> Path:
     return names[path.name]
 
 
+def check_once(overrides: Sequence[str]) -> None:
+    """Refuse a key that a command line sets twice, by ``--set`` and by an option of its own or by
+    the same one: one of the two values would be lost.
+
+    Raises:
+        ConfigError: it names the key and both values.
+    """
+    given: dict[str, str] = {}
+    for text in overrides:
+        key, _, value = text.partition("=")
+        if key in given and given[key] != value:
+            raise ConfigError(f"{key} is given as {given[key]} and as {value}; expected it once")
+        given[key] = value
+
+
 def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] = ()) -> Model:
     """Read a configuration of a model, whose validators find the file's folder as
     ``info.context["folder"]``.

@@ -2,6 +2,7 @@
 of input.
 """
 
+import math
 import os
 import sys
 from collections.abc import Mapping
@@ -100,13 +101,18 @@ def world_of(aircraft: Aircraft, rules: Rules | None, rewards: Mapping[str, floa
     rewards.
 
     Raises:
-        EncounterError: the rules have another time step than the aircraft.
+        EncounterError: the rules have another time step than the aircraft, or a number that is not
+            finite.
+        RewardError: a reward is not a finite number.
     """
     chosen = aircraft.rules() if rules is None else rules
     if chosen.dt != aircraft.dt:
         raise EncounterError(
             f"rules.dt is {chosen.dt:g} s; expected {aircraft.dt:g} s, the aircraft's time step"
         )
+    for name, value in chosen._asdict().items():
+        if not math.isfinite(value):
+            raise EncounterError(f"rules.{name} is {value!r}; expected a finite number")
     return World(with_scores(Rules(*map(float, chosen)), rewards or {}), aircraft)
 
 

@@ -167,7 +167,9 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
         )
         limits = limits_of(entry.resolver, aircraft)
         flown_within.append(Flown(limits, outcome == OUTCOMES.index("reached")))
-        made = _columns(outcome, flights, flown, starts.mask) | costs(starts, flights, flown)
+        made = _columns(outcome, flights, flown, starts.mask) | costs(
+            starts, flights, flown, aircraft
+        )
         table |= {f"{entry.name}.{name}": values for name, values in made.items()}
     lost = {
         limits: verdict_within(starts, aircraft, limits, flown_within).verdict

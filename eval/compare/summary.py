@@ -88,7 +88,10 @@ class Statistics(NamedTuple):
                 f"{name}_rate": share(count, total, self.confidence)
                 for name, count in counts.items()
             },
-            **{key: self._mean(self._of(entry, name)[reached]) for key, name in means.items()},
+            **{
+                key: self._mean(_known(self._of(entry, name)[reached]))
+                for key, name in means.items()
+            },
             "heading_reversals_mean": float(np.mean(self._of(entry, "heading_reversals"))),
             "min_separation_m": number(float(np.fmin.reduce(self._of(entry, "min_separation_m")))),
             "severity_mean_of_losses": float(np.mean(severe)) if severe.size else None,
@@ -104,6 +107,8 @@ class Statistics(NamedTuple):
         ours, bare = self._of(entry, column) == event, self.table[f"{REFERENCE}.{column}"] == event
         how = {"confidence": self.confidence, "resamples": self.resamples, "seed": self.seed}
         found = asdict(ratio(ours, bare, self.weights, **how))
+        if entry.name == REFERENCE:  # without a resolver, by definition
+            found |= {"low": found["value"], "high": found["value"]}
         return {
             key: number(value) if isinstance(value, float) else value
             for key, value in found.items()
@@ -126,7 +131,12 @@ class Statistics(NamedTuple):
         interval.
         """
         excess = self._of(entry, "path_excess") - self._of(other, "path_excess")
-        return self._mean(excess[self._success(entry) & self._success(other)])
+        return self._mean(_known(excess[self._success(entry) & self._success(other)]))
+
+
+def _known(values: np.ndarray) -> np.ndarray:
+    """Return the values that there are: an encounter that begins at the goal has no path excess."""
+    return values[~np.isnan(values)]
 
 
 def show(summary: Mapping[str, Any], folder: Path) -> None:
@@ -209,9 +219,11 @@ def draw(summary: Mapping[str, Any]) -> Figure:
     first = {"low": 0.0, "value": 0.0, "high": 0.0}  # does not differ from itself
     _draw_intervals(apart, rows, [row["difference"] or first for row in rows])
     apart.axvline(0.0, color="#999999", linewidth=0.8)
-    apart.set(xlabel=f"success less that of {rows[0]['name']}, points")
+    apart.set_xlabel(f"success less that of\n{rows[0]['name']}, points")
     _draw_intervals(cost, rows, [row["path_excess_mean"] for row in rows])
-    cost.set(xlim=(0.0, None), xlabel="mean path excess, %")
+    cost.set_xlabel("mean path excess, %")
+    # Room for the whole mark of one that is 0.
+    cost.set_xlim(-0.04 * max(cost.get_xlim()[1], 1.0), None)
     for axes in (ends, apart, cost):
         tidy(axes, "x")
     title = (

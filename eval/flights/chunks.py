@@ -34,6 +34,7 @@ from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start, p
 from eval.flights.simulate import ENDS, OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
 from eval.flights.sources import Source, draw
 from eval.flights.trajectories import TrajectoryRecorder
+from eval.metrics.volumes import path_excess
 
 
 class Evaluation(NamedTuple):
@@ -159,7 +160,7 @@ def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndar
         "encounter": number,
         "name": np.array([names[i] if names else None for i in number], dtype=object),
         "weight": weights,
-        **_flight_columns(flights, begun["route_length_m"]),
+        **_flight_columns(flights, begun["route_length_m"], aircraft),
         "verdict": _names(Verdict)[judged.verdict],
         "verdict_method": _names(Method)[judged.method],
         **_beside(beside),
@@ -184,12 +185,12 @@ def _reached(flights: Flights) -> np.ndarray:
     return flights.outcome == OUTCOMES.index("reached")
 
 
-def _flight_columns(flights: Flights, route_length: np.ndarray) -> dict[str, np.ndarray]:
+def _flight_columns(
+    flights: Flights, route_length: np.ndarray, aircraft: Aircraft
+) -> dict[str, np.ndarray]:
     """Return the columns of the flights that are judged, of routes of such lengths, m, ``[N]``."""
-    # The route is the straight line to the goal: what is left of it at the end counts as flown
-    # straight.
-    route = np.maximum(route_length, 1.0)  # a start on the goal has none
-    excess = np.maximum((flights.path_length + flights.goal_distance) / route - 1.0, 0.0)
+    # What is left of the straight line to the goal at the end counts as flown straight.
+    excess = path_excess(flights, route_length, aircraft)
     return {
         "outcome": np.array(ENDS, dtype=object)[flights.outcome],
         "score": flights.score,

@@ -94,6 +94,7 @@ def summarise(
         f"baseline_{name}": table["baseline_outcome"] == word for name, word in words.items()
     }
     excess = table["path_excess"][counts["success"]]
+    excess = excess[~np.isnan(excess)]  # of what begins at the goal there is none
     score, path = mean_interval(table["score"], *how), mean_interval(excess, *how)
     violations = counts["violation"], counts["baseline_violation"]
     summary = {
@@ -106,6 +107,7 @@ def summarise(
         "score_mean_interval": ends(score),
         **to_json(ratio(*violations, confidence=confidence, resamples=resamples, seed=seed)),
         "path_excess_mean": number(path.value),
+        "path_excess_left_out": int(counts["success"].sum()) - excess.size,
         "path_excess_mean_interval": ends(path),
         "path_excess_quantiles": quantiles(excess, (0.5, 0.95, 1.0)),
         "min_separation_m_quantiles": quantiles(table["min_separation_m"], (0.0, 0.01, 0.05, 0.5)),
@@ -188,7 +190,9 @@ def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> lis
         lines.append(_rate_line(f"weighted.{key}", name, weighted[key], counted))
     for label, key, form in _MEANS:
         interval = form.interval(summary[f"{key}_interval"])
-        lines.append(Line(key, label, form.text(summary[key]), interval, ""))
+        without = summary.get(f"{key.removesuffix('_mean')}_left_out")
+        said = f"without {group_digits(without)} that begin at the goal" if without else ""
+        lines.append(Line(key, label, form.text(summary[key]), interval, said))
     for label, key, at, digits in _QUANTILES:
         if key in summary:
             value = _Form(digits, unit=" m").text(summary[key].get(at))

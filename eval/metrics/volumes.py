@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.relative import distance
 from envs.traffic.track_units import FOOT, NAUTICAL_MILE
@@ -105,11 +106,25 @@ def losses(volume: Volume, flown: Trajectories, mask: np.ndarray) -> np.ndarray:
         return np.any(is_lost(volume, relative(flown)) & mask, axis=(0, 2))
 
 
-def costs(starts: Encounter, flights: Flights, flown: Trajectories) -> dict[str, np.ndarray]:
+def path_excess(flights: Flights, route: np.ndarray, aircraft: Aircraft) -> np.ndarray:
+    """Return (length flown + distance left to the goal) / straight distance, m, - 1, at least 0,
+    ``[N]``.
+
+    It is nan where the encounter begins within the goal's radius: there is no route to compare
+    with, and one such row would make the mean.
+    """
+    away = np.where(route > aircraft.goal_radius, route, np.nan)
+    return np.maximum((flights.path_length + flights.goal_distance) / away - 1.0, 0.0)
+
+
+def costs(
+    starts: Encounter, flights: Flights, flown: Trajectories, aircraft: Aircraft
+) -> dict[str, np.ndarray]:
     """Return what flights cost beside the straight way, ``[N]`` each.
 
     Returns:
-        path_excess: (length flown + distance left to the goal) / straight distance - 1, at least 0.
+        path_excess: (length flown + distance left to the goal) / straight distance - 1, at least 0;
+            nan where the encounter begins at the goal (:func:`path_excess`).
         time_excess_s: time flown, and what is left at the last speed, minus the straight way's at
             the first speed, s.
         cross_track_m: largest distance from the straight line from start to goal, m.
@@ -123,7 +138,7 @@ def costs(starts: Encounter, flights: Flights, flown: Trajectories) -> dict[str,
     )
     final = np.maximum(flown.own.speed[last, np.arange(len(last))], 1e-3)
     return {
-        "path_excess": np.maximum((flights.path_length + flights.goal_distance) / route - 1.0, 0.0),
+        "path_excess": path_excess(flights, route, aircraft),
         "time_excess_s": flights.duration
         + flights.goal_distance / final
         - route / np.maximum(own.speed, 1e-3),

@@ -56,8 +56,9 @@ def ratio(
 
     The interval is a paired percentile bootstrap over encounters. With no event at all a resample
     cannot show one: the upper end is then the Clopper-Pearson end of the rate at the effective
-    sample size, over the rate without. Importance weights ``[N]`` are finite, not negative and not
-    all 0, else ``ValueError``; None: equal ones.
+    sample size, over the rate without. Where all resamples have one ratio, such as where every
+    event stays one, its ends are quotients of the Clopper-Pearson ends of both rates. Importance
+    weights ``[N]`` are finite, not negative and not all 0, else ``ValueError``; None: equal ones.
     """
     cells = pairs(event, event_without)
     weight = _weights(weights, sum(cells))
@@ -83,6 +84,8 @@ def ratio(
     else:
         parts = np.stack([weight * event, weight * event_without], axis=-1)
         low, high = _percentiles_of_ratio(resampled_sums(parts, resamples, seed), confidence)
+        if low == high:  # no resample can differ
+            low, high = _ends_of_ratio(weight, event, event_without, nothing.effective, confidence)
     made = replace(
         nothing,
         value=value,
@@ -92,6 +95,20 @@ def ratio(
         induced=float(weight @ (event & ~event_without)) / without,
     )
     return replace(made, warnings=_warnings(made, weight, event, event_without))
+
+
+def _ends_of_ratio(
+    weight: np.ndarray,
+    event: np.ndarray,
+    event_without: np.ndarray,
+    effective: float,
+    confidence: float,
+) -> tuple[float, float]:
+    """Return quotients of the Clopper-Pearson ends of two rates at an effective sample size."""
+    size = max(math.floor(effective), 1)
+    counts = (round(float(weight @ each / weight.sum()) * size) for each in (event, event_without))
+    ours, bare = (clopper_pearson(count, size, confidence) for count in counts)
+    return ours[0] / bare[1], ours[1] / bare[0] if bare[0] > 0.0 else math.inf
 
 
 def _percentiles_of_ratio(sums: np.ndarray, confidence: float) -> tuple[float, float]:

@@ -152,9 +152,7 @@ def _file(text: str) -> str:
     return json.dumps(str(Path(text).absolute()))
 
 
-def _resolve(config: MonteCarloConfig, options: argparse.Namespace) -> Resolved:
-    if options.scheduler is not None and config.backend == "auto":
-        config = config.model_copy(update={"backend": "numpy"})
+def _resolve(config: MonteCarloConfig, _: argparse.Namespace) -> Resolved:
     return resolve_config(config)
 
 
@@ -191,6 +189,8 @@ def _show(summary: Mapping[str, Any]) -> None:
     title = f"{count} encounters, {resolver}, scenario {summary['scenario']}"
     names = ("", "value", f"{100.0 * summary['confidence']:g} % interval", "count")
     notes = [f"resolvable within the limits flown: {format_limits(Limits(**summary['limits']))}"]
+    if summary["mode"] == "policy" and summary["baseline"] == "none":
+        notes.append(f"decisions computed by {summary['backend']}")
     if summary["mode"] != "policy":
         notes[0] += "; for the policy alone within those of its decisions"
     ratio, ends = summary["risk_ratio"], summary["risk_ratio_interval"]

@@ -325,6 +325,12 @@ def _warnings(found: dict[str, Any]) -> list[str]:
             "a repetition's lost encounters descend from fewer than five first ones: take more "
             "particles"
         )
+    plain = found["plain_flights_for_the_same_error"]
+    if plain is not None and plain < found["flights"]:
+        said.append(
+            f"plain sampling needs only {plain:.2g} flights for this error, instead of "
+            f"{found['flights']}: this loss is not rare, use eval.monte_carlo"
+        )
     low = [
         each["level_m"]
         for each in found["levels"]

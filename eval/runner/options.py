@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from agents.config.load import AIRCRAFT, ConfigError, Strict, file_of, load
+from agents.config.load import AIRCRAFT, ConfigError, Strict, check_once, file_of, load
 from agents.policy import inputs
 from agents.policy.inference import Policy
 from envs import scenarios
@@ -263,6 +263,7 @@ def load_config(
         overrides.append("areas_sha256=null")
     given = {key: getattr(options, name) for name, key in keys.items()}
     overrides += [f"{key}={value}" for key, value in given.items() if value is not None]
+    check_once([one for one in (*overrides, *options.set) if not one.endswith("_sha256=null")])
     try:
         config = load(model, path, [*overrides, *options.set])
     except ConfigError as problem:

@@ -128,6 +128,17 @@ def test_straight_courses_agree_with_a_million_plain_samples() -> None:
     assert error < 0.3 * share
 
 
+def test_an_estimate_says_where_plain_sampling_is_cheaper() -> None:
+    rate = {"repetitions": [0.4, 0.5], "relative_error": 0.1}
+    found = {"rate": rate, "ancestors": [99, 99], "levels": [], "flights": 3000}
+    cheap = rare._warnings(found | {"plain_flights_for_the_same_error": 880.0})
+    assert cheap == [
+        "plain sampling needs only 8.8e+02 flights for this error, instead of 3000: this loss is "
+        "not rare, use eval.monte_carlo"
+    ]
+    assert rare._warnings(found | {"plain_flights_for_the_same_error": 1e6}) == []
+
+
 def test_levels_that_nobody_passes_give_zero_and_not_an_error() -> None:
     made = repetition(Tail(), Plan((-50.0,), (), 0), 20, 1, np.random.default_rng(0))
     assert made.probability.tolist() == [0.0]

@@ -26,6 +26,7 @@ from envs.kinematics import Limits, VehicleState
 from envs.observation import criticality
 from envs.outcome import RULES
 from envs.perception import Sensor
+from envs.rewards import RewardError
 from envs.trees import take
 from eval.flights import simulate
 from tests.support import OnObservations
@@ -498,3 +499,13 @@ def test_stable_baselines_trains_its_policy_for_dicts_unchanged() -> None:
     )
     action, _ = model.predict(env.reset(seed=1)[0], deterministic=True)
     assert env.action_space.contains(action)
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), "much", True])
+def test_a_reward_that_is_no_finite_number_is_refused(bad: Any) -> None:
+    for name in ("goal", "turn_rate"):
+        with pytest.raises(RewardError, match=rf"reward '{name}' weighs .*; expected a finite"):
+            DeconflictionEnv(rewards={name: bad})
+    if isinstance(bad, float):
+        with pytest.raises(EncounterError, match=r"rules\.reward_goal is .*; expected a finite"):
+            DeconflictionEnv(rules=PAPER.rules()._replace(reward_goal=bad))

@@ -397,7 +397,7 @@ def test_a_sample_that_cannot_carry_the_claim_says_so() -> None:
 def test_costs_and_losses_of_flights() -> None:
     starts = encounters_of_seed(scenario("circle", PAPER), 3, 0, 60)
     flights, paths = fly_recorded(starts, Direct(PAPER), PAPER, endless=True)
-    found = costs(starts, flights, paths)
+    found = costs(starts, flights, paths, PAPER)
     # Without a resolver the route is flown: nothing is lost but the turn onto it.
     assert found["path_excess"].max() < 1e-3
     assert np.abs(found["time_excess_s"]).max() < 1.0
@@ -421,7 +421,8 @@ def test_a_ratio_by_hand() -> None:
     assert found.value == 0.25
     assert 0.1 < found.low < 0.25 < found.high < 0.42
     same = ratio(without, without)
-    assert (same.value, same.low, same.high) == (1.0, 1.0, 1.0)
+    low, high = clopper_pearson(40, 100)
+    assert (same.value, same.low, same.high) == (1.0, low / high, high / low)
     none = ratio(np.zeros(100, bool), without)
     assert (none.value, none.low, none.high) == (
         0.0,
@@ -429,3 +430,23 @@ def test_a_ratio_by_hand() -> None:
         pytest.approx(clopper_pearson(0, 100)[1] / 0.4),
     )
     assert np.isnan(ratio(without, np.zeros(100, bool)).value)
+
+
+def test_a_ratio_of_one_encounter_proves_nothing() -> None:
+    once = np.ones(1, bool)
+    found = ratio(once, once)
+    assert found.value == 1.0
+    assert found.low < 0.1
+    assert found.high > 10.0
+    many = np.arange(1000) < 40  # the same 40 with and without
+    found = ratio(many, many)
+    assert 0.4 < found.low < 1.0 < found.high < 2.5
+
+
+def test_an_encounter_that_begins_at_the_goal_has_no_path_excess() -> None:
+    starts = encounters_of_seed(scenario("circle", PAPER), 3, 0, 2)
+    starts = starts._replace(goal_x=starts.own.x + np.array([1.0, 9e3]), goal_y=starts.own.y)
+    flights, paths = fly_recorded(starts, Direct(PAPER), PAPER, endless=True)
+    excess = costs(starts, flights, paths, PAPER)["path_excess"]
+    assert np.isnan(excess[0])
+    assert 0.0 <= excess[1] < 10.0
