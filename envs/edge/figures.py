@@ -2,6 +2,7 @@
 same data.
 """
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,28 @@ from envs.edge.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+_MINUS = re.compile(r"(?<![\w)\]])-(?=[\d.])")
+
+
+def sign_alike(figure: "Figure") -> None:
+    """Write the minus of numbers in titles, labels and legends as the ticks of an axis have it."""
+    from matplotlib.text import Text
+    from matplotlib.ticker import FuncFormatter
+
+    def with_minus(text: str) -> str:
+        return _MINUS.sub("\N{MINUS SIGN}", text)
+
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        text.set_text(with_minus(text.get_text()))
+    for axes in figure.axes:  # ticks with texts of their own make these anew when they are drawn
+        for axis in (axes.xaxis, axes.yaxis):
+            made = axis.get_major_formatter()
+            if isinstance(made, FuncFormatter):
+                func = made.func
+                made.func = lambda value, place, func=func: with_minus(func(value, place))
 
 
 def save_figure(figure: "Figure", path: Path, dpi: int = 150) -> list[Path]:
@@ -19,6 +42,7 @@ def save_figure(figure: "Figure", path: Path, dpi: int = 150) -> list[Path]:
     """
     import matplotlib as mpl
 
+    sign_alike(figure)
     files = [path.with_name(f"{path.name}.{kind}") for kind in ("png", "svg")]
     # Neither a date nor random names, so that the same run gives the same files.
     with mpl.rc_context({"svg.hashsalt": "rlcas"}):

@@ -42,10 +42,11 @@ def boundary_figure(
     separation = aircraft.separation
     columns = min(len(slices), 3)
     rows = math.ceil(len(slices) / columns)
-    # One map is too narrow for more than one entry of the legend beside the other.
-    ncols = 1 if columns == 1 else 3
+    # One map alone leaves room for the legend and its title, too.
+    ncols = min(columns + 1, 3)
     lines = math.ceil((3 + len(_STYLES)) / ncols)
-    size = (4.9 * columns, 5.3 * rows + 0.6 + 0.2 * lines)
+    tall = max(np.ptp(answers.map_x) / np.ptp(answers.map_y) for answers, _ in slices)
+    size = (max(4.9 * columns, 7.4), (4.2 * tall + 1.0) * rows + 0.4 + 0.25 * lines)
     figure = Figure(figsize=size, layout="constrained")
     for number, (answers, figures) in enumerate(slices, 1):
         _draw_slice(figure.add_subplot(rows, columns, number), answers, figures, aircraft)

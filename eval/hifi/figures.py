@@ -65,9 +65,10 @@ def draw_all(folder: Path, table: Mapping[str, np.ndarray], campaign: Campaign) 
 
 def _title(table: Mapping[str, np.ndarray], number: int) -> str:
     closest, speed = table["min_separation_m"][number], table["wind_m_s"][number]
-    apart = "" if np.isnan(closest) else f", {closest:.0f} m"
-    wind = f", wind {speed:.0f} m/s" if speed else ""
-    return f"{number}: {table['outcome'][number]}{apart}{wind}"
+    apart = [] if np.isnan(closest) else [f"{closest:.0f} m"]
+    wind = [f"wind {speed:.0f} m/s"] if speed else []
+    # Two lines: a panel is too narrow for all of it in one.
+    return f"{number}: {table['outcome'][number]}\n{', '.join(apart + wind)}".strip()
 
 
 def choose_flights(table: Mapping[str, np.ndarray]) -> list[int]:

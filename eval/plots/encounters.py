@@ -21,6 +21,7 @@ from eval.plots.flight_sheet import choose_encounters, trajectory_sheet
 from eval.plots.style import MARKERS, SKY, VERMILION, kinds_of, legend, tidy
 
 _ONE_KM = 1_000.0
+_BARE = "straight on, without a resolver"
 _NEAREST_KM = 0.05  # starts nearer than this are drawn here: a logarithmic scale has no zero
 
 
@@ -54,6 +55,10 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
     kinds = kinds_of(table)
     km = np.maximum(table["distance_m"] / _ONE_KM, _NEAREST_KM)
     handles = []
+    # What is proven unresolvable is a violation in the table, too: the others are said to be less.
+    some_lost = (kinds == "proven unresolvable").any()
+    other = " that could be resolved" if some_lost else ""
+    counted = dict.fromkeys(MARKERS, other) | {"success": "", "proven unresolvable": ""}
     for name, style in MARKERS.items():
         mask = kinds == name
         if not mask.any():
@@ -62,7 +67,7 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
         bearing = np.radians(table["bearing_deg"][mask])
         points = polar.scatter(bearing, km[mask], rasterized=True, **style)
         plane.scatter(table["relative_heading_deg"][mask], km[mask], rasterized=True, **style)
-        points.set_label(f"{name} ({group_digits(int(mask.sum()))})")
+        points.set_label(f"{name}{counted[name]} ({group_digits(int(mask.sum()))})")
         handles.append(points)
     # Failures begin near by: a logarithmic scale gives them room, marked at 1, 2, 5, 10, ...
     ends = low, high = 0.8 * float(km.min()), 1.1 * float(km.max())
@@ -109,7 +114,7 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
     edges = [required_km + width * step for step in steps]
     axes.hist(known[0], edges, color=SKY, label="with the resolver")
     for bare in known[1:]:
-        axes.hist(bare, edges, histtype="step", color="#333333", linewidth=1.0, label="without it")
+        axes.hist(bare, edges, histtype="step", color="#333333", linewidth=1.0, label=_BARE)
     axes.axvline(
         required_km,
         color=VERMILION,

@@ -31,6 +31,7 @@ from eval.plots.style import (
 
 PANELS = 12  # flights on the sheet
 _FAILURES_SHOWN = 8
+_LOST_SHOWN = 2  # of the failures, those that are proven unresolvable
 _KM = 1e-3
 _OWN: dict[str, Any] = {
     "color": BLUE,
@@ -99,7 +100,9 @@ def trajectory_sheet(
         panels.append(
             Panel(title, flights.track(row), "black" if kinds[number] == "success" else "#A63C00")
         )
-    figure = sheet(panels, rules, 4, (3.25, 3.55), 8.5)
+    # One panel alone leaves room for the title and the legend, too.
+    columns = min(len(panels), 4)
+    figure = sheet(panels, rules, columns, (max(3.25, 6.5 / columns), 3.55), 8.5)
     figure.suptitle("encounter: outcome, smallest separation, duration", fontsize=10)
     return figure
 
@@ -108,17 +111,20 @@ def choose_encounters(table: Mapping[str, np.ndarray]) -> list[int]:
     """Return the numbers of the encounters for the sheet: failures first, then successes, each
     spread evenly.
 
-    The failures that count, those not proven unresolvable, come before the others.
+    The failures that count come before those that are proven unresolvable, of which one or two are
+    shown: they end after seconds, and one looks like the other.
     """
     kinds = kinds_of(table)
-    order = [
-        np.flatnonzero(kinds == name)
-        for name in ("violation", BREACH, "time-out", "proven unresolvable", "success")
-    ]
-    failures, successes = np.concatenate(order[:-1]), order[-1]
+    counting, lost, successes = (
+        np.concatenate([np.flatnonzero(kinds == name) for name in names])
+        for names in (("violation", BREACH, "time-out"), ("proven unresolvable",), ("success",))
+    )
     room = min(PANELS, len(kinds))
-    picked = spread(failures, max(_FAILURES_SHOWN, room - len(successes)))
-    return [*picked.tolist(), *spread(successes, room - len(picked)).tolist()]
+    most = max(_FAILURES_SHOWN, room - len(successes))  # failures
+    few = min(_LOST_SHOWN, len(lost))
+    failures = spread(counting, most - few).tolist()
+    failures += spread(lost, max(few, room - len(successes) - len(failures))).tolist()
+    return [*failures, *spread(successes, room - len(failures)).tolist()]
 
 
 def draw(axes: Axes, track: Track, rules: Rules, witness: np.ndarray | None = None) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eval.plots.style import BLUE, GREY, ORANGE, VERMILION, tidy
+from eval.plots.style import BLUE, GREY, ORANGE, VERMILION, legend, tidy
 
 _PLAIN: dict[str, Any] = {
     "color": GREY,
@@ -30,6 +30,8 @@ def levels_figure(found: Mapping[str, Any]) -> Figure:
     for axes in (above, below):
         tidy(axes, "both")
     figure.suptitle(_title(found), fontsize=11)
+    # Below, where it covers nothing, however the probability falls.
+    legend(figure, above.get_legend_handles_labels()[0], 2)
     return figure
 
 
@@ -57,7 +59,6 @@ def _draw_probabilities(axes: Axes, found: Mapping[str, Any]) -> None:
     axes.set(yscale="log", ylabel="probability of a smaller separation")
     if np.any(every > 0.0):  # an interval that reaches 0 goes to the edge
         axes.set_ylim(0.3 * float(every[every > 0.0].min()), 1.5)
-    axes.legend(frameon=False, loc="lower right")
 
 
 def _draw_rates(

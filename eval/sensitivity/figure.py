@@ -5,7 +5,7 @@ resolved at all.
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,6 +22,7 @@ _STYLES = {
     "closed": {"color": BLUE, "marker": "o"},
 }
 _KINDS = ("success_given_resolvable", "success_rate")
+_BELOW = {"color": "#555555", "marker": "v", "linestyle": ""}
 _OTHER = {"color": VERMILION, "marker": "o"}
 _LEAST_SPAN = 4.0  # points of success that an axis shows at least
 _SCALE_FROM = 50  # encounters from which on a bin's interval lies inside the axis
@@ -120,12 +121,46 @@ def _draw_success(axes: Axes, points: Sequence[Mapping[str, Any]], *, full: bool
     bound = np.array([100.0 * (1.0 - point["unresolvable_rate"]["value"]) for point in points])
     floor = math.floor(_least(points, bound) / 2.0) * 2.0
     top = 100.0 + 0.04 * (100.0 - floor)
+    for mode, places in _places(points, 2):
+        for number, kind in enumerate(_KINDS):
+            rates = [point["success"][mode][kind]["value"] for point in points]
+            look = _style(mode) | (hollow if number else {})
+            written = ("right", "left")[number] if full else None
+            _draw_below(axes, places + number * _APART, rates, floor, look, written)
     first = np.arange(len(points))
     axes.bar(first, top - bound, 1.0, bottom=bound, align="edge", color="#E3E3E3", zorder=1.0)
     axes.hlines(bound, first, first + 1, color="#555555", linewidth=1.3, zorder=2.0)
     label = "share of encounters, %" if full else "success, %"
     axes.set(ylim=(floor, top), xlim=(0, len(points)), ylabel=label)
     tidy(axes)
+
+
+def _draw_below(
+    axes: Axes,
+    places: np.ndarray,
+    rates: Sequence[float | None],
+    floor: float,
+    look: Mapping[str, Any],
+    written: Literal["left", "right"] | None,
+) -> None:
+    """Draw a triangle at the floor of the axis, percent, for each share below it, and its value, to
+    which side of it ``written`` says; None: no value.
+    """
+    for place, rate in zip(places, rates, strict=True):
+        if rate is not None and 100.0 * rate < floor:
+            style = {**look, "marker": "v", "linestyle": "", "clip_on": False, "zorder": 4.0}
+            axes.plot([place], [floor], markersize=5.0, **style)
+            if written is None:
+                continue
+            axes.annotate(
+                f"{100.0 * rate:.0f}",
+                (place, floor),
+                xytext=(0.0, 4.0),
+                textcoords="offset points",
+                ha=written,
+                fontsize=7,
+                zorder=4.0,
+            )
 
 
 def _least(points: Sequence[Mapping[str, Any]], bound: np.ndarray) -> float:
@@ -159,7 +194,7 @@ def _draw_legend(
     figure: Figure,
     points: Sequence[Mapping[str, Any]],
     more: Sequence[Any] = (),
-    columns: int = 4,
+    columns: int = 3,
 ) -> None:
     handles: list[Any] = []
     for mode in points[0]["success"]:
@@ -168,9 +203,14 @@ def _draw_legend(
         handles.append(sample(f"{mode}: of all", markerfacecolor="white", **style))
     handles += [
         Patch(facecolor="#E3E3E3", edgecolor="#555555", label="proven unresolvable (the bound)"),
+        *([sample("below the axis", **_BELOW)] if _any_below(figure) else []),
         *more,
     ]
     legend(figure, handles, min(len(handles), columns))
+
+
+def _any_below(figure: Figure) -> bool:
+    return any(line.get_marker() == "v" for axes in figure.axes for line in axes.lines)
 
 
 def _style(mode: str) -> dict[str, Any]:

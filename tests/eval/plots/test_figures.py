@@ -18,8 +18,9 @@ from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.flights.recorded import Track, fly_recorded
 from eval.flights.simulate import OUTCOMES
 from eval.plots.encounters import draw_all, initial_conditions, separation_histogram
-from eval.plots.flight_sheet import PANELS, choose_encounters, draw
+from eval.plots.flight_sheet import PANELS, Panel, choose_encounters, draw, trajectory_sheet
 from eval.plots.style import kinds_of
+from tests.eval.plots.test_titles import assert_inside
 
 
 def table_of(counts: dict[str, int]) -> dict[str, np.ndarray]:
@@ -55,6 +56,15 @@ def table_of(counts: dict[str, int]) -> dict[str, np.ndarray]:
             {"success": 99, "violation": 50, "time-out": 25, "proven unresolvable": 25},
             {"violation": 4, "time-out": 2, "proven unresolvable": 2, "success": 4},
         ),
+        # Those that nobody could resolve end after seconds: one or two tell what they are.
+        (
+            {"success": 99, "violation": 2, "proven unresolvable": 9},
+            {"violation": 2, "proven unresolvable": 2, "success": 8},
+        ),
+        (
+            {"success": 1, "violation": 2, "proven unresolvable": 5},
+            {"violation": 2, "proven unresolvable": 5, "success": 1},
+        ),
     ],
 )
 def test_sheet_shows_failures_first(counts: dict[str, int], expected: dict[str, int]) -> None:
@@ -72,6 +82,41 @@ def test_every_kind_is_in_the_legend_with_its_number(kinds: tuple[str, ...]) -> 
     figure = initial_conditions(table_of({kind: 1_200 + i for i, kind in enumerate(kinds)}))
     texts = {text.get_text() for text in figure.legends[0].get_texts()}
     assert texts == {f"{kind} (1 20{i})" for i, kind in enumerate(kinds)}
+
+
+def test_a_legend_that_counts_less_than_the_table_says_so() -> None:
+    figure = initial_conditions(table_of({"violation": 2, "proven unresolvable": 9}))
+    texts = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert texts == {"violation that could be resolved (2)", "proven unresolvable (9)"}
+
+
+def test_a_sheet_of_one_flight_is_one_panel_wide() -> None:
+    steps = np.arange(11.0)
+    own, other = np.stack([100.0 * steps, np.zeros(11)]), np.full((1, 2, 11), 2_000.0)
+    panel = Panel("0: success", Track(own, other, np.full(10, 1_500.0), (1e3, 0.0)))
+    for count, wide in ((1, 1), (3, 3), (9, 4)):
+        flights = SimpleNamespace(track=lambda _: panel.track)
+        figure = trajectory_sheet(table_of_flights(count), range(count), flights, RULES)  # type: ignore[arg-type]
+        columns = {
+            round(axes.get_subplotspec().get_topmost_subplotspec().colspan.start)
+            for axes in figure.axes
+        }  # type: ignore[union-attr]
+        assert len(columns) == wide
+        assert_inside(figure)
+
+
+def table_of_flights(count: int) -> dict[str, np.ndarray]:
+    return table_of({"success": count}) | {"duration_s": np.full(count, 90.0)}
+
+
+def test_a_minus_is_one_sign(tmp_path: Path) -> None:
+    figure = Figure(figsize=(3.0, 2.0))
+    axes = figure.subplots()
+    axes.set(title="own -0.5 m/s, 1-2 and [-3, 4], a-5", xlim=(-2.0, 2.0))
+    axes.set_xticks([-1.0, 1.0], ["-1", "1"])
+    save_figure(figure, tmp_path / "signs")
+    assert axes.get_title() == "own \u22120.5 m/s, 1-2 and [\u22123, 4], a-5"
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["\u22121", "1"]
 
 
 def test_histogram_counts_every_flight_and_splits_at_the_requirement() -> None:
