@@ -31,10 +31,18 @@ from eval.flights.compiled import Compiled
 from eval.flights.conditions import Flown, conditions, verdict_within
 from eval.flights.in_wind import carry, stand, to_ground, winds
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start, promised_separation
-from eval.flights.simulate import ENDS, OUTCOMES, ByPolicy, Direct, Flights, fly, sensor_noise
+from eval.flights.simulate import (
+    ENDS,
+    OUTCOMES,
+    ByPolicy,
+    Direct,
+    Flights,
+    fly,
+    path_excess,
+    sensor_noise,
+)
 from eval.flights.sources import Source, draw
 from eval.flights.trajectories import TrajectoryRecorder
-from eval.metrics.volumes import path_excess
 
 
 class Evaluation(NamedTuple):

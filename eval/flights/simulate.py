@@ -104,6 +104,17 @@ class _Air(NamedTuple):
     memory: np.ndarray  # of a baseline
 
 
+def path_excess(flights: Flights, route: np.ndarray, aircraft: Aircraft) -> np.ndarray:
+    """Return (length flown + distance left to the goal) / straight distance, m, - 1, at least 0,
+    ``[N]``.
+
+    It is nan where the encounter begins within the goal's radius: there is no route to compare
+    with, and one such row would make the mean.
+    """
+    away = np.where(route > aircraft.goal_radius, route, np.nan)
+    return np.maximum((flights.path_length + flights.goal_distance) / away - 1.0, 0.0)
+
+
 def reversal_rate(limits: Limits) -> float:
     """Return the yaw rate, rad/s, below which a command counts as straight flight: a sixth of the
     greatest.

@@ -14,7 +14,7 @@ from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.relative import distance
 from envs.traffic.track_units import FOOT, NAUTICAL_MILE
-from eval.flights.simulate import Flights
+from eval.flights.simulate import Flights, path_excess
 from eval.flights.trajectories import Trajectories
 
 
@@ -106,17 +106,6 @@ def losses(volume: Volume, flown: Trajectories, mask: np.ndarray) -> np.ndarray:
         return np.any(is_lost(volume, relative(flown)) & mask, axis=(0, 2))
 
 
-def path_excess(flights: Flights, route: np.ndarray, aircraft: Aircraft) -> np.ndarray:
-    """Return (length flown + distance left to the goal) / straight distance, m, - 1, at least 0,
-    ``[N]``.
-
-    It is nan where the encounter begins within the goal's radius: there is no route to compare
-    with, and one such row would make the mean.
-    """
-    away = np.where(route > aircraft.goal_radius, route, np.nan)
-    return np.maximum((flights.path_length + flights.goal_distance) / away - 1.0, 0.0)
-
-
 def costs(
     starts: Encounter, flights: Flights, flown: Trajectories, aircraft: Aircraft
 ) -> dict[str, np.ndarray]:
@@ -124,7 +113,7 @@ def costs(
 
     Returns:
         path_excess: (length flown + distance left to the goal) / straight distance - 1, at least 0;
-            nan where the encounter begins at the goal (:func:`path_excess`).
+            nan where the encounter begins at the goal (:func:`eval.flights.simulate.path_excess`).
         time_excess_s: time flown, and what is left at the last speed, minus the straight way's at
             the first speed, s.
         cross_track_m: largest distance from the straight line from start to goal, m.
