@@ -131,7 +131,7 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
     axes.set_xlabel("smallest separation of a flight, km")
     axes.set_ylabel(f"flights per {1000.0 * width:.0f} m")
     tidy(axes)
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, loc="upper right")
     return figure
 
 
