@@ -110,12 +110,12 @@ class Traffic:
 
     def _left_out(self, address: str, time: int, row: Mapping[str, Any]) -> str:
         """Return why an aircraft is no traffic, as it is counted; "": it is."""
+        if address in (self._own_id, "" if self.own is None else self.own.identifier):
+            return "own echo"
         if "ground" in (row.get("alt_baro"), row.get("altitude")):
             if self._on_ground(row):
                 return "on the ground"
             self.doubted["said to be on the ground, but flies"] += 1
-        if address in (self._own_id, "" if self.own is None else self.own.identifier):
-            return "own echo"
         if _first_known(row, "lat") is None or _first_known(row, "lon") is None:
             return "without a position"
         if time < self._reported.get(address, 0) + _NEW:

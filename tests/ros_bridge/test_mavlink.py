@@ -674,7 +674,17 @@ def test_a_stale_state_is_not_steered_by() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "nonsense", "/dev/absent", "udp:", "tcp:host", "udp:0.0.0.0:0", "tcp:h:99999"]
+    "text",
+    [
+        "",
+        "nonsense",
+        "/dev/absent",
+        "udp:",
+        "tcp:host",
+        "udp:0.0.0.0:0",
+        "tcp:h:99999",
+        "tcpin:h:1",
+    ],
 )
 def test_an_address_that_cannot_be_is_refused_in_a_sentence(text: str) -> None:
     with pytest.raises(InputError, match=r"^--connect is .*: expected udp:HOST:PORT"):
