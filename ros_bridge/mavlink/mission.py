@@ -155,7 +155,7 @@ def route(
     if not waypoints and onward is None:
         raise FieldError("mission", "has no waypoint left, expected one or more")
     stations: list[Station] = []
-    came_from = start
+    before = came_from = start  # where the leg before began, and this one
     for one in waypoints:
         stations += [
             Station(one.number * SUB + part, *at, None)
@@ -163,10 +163,11 @@ def route(
         ]
         # The last point of a leg is the item's own place, whatever its number on the leg.
         stations[-1] = replace(stations[-1], index=one.number * SUB + SUB - 1)
-        came_from = one.place
+        if distance(*came_from, *one.place) >= _SAME:
+            before, came_from = came_from, one.place
     if onward is None:
         onward = Onward(waypoints[-1].number + 1, ())
-    places = _points_onward(start, came_from, onward.places, spacing)
+    places = _points_onward(before, came_from, onward.places, spacing)
     stations += [Station(onward.number * SUB + part, *at, None) for part, at in enumerate(places)]
     return _apart(stations)
 
@@ -190,16 +191,15 @@ def _points(
 
 
 def _points_onward(
-    start: tuple[float, float],
+    before: tuple[float, float],
     last: tuple[float, float],
     places: Sequence[tuple[float, float]],
     spacing: float,
 ) -> list[tuple[float, float]]:
     """Return points from the last waypoint on, degrees: of the legs to some places, as far as
-    plans reach, and straight on.
+    plans reach, and straight on. ``before`` is the place before the last waypoint.
     """
     found: list[tuple[float, float]] = []
-    before = start
     for corner in places:
         if len(found) > _LONGEST:
             break

@@ -256,6 +256,19 @@ def test_beyond_the_last_waypoint_the_mission_goes_on_by_its_own_rules(kind: str
     assert mission.item_after_rejoin(at_waypoint, items) == last + 1
 
 
+@pytest.mark.parametrize("turn", [0.0, 1.0, 2.5, -2.0])
+def test_behind_the_last_waypoint_the_route_goes_on_as_the_last_leg(turn: float) -> None:
+    corner = (LAST + 2_000.0 * math.cos(turn), 2_000.0 * math.sin(turn))
+    items = (*BEFORE, item(4, 16, corner))
+    for repeated in ((), (item(5, 16, corner),)):  # a waypoint at the same place
+        route = ahead((*items, *repeated), 2, heard((-2_200.0, 0.0))).route
+        frame = LocalFrame(*Z)
+        first, last = (frame.place(one.latitude, one.longitude) for one in (route[-12], route[-1]))
+        course_on = math.atan2(float(last.y - first.y), float(last.x - first.x))
+        assert math.remainder(course_on - turn, math.tau) == pytest.approx(0.0, abs=1e-3)
+        assert math.dist((float(first.x), float(first.y)), corner) == pytest.approx(200.0, abs=1.0)
+
+
 @given(
     st.integers(0, 8),
     st.lists(st.sampled_from([16, 17, 18, 21, 177, 178, 600, 601, 42_702]), max_size=8),
