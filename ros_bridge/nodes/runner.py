@@ -219,11 +219,14 @@ class Runner(ListeningNode):
     def _take_in(self, update: Callable[..., Situation], message: Any) -> None:
         before = self._situation.own.last
         super()._take_in(update, message)
+        if self._active and self._situation.own.last is not before:
+            self._show("odometry", self._publish_odometry)
+
+    def _publish_odometry(self) -> None:
         origin, own = self._situation.origin.value, self._situation.own
-        if own.last is None or own.last is before or origin is None or not self._active:
-            return
-        state, frame = to_local(origin.frame, own.last), self._value("map_frame")
-        self._odometry.publish(views.odometry(state, own.last, own.turn_rate, frame))
+        if own.last is not None and origin is not None:
+            state, frame = to_local(origin.frame, own.last), self._value("map_frame")
+            self._odometry.publish(views.odometry(state, own.last, own.turn_rate, frame))
 
     # Answers.
 
