@@ -2,7 +2,7 @@
 #   make demo         train and evaluate on a small budget
 #   make test         lint, types, import rules and the default tests
 #   make test-slow    the tests that the default run leaves out (more mutated files: FUZZ_ROWS=100000; more plans of
-#                     random aircraft: FUZZ_PLANS=10000)
+#                     random aircraft: FUZZ_PLANS=10000; more aircraft with fields unknown: FUZZ_SCENES=10000)
 #   make format       rewrite the sources in the house format
 #   make proofs       check the mathematics behind SAFE (needs coq, coquelicot, gappa)
 #   make docs         build the documentation site into site/ (the build needs no network)

@@ -8,6 +8,7 @@ is worked out here, from the scene.
 import itertools
 import json
 import math
+import os
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -50,7 +51,8 @@ CHOICES = [
     for count in range(len(FIELDS) + 1)
     for left_out in itertools.combinations(FIELDS, count)
 ]
-SCENES = 10_000 // (len(READERS) * len(CHOICES)) + 1
+DRAWN = int(os.environ.get("FUZZ_SCENES", "2500"))  # scenes in all
+SCENES = DRAWN // (len(READERS) * len(CHOICES)) + 1
 OWN_HEIGHT = 1_500.0  # m, pressure
 NACP, NACV = 9, 2  # 95 % within 30 m and 3 m/s
 _SIGMA = math.sqrt(-2.0 * math.log(0.05))
@@ -284,7 +286,7 @@ def test_a_recording_of_the_display_leaves_open_what_was_not_said(reader: str) -
 
 def test_an_own_climb_that_is_unknown_counts_either_way() -> None:
     rng = np.random.default_rng(52)
-    for _ in range(2_000):
+    for _ in range(DRAWN // 5):
         scene = draw_scene(rng)
         situation = situation_of(read("AircraftState", scene, frozenset()))
         own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xC5 | 0x02)
