@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from envs.angles import atan2, wrap
 from envs.arrays import Array, ArrayModule
 from envs.kinematics import VehicleState, velocity
@@ -10,6 +12,13 @@ from envs.kinematics import VehicleState, velocity
 def distance(x: Array, y: Array, xp: ArrayModule) -> Array:
     """Return the length of the vector (x, y), m, ``[...]``."""
     return xp.sqrt(x * x + y * y)
+
+
+def chord(x0: Array, y0: Array, x1: Array, y1: Array) -> Array:
+    """Return the smallest distance from the origin to segments, m."""
+    dx, dy = x1 - x0, y1 - y0
+    s = np.clip(-(x0 * dx + y0 * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
+    return distance(x0 + s * dx, y0 + s * dy, np)
 
 
 def at_share(own: VehicleState, other: VehicleState, share: Array) -> VehicleState:

@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.assurance.areas import judge_backups, nameless
 from agents.assurance.inputs import no_areas
-from agents.assurance.lookahead import ANY, chord, growth
+from agents.assurance.lookahead import ANY, growth
 from agents.assurance.thresholds import Thresholds
 from agents.manoeuvres.simulator import integrate
 from agents.planner.traffic import Traffic, predict, requirement_of, within_window
@@ -21,6 +21,7 @@ from agents.planner.validator import validate
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.kinematics import Limits, VehicleState, advance
+from envs.relative import chord
 from envs.trees import column, map_leaves, scatter, take
 from envs.waypoints import Legs, PlanStates, legs
 

@@ -13,7 +13,7 @@ from agents.planner.separation import FINE
 from agents.planner.traffic import Traffic, predict, uncertainty, within_window
 from envs.arrays import Array
 from envs.kinematics import Limits, VehicleState, advance
-from envs.relative import distance
+from envs.relative import chord, distance
 from envs.trees import column, take
 from envs.waypoints import ARCS, Legs, PlanStates
 
@@ -200,13 +200,6 @@ def _parts(given: _UnclearArcs, traffic: Traffic, sigmas: float) -> tuple[Array,
     near = near - given.arcs.miss[:, None] - growth(traffic, parts[:, 1:], sigmas)
     counts = within_window(traffic, parts[:, :-1], parts[:, 1:])
     return np.where(counts, near, np.inf), parts[:, :-1]
-
-
-def chord(x0: Array, y0: Array, x1: Array, y1: Array) -> Array:
-    """Return the smallest distance from the origin to segments, m."""
-    dx, dy = x1 - x0, y1 - y0
-    s = np.clip(-(x0 * dx + y0 * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
-    return distance(x0 + s * dx, y0 + s * dy, np)
 
 
 def _own_acceleration(speed: Array, acceleration: Array, yaw_rate: Array, step: Array) -> Array:

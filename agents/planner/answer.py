@@ -112,6 +112,7 @@ class AdvisoryCode(IntEnum):
     POSSIBLE_COPY = 6  # an intruder may be a copy of the ownship
     PASSED_OVER = 7  # a point of the route lies in an area and is left out
     OWN_SEPARATION = 8  # an intruder is kept another separation from than the others
+    SKIPPED = 9  # the plan does not fly over a point of the route
 
 
 class Advisory(NamedTuple):

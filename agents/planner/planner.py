@@ -25,7 +25,12 @@ from agents.planner.goals import next_goals
 from agents.planner.levels import Altitude
 from agents.planner.options import Options, check
 from agents.planner.publish import publish
-from agents.planner.remarks import assumed_climbs, outside_domain, own_separations
+from agents.planner.remarks import (
+    assumed_climbs,
+    outside_domain,
+    own_separations,
+    skipped_points,
+)
 from agents.planner.reports import Intruder
 from agents.planner.request import Request, check_finite, check_request, in_wind
 from agents.planner.rollout import roll
@@ -89,6 +94,12 @@ def plan(
     goal, skipped = int(goals[0, 0]), tuple(budget.skipped)
     answer = publish(request, plans, goal, route, excluded, counted, in_air, skipped)
     assumed = *assumed_climbs(own_altitude, intruders, options), *notes
+    best = plans.proposals
+    passed_by = (
+        skipped_points(request, best.plan_states, goal, int(best.last[0]), route, in_air)
+        if answer.safe
+        else []
+    )
     certify = partial(
         certificate,
         start if wind is None else VehicleState(*map(float, own)),  # over the ground
@@ -107,6 +118,7 @@ def plan(
             *outside_domain(start, request, goal, intruders, wind, policy, options),
             *dict.fromkeys(assumed),  # each once
             *own_separations(intruders, options),
+            *passed_by,
         ),
         policy_sha256=policy.sha256,
         wind=wind,

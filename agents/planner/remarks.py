@@ -1,19 +1,24 @@
 """Remarks to a plan for the operator: what the policy was not trained for, what is unknown and
-assumed, and which intruders are kept other separations from than the others.
+assumed, which intruders are kept other separations from than the others, and which points of the
+route are skipped.
 """
 
 from collections.abc import Sequence
+
+import numpy as np
 
 from agents.planner.answer import Advisory, AdvisoryCode, Field, Subject
 from agents.planner.levels import Altitude
 from agents.planner.options import Options
 from agents.planner.reports import Intruder
-from agents.planner.request import Request
+from agents.planner.request import BEYOND, Request, drift_points
 from agents.planner.sight import shares
 from agents.policy.domain import departures
 from agents.policy.inference import Policy
 from envs.kinematics import VehicleState
+from envs.relative import chord
 from envs.trees import take
+from envs.waypoints import ARCS, PlanStates, RoutePoint, legs
 from envs.wind import Wind, through_air
 
 
@@ -118,4 +123,49 @@ def own_separations(
                 what = f"is {metres:g} m, of the others {others:g} m"
                 field = Field(Subject.INTRUDERS, name, number)
                 found.append(Advisory(AdvisoryCode.OWN_SEPARATION, field, what))
+    return found
+
+
+def skipped_points(
+    request: Request,
+    plan_states: PlanStates,
+    first: int,
+    last: int,
+    route: Sequence[RoutePoint],
+    options: Options,
+) -> list[Advisory]:
+    """Return which points of the route a plan of one request ``[1]`` does not fly over: it stays
+    farther from them than a point is passed at, the goal's radius.
+
+    Args:
+        request: in the air mass, among whose points the route's may be numbered anew.
+        plan_states: of the plan there, ``[1, W]``.
+        first: number of the point that comes next.
+        last: of the point that ends the plan.
+        route: that was asked for.
+        options: of the plan.
+    """
+    curves = legs(plan_states)
+    # The places at the ends of all arcs, which are a few metres beside their chords at most.
+    step = curves.duration[..., None] / ARCS
+    time = np.append(
+        (curves.time[..., None] + np.arange(ARCS) * step).ravel(), plan_states.time[0, -1]
+    )
+    own_x = np.append(curves.x.ravel(), plan_states.x[0, -1])
+    own_y = np.append(curves.y.ravel(), plan_states.y[0, -1])
+    found = []
+    for point in range(first, min(last, int(request.points[0]))):
+        number = point if request.of_route is None else int(request.of_route[0, point])
+        if not 0 <= number < BEYOND:
+            continue
+        place = request.route_x[:, point], request.route_y[:, point]
+        there_x, there_y = drift_points(place, request.drift, time)
+        x, y = own_x - there_x, own_y - there_y
+        away = float(chord(x[:-1], y[:-1], x[1:], y[1:]).min())
+        if away > options.aircraft.goal_radius:
+            what = (
+                f"(waypoint {route[number].index}) is skipped: the plan comes no nearer to it than "
+                f"{away:.0f} m"
+            )
+            found.append(Advisory(AdvisoryCode.SKIPPED, Field(Subject.ROUTE, number=number), what))
     return found

@@ -14,7 +14,7 @@ from agents.assurance.alerts import Alerting
 from agents.assurance.single import Verdict
 from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Thresholds
-from agents.planner.answer import Plan, RequestError
+from agents.planner.answer import Advisory, AdvisoryCode, Field, Plan, RequestError
 from agents.planner.areas import relevant
 from agents.planner.options import Options
 from agents.planner.request import check_request, in_wind
@@ -402,9 +402,16 @@ def _take_up(
 def _remarks(wanted: PlanTask, answer: Plan | None = None) -> tuple[str, ...]:
     """Return what is remarked of a task and its answer, a sentence each."""
     said = wanted.notes if answer is None else (*answer.advisories, *wanted.notes)
-    return tuple(
-        f"{in_terms_of_messages(one.field, wanted.identifiers)} {one.text}" for one in said
-    )
+    return tuple(text for text in (_remark(one, wanted) for one in said) if text)
+
+
+def _remark(advisory: Advisory, wanted: PlanTask) -> str:
+    """Return an advisory as a sentence; none of a point that is skipped between two waypoints."""
+    point = advisory.field
+    if advisory.code is AdvisoryCode.SKIPPED and isinstance(point, Field):
+        item, part = divmod(wanted.points[point.number or 0].index, SUB)
+        return f"waypoint {item} skipped" if part == SUB - 1 else ""
+    return f"{in_terms_of_messages(point, wanted.identifiers)} {advisory.text}"
 
 
 def _rejoin(answer: Plan, wanted: PlanTask) -> Rejoin:

@@ -43,7 +43,8 @@ from envs.formats.local_frame import distance as geodesic
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState
 from envs.starts import encounters_of_seed
 from envs.trees import map_leaves, take
-from envs.waypoints import ARCS, RoutePoint, legs
+from envs.waypoints import ARCS, RoutePoint, at, legs, plan_states
+from envs.wind import Wind
 from eval.flights.plan_flight import request_of
 from eval.flights.plan_mode import fly_once
 from tests.conftest import FINISH
@@ -866,3 +867,37 @@ def test_a_slow_ownship_s_last_leg_is_inside_the_bound(policy: Policy) -> None:
     )
     x, y = np.array([(point.x, point.y) for point in route]).T
     assert answer.waypoints[-1].time <= OPTIONS.latest_end(49.0, x, y)
+
+
+@pytest.mark.parametrize("wind", [None, Wind(8.0, -3.0)])
+def test_a_point_of_the_route_that_is_skipped_is_said(wind: Wind | None) -> None:
+    route = [RoutePoint(3 + number, 8_000.0 + 6_000.0 * number, 0.0) for number in range(9)]
+    own, usual = VehicleState(0.0, 0.0, 0.0, 80.0), Options.for_aircraft(PAPER)
+    options = replace(usual, deadline_s=math.inf)
+
+    def skipped(intruders: list[VehicleState]) -> list[str]:
+        answer = plan(own, intruders, route, Policy.load(), options, wind=wind)
+        assert answer.safe
+        said = [one.message for one in answer.advisories if one.code is AdvisoryCode.SKIPPED]
+        # The same by sampling the curve that is flown.
+        states = plan_states(own, answer.waypoints, wind=wind)
+        curve = map_leaves(lambda field: field[None], legs(states))
+        times = np.arange(0.0, answer.waypoints[-1].time, 0.25)
+        flown = at(
+            map_leaves(lambda field: np.repeat(field, times.size, axis=0), curve), times, wind
+        )
+        away = [float(np.hypot(flown.x - one.x, flown.y - one.y).min()) for one in route]
+        missed = [
+            one.index
+            for one, far in zip(route, away, strict=True)
+            if far > PAPER.goal_radius and one.x < answer.waypoints[-1].x
+        ]
+        assert [f"(waypoint {index})" for index in missed] == [
+            text[text.index("(") : text.index(")") + 1] for text in said
+        ]
+        return said
+
+    assert skipped([]) == []
+    # It stands where the first point of the route is.
+    (said,) = skipped([VehicleState(8_000.0, 0.0, 0.0, 0.0)])
+    assert said.startswith("skipped: route[0] (waypoint 3) is skipped")

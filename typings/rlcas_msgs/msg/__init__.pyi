@@ -19,6 +19,7 @@ class Advisory:
     POSSIBLE_COPY: ClassVar[int]
     PASSED_OVER: ClassVar[int]
     OWN_SEPARATION: ClassVar[int]
+    SKIPPED: ClassVar[int]
     code: int
     field: str
     text: str
