@@ -26,6 +26,7 @@ only show; where they fail the diagnostics say so, and all else goes on. Paramet
 """
 
 import math
+import time
 from functools import partial
 from typing import NamedTuple
 
@@ -67,6 +68,8 @@ from ros_bridge.transport.settings import (
     unknown_spread,
 )
 
+_SLOW = 0.1  # s of real time; bands that take longer, as among hundreds of aircraft, ...
+_GUIDE_EVERY = 10.0  # ... are made again after so many times that: judging comes first
 _BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
 
 
@@ -104,6 +107,7 @@ class Monitor(ListeningNode):
         self._backups = 0
         self._shown = blank(self._supervision.watch.thresholds)
         self._judged_at = 0  # ns
+        self._guide_from = -math.inf  # s of real time
 
     # Life cycle.
 
@@ -161,8 +165,11 @@ class Monitor(ListeningNode):
             return
         went_well = self._protect("the judgement", self._judge, now)
         self._publish(now)
-        if went_well:
+        began = time.monotonic()
+        if went_well and began >= self._guide_from:
             self._show("bands and alerts", partial(self._guide, now))
+            took = time.monotonic() - began
+            self._guide_from = began + (_GUIDE_EVERY * took if took > _SLOW else 0.0)
 
     def _judge(self, now: int) -> None:
         self._forget(now)
