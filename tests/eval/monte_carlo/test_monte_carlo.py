@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from argparse import Namespace
 from pathlib import Path
 from typing import get_args
 
@@ -611,3 +612,13 @@ def test_the_shipped_configuration_is_the_defaults() -> None:
     assert dump(load(MonteCarloConfig, ROOT / "configs" / "monte_carlo.yaml")) == dump(
         load(MonteCarloConfig)
     )
+
+
+@pytest.mark.parametrize("encounters", [100, 100_000])
+def test_a_cluster_computes_decisions_as_this_machine_does(encounters: int) -> None:
+    config = MonteCarloConfig(encounters=encounters)
+    here, there = (
+        monte_carlo._resolve(config, Namespace(scheduler=where)).config.backend
+        for where in (None, "tcp://10.0.0.1:8786")
+    )
+    assert here == there
