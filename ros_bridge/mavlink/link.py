@@ -30,6 +30,9 @@ _PATIENCE = 5.0  # s for an answer
 _TRIES = 5
 _TEXT = 50  # characters of a STATUSTEXT
 _RECONNECT = 0.2  # s between two attempts
+RACING = 2.0
+"""Times real time; a simulation that runs faster is warned of."""
+
 MISSION, FENCE = 0, 1
 """MAV_MISSION_TYPE."""
 
@@ -95,6 +98,11 @@ class Clock:
         elif arrived - self._from[1] >= _MEASURED:
             self.speed = (boot - self._from[0]) / SECOND / (arrived - self._from[1])
             self._from = boot, arrived
+
+    @property
+    def races(self) -> bool:
+        """Whether a simulation runs so fast that what is computed takes much of its time."""
+        return self._simulated and self.speed > RACING
 
     def now(self, ours: float) -> int:
         """Return its time at a time of ours, s; 0 before the first message."""

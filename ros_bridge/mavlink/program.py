@@ -51,7 +51,7 @@ from ros_bridge.mavlink.intake import (
     take_traffic,
 )
 from ros_bridge.mavlink.judging import SPACING, Judgement, Rules, supervise, to_follow, watch
-from ros_bridge.mavlink.link import FENCE, Link
+from ros_bridge.mavlink.link import FENCE, RACING, Link
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.options import options_of, rules_of
 from ros_bridge.mavlink.pilot import Pilot
@@ -82,9 +82,6 @@ means that the program does not keep up, and for :data:`RECOVERED` no plan is ca
 
 RECOVERED = 5.0
 """For how long it must have kept up after it has been late, s."""
-
-RACING = 2.0
-"""Times real time; a simulation that runs faster is warned of."""
 
 _REPORT = 60.0  # s between two lines about the processor, and about a receiver
 _JUDGE = 0.25  # s between two judgements
@@ -391,15 +388,10 @@ class Program:
             self._texts.log(f"{why}; nothing is taken over any more")
             self._texts.send("off, AVD_ENABLE is set")
 
-    @property
-    def _races(self) -> bool:
-        """Whether a simulation runs so fast that what is computed takes much of its time."""
-        return bool(self._options.simulated) and self._link.clock.speed > RACING
-
     def _tell_speed(self, now: int) -> None:
         """Say, once, that a simulation runs too fast for what is promised."""
         speed, deadline = self._link.clock.speed, self._options.deadline
-        if self._races and "speed" not in self._told:
+        if self._link.clock.races and "speed" not in self._told:
             self._told.add("speed")
             text = (
                 f"warning: the simulation runs {speed:.1f} times as fast as real time, and so "
@@ -417,7 +409,7 @@ class Program:
             return
         self._last.late = now / SECOND
         text = f"late by {since:.1f} s, separation not assured"
-        if self._races:
+        if self._link.clock.races:
             text += f" at {self._link.clock.speed:.1f} times real time"
         wall, computed = self._spent.wall - before.wall, self._spent.computed - before.computed
         more = f"{computed:.2f} s of processor time in {wall:.2f} s"
