@@ -349,8 +349,15 @@ class Simulator(Node):
             self.get_logger().info(f"{log.name}: {name} {response.message}")
 
     def _choose(self, flight: EncounterFlight) -> None:
-        """Fly the trajectory that the monitor names, or the newest plan without a monitor."""
+        """Fly the trajectory that the monitor names, or the newest plan without a monitor; straight
+        on where the monitor has fallen silent.
+        """
         wanted = self._guidance.select(self._clock)
+        unwatched = self._guidance.problem(self._clock)
+        if unwatched and self._following:
+            self._following = b""
+            self.get_logger().error(f"{unwatched}: course and speed are held")
+            flight.hold()
         if wanted is None or bytes(wanted.id.uuid) == self._following:
             return
         self._following = bytes(wanted.id.uuid)

@@ -137,16 +137,12 @@ class EncounterFlight:
         self.plans: list[PlanFlight] = []  # that were flown
         self.wind, self.areas = wind, areas
         self.goal = _goal_over_ground(encounter, start, wind)  # over the ground, m
-        reach = start.speed * _LONGEST
-        x = start.x + reach * math.cos(start.heading)
-        y = start.y + reach * math.sin(start.heading)
-        end = Waypoint(0, x, y, start.heading, start.speed, _LONGEST)
         there = np.flatnonzero(encounter.mask[0])
         self._intruders = intruder.start(
             VehicleState(*(field[0][there] for field in encounter.intruders)), np
         )
         self._towards = self.goal[0] - start.x, self.goal[1] - start.y
-        self.fly(legs(plan_states(start, [end])), 0.0, plan=False)
+        self._hold(start)
         self.truth = Truth()  # since the beginning, or since a new one was put here
         self.reached: float | None = None  # when the goal was passed, s
         self._intent = take(take(encounter.intent, 0), there)
@@ -186,6 +182,17 @@ class EncounterFlight:
             from envs.c208 import guidance as lagging
 
             self._guide = lagging.Guide(lagging.Path(curves, began=began))
+
+    def hold(self) -> None:
+        """Hold course and speed from now on, as where nothing is commanded."""
+        self._hold(self.own)
+
+    def _hold(self, own: VehicleState) -> None:
+        reach = own.speed * _LONGEST
+        x = own.x + reach * math.cos(own.heading)
+        y = own.y + reach * math.sin(own.heading)
+        end = Waypoint(0, x, y, own.heading, own.speed, _LONGEST)
+        self.fly(legs(plan_states(own, [end])), self.time, plan=False)
 
     def step(self) -> None:
         """Fly on by one period, or raise :class:`envs.c208.vehicle.FlightError`."""

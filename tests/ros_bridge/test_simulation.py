@@ -49,6 +49,24 @@ def test_straight_flights_come_as_close_as_their_cpa():
     assert flight.reached is not None and flight.time < 300.0
 
 
+def test_an_ownship_that_nobody_commands_any_more_holds_course_and_speed():
+    flight = EncounterFlight(encounter_at(), PAPER, C208_PUBLISHED)
+    own = flight.own
+    waypoint = Waypoint(0, own.x, own.y + 15_000.0, 0.5 * math.pi, own.speed, 200.0)
+    flight.fly(legs(plan_states(flight.own, [waypoint])), 0.0, plan=False)
+    for _ in range(100):
+        flight.step()
+    before, began = flight.own, flight.time
+    assert abs(before.heading - encounter_at().own.heading[0]) > 0.05  # it was turning
+    flight.hold()
+    for _ in range(200):
+        flight.step()
+    reach = before.speed * (flight.time - began)
+    place = before.x + reach * math.cos(before.heading), before.y + reach * math.sin(before.heading)
+    assert (flight.own.x, flight.own.y) == pytest.approx(place, abs=1.0)
+    assert flight.own[2:] == pytest.approx(before[2:], abs=1e-3)
+
+
 def test_a_wind_carries_all_and_changes_nothing_between_them():
     wind = Wind(12.0, -8.0)
     still = EncounterFlight(encounter_at(), PAPER, C208_PUBLISHED)
