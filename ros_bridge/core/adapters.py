@@ -19,6 +19,7 @@ from ros_bridge.core.fields import (
     SECOND,
     FieldError,
     attempt,
+    callsign,
     identifier,
     integer,
     number,
@@ -30,7 +31,7 @@ from ros_bridge.core.reports import FASTEST, Report
 
 # MAVLink message 246: ADSB_FLAGS, and of ADSB_EMITTER_TYPE what moves on the ground.
 _COORDINATES, _ALTITUDE, _HEADING, _VELOCITY = 1, 2, 4, 8
-_VERTICAL_VELOCITY = 128
+_CALLSIGN, _VERTICAL_VELOCITY = 16, 128
 _VEHICLES = (17, 18)  # emergency and service vehicle; 19, point obstacle, is a tethered balloon too
 _CUT_OFF = 1.0 / math.sqrt(3.0)  # s; root mean square of what whole seconds cut off
 _SILENCE = 255  # s; the largest value that time since last communication can have
@@ -231,6 +232,7 @@ def adsb_vehicle(
         partial(fields.altitude, references),
         time_std=lambda: _CUT_OFF,
         category=fields.category,
+        callsign=fields.callsign,
     )
 
 
@@ -295,6 +297,10 @@ class _AdsbFields(NamedTuple):
         """Return the emitter category; MAVLink's codes are its numbers, those beyond are none."""
         code = self.emitter_type()
         return code if code <= LAST else 0
+
+    def callsign(self) -> str:
+        """Return the callsign; "": unknown."""
+        return callsign(self.message.callsign) if self._has(_CALLSIGN) else ""
 
     def _has(self, bit: int) -> bool:
         return bool(integer("adsb.flags", self.message.flags, 0, 2**16 - 1) & bit)

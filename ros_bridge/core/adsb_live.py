@@ -18,7 +18,7 @@ from envs.edge.json_text import RepeatedKeyError, parse_json
 from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core.categories import number_of
 from ros_bridge.core.conversions import report
-from ros_bridge.core.fields import SECOND, FieldError, attempt, number, place, readable
+from ros_bridge.core.fields import SECOND, FieldError, attempt, callsign, number, place, readable
 from ros_bridge.core.ground import on_ground
 from ros_bridge.core.reports import FASTEST, Report, Sighting
 
@@ -155,6 +155,7 @@ class Traffic:
             position_std=lambda: _sigma(_EPU, row.get("nac_p")),
             velocity_std=lambda: _sigma(_EPV, row.get("nac_v")),
             category=lambda: number_of(row.get("category")),
+            callsign=lambda: callsign(row.get("flight")),
         )
 
     def _altitude(self, name: str, row: Mapping[str, Any]) -> Altitude | None:
@@ -314,6 +315,7 @@ def _take_columns(row: dict[str, Any], parts: list[str], now: int) -> None:
         row["altitude"] = "ground" if kind == _SURFACE or on_ground in ("1", "-1") else None
     before = None if row.get("altitude") == "ground" else row.get("alt_baro")
     row["alt_baro"] = parts[_Column.ALTITUDE] or before
+    row["flight"] = parts[_Column.CALLSIGN] or row.get("flight")
     if parts[_Column.SPEED] and parts[_Column.TRACK]:
         row["gs"], row["track"] = parts[_Column.SPEED], parts[_Column.TRACK]
         row["vert_rate"], row["velocity"] = parts[_Column.VERTICAL_RATE], now

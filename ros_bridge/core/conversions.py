@@ -15,6 +15,7 @@ from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.categories import LAST
 from ros_bridge.core.fields import (
     FieldError,
+    callsign,
     flags,
     identifier,
     integer,
@@ -182,6 +183,8 @@ def aircraft(message: "AircraftState", name: str) -> Report:
         wind=parts.wind,
         true_airspeed=parts.true_airspeed,
         category=lambda: integer(f"{name}.category", message.category, 0, LAST),
+        # Recordings made before it was a field have none.
+        callsign=lambda: callsign(getattr(message, "callsign", "")),
     )
 
 

@@ -6,6 +6,7 @@ package with the same fields, or a plain object in a test, serves as well.
 """
 
 import itertools
+import re
 from collections.abc import Callable, Collection
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 SECOND = 1_000_000_000
 """Nanoseconds in a second: times of messages are whole nanoseconds."""
 
+_CALLSIGN = re.compile(r"[A-Z0-9 _-]*")
+_LONGEST_CALLSIGN = 16
 _LONGEST_ID = 64  # bytes
 _T = TypeVar("_T")
 
@@ -110,6 +113,17 @@ def identifier(name: str, value: object) -> str:
             name, f"is {len(value.encode())} bytes long, expected {_LONGEST_ID} at most"
         )
     return value.strip().lower()
+
+
+def callsign(value: object) -> str:
+    """Return a callsign, stripped and in upper case; "": none, or one that cannot be read. It is
+    shown and decides nothing, so that no aircraft is refused for it.
+    """
+    text = value.decode("ascii", "replace") if isinstance(value, bytes) else value
+    if not isinstance(text, str):
+        return ""
+    plain = text.partition("\0")[0].strip().upper()
+    return plain if len(plain) <= _LONGEST_CALLSIGN and _CALLSIGN.fullmatch(plain) else ""
 
 
 def called(value: object) -> str:

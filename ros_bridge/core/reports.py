@@ -66,6 +66,7 @@ class Report:
         None  # velocity of the air, true east and north, m/s; None: unknown
     )
     category: int = 0  # emitter category (:mod:`ros_bridge.core.categories`); 0: unknown
+    callsign: str = ""  # "": unknown
 
     @property
     def place(self) -> tuple[float, float]:

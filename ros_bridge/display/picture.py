@@ -259,6 +259,7 @@ def _plane(track: Track, motion: _Motion, number: int, now: int, fresh: Freshnes
     height = report.altitude
     return {
         "id": report.identifier,
+        "callsign": report.callsign,
         "x": round(float(motion.x[number]), 1),
         "y": round(float(motion.y[number]), 1),
         "vx": round(float(motion.vx[number]), 2),

@@ -373,6 +373,7 @@ def _alerts(traffic: list[Document]) -> list[Document]:
 def _plane(name: str, place: np.ndarray, velocity: np.ndarray) -> Document:
     return {
         "id": name,
+        "callsign": "",
         "x": round(float(place[0]), 1),
         "y": round(float(place[1]), 1),
         "vx": round(float(velocity[0]), 2),

@@ -113,7 +113,7 @@ def _add_accuracy(fields: Fields, report: Report) -> None:
         _add(fields, codes.TRUE_AIRSPEED, true_airspeed=report.true_airspeed)
     if report.wind is not None:
         _add(fields, codes.WIND, wind={"x": report.wind[0], "y": report.wind[1]})
-    fields["category"] = report.category
+    fields |= {"category": report.category, "callsign": report.callsign}
 
 
 def geo_reference(origin: codes.Origin) -> Fields:

@@ -192,6 +192,7 @@ def traffic(
             tslc=SimpleNamespace(sec=int(message.tslc), nanosec=0),
             latitude=1e-7 * message.lat,
             longitude=1e-7 * message.lon,
+            callsign=message.callsign,
             altitude=0.001 * message.altitude,
             heading=0.01 * message.heading,
             hor_velocity=0.01 * message.hor_velocity,

@@ -127,7 +127,7 @@ def aircraft_message(report: Report, frame: str = "") -> AircraftState:
     if report.wind is not None:
         message.valid |= AircraftState.VALID_WIND
         message.wind.x, message.wind.y = report.wind
-    message.category = report.category
+    message.category, message.callsign = report.category, report.callsign
     return message
 
 

@@ -86,6 +86,7 @@ def aircraft(
         "position_std": 0.0,
         "velocity_std": 0.0,
         "category": 0,
+        "callsign": "",
     }
     return SimpleNamespace(**(fields | more))
 

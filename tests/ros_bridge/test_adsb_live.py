@@ -86,7 +86,8 @@ def reports(*documents: str, own: Report | None = OWN) -> tuple[list[Any], dict[
 
 
 def test_a_document_becomes_reports_of_the_time_of_their_positions() -> None:
-    (found,), left_out = reports(document(1.0, nac_p=9, nac_v=2, geom_rate=600))
+    (found,), left_out = reports(document(1.0, nac_p=9, nac_v=2, geom_rate=600, flight="SWR12K"))
+    assert found.callsign == "SWR12K"
     assert (found.identifier, found.time) == ("4b1234", T0 * SECOND + SECOND // 2)
     assert (found.east, found.north) == pytest.approx((120.0 * KNOT, 0.0), abs=1e-9)
     assert found.altitude.value == pytest.approx(5000 * FOOT)
@@ -102,8 +103,10 @@ def test_lines_of_an_aircraft_are_put_together() -> None:
         reader,
         (0.1, line(3, 0.0, **place)),
         (0.2, line(4, 0.1, gs=120, track=180, climb=-64)),
+        (0.3, line(1, 0.2, call="SWR12K  ")),
         (0.6, line(3, 0.5, **place)),
     )
+    assert second.callsign == "SWR12K"
     assert "speed has not been received" in str(first) and first.sighting.place == (47.1, 8.2)
     assert (second.identifier, second.time) == ("4b1234", T0 * SECOND + 6 * SECOND // 10)
     assert (second.east, second.north) == pytest.approx((0.0, -120.0 * KNOT), abs=1e-9)

@@ -58,6 +58,7 @@ def test_messages_carry_the_category() -> None:
         header=SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0)),
         tslc=SimpleNamespace(sec=0),
         icao_address=0x4B1A2C,
+        callsign="",
         emitter_type=DRONE,
         flags=1 | 4 | 8,
         latitude=47.0,

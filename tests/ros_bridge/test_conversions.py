@@ -20,7 +20,7 @@ from agents.planner.request import Altitude
 from envs.formats.local_frame import LocalFrame, distance, fly_straight
 from ros_bridge.core import conversions
 from ros_bridge.core.adapters import adsb_vehicle, inspva, inspvax, nav_sat_fix
-from ros_bridge.core.fields import FieldError
+from ros_bridge.core.fields import FieldError, callsign
 from ros_bridge.core.reports import EXACT, Report
 from tests.ros_bridge.scenes import (
     NOW,
@@ -433,6 +433,7 @@ def adsb(**more: Any) -> Any:
     fields = {
         "header": header(),
         "icao_address": 0x4B1A2C,
+        "callsign": "SWR12K  ",
         "latitude": 47.0,
         "longitude": 8.0,
         "altitude": 1_000.0,
@@ -466,6 +467,20 @@ def test_adsb_headings_of_all_quarters_are_taken(heading: float, track: float):
     report = read(adsb(heading=heading, hor_velocity=80.0))
     turn = math.degrees(math.atan2(report.east, report.north)) - track
     assert abs(math.remainder(turn, 360.0)) < 1e-6
+
+
+def test_a_callsign_is_taken_where_it_is_valid_and_never_refuses_an_aircraft():
+    assert read(adsb()).callsign == ""
+    assert read(adsb(flags=VALID | 16)).callsign == "SWR12K"
+    for wrong in ("<b>x</b>", "\n\n", "A" * 65, "\x00"):
+        assert read(adsb(flags=VALID | 16, callsign=wrong)).callsign == ""
+
+
+@given(st.text(max_size=20) | st.binary(max_size=20) | st.none() | st.integers())
+def test_what_is_shown_as_a_callsign_is_plain(value: object):
+    shown = callsign(value)
+    assert len(shown) <= 16 and shown.isascii() and (shown.isprintable())
+    assert callsign(shown) == shown
 
 
 def test_adsb_report_held_before_it_was_received():

@@ -95,6 +95,11 @@ def test_no_aircraft_is_forgotten_that_a_node_still_plans_for():
     assert picture(scene, after(601.0))["traffic"] == []
 
 
+def test_an_aircraft_is_shown_by_its_callsign():
+    scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, callsign="swr12k "))
+    assert picture(scene, NOW)["traffic"][0]["callsign"] == "SWR12K"
+
+
 def test_a_clock_that_steps_back_begins_anew():
     scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0))
     assert picture(scene, after(-0.4))["traffic"]

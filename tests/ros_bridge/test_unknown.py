@@ -94,6 +94,7 @@ def read(reader: str, scene: Scene, unsaid: frozenset[str]) -> Report | FieldErr
         message = SimpleNamespace(
             header=SimpleNamespace(stamp=stamp(NOW)),
             icao_address=0x4B1A2C,
+            callsign="",
             emitter_type=1,
             flags=flags,
             tslc=SimpleNamespace(sec=int(scene.age), nanosec=0),

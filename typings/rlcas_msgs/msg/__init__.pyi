@@ -59,6 +59,7 @@ class AircraftState:
     velocity_std: float
     time_std: float
     category: int
+    callsign: str
     def __init__(
         self,
         *,
@@ -76,6 +77,7 @@ class AircraftState:
         velocity_std: float = ...,
         time_std: float = ...,
         category: int = ...,
+        callsign: str = ...,
     ) -> None: ...
 
 class Area:
