@@ -263,8 +263,10 @@ def random_states(
     """
     limits, length = aircraft.limits, size * aircraft.separation
     shape = count, most
+    x, y = random.uniform(-length, length, (2, count))
     own = VehicleState(
-        *random.uniform(-length, length, (2, count)),
+        x,
+        y,
         random.uniform(-np.pi, np.pi, count),
         random.uniform(limits.speed_min, limits.speed_max, count),
     )

@@ -65,17 +65,17 @@ def verdicts(
     nothing has solved it, what is flown as another conflict, what begins beyond the limits' speeds,
     and what answers the ownship: proofs know of none of them.
     """
-    recorded = isinstance(encounters.intent, Recording)
-    reserve = LARGEST_OFF if recorded else 0.0
+    intent = encounters.intent
+    reserve = LARGEST_OFF if isinstance(intent, Recording) else 0.0
     found = classify(encounters, aircraft.rules(), limits, solved=solved, reserve=reserve)
     speed = np.asarray(encounters.own.speed, float)
     # Starts are of single precision, and a hair's breadth beyond a limit is one of its rounding.
     unknown = (speed < limits.speed_min - 1e-3) | (speed > limits.speed_max + 1e-3)
     unknown |= encounters.reaction is not None
     unknown = (unknown if other is None else unknown | other) & ~solved
-    if recorded:
+    if isinstance(intent, Recording):
         between = np.isin(found.method, (Method.CONTAINMENT, Method.SPLITTING))
-        off = off_arcs(encounters.intent, encounters.mask, aircraft.dt)
+        off = off_arcs(intent, encounters.mask, aircraft.dt)
         unknown |= between & (off > LARGEST_OFF)
     return found._replace(
         verdict=np.where(unknown, Verdict.UNDECIDED, found.verdict).astype(np.int8),
