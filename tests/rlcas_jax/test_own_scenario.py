@@ -164,7 +164,7 @@ def broken(function: Any) -> Any:
             lambda one, accepted, xp: (one._replace(goal_x=one.goal_x * np.nan), accepted),
             r"scenario 'mine': goal_x is nan; expected a finite number",
         ),
-        (lambda one, accepted, xp: one.wind, "sampler fails with AttributeError"),
+        (lambda one, accepted, xp: one.no_such_field, "sampler fails with AttributeError"),
     ],
 )
 def test_a_sampler_that_cannot_be_used_is_refused(function: Any, message: str):

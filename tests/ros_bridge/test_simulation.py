@@ -265,8 +265,9 @@ def test_safe_plans_must_keep_the_separation():
     assert keep_promises([make_log(), make_log(safe_at=None)])
     assert not keep_promises([make_log(separation=math.nan)])
     assert not keep_promises([make_log(failure="the attitude is lost")])
-    # Nobody promised anything.
-    assert keep_promises([make_log(first="UNRESOLVED", safe_at=None, separation=300.0)])
+    # What was not called SAFE promises nothing.
+    lost = make_log(first="UNRESOLVED", safe_at=None, separation=300.0)
+    assert keep_promises([make_log(), lost])
 
 
 def test_the_table_names_what_went_wrong():
