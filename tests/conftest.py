@@ -51,6 +51,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.name, reverse=True)
 
 
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    """Keep which files had tests that were passed over, for a run that has what they need
+    (`.pytest_cache/v/passed_over`).
+    """
+    skipped = terminalreporter.stats.get("skipped", [])
+    assert config.cache is not None
+    config.cache.set("passed_over", sorted({one.nodeid.partition("::")[0] for one in skipped}))
+
+
 @pytest.fixture(autouse=True, scope="module")
 def freeze_what_stays() -> None:
     """Spare the garbage collector, in every file, what earlier files left for good: millions of
