@@ -3,6 +3,7 @@
 #   make test         lint, types, import rules and the default tests
 #   make test-slow    the tests that the default run leaves out (more mutated files: FUZZ_ROWS=100000; more plans of
 #                     random aircraft: FUZZ_PLANS=10000; more aircraft with fields unknown: FUZZ_SCENES=10000)
+#   make test-long    those of them that take minutes each, before a release
 #   make format       rewrite the sources in the house format
 #   make proofs       check the mathematics behind SAFE (needs coq, coquelicot, gappa)
 #   make docs         build the documentation site into site/ (the build needs no network)
@@ -20,7 +21,7 @@ PROJECT := pyproject.toml constraints/build.in
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --no-emit-index-url
 
-.PHONY: help demo test test-slow lint format proofs docs venv venv-run ros bluesky constraints clean
+.PHONY: help demo test test-slow test-long lint format proofs docs venv venv-run ros bluesky constraints clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -89,7 +90,10 @@ test: lint
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
 test-slow: venv
-	$(BIN)/python -m pytest $(PYTEST_ARGS) -m slow
+	$(BIN)/python -m pytest $(PYTEST_ARGS) -m "slow and not long"
+
+test-long: venv
+	$(BIN)/python -m pytest $(PYTEST_ARGS) -m long
 
 format: venv
 	$(BIN)/ruff check --fix .

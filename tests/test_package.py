@@ -227,6 +227,7 @@ def test_the_flight_path_runs_from_a_wheel_on_python(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_learner_of_others_trains_under_gymnax_as_the_page_says(
     wheel: Path, tmp_path: Path
 ) -> None:

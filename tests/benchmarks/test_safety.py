@@ -584,6 +584,7 @@ def test_a_planner_that_fails_is_reported(monkeypatch: pytest.MonkeyPatch, polic
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_longer_attack_by_two_processes_finds_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     assert (
         safety.main(["--seed", "1", "--requests", "5000", "--single", "300", "--workers", "2"]) == 0

@@ -284,6 +284,7 @@ def test_onnx_has_the_input_too():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_stranger_trains_evaluates_and_exports_it(tmp_path: Path):
     (tmp_path / "my_inputs.py").write_text(MODULE, encoding="utf-8")
     sets = [part for text in TINY for part in ("--set", text)]

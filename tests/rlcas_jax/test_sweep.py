@@ -433,6 +433,7 @@ def test_a_killed_sweep_goes_on_with_the_killed_trial(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_search_with_real_trainings(tmp_path: Path) -> None:
     program = [sys.executable, "-m", "rlcas_jax.sweep", *arguments(tmp_path, trials=2)]
     done = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -194,8 +194,11 @@ adsb = node.create_publisher(ADSBVehicle, "/rlcas_translator/input/adsb", sensor
 ins = node.create_publisher(INSPVAX, "/rlcas_translator/input/inspva", sensor)
 while True:
     now = node.get_clock().now().to_msg()
-    for address, heading, flags, kind in ((1, 90.0, 15, 1), (2, 3.0, 15, 0), (3, 90.0, 1, 0), (4, 90.0, 15, 17)):
-        message = ADSBVehicle(icao_address=address, latitude=47.0, longitude=8.0, heading=heading, hor_velocity=80.0)
+    # The last is a vehicle that drives.
+    for address, heading, flags, kind, speed in (
+        (1, 90.0, 15, 1, 80.0), (2, 3.0, 15, 0, 80.0), (3, 90.0, 1, 0, 80.0), (4, 90.0, 15, 17, 5.0)
+    ):
+        message = ADSBVehicle(icao_address=address, latitude=47.0, longitude=8.0, heading=heading, hor_velocity=speed)
         message.flags, message.emitter_type, message.header.stamp = flags, kind, now
         adsb.publish(message)
     message = INSPVAX(latitude=47.0, longitude=8.0, height=400.0, undulation=48.0, east_velocity=70.0)

@@ -807,7 +807,9 @@ def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(
     assert sources >= {Source.POLICY, Source.FALLBACK}
 
 
-@pytest.mark.parametrize("plans", [RANDOM_PLANS, pytest.param(10_080, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "plans", [RANDOM_PLANS, pytest.param(10_080, marks=[pytest.mark.slow, pytest.mark.long])]
+)
 def test_no_safe_plan_exceeds_the_limits_that_are_given(policy: Policy, plans: int) -> None:
     rng = np.random.default_rng(51)
     count = max(1, plans // 12)

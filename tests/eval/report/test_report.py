@@ -117,7 +117,7 @@ def test_what_is_no_whole_run_is_refused_with_a_sentence(sentence: str, copy: Pa
     [
         (["nowhere"], "nowhere does not exist, expected a folder"),
         (["pyproject.toml"], "pyproject.toml is a file, expected a folder"),
-        ([], "required: DIR"),
+        ([], "DIR: expected the folder of a finished run"),
         (["nowhere", "--tracks", "-1"], "expected a whole number"),
         (["nowhere", "--show", "1,two"], "expected numbers of encounters"),
     ],
@@ -223,7 +223,7 @@ def test_bands_in_a_wind_are_those_of_the_air_mass(policy_path: Path) -> None:
         keys = {"mode": "plan", "wind_mps": (strength, strength), "seed": 8}
         evaluation = named_evaluation(MonteCarloConfig(policy=policy_path, **keys))[0]
         flown = fly_recorded(ReadyEvaluation.load(evaluation), [0])
-        winds = evaluation.wind(np.array([0]))
+        winds = evaluation.wind(flown.starts, np.array([0]))
         wind = None if winds is None else Wind(*(float(part[0]) for part in winds))
         at_start.append(bands_of(flown, 0, flown.track(0), evaluation, wind))
     still, windy = at_start
