@@ -8,10 +8,11 @@ import numpy as np
 
 from agents.planner.areas import judge
 from agents.planner.completion import complete
-from agents.planner.options import Options
+from agents.planner.options import Options, task_of
 from agents.planner.request import Request
 from agents.planner.rollout import Rollout
 from agents.planner.validator import CHECKS, Findings, validate
+from envs.angles import wrap
 from envs.arrays import Array
 from envs.trees import first_of_each, scatter, take
 from envs.waypoints import PlanStates, legs
@@ -42,6 +43,7 @@ class Proposals(NamedTuple):
     rejoin_time: Array  # s; nan without a plan
     path: Array  # length until the rejoining, m; nan without a plan
     cost: Array  # m; inf without a plan: path beyond the straight line, and the two weights above
+    rejoining: Array  # m, cost of rejoining there and not elsewhere on the leg; 0: no choice
 
     @property
     def safe(self) -> Array:
@@ -76,6 +78,7 @@ def empty(count: int, waypoints: int) -> Proposals:
         rejoin_time=nan,
         path=nan.copy(),
         cost=never,
+        rejoining=np.zeros(count),
     )
 
 
@@ -125,6 +128,7 @@ def evaluate(request: Request, rollout: Rollout, goal: Array, options: Options) 
         rejoin_time=time,
         path=path,
         cost=_cost(part, to, time, path, whole.reversals[rows], options),
+        rejoining=_rejoining(part, plan_states, time, options),
     )
     if rows.size == goal.size:
         return made
@@ -160,6 +164,18 @@ def _cost(
     return excess + TIME_WEIGHT * late + turning
 
 
+def _rejoining(request: Request, plan_states: PlanStates, time: Array, options: Options) -> Array:
+    """Return what plans ``[M]`` that rejoin at some times, s, cost by the time beside the route and
+    the turns, that onto the next leg too, m; 0 where the next point is preferred to all others.
+    """
+    if not options.rejoin_on_leg:
+        return np.zeros(time.size)
+    turns = np.abs(wrap(np.diff(plan_states.heading, axis=-1), np))
+    counts = plan_states.time[:, :-1] <= time[:, None] + options.interval
+    turns = np.where(counts, turns, 0.0).sum(axis=-1)
+    return request.own.speed * (TIME_WEIGHT * time + turns / task_of(options).turn_rate)
+
+
 def keep_best(best: Proposals, rows: Array, plans: Proposals) -> Array:
     """Write the best of plans ``[M]`` of requests numbered ``rows`` into the best so far ``[N]``,
     where it is better.
@@ -180,4 +196,4 @@ def _merits(plans: Proposals) -> tuple[Array, Array, Array]:
     legality; safety.
     """
     safe, found = plans.safe, plans.findings
-    return np.where(safe, plans.cost, -found.clearance), ~found.legal, ~safe
+    return np.where(safe, plans.cost + plans.rejoining, -found.clearance), ~found.legal, ~safe

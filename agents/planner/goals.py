@@ -1,10 +1,15 @@
 """The goals of a request: points of the route at which a plan may rejoin it."""
 
+import math
+
 import numpy as np
 
 from agents.planner.options import Options
 from agents.planner.request import BEYOND, Request, drift_points
 from envs.arrays import Array
+
+_STRAIGHT = 1e-3  # of a leg's length, by which the way along it may be longer
+_AHEAD = math.cos(math.radians(45.0))  # of the angle between the way to a leg and the leg
 
 
 def next_goals(request: Request, options: Options) -> Array:
@@ -32,6 +37,20 @@ def next_goals(request: Request, options: Options) -> Array:
     inside = goals < request.points[:, None]
     goals = np.where(inside, goals, 0)
     return np.where(inside & possible[rows, goals], goals, -1)
+
+
+def on_same_leg(request: Request, first: Array, later: Array) -> Array:
+    """Return whether points numbered ``later`` are on the leg that leads to those numbered
+    ``first``, as seen by the ownship, bool ``[N]``: the route is straight from one to the other,
+    and it turns by less than 45 degrees at the first.
+    """
+    rows, x, y = np.arange(first.size), request.route_x, request.route_y
+    along = np.cumsum(np.hypot(np.diff(x, prepend=x[:, :1]), np.diff(y, prepend=y[:, :1])), axis=-1)
+    on_x, on_y = x[rows, later] - x[rows, first], y[rows, later] - y[rows, first]
+    direct = np.hypot(on_x, on_y)
+    straight = along[rows, later] - along[rows, first] - direct <= _STRAIGHT * direct
+    to_x, to_y = x[rows, first] - request.own.x, y[rows, first] - request.own.y
+    return straight & (to_x * on_x + to_y * on_y >= _AHEAD * np.hypot(to_x, to_y) * direct)
 
 
 def _passes(request: Request, rows: Array, number: Array, off: tuple[Array, Array]) -> Array:

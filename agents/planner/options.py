@@ -30,7 +30,7 @@ _KINDS: dict[str, type] = {
     "aircraft": Aircraft,
     "requirement": Requirement,
     **dict.fromkeys(("limits", "manoeuvre", "aircraft.limits", "aircraft.vehicle_limits"), Limits),
-    **dict.fromkeys(("direct", "extend_route", "exhaustive"), bool),
+    **dict.fromkeys(("direct", "extend_route", "exhaustive", "rejoin_on_leg"), bool),
 }
 _LIMITS: dict[str, tuple[float, float, str]] = {
     "speed_min": (0.0, FASTEST.speed_max, "m/s"),
@@ -108,6 +108,10 @@ class Options:
     """
     goals: int = 3
     """Points of the route that are tried, the next one first."""
+    rejoin_on_leg: bool = False
+    """Whether the points of a straight leg are as welcome as the next one: while a SAFE plan costs
+    much, the others on its leg are tried too, and the best is taken, where the time beside the
+    route and all turns count as well. Else the first point with a SAFE plan is rejoined at."""
     extend_route: bool = False
     """Whether a route that ends before the plan may be extended in its last direction."""
     vertical_filter: float = 600.0

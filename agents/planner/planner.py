@@ -21,7 +21,7 @@ from agents.planner.beyond import CROWD
 from agents.planner.budget import Budget
 from agents.planner.candidates import Plans, Proposals, empty, evaluate, keep_best
 from agents.planner.certificate import certificate
-from agents.planner.goals import next_goals
+from agents.planner.goals import next_goals, on_same_leg
 from agents.planner.levels import Altitude
 from agents.planner.options import Options, check
 from agents.planner.publish import publish
@@ -190,15 +190,20 @@ def _plan_rows(
 ) -> Plans:
     """Plan requests of which every number is finite, to points of the route ``[N, goals]``.
 
-    Goals are tried one after the other where no plan is safe yet: the policy, then the fallback
-    where the policy's plan is not safe or costs much, at the end the refinement. Among areas the
-    slow stages of the last two follow when all goals have been tried quickly.
+    Goals are tried one after the other where no plan is safe yet, or where others on the same leg
+    are as welcome and it costs much: the policy, then the fallback where the policy's plan is not
+    safe or costs much, at the end the refinement. Among areas the slow stages of the last two
+    follow when all goals have been tried quickly.
     """
     count = request.points.size
     best = empty(count, options.waypoints)
     source, policy_safe = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=bool)
     for choice in range(options.goals):
-        rows = np.flatnonzero(~best.safe & (goals[:, choice] >= 0))
+        wanted = ~best.safe
+        if options.rejoin_on_leg and choice:
+            costly = best.cost > options.fallback_cost_threshold
+            wanted |= costly & on_same_leg(request, goals[:, 0], goals[:, choice])
+        rows = np.flatnonzero(wanted & (goals[:, choice] >= 0))
         if rows.size == 0 or budget.ends(f"goal {choice + 1}"):
             break
         part, goal = request if rows.size == count else take(request, rows), goals[rows, choice]
@@ -213,7 +218,8 @@ def _plan_rows(
         if choice == 0:
             policy_safe[rows] = plans.safe
         if wanting.any():
-            stages = fallback.ALL if request.areas is None else fallback.QUICK
+            slow = request.areas is None and not best.safe[rows].all()
+            stages = fallback.ALL if slow else fallback.QUICK
             found = fallback.search(take(part, wanting), goal[wanting], options, budget, stages)
             source[keep_best(best, rows[wanting], found)] = _FALLBACK
         if request.areas is None and options.exhaustive:
@@ -221,9 +227,9 @@ def _plan_rows(
     if request.areas is not None:
         # Points of a route round areas stand close together: the next one is tried long before
         # much is tried to reach one.
-        slow = [partial(fallback.search, which=fallback.SLOW)]
-        slow += [fallback.refine] if options.exhaustive else []
-        for way, choice in itertools.product(slow, range(options.goals)):
+        ways = [partial(fallback.search, which=fallback.SLOW)]
+        ways += [fallback.refine] if options.exhaustive else []
+        for way, choice in itertools.product(ways, range(options.goals)):
             _search_on(way, best, source, request, goals[:, choice], options, budget)
     return Plans(best, source, policy_safe)
 

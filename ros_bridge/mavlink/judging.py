@@ -133,6 +133,7 @@ def rules(
         requirement=Requirement(aircraft.separation, margin, _SIGMAS),
         extend_route=True,
         goals=_GOALS,
+        rejoin_on_leg=True,
         deadline_s=deadline,
         vertical_filter=vertical,
         max_age=fresh.intruder,

@@ -295,6 +295,14 @@ def test_every_mission_has_a_course_or_is_said_to_have_none(
     assert found.ways
 
 
+def test_a_waypoint_that_the_plan_skips_is_remarked_and_no_point_between_two(watched: Rules):
+    items = (item(0, 16, (0.0, 0.0)), *(item(n, 16, (900.0 * n - 200.0, 0.0)) for n in (1, 2, 3)))
+    slow = heard((0.0, 0.0), [(700.0, 60.0, 0.5, 0.0)])  # at the first waypoint, all the time
+    found = judge(items, 1, slow, watched)
+    assert found.safe
+    assert [text for text in found.remarks if "skipped" in text] == ["waypoint 1 skipped"]
+
+
 # Longitudes.
 
 

@@ -904,3 +904,32 @@ def test_a_point_of_the_route_that_is_skipped_is_said(wind: Wind | None) -> None
     # It stands where the first point of the route is.
     (said,) = skipped([VehicleState(8_000.0, 0.0, 0.0, 0.0)])
     assert said.startswith("skipped: route[0] (waypoint 3) is skipped")
+
+
+@pytest.mark.parametrize("speed", [40.0, 70.0])
+def test_of_the_points_of_a_leg_the_best_is_rejoined_and_no_corner_is_left_out(
+    policy: Policy, speed: float
+) -> None:
+    leg = [RoutePoint(i, 6_000.0 + 1_000.0 * i, 0.0) for i in range(9)]
+    corner = [RoutePoint(20 + i, leg[-1].x, 5_000.0 * i) for i in range(1, 9)]
+    first = replace(OPTIONS, goals=12, deadline_s=math.inf, exhaustive=False)
+    best = replace(first, rejoin_on_leg=True)
+    rng, gained = np.random.default_rng(3), 0
+    for when, way in rng.uniform((50.0, -math.pi), (80.0, math.pi), (8, 2)):
+        vx, vy = speed * math.cos(way), speed * math.sin(way)
+        traffic = [VehicleState(when * (OWN.speed - vx), -vy * when, way, speed)]
+        one, other = (plan(OWN, traffic, leg + corner, policy, each) for each in (first, best))
+        assert other.safe or not one.safe
+        if not one.safe:
+            continue
+        assert other.goal_index is not None
+        assert other.goal_index <= leg[-1].index, "the corner is flown over"
+        assert other.cost <= one.cost
+        if one.cost <= OPTIONS.fallback_cost_threshold:
+            assert other == one, "what costs little is not weighed up"
+        gained += other.cost < one.cost - 300.0
+        # Points of other legs than that of the next point are not as welcome.
+        bent = [leg[0], *(replace(one, x=leg[0].x) for one in corner)]
+        round_it = (plan(OWN, traffic, bent, policy, each) for each in (first, best))
+        assert len({each.goal_index for each in round_it}) == 1
+    assert gained >= 2
