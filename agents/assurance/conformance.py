@@ -65,6 +65,7 @@ class Measured(NamedTuple):
     loss: Array
     area_deficit: Array
     area: Array
+    intruder_causes: Array
 
 
 class _Latch(NamedTuple):
@@ -75,7 +76,7 @@ class _Latch(NamedTuple):
     leave: float  # the share
 
     def bits(self, value: Array, limit: Array, cause: Cause) -> Array:
-        """Return the bit of a cause where a value is beyond, else 0, ``[N]``."""
+        """Return the bit of a cause where a value is beyond, else 0, ``[..., N]``."""
         beyond = value > np.where(has(self.before, cause), self.leave * limit, limit)
         return np.where(self.on & beyond, int(cause), 0)
 
@@ -86,13 +87,14 @@ def judge(
     own: VehicleState,
     traffic: Traffic,
     causes: Array,
+    of_each: Array,
     thresholds: Thresholds,
 ) -> tuple[Array, Array, Measured]:
     """Measure the present second against the plan; a cause begins beyond its threshold and ends
     below a share of it.
 
     Monitors are of the second before, all else of the present one, ``[N]`` and of the intruders
-    ``[N, K]``.
+    ``[N, K]``; ``causes`` do not lie in intruders, ``of_each`` do.
 
     Returns:
         The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured.
@@ -107,17 +109,17 @@ def judge(
 
     offset = np.hypot(off.cross_track, off.along_track)
     separation, loss, close = _outlook(monitor, own, traffic, since, offset, thresholds)
+    of_separation = np.where(on[:, None] & close, int(Cause.SEPARATION), 0)
     amid = rest(monitor.plan, since, memory.areas, offset, thresholds)
-    of_rest = np.where(on & close, int(Cause.SEPARATION), 0)
-    of_rest |= np.where(on & amid.lost, int(Cause.AREA), 0)
+    of_rest = np.where(on & amid.lost, int(Cause.AREA), 0)
 
     deviations = _deviations(monitor, traffic, since)
     concern = _of_concern(separation, traffic, thresholds)
     share = np.where(concern, deviations.share_of(thresholds), 0.0)
-    largest = np.max(share, axis=-1, initial=0.0)
-    of_intruders = latch.bits(largest, 1.0, Cause.INTRUDER_DEVIATION)
+    of_deviation = latch.bits(share.T, 1.0, Cause.INTRUDER_DEVIATION).T  # a row is a monitor's
+    of_each = (of_each | of_separation | of_deviation).astype(np.int32)
 
-    causes = causes | of_errors | of_end | of_rest | of_intruders
+    causes = causes | of_errors | of_end | of_rest | np.bitwise_or.reduce(of_each, axis=-1)
     causes = np.where(on, causes, causes & ~int(WANTING & ~_REPORTS)).astype(np.int32)
     return (
         sums,
@@ -132,6 +134,7 @@ def judge(
             loss=np.minimum(loss, amid.loss),
             area_deficit=amid.deficit,
             area=amid.area,
+            intruder_causes=of_each,
         ),
     )
 
@@ -186,8 +189,8 @@ def _outlook(
     offset: Array,
     thresholds: Thresholds,
 ) -> tuple[Array, Array, Array]:
-    """Return the rest's separations ``[N, K]``, when they are lost and whether they are too small,
-    ``[N]``.
+    """Return the rest's separations ``[N, K]``, when the first is lost ``[N]``, and which are too
+    small, bool ``[N, K]``.
     """
     requirement = thresholds.requirement
     planned = np.where(
@@ -206,7 +209,7 @@ def _outlook(
     # A plan that is not flown needs no closer look.
     level = np.where(follows_plan(monitor)[:, None], edge, -np.inf)
     ahead = outlook(monitor.plan, since, traffic, level, requirement.sigmas)
-    close = ((ahead.separation < edge) & traffic.mask).any(axis=-1)
+    close = (ahead.separation < edge) & traffic.mask
     return ahead.separation, np.min(ahead.loss, axis=-1, initial=np.inf), close
 
 

@@ -119,9 +119,9 @@ def no_areas(count: int) -> Array:
 
 def update(
     memory: Memory, given: Inputs, thresholds: Thresholds
-) -> tuple[Memory, VehicleState, Traffic, Array]:
+) -> tuple[Memory, VehicleState, Traffic, Array, Array]:
     """Return the memory with what is valid, own states and known intruders now (dead-reckoned), and
-    the causes, int32 ``[N]``.
+    the causes, int32: those that do not lie in intruders ``[N]``, and those that do ``[N, K]``.
     """
     clock = (np.abs(given.time) <= _LONGEST) & (given.time > memory.time)
     now = np.where(clock, given.time, np.where(np.isfinite(memory.time), memory.time, 0.0))
@@ -130,7 +130,7 @@ def update(
     memory, of_intruders = _take_intruders(memory, given, now, clock, thresholds)
     areas = no_areas(now.size) if given.areas is None else given.areas
     memory = memory._replace(time=now, own=own, own_time=own_time, areas=areas)
-    return memory, *advance(memory, given.mask, thresholds), causes | of_own | of_intruders
+    return memory, *advance(memory, given.mask, thresholds), causes | of_own, of_intruders
 
 
 def _take_own(
@@ -152,7 +152,7 @@ def _take_intruders(
     memory: Memory, given: Inputs, now: Array, clock: Array, thresholds: Thresholds
 ) -> tuple[Memory, Array]:
     """Return the memory with the last good reports of intruders, and the causes that lie in them,
-    ``[N]``.
+    ``[N, K]``.
     """
     sane = (
         _sane(given.intruders, given.age)
@@ -186,31 +186,29 @@ def _take_intruders(
         drift=drift,
     )
     causes = (
-        _bit((~sane & given.mask).any(axis=-1), Cause.INTRUDER_MISSING)
-        | _bit((sane & ~ordered & given.mask).any(axis=-1), Cause.INTRUDER_OUT_OF_ORDER)
-        | _lasting_causes(memory, given.mask, now[:, None], outside, thresholds)
+        _bit(~sane, Cause.INTRUDER_MISSING)
+        | _bit(sane & ~ordered, Cause.INTRUDER_OUT_OF_ORDER)
+        | _lasting_causes(memory, now[:, None], outside, thresholds)
     )
-    return memory, causes
+    return memory, np.where(given.mask, causes, 0).astype(np.int32)
 
 
-def _lasting_causes(
-    memory: Memory, mask: Array, now: Array, outside: Array, thresholds: Thresholds
-) -> Array:
-    """Return the causes that lie in the last good reports of intruders at a time, s, ``[N, 1]``;
-    ``outside`` says whose turn rates are out of range, ``[N, K]``.
+def _lasting_causes(memory: Memory, now: Array, outside: Array, thresholds: Thresholds) -> Array:
+    """Return the causes that lie in the last good reports of intruders, ``[N, K]``, at a time, s,
+    ``[N, 1]``; ``outside`` says whose turn rates are out of range, ``[N, K]``.
     """
     speed = excess(thresholds.traffic["intruder_speed"], memory.intruders.speed)
     outside = outside | (speed > SIGMAS * memory.velocity_std)
     outside |= excess(thresholds.traffic["position_std"], memory.position_std) > 0.0
     outside |= excess(thresholds.traffic["velocity_std"], memory.velocity_std) > 0.0
-    causes = np.zeros(len(mask), np.int32)
+    causes = np.zeros(outside.shape, np.int32)
     for where, cause in (
         (~(now - memory.seen <= thresholds.intruder_age), Cause.INTRUDER_STALE),
         (outside & np.isfinite(memory.seen), Cause.OUTSIDE_RANGE),
         (now < memory.drift.rate_until, Cause.IMPOSSIBLE_RATE),
         (now < memory.drift.place_until, Cause.CONTRADICTION),
     ):
-        causes |= _bit((where & mask).any(axis=-1), cause)
+        causes |= _bit(where, cause)
     return causes
 
 

@@ -57,9 +57,9 @@ def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monit
     """Judge one time step of monitors ``[N]`` by what they are given, ``[N]`` and of intruders
     ``[N, K]``.
     """
-    memory, own, traffic, causes = update(monitor.memory, given, thresholds)
+    memory, own, traffic, causes, of_each = update(monitor.memory, given, thresholds)
     now, idle, blind = memory.time, monitor.state == State.IDLE, has(causes, BLIND)
-    sums, causes, measured = judge(monitor, memory, own, traffic, causes, thresholds)
+    sums, causes, measured = judge(monitor, memory, own, traffic, causes, of_each, thresholds)
 
     sighted = np.flatnonzero(~(idle | blind))
     backup = _refresh_backups(monitor.backup, sighted, memory, own, traffic, thresholds)

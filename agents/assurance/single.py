@@ -21,6 +21,7 @@ from agents.assurance.inputs import Inputs, Memory, no_areas
 from agents.assurance.state import Decision, FlyMode, Monitor, State, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.planner.answer import Plan
+from agents.planner.fields import listed
 from agents.planner.levels import Altitude
 from agents.planner.reports import Intruder, arrays_of_reports, windows
 from agents.planner.traffic import advance_reports
@@ -190,7 +191,7 @@ def step(
     backup = _waypoints(monitor, frame) if np.isfinite(monitor.backup.started[0]) else ()
     watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
     fly, state = FlyMode(int(decision.fly[0])), State(int(decision.state[0]))
-    return watch, Verdict(state, fly, asked, reasons(decision, thresholds), backup, decision)
+    return watch, Verdict(state, fly, asked, reasons(decision, thresholds, names), backup, decision)
 
 
 def _areas_met(
@@ -321,14 +322,19 @@ def _at_its_level(one: Intruder, seen: float, said: tuple[float, Intruder] | Non
     return replace(one, altitude=report.altitude, vertical_separation=report.vertical_separation)
 
 
-def reasons(decision: Decision, thresholds: Thresholds) -> tuple[Why, ...]:
-    """Return the causes of one second in words."""
-    now = take(decision, 0)
-    return tuple(
-        Why(cause, field, f"{field} {says.format(now=now, **vars(thresholds))}")
-        for cause, (field, says) in SAYS.items()
-        if int(decision.causes[0]) & int(cause)
-    )
+def reasons(
+    decision: Decision, thresholds: Thresholds, names: Sequence[str] = ()
+) -> tuple[Why, ...]:
+    """Return the causes of one second in words, with the names of the intruders they lie in."""
+    now, found = take(decision, 0), list[Why]()
+    for cause, (of, says) in SAYS.items():
+        if not int(decision.causes[0]) & int(cause):
+            continue
+        lies = np.flatnonzero(now.intruder_causes & int(cause)).tolist()
+        who = listed([names[place] for place in lies]) if names else ""
+        text = f"{of} {says.format(now=now, **vars(thresholds))}"
+        found.append(Why(cause, of, f"{text} ({who})" if who else text))
+    return tuple(found)
 
 
 def _plan_states(own: VehicleState, plan: Plan, frame: Frame, thresholds: Thresholds) -> PlanStates:

@@ -77,6 +77,7 @@ class Decision(NamedTuple):
     area: Array  # what messages call that area; "" where there is none, object
     # what messages call the area that the backup enters first; "" where it does not
     backup_area: Array
+    intruder_causes: Array  # bits of those that lie in each intruder, int32 [N, K]
     areas: Array  # that each may meet, as they are now: tuples of planner.areas.Counted, object
 
 

@@ -2,7 +2,8 @@
 expected.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,12 @@ def quote(value: Any) -> str:
         return "an integer of more than 18 digits"
     text = repr(value)
     return text if len(text) <= _LONGEST_TEXT else text[:_LONGEST_TEXT] + "..."
+
+
+def listed(names: Collection[str], most: int = 5) -> str:
+    """Return names with commas, the first of them where there are many."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(itertools.islice(names, most)) + more
 
 
 def part_value(of: Field, name: str, value: Any, low: float, high: float, unit: str) -> float:

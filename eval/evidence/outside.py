@@ -115,8 +115,8 @@ def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.n
             tracks = follow(tracks, seen, *flights.std, aircraft.dt)
             seen, known = tracks.state, tracks.errors
         given = inputs(number * aircraft.dt, own, seen, mask, **known)
-        memory, _own, _traffic, found = update(memory, given, thresholds)
-        causes |= np.where(mask.any(axis=-1), found, 0)
+        memory, _own, _traffic, _causes, of_each = update(memory, given, thresholds)
+        causes |= np.bitwise_or.reduce(of_each, axis=-1)
         if box is not None and number % _NOVEL_EVERY == 0:
             rows = np.flatnonzero(mask.any(axis=-1))
             moment = _Moment(own, seen, mask, flights.goal)

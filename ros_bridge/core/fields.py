@@ -5,9 +5,8 @@ Messages are taken by their fields alone, so that nothing here needs ROS: a mess
 package with the same fields, or a plain object in a test, serves as well.
 """
 
-import itertools
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -131,12 +130,6 @@ def called(value: object) -> str:
     characters, with what cannot be printed as escapes.
     """
     return f"{value!r:.40}"
-
-
-def listed(names: Collection[str], most: int = 5) -> str:
-    """Return names with commas, the first of them where there are many."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(itertools.islice(names, most)) + more
 
 
 def flags(name: str, value: object, known: int) -> int:

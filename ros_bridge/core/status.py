@@ -47,7 +47,10 @@ def status(supervision: Supervision, verdict: Verdict | None) -> Status:
         flown,
         causes,
         tuple(
-            why.message for why in watch.reasons(measured._replace(causes=monitor.causes), limits)
+            why.message
+            for why in watch.reasons(
+                measured._replace(causes=monitor.causes), limits, supervision.watch.names
+            )
         ),
         flown is FlyMode.PLAN and not causes & int(_BLIND),
     )

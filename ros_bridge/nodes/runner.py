@@ -45,11 +45,12 @@ from rlcas_msgs.srv import GenerateTrajectory
 from std_srvs.srv import Trigger
 
 from agents.planner.answer import AdvisoryCode, Plan, RequestError
+from agents.planner.fields import listed
 from agents.planner.recheck import recheck
 from agents.policy.inference import Policy
 from ros_bridge.core import conversions, updates
 from ros_bridge.core.aircraft import load_policy
-from ros_bridge.core.fields import SECOND, FieldError, listed, nanoseconds
+from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.planning import plan_task, rehearse
 from ros_bridge.core.situation import (
     NOTHING,

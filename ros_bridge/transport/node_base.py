@@ -16,12 +16,13 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSCompatibility, QoSPolicyKind, qos_check_compatible
 
+from agents.planner.fields import listed
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.areas import areas_of_file
 from ros_bridge.core.categories import BY_CATEGORY
 from ros_bridge.core.failures import Failures
-from ros_bridge.core.fields import SECOND, FieldError, listed, nanoseconds
+from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import forget_silent
 from ros_bridge.transport import topics, views

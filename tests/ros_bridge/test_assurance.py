@@ -272,7 +272,8 @@ def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
     situation = updates.traffic(own(traffic(situation, 1.0), 1.0), bad, NOW + SECOND, RULES)
     supervision, verdict = step_monitor(supervision, situation, NOW + SECOND)
     assert verdict is not None and verdict.state is State.DENIED
-    assert any(why.message.startswith("intruders lack a report") for why in verdict.reasons)
+    (said,) = (why.message for why in verdict.reasons if "lack a report" in why.message)
+    assert said.startswith("intruders lack a report") and said.endswith(" (bad001)")
     situation = replace(
         situation,
         traffic={name: track for name, track in situation.traffic.items() if name != "bad001"},

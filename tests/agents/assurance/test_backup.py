@@ -288,6 +288,21 @@ def test_every_cause_has_its_words(first: Plan) -> None:
     )
 
 
+def test_reasons_name_the_intruders_that_they_are_about(first: Plan) -> None:
+    names = [f"c{number}" for number in range(7)]
+    known = {name: parallel(0.0) for name in ("far", *names)}
+    watch = watching.activate(watching.begin(THRESHOLDS), first, OWN, known, 0.0)
+    watch, _ = watching.step(watch, 0.0, OWN, known)
+    meeting = Intruder(VehicleState(9_000.0 - 75.0, 0.0, math.pi, 75.0))
+    seen = {"far": parallel(1.0), "meets": meeting}  # the others are missing
+    _, verdict = watching.step(watch, 1.0, on(first, 1.0, watch), seen)
+    said = {why.cause: why.message for why in verdict.reasons}
+    assert said[Cause.INTRUDER_MISSING].endswith(" (c0, c1, c2, c3, c4 and 2 more)")
+    for cause in (Cause.SEPARATION, Cause.INTRUDER_DEVIATION):
+        assert said[cause].endswith(" (meets)")
+    assert not any("far" in message for message in said.values())
+
+
 def test_the_own_distance_from_the_plan_is_taken_off_the_separation_of_its_rest() -> None:
     beside = other(0.0, 1_010.0)
     monitor, _ = tell(flying(beside), 0.0, seen=beside)

@@ -184,7 +184,7 @@ def test_a_turn_is_read_from_two_reports_but_not_from_noise() -> None:
             np.full((1, 4), 75.0),
         )
         given = assurance.inputs(time, on_plan(time), seen, velocity_std=std)
-        memory, _own, traffic, _causes = update(memory, given, THRESHOLDS)
+        memory, _own, traffic, *_causes = update(memory, given, THRESHOLDS)
     np.testing.assert_allclose(traffic.turn_rate[0], [0.03, 0.0, 0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(traffic.turn_time[0], [THRESHOLDS.turn_time, 0.0, 0.0, 0.0])
 
@@ -350,7 +350,7 @@ def test_an_aged_turn_is_advanced_along_its_arc_and_lasts_less() -> None:
         given = assurance.inputs(
             time, on_plan(time), other(0.0, 0.0, 0.03 * (time - age)), age=np.full((1, 1), age)
         )
-        memory, _own, traffic, _causes = update(memory, given, THRESHOLDS)
+        memory, _own, traffic, *_causes = update(memory, given, THRESHOLDS)
     assert traffic.turn_rate[0, 0] == pytest.approx(0.03)
     assert traffic.turn_time[0, 0] == pytest.approx(THRESHOLDS.turn_time - 2.0)
     radius, turned = 75.0 / 0.03, 0.03 * 3.0
