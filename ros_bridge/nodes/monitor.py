@@ -70,6 +70,7 @@ from ros_bridge.transport.settings import (
 
 _SLOW = 0.1  # s of real time; bands that take longer, as among hundreds of aircraft, ...
 _GUIDE_EVERY = 10.0  # ... are made again after so many times that: judging comes first
+_SHARE = 2.0  # times that a judgement takes, until the next: as much is left for messages
 _BACKUP_AGAIN = SECOND  # between two publications of the backup that is flown
 
 
@@ -107,7 +108,7 @@ class Monitor(ListeningNode):
         self._backups = 0
         self._shown = blank(self._supervision.watch.thresholds)
         self._judged_at = 0  # ns
-        self._guide_from = -math.inf  # s of real time
+        self._judge_from = self._guide_from = -math.inf  # s of real time
 
     # Life cycle.
 
@@ -160,11 +161,12 @@ class Monitor(ListeningNode):
 
     def _check(self) -> None:
         """Judge what is flown, say so, and show what there is to show."""
-        now = self._now()
-        if not self._active or now <= 0:
+        now, began = self._now(), time.monotonic()
+        if not self._active or now <= 0 or began < self._judge_from:
             return
         went_well = self._protect("the judgement", self._judge, now)
         self._publish(now)
+        self._judge_from = began + _SHARE * (time.monotonic() - began)
         began = time.monotonic()
         if went_well and began >= self._guide_from:
             self._show("bands and alerts", partial(self._guide, now))

@@ -356,10 +356,10 @@ function writeLabels(pen, { labels, centre, radius, up, width, height, top, low 
     const box = boxes.find((one) => inside(one) && clear(one)) ?? (must ? boxes[0] : null);
     if (!box) continue; // the table has it
     taken.push(box);
-    let line_ = box[1];
+    let foot = box[1];
     for (const { words, colour, size = 12, weight = 600 } of lines) {
-      text(pen, words, box[0] + wide / 2, (line_ += size), colour, colours.paper, { size, weight });
-      line_ += 2;
+      text(pen, words, box[0] + wide / 2, (foot += size), colour, colours.paper, { size, weight });
+      foot += 2;
     }
   }
   state.boxes = taken; // where texts stand, px
