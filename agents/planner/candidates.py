@@ -173,7 +173,7 @@ def _rejoining(request: Request, plan_states: PlanStates, time: Array, options: 
     turns = np.abs(wrap(np.diff(plan_states.heading, axis=-1), np))
     counts = plan_states.time[:, :-1] <= time[:, None] + options.interval
     turns = np.where(counts, turns, 0.0).sum(axis=-1)
-    return request.own.speed * (TIME_WEIGHT * time + turns / task_of(options).turn_rate)
+    return TIME_WEIGHT * request.own.speed * (time + turns / task_of(options).turn_rate)
 
 
 def keep_best(best: Proposals, rows: Array, plans: Proposals) -> Array:

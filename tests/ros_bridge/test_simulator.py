@@ -271,6 +271,7 @@ def run_demo(*arguments: str, seconds: float = 600.0) -> subprocess.CompletedPro
     )
 
 
+@pytest.mark.slow
 def test_encounter_is_flown_safely_and_recorded(tmp_path: Path):
     reader = pytest.importorskip(
         "mcap.reader", reason="mcap is not installed; to have it: make ros"
@@ -435,7 +436,7 @@ def test_another_aircraft_is_flown_safely_at_its_own_separation():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("vehicle", ["kinematic", "c208"])
+@pytest.mark.parametrize("vehicle", [pytest.param("kinematic", marks=pytest.mark.long), "c208"])
 def test_the_four_scenarios_are_flown_safely(vehicle: str):
     if vehicle == "c208":
         pytest.importorskip("jsbsim")

@@ -80,6 +80,7 @@ def test_a_model_s_traffic_is_weighted_and_repeatable(model: Path, tmp_path: Pat
         fly(tmp_path / "four", "--config", str(tmp_path / "one/config.yaml"))
 
 
+@pytest.mark.slow
 def test_changes_of_a_model_s_traffic(model: Path, tmp_path: Path) -> None:
     common = ("--scenario", f"lincoln:{model}", "--encounters", "6")
     fly(

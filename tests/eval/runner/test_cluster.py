@@ -119,6 +119,7 @@ def parts(out: Path) -> list[Path]:
     return list((out / "parts").glob("*.parquet"))
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_bits_of_one_process(
     cluster: Processes, alone: Path, tmp_path: Path
 ) -> None:
