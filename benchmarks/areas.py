@@ -26,6 +26,7 @@ from envs.aircraft import Aircraft
 from envs.areas import Area
 from envs.edge.command import Parser, real, run_cli
 from envs.encounters import scenario
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.random_areas import random_areas
 from envs.starts import encounters_of_seed
@@ -50,9 +51,9 @@ def questions(seed: int, count: int, aircraft: Aircraft) -> list[AmongAreas]:
     found = []
     starts = encounters_of_seed(scenario("multi", aircraft), seed, 0, count)
     for n in range(count):
-        own = VehicleState(*(float(field[n]) for field in starts.own))
+        own: VehicleState[Ground] = VehicleState(*(float(field[n]) for field in starts.own))
         members = np.flatnonzero(starts.mask[n])[: 1 + n % _INTRUDERS]
-        others = [
+        others: list[VehicleState[Ground]] = [
             VehicleState(*(float(field[n, k]) for field in starts.intruders)) for k in members
         ]
         goal = float(starts.goal_x[n]), float(starts.goal_y[n])
@@ -62,7 +63,9 @@ def questions(seed: int, count: int, aircraft: Aircraft) -> list[AmongAreas]:
     return found
 
 
-def _route(own: VehicleState, goal: tuple[float, float], spacing: float) -> list[RoutePoint]:
+def _route(
+    own: VehicleState[Ground], goal: tuple[float, float], spacing: float
+) -> list[RoutePoint]:
     """Return the goal and points beyond it, straight ahead from the ownship, ``spacing`` m
     apart.
     """

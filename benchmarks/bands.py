@@ -22,6 +22,7 @@ from agents.planner.traffic import Requirement, Traffic
 from benchmarks.measure import hold_to_one_core, report
 from envs.areas import Area, Circle, Polygon
 from envs.edge.command import Parser, run_cli, whole
+from envs.frames import Air
 from envs.kinematics import C208_PUBLISHED, VehicleState
 
 INTRUDERS = 1, 10, 100
@@ -42,7 +43,7 @@ class Latency(NamedTuple):
 def traffic(count: int, *, uncertain: bool) -> Traffic:
     """Return random intruders of one ownship at the origin, ``[1, count]``."""
     generator, shape = np.random.default_rng(0), (1, count)
-    state = VehicleState(
+    state: VehicleState[Air] = VehicleState(
         generator.uniform(-_NEAR, _NEAR, shape),
         generator.uniform(-_NEAR, _NEAR, shape),
         generator.uniform(-np.pi, np.pi, shape),

@@ -35,11 +35,13 @@ from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle, FlightError, StartError
 from envs.edge.command import InputError, Parser, run_cli, whole
 from envs.encounters import scenario
 from envs.follower import PERIOD, deviation, offset
+from envs.frames import Air, Ground
 from envs.gym.gymnasium_env import DeconflictionEnv
 from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed
 from envs.waypoints import Legs, PlanStates, legs
 from envs.waypoints import at as along
+from envs.wind import NO_WIND, over_ground, through_air
 from eval.flights.plan_flight import request_of
 
 _WIND = 10.0  # m/s, from any direction
@@ -53,7 +55,7 @@ _RAMP = 0.5  # m/s^2
 class Plan(NamedTuple):
     """One plan to be flown."""
 
-    own: VehicleState
+    own: VehicleState[Air]
     legs: Legs
     times: np.ndarray
     """Of the waypoints, s."""
@@ -83,19 +85,22 @@ def plans_of(count: int, name: str, seed: int) -> list[Plan]:
         plan_states = PlanStates(
             *(np.asarray(field[number], dtype=float) for field in proposals.plan_states)
         )
-        own = VehicleState(*(float(field[number]) for field in encounters.own))
+        own: VehicleState[Air] = VehicleState(*(float(field[number]) for field in encounters.own))
         found.append(Plan(own, legs(plan_states), plan_states.time[1:]))
     return found
 
 
 def judge(
-    plan: Plan, states: list[VehicleState], late: list[float], altitudes: np.ndarray
+    plan: Plan, states: list[VehicleState[Ground]], late: list[float], altitudes: np.ndarray
 ) -> FlightErrors:
     """Compare the states after every period with the plan; ``late`` is about how late they
     are, s.
     """
     clock = PERIOD * np.arange(1, len(states) + 1)
-    flight = VehicleState(*(np.array(field) for field in zip(*states, strict=True)))
+    flown: VehicleState[Ground] = VehicleState(
+        *(np.array(field) for field in zip(*states, strict=True))
+    )
+    flight = through_air(flown, NO_WIND, 0.0)  # plans are for still air
     curves = Legs(*(np.broadcast_to(field, (clock.size, *field.shape)) for field in plan.legs))
     # Begun near the place abeam: an aircraft a minute late on a winding path has several.
     found = deviation(curves, flight, clock - late)
@@ -111,7 +116,7 @@ def judge(
 
 def fly_plan(plan: Plan, conditions: Conditions = CALM, generic: bool = False) -> FlightErrors:
     """Fly a plan on the true aircraft, by its own guidance or by the generic follower."""
-    vehicle = C208Vehicle(plan.own, "ex", conditions)
+    vehicle = C208Vehicle(over_ground(plan.own, NO_WIND, 0.0), "ex", conditions)
     until = float(plan.times[-1])
     if generic:
         states, late = [], []
@@ -241,7 +246,7 @@ def digest(vehicle: C208Vehicle | None = None) -> str:
     """Return a hash of every number of a flight in turbulence, of a vehicle that is reset or of a
     new one.
     """
-    start = VehicleState(0.0, 0.0, 0.3, 75.0)
+    start: VehicleState[Ground] = VehicleState(0.0, 0.0, 0.3, 75.0)
     conditions = Conditions(NOMINAL, 6.0, -8.0, "moderate", 7)
     if vehicle is None:
         vehicle = C208Vehicle(start, "ex", conditions)
@@ -334,7 +339,11 @@ def pace() -> dict[str, float]:
 
 def fly_point_mass(plan: Plan) -> FlightErrors:
     """Fly a plan with the point mass that plans are made for."""
-    states, late = follow(PointMassVehicle(plan.own), Track(plan.legs), float(plan.times[-1]))
+    states, late = follow(
+        PointMassVehicle(over_ground(plan.own, NO_WIND, 0.0)),
+        Track(plan.legs),
+        float(plan.times[-1]),
+    )
     return judge(plan, states, late, np.full(len(states), _ALTITUDE))
 
 

@@ -19,6 +19,7 @@ from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle
 from envs.edge.command import Parser, run_cli
 from envs.edge.figures import save_figure
 from envs.follower import PERIOD
+from envs.frames import Ground
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from eval.plots import save
 from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION
@@ -210,7 +211,7 @@ class Margins(NamedTuple):
 
 def margins(weight: float, altitude: float) -> Margins:
     """Return what bounds the surrogate's limits at a weight (lb) and altitude (m) of the EX."""
-    start = VehicleState(0.0, 0.0, 0.0, 75.0)
+    start: VehicleState[Ground] = VehicleState(0.0, 0.0, 0.0, 75.0)
     vehicle = C208Vehicle(start, "ex", Conditions(Loading(weight=weight)), altitude)
     slow = 1.08 * vehicle.autopilot.stall_speed(vehicle.measured)
     fast = value("speed_max_operating") * _KNOT * math.sqrt(1.225 / vehicle.measured.density)

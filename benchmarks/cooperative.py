@@ -16,6 +16,7 @@ from agents.policy.inference import Policy
 from benchmarks.measure import report, request_options, show
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
+from envs.frames import Air
 from envs.kinematics import VehicleState, advance, commands
 from envs.relative import distance, leg_separation
 from envs.trees import map_leaves
@@ -31,7 +32,7 @@ _PATIENCE = 6.0  # of the direct way's duration at the greatest speed, after whi
 class Sky(NamedTuple):
     """Starts and goals of M aircraft in each of N draws; fields ``[N, M]``, SI."""
 
-    start: VehicleState
+    start: VehicleState[Air]
     goal_x: np.ndarray
     goal_y: np.ndarray
 
@@ -89,7 +90,7 @@ def fly(sky: Sky, resolver: Baseline, unit: Aircraft) -> Found:
         n, m = np.nonzero(flies)
         if n.size == 0:
             break
-        others = VehicleState(*(field[n[:, None], beside[m]] for field in own))
+        others: VehicleState[Air] = VehicleState(*(field[n[:, None], beside[m]] for field in own))
         sight = Sight(
             VehicleState(*(field[n, m] for field in own)),
             others,
@@ -110,7 +111,9 @@ def fly(sky: Sky, resolver: Baseline, unit: Aircraft) -> Found:
     return Found(lost.sum(axis=(1, 2)) // 2, flies.sum(axis=1), float(excess.mean()))
 
 
-def _lost(before: VehicleState, after: VehicleState, flies: np.ndarray, unit: Aircraft) -> Any:
+def _lost(
+    before: VehicleState[Air], after: VehicleState[Air], flies: np.ndarray, unit: Aircraft
+) -> Any:
     """Return which pairs lose the separation in a step, bool ``[N, M, M]``."""
     both = before, after
     one, one_next = map_leaves(lambda field: field[:, :, None], both)

@@ -31,6 +31,7 @@ from benchmarks.measure import (
 from benchmarks.questions import Question, Timed, time_plan
 from envs.aircraft import Aircraft
 from envs.edge.command import Parser, run_cli
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 
@@ -81,7 +82,7 @@ def question(seed: int, aircraft: Aircraft) -> Question:
     """Return a request of some number."""
     rng, unit = np.random.default_rng([seed, 53]), aircraft.separation
     fastest = aircraft.limits.speed_max
-    own = VehicleState(0.0, 0.0, 0.0, 0.8 * fastest)
+    own: VehicleState[Ground] = VehicleState(0.0, 0.0, 0.0, 0.8 * fastest)
     unit_time = unit / fastest  # 10 s for the paper's aircraft
     intruders = []
     for _ in range(int(rng.integers(1, 5))):
@@ -113,7 +114,9 @@ def ask(asked: Question, policy: Policy, usual: Options) -> Asked:
     return Asked(windows, all_horizon, solved, straight_is_clear(asked, usual, usual.last_free))
 
 
-def _level_or_out(intruders: Sequence[VehicleState | Intruder], answer: Plan) -> list[Intruder]:
+def _level_or_out(
+    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]], answer: Plan
+) -> list[Intruder[Ground]]:
     """Return the intruders without altitudes, but for those that an answer leaves out as above or
     below.
     """

@@ -31,6 +31,7 @@ from benchmarks.questions import Question
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli
 from envs.encounters import Encounter, scenario
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed
 from envs.trees import take
@@ -126,9 +127,11 @@ def floor_products(policy: Policy) -> Callable[[], None]:
 def question(encounters: Encounter, request: Request, number: int) -> Question:
     """Return what ``plan`` is asked at the start of one of the encounters."""
     row = take(request, number)
-    own = VehicleState(*(float(field) for field in row.own))
+    own: VehicleState[Ground] = VehicleState(*(float(field) for field in row.own))
     members = np.flatnonzero(encounters.mask[number])
-    others = [VehicleState(*(float(field[k]) for field in row.traffic.state)) for k in members]
+    others: list[VehicleState[Ground]] = [
+        VehicleState(*(float(field[k]) for field in row.traffic.state)) for k in members
+    ]
     points = zip(row.route_x.tolist(), row.route_y.tolist(), strict=True)
     return Question(own, others, [RoutePoint(i, x, y) for i, (x, y) in enumerate(points)])
 

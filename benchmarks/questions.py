@@ -9,6 +9,7 @@ from agents.planner.answer import Plan
 from agents.planner.request import Altitude
 from agents.policy.inference import Policy
 from envs.areas import Area
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 
@@ -18,12 +19,12 @@ __all__ = ["Question", "Timed", "time_plan"]
 class Question(NamedTuple):
     """What ``plan`` is asked."""
 
-    own: VehicleState
-    intruders: list[VehicleState] | list[Intruder]
+    own: VehicleState[Ground]
+    intruders: list[VehicleState[Ground]] | list[Intruder[Ground]]
     route: list[RoutePoint]
 
     @property
-    def states(self) -> list[VehicleState]:
+    def states(self) -> list[VehicleState[Ground]]:
         """Of the intruders."""
         return [one.state if isinstance(one, Intruder) else one for one in self.intruders]
 

@@ -24,6 +24,7 @@ from benchmarks.safety import sky
 from benchmarks.safety.resimulation import CLOSE, Flown
 from envs.areas import Area, Circle
 from envs.edge.command import InputError
+from envs.frames import Ground
 from envs.kinematics import Limits, VehicleState
 from envs.waypoints import RoutePoint
 
@@ -39,8 +40,8 @@ _TOLERANCE = 1e-3  # m of a required distance
 class Task(NamedTuple):
     """What is to be solved; intruders fly straight on."""
 
-    own: VehicleState
-    intruders: Sequence[VehicleState]
+    own: VehicleState[Ground]
+    intruders: Sequence[VehicleState[Ground]]
     route: Sequence[RoutePoint]
     areas: Sequence[Area]
     options: Options
@@ -240,7 +241,7 @@ def _keeps_limits(flight: Flown, limits: Limits) -> bool:
     )
 
 
-def _keeps_away(flight: Flown, intruder: VehicleState, required: Requirement) -> bool:
+def _keeps_away(flight: Flown, intruder: VehicleState[Ground], required: Requirement) -> bool:
     velocity = intruder.speed * np.exp(1j * intruder.heading)
     away = np.abs(flight.place - complex(intruder.x, intruder.y) - velocity * flight.time)
     return bool(away.min() >= required.separation + required.margin - _TOLERANCE)
@@ -253,7 +254,7 @@ def _arrives(flight: Flown, task: Task) -> bool:
     return bool(off <= options.aircraft.goal_radius and flight.time[-1] <= options.rejoin_by)
 
 
-def fly(own: VehicleState, steps: Sequence[Step]) -> Flown:
+def fly(own: VehicleState[Ground], steps: Sequence[Step]) -> Flown:
     """Return a flight that begins at the ownship, of constant turn rate and acceleration from step
     to step, sampled every :data:`~benchmarks.safety.resimulation.CLOSE` s at most.
     """

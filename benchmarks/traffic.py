@@ -28,6 +28,7 @@ from benchmarks.measure import (
 from benchmarks.questions import Question, Timed, time_plan
 from envs.aircraft import Aircraft
 from envs.edge.command import ConfigError, Parser, real, run_cli, whole
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 
@@ -101,9 +102,10 @@ def question(seed: int, count: int, radius: float, aircraft: Aircraft) -> Questi
     bearing, course = rng.uniform(-math.pi, math.pi, (2, count))
     speed = fastest * rng.uniform(*_SPEEDS, count)
     fields = away * np.cos(bearing), away * np.sin(bearing), course, speed
-    own = VehicleState(0.0, 0.0, 0.0, 0.8 * fastest)
+    own: VehicleState[Ground] = VehicleState(0.0, 0.0, 0.0, 0.8 * fastest)
     route = [RoutePoint(i, (12.0 + 5.0 * i) * unit, 0.0) for i in range(_POINTS)]
-    return Question(own, list(map(VehicleState, *(field.tolist() for field in fields))), route)
+    others = zip(*(field.tolist() for field in fields), strict=True)
+    return Question(own, [VehicleState(*one) for one in others], route)
 
 
 def _ask(asked: Question, policy: Policy, usual: Options) -> Asked:

@@ -25,6 +25,7 @@ from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.edge.command import Parser, run_cli, whole
 from envs.encounters import Encounter, scenario
+from envs.frames import Air
 from envs.kinematics import SURROGATE, VehicleState, advance, commands
 from envs.outcome import RULES
 from envs.relative import bearing, distance, leg_separation, straight_cpa
@@ -47,9 +48,9 @@ _GUESSES = (0.0, 55.0), (0.0, 95.0), (0.35, 75.0), (-0.35, 75.0)  # rad aside of
 class Problem(NamedTuple):
     """One encounter and a duration for the optimiser."""
 
-    own: VehicleState
+    own: VehicleState[Air]
     goal: Float[Array, "2"]  # m
-    traffic: VehicleState
+    traffic: VehicleState[Air]
     """Intruders at the beginning and after every step, ``[T + 1, K]``."""
     mask: Bool[Array, " K"]
     steps: Int[Array, ""]
@@ -69,8 +70,8 @@ class _Now(NamedTuple):
 
     flying: Bool[Array, ""]
     control: Float[Array, "2"]
-    traffic: VehicleState  # at its beginning, [K]
-    traffic_next: VehicleState  # at its end, [K]
+    traffic: VehicleState[Air]  # at its beginning, [K]
+    traffic_next: VehicleState[Air]  # at its end, [K]
 
 
 def fly(controls: Float[Array, "P 2"], problem: Problem) -> Flight:
@@ -88,8 +89,8 @@ def fly(controls: Float[Array, "P 2"], problem: Problem) -> Flight:
 
 
 def _step(
-    problem: Problem, own: VehicleState, now: _Now
-) -> tuple[VehicleState, tuple[Float[Array, ""], Float[Array, ""]]]:
+    problem: Problem, own: VehicleState[Air], now: _Now
+) -> tuple[VehicleState[Air], tuple[Float[Array, ""], Float[Array, ""]]]:
     """Return the state after a step, its length and the smallest separation in it."""
     acceleration, yaw_rate = commands((now.control[0], now.control[1]), SURROGATE, jnp)
     moved = advance(own, acceleration, yaw_rate, RULES.dt, SURROGATE, jnp)

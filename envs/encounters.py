@@ -15,6 +15,7 @@ from envs.angles import sincos, wrap
 from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
 from envs.edge.extension import failure, is_extension
+from envs.frames import Air
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Coverage, Sensor
@@ -31,10 +32,10 @@ class EncounterError(InputError):
 class Encounter(NamedTuple):
     """One or many starts, SI units; own fields ``[...]``, intruder fields ``[..., K]``."""
 
-    own: VehicleState
+    own: VehicleState[Air]
     goal_x: Array  # m
     goal_y: Array
-    intruders: VehicleState
+    intruders: VehicleState[Air]
     mask: Array  # which of the K intruders exist, bool [..., K]
     intent: Intent
     sensor: Sensor  # quality of the intruders' reports, [..., 1] each
@@ -363,7 +364,7 @@ def conflict_point(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[E
     sine, cosine = sincos(course, xp)
     goal_x, goal_y = radius * cosine, radius * sine
     shift = (-scenario.displacement, scenario.displacement)
-    own = VehicleState(
+    own: VehicleState[Air] = VehicleState(
         between(shift, shared.shift_x) - goal_x,
         between(shift, shared.shift_y) - goal_y,
         course,
@@ -374,7 +375,7 @@ def conflict_point(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[E
     intruder_speed = between(scenario.intruder_speed, each.speed)
     sine, cosine = sincos(intruder_course, xp)
     back = (radius / speed)[:, None] * intruder_speed
-    intruders = VehicleState(
+    intruders: VehicleState[Air] = VehicleState(
         between(shift, each.shift_x) - back * cosine,
         between(shift, each.shift_y) - back * sine,
         intruder_course,
@@ -392,8 +393,8 @@ def conflict_point(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[E
 
 def one_turn(
     scenario: Scenario,
-    own: VehicleState,
-    intruders: VehicleState,
+    own: VehicleState[Air],
+    intruders: VehicleState[Air],
     draws: Sequence[Array],
     xp: ArrayModule,
 ) -> Intent:
@@ -404,7 +405,8 @@ def one_turn(
     The draws, ``[N, K]`` each, are of the rate, the onset and the change.
     """
     to_rate, to_onset, to_change = draws
-    cpa = straight_cpa(VehicleState(*(field[:, None] for field in own)), intruders, xp)
+    seen_by: VehicleState[Air] = VehicleState(*(field[:, None] for field in own))
+    cpa = straight_cpa(seen_by, intruders, xp)
     signed_rate = between((-scenario.turn_rate, scenario.turn_rate), to_rate)
     turn_rate = xp.abs(signed_rate)
     greatest_change = scenario.heading_change
@@ -418,7 +420,7 @@ def one_turn(
     )
 
 
-def no_turn(scenario: Scenario, intruders: VehicleState, xp: ArrayModule) -> Intent:
+def no_turn(scenario: Scenario, intruders: VehicleState[Air], xp: ArrayModule) -> Intent:
     """Return the intent of intruders ``[N, K]`` that fly straight on."""
     never = xp.zeros_like(intruders.speed)
     return Intent(never, never, never + scenario.aircraft.limits.yaw_rate_max)
@@ -435,12 +437,16 @@ def sensor_of(scenario: Scenario, draw: Array, xp: ArrayModule) -> Sensor:
 
 
 def meets_conditions(
-    scenario: Scenario, own: VehicleState, intruders: VehicleState, mask: Array, xp: ArrayModule
+    scenario: Scenario,
+    own: VehicleState[Air],
+    intruders: VehicleState[Air],
+    mask: Array,
+    xp: ArrayModule,
 ) -> Array:
     """Return which starts ``[N]`` are far enough apart and, on straight courses, close enough
     later, for every intruder ``[N, K]`` that exists.
     """
-    seen_by = VehicleState(*(field[:, None] for field in own))
+    seen_by: VehicleState[Air] = VehicleState(*(field[:, None] for field in own))
     cpa = straight_cpa(seen_by, intruders, xp)
     apart = distance(intruders.x - seen_by.x, intruders.y - seen_by.y, xp)
     meets = xp.logical_and(

@@ -5,12 +5,13 @@ where the plan is now; both loops are critically damped, so that no error of the
 :func:`deviation` says how far a flight is from its plan: across it, along it, and in time.
 """
 
-from typing import NamedTuple, Protocol
+from typing import Generic, NamedTuple, Protocol
 
 import numpy as np
 
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.frames import Air, F
 from envs.kinematics import Limits, VehicleState, advance
 from envs.waypoints import Legs, at
 from envs.wind import Wind
@@ -42,12 +43,12 @@ def gains(dt: float) -> Gains:
     )
 
 
-class Vehicle(Protocol):
+class Vehicle(Protocol[F]):
     """A vehicle that takes an acceleration and a yaw rate."""
 
     @property
-    def state(self) -> VehicleState:
-        """Position, heading and speed over the ground now."""
+    def state(self) -> VehicleState[F]:
+        """Position, heading and speed now."""
         ...
 
     def step(self, acceleration: Array, yaw_rate: Array, dt: float) -> None:
@@ -57,10 +58,10 @@ class Vehicle(Protocol):
         ...
 
 
-class KinematicVehicle:
+class KinematicVehicle(Generic[F]):
     """The surrogate's kinematics as a vehicle; one or many aircraft ``[...]``."""
 
-    def __init__(self, state: VehicleState, limits: Limits) -> None:
+    def __init__(self, state: VehicleState[F], limits: Limits) -> None:
         self.state = state
         self._limits = limits
 
@@ -74,7 +75,7 @@ class KinematicVehicle:
 
 def guidance(
     legs: Legs,
-    state: VehicleState,
+    state: VehicleState[F],
     time: Array,
     dt: float = PERIOD,
     gains: Gains = GAINS,
@@ -90,9 +91,9 @@ def guidance(
 
 
 def steer(
-    now: VehicleState,
-    after: VehicleState,
-    state: VehicleState,
+    now: VehicleState[F],
+    after: VehicleState[F],
+    state: VehicleState[F],
     dt: float = PERIOD,
     gains: Gains = GAINS,
 ) -> tuple[Array, Array]:
@@ -124,7 +125,7 @@ class Deviation(NamedTuple):
     speed: Array  # against the plan's speed there, m/s
 
 
-def offset(state: VehicleState, reference: VehicleState) -> tuple[Array, Array]:
+def offset(state: VehicleState[F], reference: VehicleState[F]) -> tuple[Array, Array]:
     """Return where a state is in the frame of a reference: ahead and to the left, m, ``[...]``
     each.
     """
@@ -133,7 +134,7 @@ def offset(state: VehicleState, reference: VehicleState) -> tuple[Array, Array]:
     return x * cosine + y * sine, y * cosine - x * sine
 
 
-def deviation(legs: Legs, state: VehicleState, time: Array) -> Deviation:
+def deviation(legs: Legs, state: VehicleState[Air], time: Array) -> Deviation:
     """Compare a state ``[...]`` with the legs ``[..., L]`` of a plan at a time on its clock, s.
 
     The point of the path abeam of the aircraft is found from where the plan is now, by its speed;

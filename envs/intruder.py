@@ -13,6 +13,7 @@ import numpy as np
 
 from envs.angles import atan2, sincos, wrap
 from envs.arrays import Array, ArrayModule
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance
 from envs.reaction import Answer
 
@@ -46,7 +47,7 @@ class Intent(NamedTuple):
     turn_rate: Array  # largest turn rate used, rad/s, positive
 
 
-class Recording(VehicleState):
+class Recording(VehicleState[Air]):
     """A flight that is known already, in the place of an :class:`Intent`; fields ``[..., K, T +
     1]``, numpy.
 
@@ -58,14 +59,14 @@ class Recording(VehicleState):
 class IntruderState(NamedTuple):
     """Vehicle and controller; fields ``[..., K]``."""
 
-    vehicle: VehicleState
+    vehicle: VehicleState[Air]
     waypoint_x: Array  # m
     waypoint_y: Array
     error: Array  # heading error of the step before, rad
     error_sum: Array  # sum of the heading errors, rad times steps
 
 
-def start(vehicle: VehicleState, xp: ArrayModule) -> IntruderState:
+def start(vehicle: VehicleState[Air], xp: ArrayModule) -> IntruderState:
     """Return an intruder at the beginning of its flight, its waypoint straight ahead."""
     sine, cosine = sincos(vehicle.heading, xp)
     return IntruderState(
@@ -86,7 +87,7 @@ def step(
     gains: Gains = GAINS,
     *,
     response: Array | None = None,
-    answers: Callable[[VehicleState, Array], Answer] | None = None,
+    answers: Callable[[VehicleState[Air], Array], Answer] | None = None,
 ) -> IntruderState:
     """Advance the intruder by one step of its motion, or by one row of its recording.
 
@@ -124,8 +125,8 @@ def step(
 
 
 def _replay_step(
-    vehicle: VehicleState, recording: Recording, time: Array, dt: float
-) -> VehicleState:
+    vehicle: VehicleState[Air], recording: Recording, time: Array, dt: float
+) -> VehicleState[Air]:
     """Return the vehicles after the step that begins at ``time``, ``[..., K]``."""
     still = vehicle.heading * 0.0
     straight = advance(vehicle, still, still, dt, COASTING, np)

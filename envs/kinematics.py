@@ -7,15 +7,16 @@ form ours). Frame: local ENU, x east and y north in metres; heading counter-cloc
 """
 
 import math
-from typing import NamedTuple
+from typing import Generic, NamedTuple
 
 from envs.angles import sincos, wrap
 from envs.arrays import Array, ArrayModule
+from envs.frames import F
 
 
-class VehicleState(NamedTuple):
-    """Position, heading and speed of one or many aircraft, SI units and radians; fields
-    ``[...]``.
+class VehicleState(NamedTuple, Generic[F]):
+    """Position, heading and speed of one or many aircraft in a frame (:mod:`envs.frames`), SI units
+    and radians; fields ``[...]``.
     """
 
     x: Array  # east position, m
@@ -94,20 +95,20 @@ def commands(action: Array, limits: Limits, xp: ArrayModule) -> tuple[Array, Arr
     return acceleration, steering * limits.yaw_rate_max
 
 
-def velocity(state: VehicleState, xp: ArrayModule) -> tuple[Array, Array]:
+def velocity(state: VehicleState[F], xp: ArrayModule) -> tuple[Array, Array]:
     """Return the velocity's east and north components, m/s, ``[...]`` each."""
     sine, cosine = sincos(state.heading, xp)
     return state.speed * cosine, state.speed * sine
 
 
 def advance(
-    state: VehicleState,
+    state: VehicleState[F],
     acceleration: Array,
     yaw_rate: Array,
     dt: Array,
     limits: Limits,
     xp: ArrayModule,
-) -> VehicleState:
+) -> VehicleState[F]:
     """Move the vehicle by ``dt`` seconds under constant acceleration and yaw rate.
 
     The speed stops at its limit inside the step: the motion is one accelerated arc up to that

@@ -12,6 +12,7 @@ from envs.aircraft import Aircraft
 from envs.angles import sincos
 from envs.arrays import Array, ArrayModule
 from envs.backend import FloatNamespace
+from envs.frames import F
 from envs.kinematics import VehicleState
 from envs.relative import RelativeMotion, bearing, cpa_of_motion, distance, relative_motion
 from envs.trees import map_leaves
@@ -40,8 +41,8 @@ ROW = 4
 
 
 def observe(
-    own: VehicleState,
-    intruder: VehicleState,
+    own: VehicleState[F],
+    intruder: VehicleState[F],
     goal_x: Array,
     goal_y: Array,
     aircraft: Aircraft,
@@ -70,8 +71,8 @@ class SetObservation(NamedTuple):
 
 
 def observe_set(
-    own: VehicleState,
-    intruders: VehicleState,
+    own: VehicleState[F],
+    intruders: VehicleState[F],
     mask: Array,
     goal_x: Array,
     goal_y: Array,
@@ -103,7 +104,7 @@ def beside(tree: T) -> T:
 
 
 def _own_parts(
-    own: VehicleState, goal_x: Array, goal_y: Array, aircraft: Aircraft, xp: ArrayModule
+    own: VehicleState[F], goal_x: Array, goal_y: Array, aircraft: Aircraft, xp: ArrayModule
 ) -> list[Array]:
     """Return own speed, own heading, bearing and distance to the goal, ``[...]`` each, scaled."""
     middle, half = _speeds(aircraft)
@@ -116,7 +117,7 @@ def _own_parts(
 
 
 def _traffic_parts(
-    own: VehicleState, other: VehicleState, aircraft: Aircraft, xp: ArrayModule
+    own: VehicleState[F], other: VehicleState[F], aircraft: Aircraft, xp: ArrayModule
 ) -> list[Array]:
     """Return an intruder's speed, heading, bearing and distance, ``[...]`` each, scaled."""
     return [
@@ -187,7 +188,7 @@ def decode(observation: Sequence[Array], aircraft: Aircraft, xp: ArrayModule) ->
 
 
 def criticality(
-    own: VehicleState, intruders: VehicleState, aircraft: Aircraft, xp: ArrayModule
+    own: VehicleState[F], intruders: VehicleState[F], aircraft: Aircraft, xp: ArrayModule
 ) -> Array:
     """Rank intruders by urgency, smallest first, ``[..., K]``.
 
@@ -225,8 +226,8 @@ def rank_motion(
 
 
 def most_critical(
-    own: VehicleState, intruders: Vehicles, mask: Array, aircraft: Aircraft, xp: ArrayModule
-) -> VehicleState:
+    own: VehicleState[F], intruders: Vehicles, mask: Array, aircraft: Aircraft, xp: ArrayModule
+) -> VehicleState[F]:
     """Return the most urgent of the intruders ``[..., K]`` that exist by the mask, ``[...]``.
 
     One that does not exist is chosen only where none does. Of plain floats all exist.
@@ -245,8 +246,8 @@ def most_critical(
 
 
 def urgent(
-    own: VehicleState,
-    intruders: VehicleState,
+    own: VehicleState[F],
+    intruders: VehicleState[F],
     mask: Array,
     count: int,
     aircraft: Aircraft,
@@ -260,13 +261,13 @@ def urgent(
 
 
 def rank_urgent(
-    own: VehicleState,
-    intruders: VehicleState,
+    own: VehicleState[F],
+    intruders: VehicleState[F],
     mask: Array,
     count: int,
     aircraft: Aircraft,
     xp: ArrayModule,
-) -> tuple[VehicleState, Array]:
+) -> tuple[VehicleState[F], Array]:
     """Return the ``count`` most urgent of the intruders ``[..., K]``, the most urgent first, and
     which of them exist, ``[..., count]`` each.
 
@@ -280,5 +281,7 @@ def rank_urgent(
         chosen_mask = xp.concatenate(
             [chosen_mask] + [xp.zeros_like(chosen_mask[..., :1])] * missing, axis=-1
         )
-    chosen = VehicleState(*(xp.take_along_axis(field, order, axis=-1) for field in intruders))
+    chosen: VehicleState[F] = VehicleState(
+        *(xp.take_along_axis(field, order, axis=-1) for field in intruders)
+    )
     return chosen, chosen_mask

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from envs.angles import atan2, wrap
 from envs.arrays import Array, ArrayModule
+from envs.frames import F
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
 
@@ -36,7 +37,11 @@ EVERYTHING = Coverage(math.inf, math.pi, 0.0, 0.0)
 
 
 def report(
-    own: VehicleState, intruders: VehicleState, coverage: Coverage, time: Array, xp: ArrayModule
+    own: VehicleState[F],
+    intruders: VehicleState[F],
+    coverage: Coverage,
+    time: Array,
+    xp: ArrayModule,
 ) -> Array:
     """Return of which intruders ``[..., K]`` there is a report, bool.
 
@@ -52,21 +57,21 @@ def report(
     return within & xp.logical_not(silent)
 
 
-def carry_back(state: VehicleState, seconds: float, xp: ArrayModule) -> VehicleState:
+def carry_back(state: VehicleState[F], seconds: float, xp: ArrayModule) -> VehicleState[F]:
     """Return where the vehicle was some seconds ago if it flew straight until now, ``[...]``."""
     vx, vy = velocity(state, xp)
     return state._replace(x=state.x - vx * seconds, y=state.y - vy * seconds)
 
 
 def perceive(
-    now: VehicleState,
-    before: VehicleState,
-    before_that: VehicleState,
+    now: VehicleState[F],
+    before: VehicleState[F],
+    before_that: VehicleState[F],
     sensor: Sensor,
     noise: Array,
     dt: float,
     xp: ArrayModule,
-) -> VehicleState:
+) -> VehicleState[F]:
     """Return the intruder as the ownship believes it to be, ``[...]``.
 
     Args:

@@ -13,6 +13,7 @@ from envs import draws
 from envs.aircraft import Aircraft
 from envs.areas import Area, Circle, Place, Polygon
 from envs.encounters import between
+from envs.frames import F
 from envs.kinematics import VehicleState
 
 MOST = 8
@@ -32,7 +33,7 @@ _DRAWS = 8 + _CORNERS[1]  # numbers of an area
 
 
 def random_areas(
-    seed: int, number: int, count: int, own: VehicleState, goal: Place, aircraft: Aircraft
+    seed: int, number: int, count: int, own: VehicleState[F], goal: Place, aircraft: Aircraft
 ) -> tuple[Area, ...]:
     """Return up to ``count`` areas of an encounter, by its number.
 

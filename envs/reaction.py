@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from envs.angles import wrap
 from envs.arrays import Array, ArrayModule
+from envs.frames import F
 from envs.kinematics import VehicleState, velocity
 from envs.relative import bearing, distance, straight_cpa
 
@@ -49,7 +50,7 @@ class Answer(NamedTuple):
 
 
 def answer(
-    vehicle: VehicleState, back: Array, own: VehicleState, reaction: Reaction, xp: ArrayModule
+    vehicle: VehicleState[F], back: Array, own: VehicleState[F], reaction: Reaction, xp: ArrayModule
 ) -> Answer:
     """Return what intruders ``[..., K]`` do about the ownship ``[..., 1]``.
 
@@ -81,7 +82,7 @@ def answer(
 
 
 def _conflict(
-    vehicle: VehicleState, own: VehicleState, reaction: Reaction, xp: ArrayModule
+    vehicle: VehicleState[F], own: VehicleState[F], reaction: Reaction, xp: ArrayModule
 ) -> Array:
     """Return which straight flights come near soon, bool ``[..., K]``."""
     cpa = straight_cpa(vehicle, own, xp)
@@ -89,7 +90,7 @@ def _conflict(
     return soon & (cpa.distance < reaction.within)
 
 
-def sight_rate(vehicle: VehicleState, own: VehicleState, xp: ArrayModule) -> Array:
+def sight_rate(vehicle: VehicleState[F], own: VehicleState[F], xp: ArrayModule) -> Array:
     """Return how fast the line from intruders ``[..., K]`` to the ownship turns, rad/s, left
     positive.
     """

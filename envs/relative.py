@@ -6,6 +6,7 @@ import numpy as np
 
 from envs.angles import atan2, wrap
 from envs.arrays import Array, ArrayModule
+from envs.frames import F
 from envs.kinematics import VehicleState, velocity
 
 
@@ -21,14 +22,14 @@ def chord(x0: Array, y0: Array, x1: Array, y1: Array) -> Array:
     return distance(x0 + s * dx, y0 + s * dy, np)
 
 
-def at_share(own: VehicleState, other: VehicleState, share: Array) -> VehicleState:
+def at_share(own: VehicleState[F], other: VehicleState[F], share: Array) -> VehicleState[F]:
     """Return an intruder at a share of its distance, on the same bearing; all ``[...]``."""
     x = own.x + share * (other.x - own.x)
     y = own.y + share * (other.y - own.y)
     return VehicleState(x, y, other.heading, other.speed)
 
 
-def bearing(own: VehicleState, x: Array, y: Array, xp: ArrayModule) -> Array:
+def bearing(own: VehicleState[F], x: Array, y: Array, xp: ArrayModule) -> Array:
     """Return the direction of the point (x, y) relative to the ownship's heading, rad in [-pi, pi),
     left positive.
     """
@@ -60,7 +61,7 @@ class StraightCpa(NamedTuple):
     distance: Array  # m
 
 
-def straight_cpa(own: VehicleState, other: VehicleState, xp: ArrayModule) -> StraightCpa:
+def straight_cpa(own: VehicleState[F], other: VehicleState[F], xp: ArrayModule) -> StraightCpa:
     """Predict the closest point of approach of aircraft ``[...]`` on straight courses."""
     return cpa_of_motion(relative_motion(own, other, xp), xp)
 
@@ -73,10 +74,10 @@ def cpa_of_motion(motion: RelativeMotion, xp: ArrayModule) -> StraightCpa:
 
 
 def leg_separation(
-    own: VehicleState,
-    own_next: VehicleState,
-    other: VehicleState,
-    other_next: VehicleState,
+    own: VehicleState[F],
+    own_next: VehicleState[F],
+    other: VehicleState[F],
+    other_next: VehicleState[F],
     dt: Array,
     xp: ArrayModule,
 ) -> Array:
@@ -92,7 +93,9 @@ def leg_separation(
     return step_separation(first, relative_motion(own_next, other_next, xp), dt, xp).distance
 
 
-def relative_motion(own: VehicleState, other: VehicleState, xp: ArrayModule) -> RelativeMotion:
+def relative_motion(
+    own: VehicleState[F], other: VehicleState[F], xp: ArrayModule
+) -> RelativeMotion:
     """Return the other aircraft's position and velocity relative to the ownship, ``[...]``."""
     return RelativeMotion(other.x - own.x, other.y - own.y, *_relative_velocity(own, other, xp))
 
@@ -127,7 +130,7 @@ def step_separation(
 
 
 def _relative_velocity(
-    own: VehicleState, other: VehicleState, xp: ArrayModule
+    own: VehicleState[F], other: VehicleState[F], xp: ArrayModule
 ) -> tuple[Array, Array]:
     own_vx, own_vy = velocity(own, xp)
     other_vx, other_vy = velocity(other, xp)

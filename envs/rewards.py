@@ -18,6 +18,7 @@ from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
 from envs.edge.extension import failure, is_extension, load_extension
 from envs.encounters import Encounter
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.outcome import Rules
 from envs.relative import distance
@@ -111,7 +112,7 @@ def path_excess(step: Transition, xp: ArrayModule) -> Array:
     before, after = step.before.own, step.after.own
     goal_x, goal_y = step.before.goal_x, step.before.goal_y
 
-    def distance_to_goal(own: VehicleState) -> Array:
+    def distance_to_goal(own: VehicleState[Air]) -> Array:
         return distance(goal_x - own.x, goal_y - own.y, xp)
 
     path = distance(after.x - before.x, after.y - before.y, xp)

@@ -20,6 +20,7 @@ from envs.encounters import (
     conflict_point,
     meets_conditions,
 )
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.relative import distance
 
@@ -58,7 +59,7 @@ def around_the_way(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[E
         DRIFT * aircraft.limits.speed_max * xp.maximum(2.0 * pace - 1.0, 0.0),
     )
     stands = kind < STANDING
-    others = VehicleState(
+    others: VehicleState[Air] = VehicleState(
         *(xp.where(stands, one, other) for one, other in zip(standing, flying, strict=True))
     )
     from_goal = distance(others.x - goal_x, others.y - goal_y, xp)

@@ -19,17 +19,18 @@ class Shared(Generic[T]):
         self.value = value
 
 
-def map_leaves(function: Callable[..., Any], *trees: Any) -> Any:
+def map_leaves(function: Callable[..., Any], tree: T, *others: T) -> T:
     """Apply a function to the arrays at the same place of nested tuples of one structure, and
     return what it gives in that structure; None and what is shared stay.
     """
-    first = trees[0]
-    if first is None or isinstance(first, Shared):
-        return first
-    if isinstance(first, tuple):
-        parts = [map_leaves(function, *same) for same in zip(*trees, strict=True)]
-        return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
-    return function(*trees)
+    if tree is None or isinstance(tree, Shared):
+        return tree
+    if isinstance(tree, tuple):
+        rest: Any = others
+        parts = [map_leaves(function, *same) for same in zip(tree, *rest, strict=True)]
+        found: Any = type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
+        return found
+    return function(tree, *others)
 
 
 def take(tree: T, index: Any) -> T:

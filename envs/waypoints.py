@@ -13,12 +13,13 @@ into the air mass and :func:`at` a place on its legs back.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.wind import Wind, over_ground, through_air
 
@@ -99,7 +100,7 @@ class _Arc(NamedTuple):
 
 
 def plan_states(
-    own: VehicleState,
+    own: VehicleState[Ground],
     waypoints: Sequence[Waypoint],
     time: float = 0.0,
     wind: Wind | None = None,
@@ -136,7 +137,7 @@ def leg(a: Waypoint, b: Waypoint, wind: Wind | None = None) -> Legs:
     """Return the curve between two waypoints, fields ``[]`` and ``[ARCS]``; in a wind, in the air
     mass.
     """
-    own = VehicleState(a.x, a.y, a.heading, a.speed)
+    own: VehicleState[Ground] = VehicleState(a.x, a.y, a.heading, a.speed)
     return Legs(*(field[0] for field in legs(plan_states(own, [b], a.time, wind))))
 
 
@@ -219,7 +220,13 @@ def _correction(control: Array, seconds: Array, arcs: Array, ends: Array, off: A
     return _EACH * (effect[:, 0] * m1 + effect[:, 1] * m2)
 
 
-def at(legs: Legs, time: Array, wind: Wind | None = None) -> VehicleState:
+@overload
+def at(legs: Legs, time: Array, wind: None = None) -> VehicleState[Air]: ...
+@overload
+def at(legs: Legs, time: Array, wind: Wind) -> VehicleState[Ground]: ...
+@overload
+def at(legs: Legs, time: Array, wind: Wind | None) -> VehicleState[Any]: ...
+def at(legs: Legs, time: Array, wind: Wind | None = None) -> VehicleState[Any]:
     """Return the state on legs ``[..., L]`` at a time (s), ``[...]``; before and after them their
     first and last arc go on.
 
@@ -237,7 +244,7 @@ def at(legs: Legs, time: Array, wind: Wind | None = None) -> VehicleState:
     now = _Arc(*(np.take_along_axis(field, flat[..., None], -1)[..., 0] for field in arcs))
     t = seconds - arc * (duration / ARCS)
     dx, dy = _displacement(now.heading, now.speed, now.yaw_rate, now.acceleration, t)
-    state = VehicleState(
+    state: VehicleState[Air] = VehicleState(
         now.x + dx,
         now.y + dy,
         wrap(now.heading + now.yaw_rate * t, np),

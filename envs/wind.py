@@ -7,13 +7,14 @@ same too.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from envs.angles import wrap
 from envs.arrays import Array, ArrayModule
 from envs.backend import FLOATS
+from envs.frames import Air, Ground
 from envs.kinematics import Limits, VehicleState
 
 _LEAST = 1e-9  # m/s^2 by which a quotient is kept finite
@@ -37,19 +38,17 @@ class Wind(NamedTuple):
 NO_WIND = Wind()
 
 
-def through_air(state: VehicleState, wind: Wind, time: Array) -> VehicleState:
-    """Return a state over the ground, ``[...]`` or plain floats, as the air mass sees it, ``time``
-    s after 0.
-    """
+def through_air(state: VehicleState[Ground], wind: Wind, time: Array) -> VehicleState[Air]:
+    """Return a state, ``[...]`` or plain floats, as the air mass sees it, ``time`` s after 0."""
     return _carry(state, wind.east, wind.north, time)
 
 
-def over_ground(state: VehicleState, wind: Wind, time: Array) -> VehicleState:
-    """Return a state in the air mass as the ground sees it; arguments as of :func:`through_air`."""
+def over_ground(state: VehicleState[Air], wind: Wind, time: Array) -> VehicleState[Ground]:
+    """Return a state as the ground sees it; arguments as of :func:`through_air`."""
     return _carry(state, -wind.east, -wind.north, time)
 
 
-def _carry(state: VehicleState, east: Array, north: Array, time: Array) -> VehicleState:
+def _carry(state: VehicleState[Any], east: Array, north: Array, time: Array) -> VehicleState[Any]:
     """Return a state as a frame sees it that moves with a velocity, m/s."""
     if isinstance(east, float | int) and east == 0.0 and north == 0.0:
         return state
@@ -62,9 +61,9 @@ def _carry(state: VehicleState, east: Array, north: Array, time: Array) -> Vehic
     return VehicleState(x, y, wrap(np.arctan2(vy, vx), np), np.hypot(vx, vy))
 
 
-def turn_through_air(state: VehicleState, turn_rate: float, wind: Wind) -> float:
+def turn_through_air(state: VehicleState[Ground], turn_rate: float, wind: Wind) -> float:
     """Return the turn rate of an aircraft through the air whose track over the ground turns at a
-    rate, both rad/s; the state is over the ground, in plain floats.
+    rate, both rad/s; the state is in plain floats.
 
     What turns at a rate r through the air accelerates by r u across its velocity u there; its
     ground velocity v turns by the part of that across itself, r (u v) / v^2. Where the wind is so
@@ -86,7 +85,7 @@ def turned_error(turn: Array, error: Array) -> Array:
 
 
 def aim_point(
-    own: VehicleState,
+    own: VehicleState[Air],
     goal: tuple[Array, Array],
     drift: tuple[Array, Array] | None,
     latest: float,
@@ -95,7 +94,7 @@ def aim_point(
     """Return where aircraft meet their goals by flying straight ahead, m, ``[...]`` each.
 
     Args:
-        own: states in the air mass.
+        own: states.
         goal: where the goals are now, m.
         drift: velocity of the goals, m/s; None: they stand still.
         latest: where a goal cannot be met within so many seconds, its place then is returned.

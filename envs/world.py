@@ -14,6 +14,7 @@ from envs.aircraft import Aircraft
 from envs.arrays import Array, ArrayModule
 from envs.backend import FloatNamespace
 from envs.encounters import Encounter
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.observation import SetObservation, Vehicles, beside
 from envs.outcome import Outcome, Rules
@@ -43,7 +44,7 @@ class World(NamedTuple):
 class State(NamedTuple):
     """Encounters in progress; fields ``[...]``, those of intruders ``[..., K]`` or tuples of K."""
 
-    own: VehicleState
+    own: VehicleState[Air]
     goal_x: Array  # m
     goal_y: Array
     intruders: Intruders
@@ -154,7 +155,7 @@ def move_intruders(state: State, dt: float, xp: ArrayModule) -> Intruders:
 
 def evaluate(
     state: State,
-    own: VehicleState,
+    own: VehicleState[Air],
     intruders: Intruders,
     rules: Rules,
     xp: ArrayModule,

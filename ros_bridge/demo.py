@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from envs.aircraft import Aircraft
 from envs.areas import Area
 from envs.edge.command import InputError, Parser, require, run_cli
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.random_areas import MOST, random_areas
 from ros_bridge.core.aircraft import aircraft_of, load_policy
@@ -304,7 +305,7 @@ def _areas(
     """Return random areas along the way of an encounter; None where none are asked for."""
     if not options.areas:
         return None
-    own = VehicleState(*(float(field[0]) for field in one.encounter.own))
+    own: VehicleState[Air] = VehicleState(*(float(field[0]) for field in one.encounter.own))
     goal = float(one.encounter.goal_x[0]), float(one.encounter.goal_y[0])
     return random_areas(options.seed, one.number, options.areas, own, goal, aircraft)
 

@@ -13,6 +13,7 @@ from agents.assurance.inputs import no_areas
 from agents.manoeuvres.direct_to_goal import arc_end
 from agents.planner.areas import Counted, in_reach, judge
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import column, take
 from envs.waypoints import ARCS, Legs, PlanStates
@@ -40,7 +41,7 @@ class FromAreas(NamedTuple):
 
 
 def judge_manoeuvres(
-    own: VehicleState, steering: Steering, areas: Array, margin: float, look_ahead: float
+    own: VehicleState[Air], steering: Steering, areas: Array, margin: float, look_ahead: float
 ) -> FromAreas:
     """Return what manoeuvres ``[N, B]`` of ownships ``[N]`` keep of areas.
 
@@ -68,7 +69,7 @@ def judge_manoeuvres(
 
 
 def area_losses(
-    own: VehicleState, areas: tuple[Counted, ...], margin: float, look_ahead: float
+    own: VehicleState[Air], areas: tuple[Counted, ...], margin: float, look_ahead: float
 ) -> list[float]:
     """Return when an ownship ``[1]`` that flies straight on loses what it must keep of each area, s
     from now; inf: not within the look-ahead.
@@ -84,7 +85,7 @@ def area_losses(
 
 def _within_reach(
     areas: tuple[Counted, ...],
-    own: VehicleState,
+    own: VehicleState[Air],
     steering: Steering,
     look_ahead: float,
     margin: float,
@@ -102,7 +103,9 @@ def _within_reach(
     ]
 
 
-def _curves(own: VehicleState, steering: Steering, look_ahead: float) -> tuple[PlanStates, Legs]:
+def _curves(
+    own: VehicleState[Air], steering: Steering, look_ahead: float
+) -> tuple[PlanStates, Legs]:
     """Return the manoeuvres of one ownship as plan states ``[B, HOLDS + 2]`` and their legs."""
     share = np.linspace(0.0, 1.0, HOLDS + 1)
     held = steering.reached[:, None] * (1.0 - share) + look_ahead * share
@@ -121,7 +124,7 @@ def _curves(own: VehicleState, steering: Steering, look_ahead: float) -> tuple[P
     return PlanStates(*_states(own, steering, time), time), curves
 
 
-def _states(own: VehicleState, steering: Steering, time: Array) -> VehicleState:
+def _states(own: VehicleState[Air], steering: Steering, time: Array) -> VehicleState[Air]:
     """Return one ownship on its manoeuvres at times ``[B, T]``, s, the heading not wrapped."""
     yaw_rate, acceleration, reached = column(steering)
     steered = np.minimum(time, reached)

@@ -16,6 +16,7 @@ from agents.planner.request import Altitude
 from envs.area_geometry import signed_distance
 from envs.areas import Area
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import ARCS, Legs, PlanStates, at
@@ -48,7 +49,7 @@ class FromAreas(NamedTuple):
 
 def may_be_met(
     areas: Sequence[Area],
-    own: VehicleState,
+    own: VehicleState[Air],
     altitude: Altitude | None,
     ends: float,
     thresholds: Thresholds,

@@ -20,6 +20,7 @@ from agents.planner.traffic import Traffic, predict, requirement_of, within_wind
 from agents.planner.validator import validate
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import chord
 from envs.trees import column, map_leaves, scatter, take
@@ -80,7 +81,7 @@ def grade(backup: Backup) -> Array:
 
 
 def backup_states(
-    own: VehicleState, course: Array, speed: Array, thresholds: Thresholds
+    own: VehicleState[Air], course: Array, speed: Array, thresholds: Thresholds
 ) -> PlanStates:
     """Return backups from the present states as plan states, ``[M, B]``; every leg has constant
     controls.
@@ -100,7 +101,7 @@ def backup_states(
 
 def refresh(
     previous: Backup,
-    own: VehicleState,
+    own: VehicleState[Air],
     traffic: Traffic,
     time: Array,
     thresholds: Thresholds,
@@ -137,7 +138,11 @@ class _Turns(NamedTuple):
 
 
 def search(
-    own: VehicleState, traffic: Traffic, time: Array, thresholds: Thresholds, areas: Array = None
+    own: VehicleState[Air],
+    traffic: Traffic,
+    time: Array,
+    thresholds: Thresholds,
+    areas: Array = None,
 ) -> Backup:
     """Return the best backup of the family at a time (s), ``[N]``: a safe one, or that of greatest
     clearance.
@@ -154,7 +159,7 @@ def search(
     return take(tried, order[::_TRIED])
 
 
-def _family(own: VehicleState, thresholds: Thresholds) -> _Turns:
+def _family(own: VehicleState[Air], thresholds: Thresholds) -> _Turns:
     """Return all turns of the family, those of one ownship after those of another, ``[N * F]``."""
     count, manoeuvre = own.x.size, thresholds.manoeuvre
     of, change = np.repeat(np.arange(count), _FAMILY_TURN.size), np.tile(_FAMILY_SPEED, count)
@@ -165,7 +170,7 @@ def _family(own: VehicleState, thresholds: Thresholds) -> _Turns:
 
 
 def _likely(
-    family: _Turns, own: VehicleState, traffic: Traffic, thresholds: Thresholds, areas: Array
+    family: _Turns, own: VehicleState[Air], traffic: Traffic, thresholds: Thresholds, areas: Array
 ) -> Array:
     """Return the numbers of those of the family that are worth a validation, the same number of
     each ownship, ``[N * _TRIED]``: by estimates, those first that enter no area.
@@ -192,7 +197,7 @@ def _likely(
 
 def _judge(
     turns: _Turns,
-    own: VehicleState,
+    own: VehicleState[Air],
     traffic: Traffic,
     time: Array,
     thresholds: Thresholds,
@@ -227,7 +232,7 @@ def _value(backup: Backup) -> Array:
 
 
 def _estimate(
-    family: _Turns, own: VehicleState, traffic: Traffic, base: Array, thresholds: Thresholds
+    family: _Turns, own: VehicleState[Air], traffic: Traffic, base: Array, thresholds: Thresholds
 ) -> Array:
     """Return the smallest distance less the required one of backups of a family from ``own``, m,
     ``[N * F]``; an estimate.
@@ -259,7 +264,7 @@ def _estimate(
 
 
 def _relative(
-    flown: VehicleState, tracks: VehicleState, first: int, sample: int
+    flown: VehicleState[Air], tracks: VehicleState[Air], first: int, sample: int
 ) -> tuple[Array, Array]:
     """Return the intruders' place relative to backups at a sample of their flight, m, ``[N, F, K]``
     each.

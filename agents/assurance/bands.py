@@ -35,6 +35,7 @@ from agents.assurance.inputs import no_areas
 from agents.planner.traffic import Requirement, Traffic
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.trees import take
 
@@ -100,7 +101,7 @@ class Stretch(NamedTuple):
 
 
 def heading_bands(
-    own: VehicleState,
+    own: VehicleState[Air],
     traffic: Traffic,
     requirement: Requirement,
     limits: Limits,
@@ -134,7 +135,7 @@ def heading_bands(
 
 
 def speed_bands(
-    own: VehicleState,
+    own: VehicleState[Air],
     traffic: Traffic,
     requirement: Requirement,
     limits: Limits,
@@ -166,7 +167,7 @@ def speed_bands(
 
 
 def losses_on_course(
-    own: VehicleState, traffic: Traffic, requirement: Requirement, look_ahead: float
+    own: VehicleState[Air], traffic: Traffic, requirement: Requirement, look_ahead: float
 ) -> Array:
     """Return when each intruder comes closer than required if the ownship flies straight on, s from
     now, ``[N, K]``; inf: not within the look-ahead.
@@ -217,7 +218,7 @@ def stretches(bands: Bands, row: int = 0, *, circle: bool = True) -> list[Stretc
 class _Kind(NamedTuple):
     """Ownships ``[N]`` whose manoeuvres of one kind are looked at."""
 
-    own: VehicleState
+    own: VehicleState[Air]
     target: Array  # [N, B]
     change: Array  # of the velocity by a unit of change, m/s, [N]
     circle: bool
@@ -251,7 +252,7 @@ class _Judged(NamedTuple):
 
 
 def _judge(
-    own: VehicleState, ramp: Ramp, against: Against, look_ahead: float, areas: Array
+    own: VehicleState[Air], ramp: Ramp, against: Against, look_ahead: float, areas: Array
 ) -> _Judged:
     """Judge manoeuvres against all that they may meet."""
     reached = np.minimum(ramp.reached, look_ahead)

@@ -12,6 +12,7 @@ from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
 from agents.planner.traffic import Traffic, predict, requirement_of, separations, uncertainty
 from envs.arrays import Array
 from envs.follower import Deviation, deviation
+from envs.frames import Air
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
 
@@ -84,7 +85,7 @@ class _Latch(NamedTuple):
 def judge(
     monitor: Monitor,
     memory: Memory,
-    own: VehicleState,
+    own: VehicleState[Air],
     traffic: Traffic,
     causes: Array,
     of_each: Array,
@@ -183,7 +184,7 @@ def _of_concern(separation: Array, traffic: Traffic, thresholds: Thresholds) -> 
 
 def _outlook(
     monitor: Monitor,
-    own: VehicleState,
+    own: VehicleState[Air],
     traffic: Traffic,
     since: Array,
     offset: Array,

@@ -7,17 +7,17 @@ planner.
 """
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from agents.assurance.inputs import Memory, no_areas
 from agents.assurance.state import Monitor
-from agents.planner.reports import Intruder, velocity_std_in
+from agents.planner.reports import Intruder, velocity_std_in, with_state
 from agents.planner.traffic import Traffic
 from envs.areas import Area, in_air
 from envs.arrays import Array
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves
 from envs.wind import NO_WIND, Wind, over_ground, through_air, turned_error
@@ -34,28 +34,20 @@ class Frame(NamedTuple):
         """Whether it does not stand still over the ground."""
         return bool(self.wind.speed > 0.0)
 
-    def to_air(self, state: VehicleState, time: Array) -> VehicleState:
-        """Return a state over the ground at a time, s, as the air mass sees it; NaN, one that is
-        missing, stays so.
-        """
+    def to_air(self, state: VehicleState[Ground], time: Array) -> VehicleState[Air]:
+        """Return a state at a time, s, as the air mass sees it; one that is missing, NaN, stays."""
         missing = isinstance(state.x, float) and math.isnan(state.x)
-        return (
-            through_air(state, self.wind, time - self.since)
-            if self.moves and not missing
-            else state
-        )
+        wind = self.wind if self.moves and not missing else NO_WIND
+        return through_air(state, wind, time - self.since)
 
-    def to_ground(self, state: VehicleState, time: Array) -> VehicleState:
-        """Return a state in the air mass at a time, s, as the ground sees it."""
-        return over_ground(state, self.wind, time - self.since) if self.moves else state
+    def to_ground(self, state: VehicleState[Air], time: Array) -> VehicleState[Ground]:
+        """Return a state at a time, s, as the ground sees it."""
+        return over_ground(state, self.wind if self.moves else NO_WIND, time - self.since)
 
-    def report(self, given: Intruder, time: float) -> Intruder:
-        """Return a report over the ground, as it is known at a time, s, as the air mass sees it."""
-        return replace(
-            given,
-            state=self.to_air(given.state, time - given.age),
-            velocity_std=velocity_std_in(given, self.wind),
-        )
+    def report(self, given: Intruder[Ground], time: float) -> Intruder[Air]:
+        """Return a report, as it is known at a time, s, as the air mass sees it."""
+        state = self.to_air(given.state, time - given.age)
+        return with_state(given, state, velocity_std_in(given, self.wind))
 
     def area(self, given: Area, time: float) -> Area:
         """Return an area as it is over the ground at a time, s, as the air mass sees it."""
@@ -87,7 +79,7 @@ def carry(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
     if old == new:
         return monitor
 
-    def state(given: VehicleState, time: Array) -> VehicleState:
+    def state(given: VehicleState[Air], time: Array) -> VehicleState[Air]:
         known = np.isfinite(time)
         time = np.where(known, time, 0.0)
         there = new.to_air(old.to_ground(given, time), time)
@@ -128,7 +120,9 @@ def _drift(memory: Memory, old: Frame, new: Frame) -> Array:
     drift = memory.drift
     known = np.isfinite(drift.began) & np.isfinite(memory.seen)
     began, seen = (np.where(known, time, 0.0) for time in (drift.began, memory.seen))
-    at = VehicleState(drift.x, drift.y, np.zeros(began.shape), np.ones(began.shape))
+    at: VehicleState[Air] = VehicleState(
+        drift.x, drift.y, np.zeros(began.shape), np.ones(began.shape)
+    )
     there = new.to_air(old.to_ground(at, began), began)
     length = np.where(known, seen - began, 0.0)
     return drift._replace(

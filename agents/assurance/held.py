@@ -22,6 +22,7 @@ from agents.planner.traffic import (
 )
 from agents.planner.validator import CLOSE, ROUNDING
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.relative import RelativeMotion, step_separation
 from envs.trees import column, map_leaves, take
@@ -83,7 +84,7 @@ class Against(NamedTuple):
         """Clearance beyond which a lower bound of it will do, m."""
         return _INTEREST * self.requirement.separation
 
-    def intruders_at(self, time: Array) -> VehicleState:
+    def intruders_at(self, time: Array) -> VehicleState[Air]:
         """Return the intruders at some times, s, that broadcast."""
         return predict(self.traffic, time)
 
@@ -119,13 +120,13 @@ class Against(NamedTuple):
         )
 
 
-def against_traffic(own: VehicleState, traffic: Traffic, requirement: Requirement) -> Against:
+def against_traffic(own: VehicleState[Air], traffic: Traffic, requirement: Requirement) -> Against:
     """Return what ownships ``[N]`` are to keep clear of, intruders ``[N, K]``."""
     base = requirement_of(traffic, own, requirement)
     return Against(column(traffic), base[:, None], requirement)
 
 
-def losses_straight_on(own: VehicleState, against: Against, look_ahead: float) -> Array:
+def losses_straight_on(own: VehicleState[Air], against: Against, look_ahead: float) -> Array:
     """Return when the required distance from each intruder is lost by flying straight on, s from
     now, ``[N, K]``; inf: not within the look-ahead.
     """
@@ -138,7 +139,7 @@ def losses_straight_on(own: VehicleState, against: Against, look_ahead: float) -
 
 
 def judge_traffic(
-    own: VehicleState, ramp: Ramp, reached: Array, against: Against, look_ahead: float
+    own: VehicleState[Air], ramp: Ramp, reached: Array, against: Against, look_ahead: float
 ) -> tuple[Kept, Array]:
     """Return what manoeuvres ``[N, B]`` hold against all intruders, and with which it is lost
     first, -1: with none.
@@ -171,7 +172,9 @@ def _combine(*parts: Kept) -> Kept:
     return first
 
 
-def _state(own: VehicleState, yaw_rate: Array, acceleration: Array, time: Array) -> VehicleState:
+def _state(
+    own: VehicleState[Air], yaw_rate: Array, acceleration: Array, time: Array
+) -> VehicleState[Air]:
     """Return where a turn at constant speed, or a straight acceleration, leads; arguments
     broadcast.
     """
@@ -180,19 +183,19 @@ def _state(own: VehicleState, yaw_rate: Array, acceleration: Array, time: Array)
     return VehicleState(x, y, own.heading + turn, speed)
 
 
-def _ramp_end(own: VehicleState, ramp: Ramp, time: Array) -> VehicleState:
+def _ramp_end(own: VehicleState[Air], ramp: Ramp, time: Array) -> VehicleState[Air]:
     """Return the ownship on its way to each target at some times, ``[N, B]``."""
     return _state(column(own), ramp.yaw_rate[ramp.side], ramp.acceleration[ramp.side], time)
 
 
-def _straight_on(own: VehicleState, seconds: Array) -> VehicleState:
+def _straight_on(own: VehicleState[Air], seconds: Array) -> VehicleState[Air]:
     """Return ownships ``[...]`` after some seconds of straight flight, ``[..., S]``."""
     x, y, heading, speed = (field[..., None] for field in own)
     far = speed * seconds
     return VehicleState(x + far * np.cos(heading), y + far * np.sin(heading), heading, speed)
 
 
-def _relative(own: VehicleState, other: VehicleState) -> RelativeMotion:
+def _relative(own: VehicleState[Air], other: VehicleState[Air]) -> RelativeMotion:
     """Return what :func:`envs.relative.relative_motion` does, for headings that are not wrapped."""
     east, north = own.speed * np.cos(own.heading), own.speed * np.sin(own.heading)
     return RelativeMotion(
@@ -254,7 +257,7 @@ def _drop_uncounted(found: Kept, traffic: Traffic, begin: Array, end: Array) -> 
 
 
 def _judge_ramp(
-    own: VehicleState, ramp: Ramp, arrival: VehicleState, reached: Array, against: Against
+    own: VehicleState[Air], ramp: Ramp, arrival: VehicleState[Air], reached: Array, against: Against
 ) -> Kept:
     """Judge the way from the present to each target, ``[N, B, K]``; of what is kept clear of, no
     spread.
@@ -313,7 +316,7 @@ def _accumulate(function: np.ufunc, values: Array, nothing: float) -> Array:
 
 
 def _judge_hold(
-    own: VehicleState, reached: Array, against: Against, look_ahead: float
+    own: VehicleState[Air], reached: Array, against: Against, look_ahead: float
 ) -> tuple[Kept, ...]:
     """Judge straight flight from targets on, ``[N, B]``, until the end of the look-ahead, ``[N, B,
     K]``.
@@ -328,7 +331,9 @@ def _judge_hold(
     return tuple(parts)
 
 
-def _judge_among_turning(own: VehicleState, reached: Array, until: Array, against: Against) -> Kept:
+def _judge_among_turning(
+    own: VehicleState[Air], reached: Array, until: Array, against: Against
+) -> Kept:
     """Judge straight flight from targets on until an intruder's turn ends, ``[N, B, K]``."""
     lasts = until - reached[..., None]
     there = against.intruders_at(reached[..., None])
@@ -352,7 +357,7 @@ def _judge_among_turning(own: VehicleState, reached: Array, until: Array, agains
 
 
 def _judge_straight(
-    own: VehicleState, reached: Array, begin: Array, against: Against, look_ahead: float
+    own: VehicleState[Air], reached: Array, begin: Array, against: Against, look_ahead: float
 ) -> Kept:
     """Judge straight flight of both, from ``begin``, s, to the end of the look-ahead, in closed
     form, ``[N, B, K]``.

@@ -16,6 +16,7 @@ from agents.planner.traffic import Traffic, Window, advance_reports
 from agents.policy.domain import excess
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import FASTEST, VehicleState, velocity
 from envs.trees import map_leaves
 from envs.wind import turned_error
@@ -37,11 +38,10 @@ class Inputs(NamedTuple):
     """
 
     time: Array  # now, on the monitor's clock, s
-    own: VehicleState  # as last reported
+    own: VehicleState[Air]  # as last reported
     own_age: Array  # of that report, s
-    intruders: (
-        VehicleState  # as last reported, each in a place of its own as long as it exists, [N, K]
-    )
+    # as last reported, each in a place of its own as long as it exists, [N, K]
+    intruders: VehicleState[Air]
     age: Array  # of those reports, s, [N, K]
     mask: Array  # which intruders exist, bool, [N, K]; one that is updated away here is forgotten
     position_std: Array  # one sigma per axis, m, [N, K]
@@ -57,9 +57,9 @@ class Memory(NamedTuple):
     """The last good reports; fields ``[N]``, of intruders ``[N, K]``."""
 
     time: Array  # of the last step, s; -inf before the first
-    own: VehicleState
+    own: VehicleState[Air]
     own_time: Array  # time of the own report, s; -inf before the first
-    intruders: VehicleState  # [N, K]
+    intruders: VehicleState[Air]  # [N, K]
     seen: Array  # times of the intruders' reports, s, [N, K]; -inf before the first
     turn_rate: Array  # from the last two reports, rad/s, [N, K]
     position_std: Array
@@ -71,7 +71,11 @@ class Memory(NamedTuple):
 
 
 def inputs(
-    time: Array, own: VehicleState, intruders: VehicleState, mask: Array = None, **more: Any
+    time: Array,
+    own: VehicleState[Air],
+    intruders: VehicleState[Air],
+    mask: Array = None,
+    **more: Any,
 ) -> Inputs:
     """Return inputs ``[N]``, those of intruders ``[N, K]``; what is not given is 0, that is exact
     and fresh, and every intruder exists.
@@ -119,7 +123,7 @@ def no_areas(count: int) -> Array:
 
 def update(
     memory: Memory, given: Inputs, thresholds: Thresholds
-) -> tuple[Memory, VehicleState, Traffic, Array, Array]:
+) -> tuple[Memory, VehicleState[Air], Traffic, Array, Array]:
     """Return the memory with what is valid, own states and known intruders now (dead-reckoned), and
     the causes, int32: those that do not lie in intruders ``[N]``, and those that do ``[N, K]``.
     """
@@ -135,7 +139,7 @@ def update(
 
 def _take_own(
     memory: Memory, given: Inputs, now: Array, clock: Array, thresholds: Thresholds
-) -> tuple[VehicleState, Array, Array]:
+) -> tuple[VehicleState[Air], Array, Array]:
     """Return the last good own states, their times, s, and the causes that lie in them, ``[N]``."""
     sane = _sane(given.own, given.own_age)
     reported = now - np.where(sane, given.own_age, 0.0)
@@ -212,7 +216,9 @@ def _lasting_causes(memory: Memory, now: Array, outside: Array, thresholds: Thre
     return causes
 
 
-def advance(memory: Memory, mask: Array, thresholds: Thresholds) -> tuple[VehicleState, Traffic]:
+def advance(
+    memory: Memory, mask: Array, thresholds: Thresholds
+) -> tuple[VehicleState[Air], Traffic]:
     """Return ownship and intruders now, advanced from the last good reports; intruders along the
     turns they show.
     """
@@ -275,7 +281,7 @@ def _turn_rate(
     return np.where(given.mask, rate, 0.0), outside
 
 
-def _sane(state: VehicleState, age: Array) -> Array:
+def _sane(state: VehicleState[Air], age: Array) -> Array:
     """Return whether states are finite and in range; nan fails every comparison."""
     place = (np.abs(state.x) <= _FARTHEST) & (np.abs(state.y) <= _FARTHEST)
     motion = (

@@ -21,6 +21,7 @@ from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, UNSAFE, WANTING, 
 from agents.planner.traffic import Traffic, whole
 from agents.planner.validator import validate
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, scatter, take
 from envs.waypoints import PlanStates, at, legs
@@ -133,7 +134,7 @@ def _refresh_backups(
     backup: Backup,
     rows: Array,
     memory: Memory,
-    own: VehicleState,
+    own: VehicleState[Air],
     traffic: Traffic,
     thresholds: Thresholds,
 ) -> Backup:
@@ -213,12 +214,12 @@ def answer(
     return _with(result, seeing, on_backup=on_backup, state=state), accepted
 
 
-def references(monitor: Monitor, time: Array, dt: float, count: int) -> VehicleState:
+def references(monitor: Monitor, time: Array, dt: float, count: int) -> VehicleState[Air]:
     """Return the states to be flown through at a time, s, and every ``dt`` after it, ``[count + 1,
     N]``; IDLE: any.
     """
     when = np.broadcast_to(np.asarray(time, dtype=float), monitor.state.shape)
-    result = VehicleState(*(np.zeros((count + 1, when.size)) for _ in range(4)))
+    result: VehicleState[Air] = VehicleState(*(np.zeros((count + 1, when.size)) for _ in range(4)))
     for rows, curves, starts in (
         (np.flatnonzero(~monitor.on_backup), monitor.plan.legs, monitor.started),
         (np.flatnonzero(monitor.on_backup), monitor.backup.legs, monitor.backup.started),

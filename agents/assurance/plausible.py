@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.assurance.thresholds import Thresholds
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, velocity
 from envs.trees import map_leaves
 
@@ -88,8 +89,8 @@ def greatest_change(
 
 def follow(
     drift: Drift,
-    before: tuple[VehicleState, Array, Array],
-    report: tuple[VehicleState, Array, Array],
+    before: tuple[VehicleState[Air], Array, Array],
+    report: tuple[VehicleState[Air], Array, Array],
     time: tuple[Array, Array],
     good: Array,
     thresholds: Thresholds,

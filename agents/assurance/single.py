@@ -23,9 +23,10 @@ from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.planner.answer import Plan
 from agents.planner.fields import listed
 from agents.planner.levels import Altitude
-from agents.planner.reports import Intruder, arrays_of_reports, windows
+from agents.planner.reports import Intruder, arrays_of_reports, windows, with_state
 from agents.planner.traffic import advance_reports
 from envs.areas import Area
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, take
 from envs.waypoints import PlanStates, Waypoint, plan_states
@@ -33,8 +34,8 @@ from envs.wind import NO_WIND
 
 _SAME = 1e-6  # s by which the times of one report may differ
 _ONE = np.array([0])
-_MISSING = VehicleState(math.nan, math.nan, math.nan, math.nan)
-_NOWHERE = VehicleState(0.0, 0.0, 0.0, 0.0)
+_MISSING: VehicleState[Ground] = VehicleState(math.nan, math.nan, math.nan, math.nan)
+_NOWHERE: VehicleState[Ground] = VehicleState(0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +54,8 @@ class Ask:
     """
 
     number: int
-    own: VehicleState
-    intruders: tuple[Intruder, ...]
+    own: VehicleState[Ground]
+    intruders: tuple[Intruder[Ground], ...]
     own_altitude: Altitude | None = None
 
 
@@ -88,7 +89,7 @@ class Watch:
     ask: Ask | None = None  # the last request
     frame: Frame = STILL  # that the monitor works in
     # The last reports of each with an altitude: when they held, s, and what they said of it.
-    levels: Mapping[str, tuple[float, Intruder]] = field(default_factory=dict)
+    levels: Mapping[str, tuple[float, Intruder[Ground]]] = field(default_factory=dict)
 
     @property
     def thresholds_in_air(self) -> Thresholds:
@@ -104,8 +105,8 @@ def begin(thresholds: Thresholds) -> Watch:
 def activate(
     watch: Watch,
     plan: Plan,
-    own: VehicleState,
-    intruders: Mapping[str, Intruder],
+    own: VehicleState[Ground],
+    intruders: Mapping[str, Intruder[Ground]],
     time: float,
     *,
     own_altitude: Altitude | None = None,
@@ -143,8 +144,8 @@ def activate(
 def step(
     watch: Watch,
     time: float,
-    own: VehicleState | None,
-    intruders: Mapping[str, Intruder],
+    own: VehicleState[Ground] | None,
+    intruders: Mapping[str, Intruder[Ground]],
     *,
     own_age: float = 0.0,
     own_altitude: Altitude | None = None,
@@ -163,14 +164,16 @@ def step(
     watch = _allocate(watch, names)
     frame, reports = watch.frame, [intruders.get(name, Intruder(_MISSING)) for name in names]
     # A turn is what two reports show, not what one says.
-    in_air = [replace(one, state=frame.to_air(one.state, time - one.age)) for one in reports]
+    in_air = [
+        with_state(one, frame.to_air(one.state, time - one.age), one.velocity_std)
+        for one in reports
+    ]
     (seen, age), thresholds = arrays_of_reports(in_air), watch.thresholds_in_air
-    own = frame.to_air(own or _MISSING, time - own_age)
-    here = VehicleState(*(np.array([value], dtype=float) for value in own))
+    here = frame.to_air(own or _MISSING, time - own_age)
     now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
     given = Inputs(
         time=now,
-        own=here,
+        own=VehicleState(*(np.array([value], dtype=float) for value in here)),
         own_age=late,
         intruders=seen.state,
         age=age,
@@ -179,7 +182,7 @@ def step(
         velocity_std=seen.velocity_std,
         separation=seen.separation,
         window=windows(reports, own_altitude, thresholds.options),
-        areas=_areas_met(watch, areas, own, own_altitude, time),
+        areas=_areas_met(watch, areas, here, own_altitude, time),
     )
     monitor, decision = monitors.step(watch.monitor, given, thresholds)
     counted = set(names)
@@ -197,7 +200,7 @@ def step(
 def _areas_met(
     watch: Watch,
     areas: Sequence[Area],
-    own: VehicleState,
+    own: VehicleState[Air],
     own_altitude: Altitude | None,
     time: float,
 ) -> np.ndarray:
@@ -284,27 +287,29 @@ def _ask(watch: Watch, monitor: Monitor, decision: Decision, own_altitude: Altit
     them.
     """
     memory, frame = monitor.memory, watch.frame
-    own = VehicleState(*(float(field[0]) for field in decision.own))
+    here: VehicleState[Air] = VehicleState(*(float(field[0]) for field in decision.own))
+    own = frame.to_ground(here, float(memory.time[0]))
     when = np.where(np.isfinite(memory.seen), memory.seen, 0.0)
-    on_ground = memory._replace(intruders=frame.to_ground(memory.intruders, when))
+    intruders = frame.to_ground(memory.intruders, when)
     known = tuple(
         _at_its_level(
-            _last_report(on_ground, place, watch.thresholds),
+            _last_report(memory, intruders, place, watch.thresholds),
             float(memory.seen[0, place]),
             watch.levels.get(name),
         )
         for place, name in enumerate(watch.names)
         if decision.traffic.mask[0, place]
     )
-    own = frame.to_ground(own, float(memory.time[0]))
     return Ask(int(decision.number[0]), own, known, own_altitude)
 
 
-def _last_report(memory: Memory, place: int, thresholds: Thresholds) -> Intruder:
-    """Return the last good report of the intruder at a place, with its age."""
+def _last_report(
+    memory: Memory, intruders: VehicleState[Ground], place: int, thresholds: Thresholds
+) -> Intruder[Ground]:
+    """Return the last good report of the intruder at a place, of these states, with its age."""
     turn_rate, separation = float(memory.turn_rate[0, place]), float(memory.separation[0, place])
     return Intruder(
-        state=VehicleState(*(float(field[0, place]) for field in memory.intruders)),
+        state=VehicleState(*(float(field[0, place]) for field in intruders)),
         age=float(memory.time[0] - memory.seen[0, place]),
         turn_rate=turn_rate,
         turn_time=0.0 if turn_rate == 0.0 else thresholds.turn_time,
@@ -314,7 +319,9 @@ def _last_report(memory: Memory, place: int, thresholds: Thresholds) -> Intruder
     )
 
 
-def _at_its_level(one: Intruder, seen: float, said: tuple[float, Intruder] | None) -> Intruder:
+def _at_its_level(
+    one: Intruder[Ground], seen: float, said: tuple[float, Intruder[Ground]] | None
+) -> Intruder[Ground]:
     """Return a report with the altitude of the same time, s; without one it counts as level."""
     if said is None or abs(said[0] - seen) > _SAME:
         return one
@@ -337,7 +344,9 @@ def reasons(
     return tuple(found)
 
 
-def _plan_states(own: VehicleState, plan: Plan, frame: Frame, thresholds: Thresholds) -> PlanStates:
+def _plan_states(
+    own: VehicleState[Ground], plan: Plan, frame: Frame, thresholds: Thresholds
+) -> PlanStates:
     """Return a plan's states in its air mass, ``[1, W + 1]``; nan where it has no trajectory, or
     not as many waypoints as expected.
     """

@@ -11,6 +11,7 @@ from agents.assurance.lookahead import Course, course
 from agents.assurance.thresholds import Thresholds
 from agents.planner.traffic import Traffic, whole
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.waypoints import legs
 
@@ -60,7 +61,7 @@ class Decision(NamedTuple):
     replan: Array
     number: Array
     causes: Array  # bits of Cause, int32
-    own: VehicleState  # present states, dead-reckoned
+    own: VehicleState[Air]  # present states, dead-reckoned
     # the intruders now, dead-reckoned, with the turns that their reports show, [N, K]
     traffic: Traffic
     cross_track: Array  # error against the plan, m, positive to its left

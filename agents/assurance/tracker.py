@@ -9,12 +9,13 @@ line; once that shows beyond the noise, in one report or in the mean of several,
 anew with the report. Without noise every report does, so that nothing is lost.
 """
 
-from typing import NamedTuple
+from typing import Generic, NamedTuple
 
 import numpy as np
 
 from envs.angles import atan2
 from envs.arrays import Array
+from envs.frames import F
 from envs.kinematics import VehicleState, velocity
 from envs.trees import map_leaves
 
@@ -25,10 +26,10 @@ _DRIFT_GAIN = 0.3  # of the running mean of the velocity's deviations
 _JUMP_POSITION, _JUMP_VELOCITY, _DRIFT = 4.8, 4.2, 1.9
 
 
-class Tracks(NamedTuple):
+class Tracks(NamedTuple, Generic[F]):
     """Estimates of intruders; fields ``[...]``."""
 
-    state: VehicleState
+    state: VehicleState[F]
     count: Array  # reports since the track began
     drift_x: Array  # running mean of the velocity's deviations, m/s
     drift_y: Array
@@ -47,7 +48,7 @@ class Tracks(NamedTuple):
         }
 
 
-def begin(report: VehicleState, position_std: Array, velocity_std: Array) -> Tracks:
+def begin(report: VehicleState[F], position_std: Array, velocity_std: Array) -> Tracks[F]:
     """Return tracks that know one report, ``[...]``; arguments as :func:`follow` has them."""
     zero = np.zeros(np.shape(report.x))
     return Tracks(
@@ -56,8 +57,12 @@ def begin(report: VehicleState, position_std: Array, velocity_std: Array) -> Tra
 
 
 def follow(
-    tracks: Tracks | None, report: VehicleState, position_std: Array, velocity_std: Array, dt: float
-) -> Tracks:
+    tracks: Tracks[F] | None,
+    report: VehicleState[F],
+    position_std: Array,
+    velocity_std: Array,
+    dt: float,
+) -> Tracks[F]:
     """Return the tracks (None: there are none) with reports ``dt`` seconds later, ``[...]``.
 
     The standard deviations are those of the reports, per axis, m and m/s.
@@ -76,7 +81,9 @@ def follow(
     count = tracks.count + 1.0
     near, slow = np.maximum(_POSITION_GAIN, 1.0 / count), np.maximum(_VELOCITY_GAIN, 1.0 / count)
     vx, vy = vx + slow * off_vx, vy + slow * off_vy
-    followed = VehicleState(x + near * off_x, y + near * off_y, atan2(vy, vx, np), np.hypot(vx, vy))
+    followed: VehicleState[F] = VehicleState(
+        x + near * off_x, y + near * off_y, atan2(vy, vx, np), np.hypot(vx, vy)
+    )
     # The errors of an estimate with any gains: what is kept of those predicted, and what is taken
     # over of the report's.
     far, fast = 1.0 - near, 1.0 - slow

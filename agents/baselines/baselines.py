@@ -16,6 +16,7 @@ import numpy as np
 from agents.manoeuvres.direct_to_goal import DirectTask, clear
 from envs.aircraft import Aircraft
 from envs.angles import wrap
+from envs.frames import Air
 from envs.kinematics import VehicleState, velocity
 from envs.relative import at_share
 from envs.trees import column
@@ -32,8 +33,8 @@ class Sight(NamedTuple):
     K]``.
     """
 
-    own: VehicleState
-    intruders: VehicleState  # as reported, not as they are
+    own: VehicleState[Air]
+    intruders: VehicleState[Air]  # as reported, not as they are
     mask: np.ndarray  # which of the K intruders exist, bool
     goal_x: np.ndarray
     goal_y: np.ndarray
@@ -111,7 +112,7 @@ def may_return(sight: Sight, aircraft: Aircraft, required: float) -> np.ndarray:
     return free | np.all(opening | ~sight.mask, axis=-1)
 
 
-def steer(own: VehicleState, course: Any, aircraft: Aircraft) -> np.ndarray:
+def steer(own: VehicleState[Air], course: Any, aircraft: Aircraft) -> np.ndarray:
     """Return the steering, a share of the largest turn rate in [-1, 1], that brings the heading to
     a course.
     """

@@ -37,6 +37,7 @@ from envs.aircraft import Aircraft
 from envs.edge.command import InputError, Parser
 from envs.edge.files import write_file
 from envs.edge.installation import versions
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.observation import SIZE, rank_motion
 from envs.relative import RelativeMotion
@@ -248,8 +249,8 @@ def _known_actions(
 class States(NamedTuple):
     """What :meth:`Policy.command` is asked, SI; fields ``[N]``, of intruders ``[N, K]``."""
 
-    own: VehicleState
-    intruders: VehicleState
+    own: VehicleState[Air]
+    intruders: VehicleState[Air]
     mask: np.ndarray
     goal_x: np.ndarray
     goal_y: np.ndarray
@@ -264,14 +265,14 @@ def random_states(
     limits, length = aircraft.limits, size * aircraft.separation
     shape = count, most
     x, y = random.uniform(-length, length, (2, count))
-    own = VehicleState(
+    own: VehicleState[Air] = VehicleState(
         x,
         y,
         random.uniform(-np.pi, np.pi, count),
         random.uniform(limits.speed_min, limits.speed_max, count),
     )
     x, y = random.uniform(-length, length, (2, *shape))
-    intruders = VehicleState(
+    intruders: VehicleState[Air] = VehicleState(
         own.x[:, None] + x,
         own.y[:, None] + y,
         random.uniform(-np.pi, np.pi, shape),

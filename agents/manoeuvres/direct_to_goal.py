@@ -10,6 +10,7 @@ import numpy as np
 
 from envs.angles import atan2, sincos, wrap
 from envs.arrays import Array, ArrayModule
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, velocity
 
 EVERY = 5
@@ -27,7 +28,7 @@ class DirectTask(NamedTuple):
     turn_rate: float  # of turns on the way back, rad/s
 
 
-def arc_end(state: VehicleState, arc: Array, length: Array) -> tuple[Array, Array]:
+def arc_end(state: VehicleState[Air], arc: Array, length: Array) -> tuple[Array, Array]:
     """Return where arcs from a state end that turn by ``arc``, rad, on a length, m; numpy,
     ``[...]`` each.
     """
@@ -65,7 +66,7 @@ class Turn(NamedTuple):
 
 
 def turn_onto(
-    own: VehicleState,
+    own: VehicleState[Air],
     point: tuple[Array, Array],
     radius: Array,
     xp: ArrayModule,
@@ -115,7 +116,11 @@ class Direct(NamedTuple):
 
 
 def direct(
-    own: VehicleState, goal: tuple[Array, Array], time: Array, task: DirectTask, xp: ArrayModule
+    own: VehicleState[Air],
+    goal: tuple[Array, Array],
+    time: Array,
+    task: DirectTask,
+    xp: ArrayModule,
 ) -> Direct:
     """Return the direct route to a goal, m, from states at some times, s, ``[...]``.
 
@@ -140,7 +145,11 @@ def direct(
 
 
 def arrival(
-    own: VehicleState, goal: tuple[Array, Array], time: Array, task: DirectTask, xp: ArrayModule
+    own: VehicleState[Air],
+    goal: tuple[Array, Array],
+    time: Array,
+    task: DirectTask,
+    xp: ArrayModule,
 ) -> tuple[Array, Array, Array]:
     """Return when the direct route passes over the goal, s, on which course, rad, and how fast,
     m/s, ``[...]``.
@@ -152,9 +161,9 @@ def arrival(
 
 
 def clear(
-    own: VehicleState,
+    own: VehicleState[Air],
     goal: tuple[Array, Array],
-    other: VehicleState,
+    other: VehicleState[Air],
     required: Array,
     time: Array,
     task: DirectTask,
@@ -172,9 +181,9 @@ def clear(
 
 
 def keeps_clear(
-    own: VehicleState,
+    own: VehicleState[Air],
     way: Direct,
-    other: VehicleState,
+    other: VehicleState[Air],
     required: Array,
     time: Array,
     task: DirectTask,
@@ -211,7 +220,7 @@ def keeps_clear(
     return xp.logical_and(possible, near >= required * xp.abs(required))
 
 
-def _chords(own: VehicleState, way: Direct, xp: ArrayModule) -> Iterator[tuple[Array, Array]]:
+def _chords(own: VehicleState[Air], way: Direct, xp: ArrayModule) -> Iterator[tuple[Array, Array]]:
     """Yield the chords of the quarters of a direct route's turn, east and north, m."""
     sine, cosine = sincos(own.heading, xp)
     half_sine, half_cosine = sincos(0.5 * (way.turn * (1.0 / _PARTS)), xp)

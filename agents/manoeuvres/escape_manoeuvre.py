@@ -12,6 +12,7 @@ import numpy as np
 from agents.manoeuvres.direct_to_goal import arc_end
 from envs.arrays import Array
 from envs.encounters import Encounter
+from envs.frames import Air
 from envs.intruder import start, step
 from envs.kinematics import Limits, VehicleState, advance, commands, velocity
 from envs.outcome import Rules
@@ -42,7 +43,7 @@ class Manoeuvre(NamedTuple):
 class Flight(NamedTuple):
     """An escape in progress; fields ``[...]``."""
 
-    own: VehicleState
+    own: VehicleState[Air]
     to_turn: Array  # what is left of the turn, rad
     switched: Array  # whether the second part has begun, bool
     returning: Array  # whether the aircraft is on the way to the goal, bool
@@ -60,7 +61,7 @@ def steps(rules: Rules) -> int:
     return int(np.ceil(rules.t_max / rules.dt - 0.5))
 
 
-def tracks(encounter: Encounter, count: int, rules: Rules) -> VehicleState:
+def tracks(encounter: Encounter, count: int, rules: Rules) -> VehicleState[Air]:
     """Fly the intruders alone (they react to nothing); return their states about the steps,
     ``[count + 1, ..., K]``.
     """
@@ -78,7 +79,7 @@ def count_in(encounter: Encounter, rules: Rules) -> Counting:
     return Counting(encounter.mask, None if own is None else rules.separation / own)
 
 
-def takeoff(own: VehicleState, manoeuvre: Manoeuvre) -> Flight:
+def takeoff(own: VehicleState[Air], manoeuvre: Manoeuvre) -> Flight:
     """Return the escapes at their beginning, ``[M]``."""
     never = np.zeros(np.shape(own.x), dtype=bool)
     return Flight(own, manoeuvre.turn, never, never)
@@ -89,7 +90,7 @@ def choose_action(
     manoeuvre: Manoeuvre,
     time: float,
     goal: tuple[Array, Array],
-    traffic: VehicleState,
+    traffic: VehicleState[Air],
     counting: Counting,
     rules: Rules,
     limits: Limits,
@@ -121,7 +122,7 @@ def fly(
     manoeuvre: Manoeuvre,
     time: float,
     goal: tuple[Array, Array],
-    traffic: VehicleState,
+    traffic: VehicleState[Air],
     counting: Counting,
     rules: Rules,
     limits: Limits,
@@ -148,7 +149,7 @@ def fly_step(
     manoeuvre: Manoeuvre,
     time: float,
     goal: tuple[Array, Array],
-    traffic: tuple[VehicleState, VehicleState],
+    traffic: tuple[VehicleState[Air], VehicleState[Air]],
     counting: Counting,
     rules: Rules,
     limits: Limits,
@@ -185,7 +186,7 @@ def steer_away(flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Arr
 
 
 def _to_goal(
-    own: VehicleState,
+    own: VehicleState[Air],
     goal: tuple[Array, Array],
     time: float,
     throttle: Array,
@@ -209,9 +210,9 @@ def _to_goal(
 
 
 def _way_back_clear(
-    own: VehicleState,
+    own: VehicleState[Air],
     goal: tuple[Array, Array],
-    traffic: VehicleState,
+    traffic: VehicleState[Air],
     counting: Counting,
     slack: Array,
     rules: Rules,

@@ -24,6 +24,7 @@ from envs.aircraft import Aircraft
 from envs.arrays import Array
 from envs.draws import normals, uniforms
 from envs.encounters import Encounter
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Outcome, Rules, judge
 from envs.relative import distance
@@ -62,7 +63,7 @@ class _Aloft(NamedTuple):
     counting: Counting  # how the intruders count, [M, K]
     manoeuvre: Manoeuvre
     flight: Flight
-    now: VehicleState  # of the intruders, [M, K]
+    now: VehicleState[Air]  # of the intruders, [M, K]
     length: Array  # flown so far, m
     to_goal: Array  # distance to the goal, m
 
@@ -142,7 +143,7 @@ unsolved.
 
 def fly_out(
     encounter: Encounter,
-    traffic: VehicleState,
+    traffic: VehicleState[Air],
     which: Array,
     manoeuvre: Manoeuvre,
     rules: Rules,
@@ -196,7 +197,7 @@ def fly_out(
 def _fly_one(
     aloft: _Aloft,
     index: int,
-    after: VehicleState,
+    after: VehicleState[Air],
     found: EscapeOutcome,
     rules: Rules,
     limits: Limits,

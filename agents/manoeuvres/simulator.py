@@ -20,6 +20,7 @@ import numpy as np
 from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, steer_away, takeoff
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.trees import scatter, take
 
@@ -31,7 +32,7 @@ _PAIRS = 8_192
 class Departure(NamedTuple):
     """States in which manoeuvres may turn back; fields ``[R]``."""
 
-    own: VehicleState
+    own: VehicleState[Air]
     stride: Array  # number of the stride that begins there
     owner: Array  # whose manoeuvre it is
     slack: Array  # what the way back keeps beyond the required distance, m
@@ -45,7 +46,7 @@ class Surroundings(Protocol):
         """About how many each flight is set against."""
         ...
 
-    def clearance(self, flown: VehicleState, first: int, owner: Array) -> Array:
+    def clearance(self, flown: VehicleState[Air], first: int, owner: Array) -> Array:
         """Return the least distance less the required one in each stride of flights, m, ``[S, M]``.
 
         Args:
@@ -77,7 +78,7 @@ class Effort(NamedTuple):
 class Landed(NamedTuple):
     """Where manoeuvres have been and ended; fields ``[M]``."""
 
-    states: VehicleState  # at the beginning of each stride until the end, [S, M]; nan after it
+    states: VehicleState[Air]  # at the beginning of each stride until the end, [S, M]; nan after it
     end: Array  # number of the stride at whose beginning each ended
     returned: Array  # whether it turned back there, bool; else it was given up
     clearance: Array  # least distance less the required one until then, m; an estimate
@@ -94,7 +95,7 @@ class _Aloft(NamedTuple):
 
 
 def fly_until_clear(
-    own: VehicleState,
+    own: VehicleState[Air],
     owner: Array,
     manoeuvre: Manoeuvre,
     around: Surroundings,
@@ -149,7 +150,7 @@ def fly_until_clear(
 
 def _may_turn_back(
     aloft: _Aloft,
-    flown: VehicleState,
+    flown: VehicleState[Air],
     nearest: Array,
     first: int,
     stride: float,
@@ -194,7 +195,7 @@ def _first(happens: Array) -> tuple[Array, Array]:
 
 def _nothing(count: int, last: int) -> Landed:
     """Return that no manoeuvre has been flown, ``[count]``."""
-    states = VehicleState(*np.full((4, last + 1, count), np.nan))
+    states: VehicleState[Air] = VehicleState(*np.full((4, last + 1, count), np.nan))
     no = np.zeros(count, dtype=bool)
     return Landed(states, np.full(count, last), no, np.full(count, np.inf))
 
@@ -203,7 +204,7 @@ def _note(
     landed: Landed,
     row: Array,
     first: int,
-    flown: VehicleState,
+    flown: VehicleState[Air],
     over: Array,
     ended: Array,
     returning: Array,
@@ -221,7 +222,7 @@ def _note(
 
 def fly_away(
     flight: Flight, manoeuvre: Manoeuvre, first: int, count: int, dt: float, limits: Limits
-) -> tuple[VehicleState, Flight]:
+) -> tuple[VehicleState[Air], Flight]:
     """Fly ``count`` steps of ``dt`` seconds of escapes ``[M]`` as
     :func:`agents.manoeuvres.escape_manoeuvre.fly` does, from step number ``first`` on.
 
@@ -246,8 +247,8 @@ def fly_away(
 
 
 def integrate(
-    own: VehicleState, acceleration: Array, yaw_rate: Array, dt: float, limits: Limits
-) -> tuple[VehicleState, VehicleState]:
+    own: VehicleState[Air], acceleration: Array, yaw_rate: Array, dt: float, limits: Limits
+) -> tuple[VehicleState[Air], VehicleState[Air]]:
     """Return motion under known controls, every displacement found at once.
 
     Args:

@@ -18,6 +18,7 @@ from agents.planner.request import BEYOND, Request, drift_points, latest_end
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Keep, in_air
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import Shared
 from envs.wind import Wind
@@ -64,7 +65,7 @@ def add_areas(
     if not given:
         return request, ()
     seen = given if wind is None else [in_air(one, wind) for one in given]
-    own = VehicleState(*(float(field[0]) for field in request.own))
+    own: VehicleState[Air] = VehicleState(*(float(field[0]) for field in request.own))
     near = _reachable_areas(seen, request, own, altitude, options)
     left, notes = request, list[Advisory]()
     if near:
@@ -92,7 +93,7 @@ def _assumed_climb(
 def _reachable_areas(
     areas: Sequence[Area],
     request: Request,
-    own: VehicleState,
+    own: VehicleState[Air],
     altitude: Altitude | None,
     options: Options,
 ) -> tuple[Counted, ...]:
@@ -111,7 +112,7 @@ def _reachable_areas(
 
 
 def _without_points_in(
-    areas: Sequence[Counted], request: Request, own: VehicleState, options: Options
+    areas: Sequence[Counted], request: Request, own: VehicleState[Air], options: Options
 ) -> tuple[Request, list[Advisory]]:
     """Return a request without the points of its route that lie in areas."""
     x, y = request.route_x[0], request.route_y[0]
@@ -154,7 +155,7 @@ def _where_forbidden(one: Counted) -> str:
 
 
 def _with_points_round(
-    areas: tuple[Counted, ...], request: Request, own: VehicleState, options: Options
+    areas: tuple[Counted, ...], request: Request, own: VehicleState[Air], options: Options
 ) -> Request:
     """Return a request with points round areas in its route where those lie in its way.
 
@@ -197,7 +198,7 @@ def _ahead(request: Request, first: int, options: Options) -> tuple[Array, Array
     return x[first:], y[first:], number[first:]
 
 
-def _reach(request: Request, own: VehicleState) -> Array:
+def _reach(request: Request, own: VehicleState[Air]) -> Array:
     """Return when the points of a route would be reached at the present airspeed, s, ``[R]``."""
     x, y = (
         np.concatenate([[begin], field[0]])

@@ -26,6 +26,7 @@ from envs.area_geometry import (
 )
 from envs.areas import Area, Keep, Level
 from envs.arrays import Array
+from envs.frames import F
 from envs.kinematics import VehicleState
 from envs.trees import first_of_each, map_leaves, take
 from envs.waypoints import ARCS, Legs, PlanStates
@@ -95,7 +96,7 @@ class _Chords(NamedTuple):
 
 def relevant(
     areas: Sequence[Area],
-    own: VehicleState,
+    own: VehicleState[F],
     altitude: Altitude | None,
     *,
     fastest: float,

@@ -11,6 +11,7 @@ from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, direct
 from agents.planner.areas import Counted
 from envs.area_geometry import Parts, chord_distances, gain, own_frame
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 
 _PARTS = 4  # of the turn onto the goal
@@ -19,7 +20,7 @@ _PARTS = 4  # of the turn onto the goal
 def clearance(
     areas: Sequence[Counted],
     required: Sequence[Array],
-    flown: VehicleState,
+    flown: VehicleState[Air],
     times: Array,
     of: Array,
 ) -> Array:
@@ -39,7 +40,7 @@ def clearance(
 def way_clear(
     areas: Sequence[Counted],
     required: Sequence[Array],
-    own: VehicleState,
+    own: VehicleState[Air],
     goal: tuple[Array, Array],
     time: Array,
     of: Array,
@@ -51,7 +52,7 @@ def way_clear(
     way = direct(own, goal, time, task, np)
     share = np.arange(_PARTS + 1) * (1.0 / _PARTS)
     turn, lasts = (way.side * way.turn)[:, None] * share, way.turning[:, None] * share
-    state = VehicleState(*(np.asarray(field)[:, None] for field in own))
+    state: VehicleState[Air] = VehicleState(*(np.asarray(field)[:, None] for field in own))
     x, y = arc_end(state, turn, state.speed * lasts)
     pace = 0.5 * (own.speed + way.speed)
     arrival = time + way.turning + (way.straight + task.radius) / pace

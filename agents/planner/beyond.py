@@ -15,6 +15,7 @@ from agents.planner.options import Options, task_of
 from agents.planner.request import Request
 from agents.planner.traffic import Traffic, predict, uncertainty
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState, velocity
 from envs.trees import column, map_leaves, scatter, take
 from envs.wind import aim_point
@@ -45,7 +46,9 @@ class RouteBeyond(NamedTuple):
     next_y: Array
     points: Array  # lengths of the route from there to its points, m, [N, P]; inf: none
     traffic: Traffic
-    straight: VehicleState  # the intruders after their turns, moved back along the line to time 0
+    straight: VehicleState[
+        Air
+    ]  # the intruders after their turns, moved back along the line to time 0
     # numbers of a crowd by how near it comes to the direct flight, [N, K]; None: no crowd
     order: Array | None
     sigmas: float
@@ -53,7 +56,7 @@ class RouteBeyond(NamedTuple):
 
     def clear(
         self,
-        own: VehicleState,
+        own: VehicleState[Air],
         goal: tuple[Array, Array],
         required: Array,
         owner: Array,
@@ -108,7 +111,7 @@ class RouteBeyond(NamedTuple):
         return _Passing(x * x + y * y, first, last)
 
     def nearest_first(
-        self, own: VehicleState, goal: tuple[Array, Array], task: DirectTask
+        self, own: VehicleState[Air], goal: tuple[Array, Array], task: DirectTask
     ) -> Array:
         """Return the numbers of intruders by how near they come to the route beyond the goal after
         direct flights from the request on, ``[N, K]``.
@@ -123,7 +126,7 @@ class RouteBeyond(NamedTuple):
 
     def _flights(
         self,
-        own: VehicleState,
+        own: VehicleState[Air],
         goal: tuple[Array, Array],
         owner: Array,
         time: Array,
@@ -133,13 +136,13 @@ class RouteBeyond(NamedTuple):
         its chord, the way there, and the rest of the route.
         """
         at_goal, course, speed = arrival(own, goal, time, task, np)
-        there = VehicleState(*goal, course, speed)
+        there: VehicleState[Air] = VehicleState(*goal, course, speed)
         to_next, at_next = self._to_next(there, at_goal, owner, task)
         rest = self._on_route(speed, at_next, owner)
         return map_leaves(lambda *both: np.concatenate(both, axis=-1), to_next, rest)
 
     def _to_next(
-        self, there: VehicleState, time: Array, owner: Array, task: DirectTask
+        self, there: VehicleState[Air], time: Array, owner: Array, task: DirectTask
     ) -> tuple["_Lines", Array]:
         """Return the turn onto the next point and the way there, ``[R, 2]``, from states at some
         times, and when the point is reached, s.

@@ -24,6 +24,7 @@ from agents.planner.traffic import advance_reports
 from agents.planner.validator import validate
 from envs import waypoints
 from envs.areas import Area, Circle
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves
 from envs.waypoints import Waypoint
@@ -36,8 +37,8 @@ _STEP = 1e-5  # to whose multiples the bounds of distances are rounded down, m
 
 
 def certificate(  # noqa: PLR0913, PLR0917 - all of a request
-    own: VehicleState,
-    intruders: Sequence[VehicleState | Intruder],
+    own: VehicleState[Ground],
+    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]],
     published: Sequence[Waypoint],
     excluded: Sequence[Excluded],
     own_altitude: Altitude | None,
@@ -55,9 +56,9 @@ def certificate(  # noqa: PLR0913, PLR0917 - all of a request
     reports = [one if isinstance(one, Intruder) else Intruder(one) for one in intruders]
     counted = [report for number, report in enumerate(reports) if number not in out]
     plan_states = waypoints.plan_states(own, published, wind=wind)
-    in_air, seen = options, counted
+    in_air, seen = options, [report_in_air(one, wind) for one in counted]
     if wind is not None:
-        in_air, seen = in_wind(options, wind), [report_in_air(one, wind) for one in counted]
+        in_air = in_wind(options, wind)
     curves = waypoints.legs(plan_states)
     data = {
         "format": FORMAT,
@@ -85,7 +86,7 @@ def certificate(  # noqa: PLR0913, PLR0917 - all of a request
     return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
 
 
-def _report(one: Intruder, usual: float) -> list[float]:
+def _report(one: Intruder[Ground], usual: float) -> list[float]:
     """Return a report with the separation that is to be kept from it, ``usual`` or its own, m."""
     errors = one.position_std, one.velocity_std
     separation = usual if one.separation is None else one.separation
@@ -124,7 +125,7 @@ def _levels(own: Altitude | None, unknown_climb: float) -> list[float] | None:
     return [own.value - own.error, climb - spread, own.value + own.error, climb + spread]
 
 
-def _heights(own: Altitude | None, report: Intruder, options: Options) -> list[float]:
+def _heights(own: Altitude | None, report: Intruder[Ground], options: Options) -> list[float]:
     """Return both altitudes at their worst, m and m/s, the report's age, s, and the vertical
     separation, m.
     """
@@ -136,7 +137,7 @@ def _heights(own: Altitude | None, report: Intruder, options: Options) -> list[f
 
 
 def _apart(
-    number: int, own: Altitude | None, report: Intruder, end: float, options: Options
+    number: int, own: Altitude | None, report: Intruder[Ground], end: float, options: Options
 ) -> Iterator[list[float]]:
     """Yield the times in which an intruder stays above or below until a plan's end, with the
     altitudes that say so.
@@ -155,7 +156,7 @@ def _row(heights: Heights, vertical: float) -> list[float]:
 
 def _bounds(
     plan_states: waypoints.PlanStates,
-    reports: Sequence[Intruder],
+    reports: Sequence[Intruder[Air]],
     own_altitude: Altitude | None,
     options: Options,
 ) -> list[float]:

@@ -16,6 +16,7 @@ from agents.planner.request import Request, drift_points, latest_end
 from agents.planner.rollout import Rollout
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import scatter, take
 from envs.waypoints import PlanStates
@@ -39,7 +40,7 @@ class _Tails(NamedTuple):
     """Plans from the ends of their manoeuvres on, as far as they have got; fields ``[M]``."""
 
     row: Array  # numbers of the manoeuvres
-    state: VehicleState
+    state: VehicleState[Air]
     time: Array  # s
     point: Array  # number of the route's point that comes next
     direct: Array  # whether the first leg leads to the goal, bool
@@ -52,7 +53,7 @@ class _Onward(NamedTuple):
     point: Array  # numbers of the route's points at their ends
     place: tuple[Array, Array]  # of those points at the request, m
     drift: tuple[Array, Array] | None  # of the points, m/s; None: they stand still
-    begin: VehicleState
+    begin: VehicleState[Air]
     began: Array  # s
     # which lead to the goal, where there may be a need to accelerate, bool; None: none
     direct: Array | None
@@ -65,7 +66,7 @@ class _Legs(NamedTuple):
     point: Array  # numbers of the route's points at their ends
     x: Array  # of those points, m
     y: Array
-    begin: VehicleState
+    begin: VehicleState[Air]
     began: Array  # s
     arc: Array  # of the turn, rad, positive to the left
     length: Array  # of the straight part, m
@@ -301,7 +302,7 @@ def _pieces(count: int, legs: _Legs, task: DirectTask, *, level: bool) -> list[A
     return [_spread(count, legs.tail, piece) for piece in found]
 
 
-def _level_piece(legs: _Legs, middle: VehicleState, task: DirectTask) -> _Piece:
+def _level_piece(legs: _Legs, middle: VehicleState[Air], task: DirectTask) -> _Piece:
     """Return what follows where the speed at the leg's end is reached, the straight part beginning
     at the states ``middle``.
     """
@@ -327,7 +328,7 @@ def _point(request: Request, rows: Array, number: Array, extension: float) -> tu
     return x + np.where(over > 0, dx * step, 0.0), y + np.where(over > 0, dy * step, 0.0)
 
 
-def _turn(state: VehicleState, arc: Array, turn_rate: float) -> VehicleState:
+def _turn(state: VehicleState[Air], arc: Array, turn_rate: float) -> VehicleState[Air]:
     x, y = arc_end(state, arc, state.speed * np.abs(arc) / turn_rate)
     return VehicleState(x, y, state.heading + arc, state.speed)
 
@@ -361,7 +362,7 @@ def _read_off(
     part = _Piece(*(field[each, number] for field in parts))
     seconds = np.where(any_begun, times - part.begin, 0.0)
     arc = part.turn_rate * seconds
-    began = VehicleState(part.x, part.y, part.heading, part.speed)
+    began: VehicleState[Air] = VehicleState(part.x, part.y, part.heading, part.speed)
     there = arc_end(began, arc, (part.speed + 0.5 * part.acceleration * seconds) * seconds)
     tail = (*there, part.heading + arc, part.speed + part.acceleration * seconds)
     flown = times <= rollout.time[row][:, None]

@@ -16,6 +16,7 @@ from agents.planner.areas import Counted, required_distances
 from envs.area_geometry import Parts, box_distance, chord_distances, gain, own_frame
 from envs.areas import Circle, Keep, Polygon
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.wind import aim_point
@@ -106,7 +107,9 @@ class Airspace(NamedTuple):
     ) -> tuple[Array, Array, Array]:
         """Return where moving points are met from a place, m, and when, s, ``[M]`` each."""
         same = np.ones_like(to[0])
-        own = VehicleState(here.x * same, here.y * same, 0.0 * same, self.speed * same)
+        own: VehicleState[Air] = VehicleState(
+            here.x * same, here.y * same, 0.0 * same, self.speed * same
+        )
         now = to[0] + velocity[0] * here.time, to[1] + velocity[1] * here.time
         x, y = aim_point(own, now, velocity, self.latest - here.time, np)
         return x, y, here.time + np.hypot(x - here.x, y - here.y) / self.speed
@@ -138,7 +141,7 @@ class Airspace(NamedTuple):
 
 
 def airspace(
-    areas: Sequence[Counted], own: VehicleState, margin: float, pad: float, latest: float
+    areas: Sequence[Counted], own: VehicleState[Air], margin: float, pad: float, latest: float
 ) -> Airspace:
     """Return what ways of an ownship keep clear of.
 
@@ -179,7 +182,7 @@ def _back(at: int, came: dict[int, int], places: dict[int, Place]) -> list[Place
     return way[::-1]
 
 
-def _points(one: Counted, own: VehicleState, away: float) -> tuple[Array, Array]:
+def _points(one: Counted, own: VehicleState[Air], away: float) -> tuple[Array, Array]:
     """Return points about an area from which its edges can be gone round, m."""
     shape = one.area.shape
     if isinstance(shape, Circle):

@@ -18,6 +18,7 @@ from agents.planner.rollout import Rollout
 from agents.planner.traffic import predict, requirement_of, uncertainty, within_window
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance, leg_separation
 from envs.trees import column, map_leaves, take
@@ -160,7 +161,7 @@ class _RequestSurroundings:
         time = departure.stride * self._stride
         return self._beyond.clear(departure.own, aim, required, departure.owner, time, self._task)
 
-    def clearance(self, flown: VehicleState, first: int, owner: Array) -> Array:
+    def clearance(self, flown: VehicleState[Air], first: int, owner: Array) -> Array:
         """Return the least distance less the required one in each stride of flights, m,
         ``[S, M]``, to intruders and areas.
         """
@@ -174,7 +175,7 @@ class _RequestSurroundings:
         of_areas = areas_ahead.clearance(self._areas, self._off, flown, times, owner)
         return np.minimum(found, of_areas)
 
-    def _clearance_of_all(self, flown: VehicleState, first: int, owner: Array) -> Array:
+    def _clearance_of_all(self, flown: VehicleState[Air], first: int, owner: Array) -> Array:
         """Return the least clearance from any intruder, m, ``[S, M]``."""
         count = len(flown.x) - 1
         # The intruders of a single request are seen by all of its manoeuvres.
@@ -190,7 +191,7 @@ class _RequestSurroundings:
             clearance = np.where(self._counted[first : first + count, of], clearance, np.inf)
         return np.min(clearance, axis=-1, initial=np.inf)
 
-    def _clearance_of_near(self, flown: VehicleState, first: int, owner: Array) -> Array:
+    def _clearance_of_near(self, flown: VehicleState[Air], first: int, owner: Array) -> Array:
         """Return the same, but at most what is enough, from those intruders alone that can come so
         near in these strides.
         """
@@ -219,7 +220,7 @@ class _RequestSurroundings:
         found[:, flight[begins]] = np.minimum(least, self._enough)
         return found
 
-    def _stride_separation(self, own: VehicleState, seen: VehicleState) -> Array:
+    def _stride_separation(self, own: VehicleState[Air], seen: VehicleState[Air]) -> Array:
         """Return the smallest distances in each stride between states at their ends, m."""
         before, after = take((own, seen), slice(-1)), take((own, seen), slice(1, None))
         return leg_separation(before[0], after[0], before[1], after[1], self._stride, np)

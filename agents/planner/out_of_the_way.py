@@ -11,6 +11,7 @@ from agents.planner.answer import Apart, Excluded, Kind, Reason
 from agents.planner.levels import Altitude, vertical_gap
 from agents.planner.options import Options
 from agents.planner.reports import Intruder
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
 
@@ -21,8 +22,8 @@ _EARTH = 6.3e6  # m; less than every radius of curvature of the earth
 
 
 def find_excluded(
-    own: VehicleState,
-    reports: Sequence[Intruder],
+    own: VehicleState[Air],
+    reports: Sequence[Intruder[Air]],
     own_altitude: Altitude | None,
     end: float,
     options: Options,
@@ -65,7 +66,7 @@ def unproven_exclusions(excluded: Sequence[Excluded], end: Waypoint) -> list[Rea
 
 
 def _why_vertically_apart(
-    own: Altitude | None, report: Intruder, end: float, options: Options
+    own: Altitude | None, report: Intruder[Air], end: float, options: Options
 ) -> str | None:
     """Return why an intruder is above or below until a time, s; None where it may not be."""
     if own is None or report.altitude is None:
@@ -77,7 +78,7 @@ def _why_vertically_apart(
 
 
 def _why_out_of_reach(
-    own: VehicleState, report: Intruder, end: float, options: Options
+    own: VehicleState[Air], report: Intruder[Air], end: float, options: Options
 ) -> str | None:
     """Return why an intruder cannot come near until a time, s; None where it may.
 
@@ -97,7 +98,7 @@ def _why_out_of_reach(
     return f"is {away / 1e3:.0f} km away, out of reach within {end:.0f} s"
 
 
-def least_distance(own: VehicleState, other: VehicleState) -> float:
+def least_distance(own: VehicleState[Air], other: VehicleState[Air]) -> float:
     """Return a distance on the earth that two places in a local frame are at least apart, m.
 
     The frame is true from its origin outwards and stretches what lies across: by d^2 / (6 R^2) at a

@@ -37,17 +37,18 @@ from agents.planner.rollout import roll
 from agents.policy.inference import Policy
 from envs.areas import Area
 from envs.arrays import Array
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, scatter, take
 from envs.waypoints import RoutePoint
-from envs.wind import Wind
+from envs.wind import NO_WIND, Wind, over_ground
 
 _POLICY, _FALLBACK = 1, 2  # codes of sources
 
 
 def plan(
-    own: VehicleState,
-    intruders: Sequence[VehicleState | Intruder],
+    own: VehicleState[Ground],
+    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]],
     route: Sequence[RoutePoint],
     policy: Policy,
     options: Options | None = None,
@@ -87,7 +88,7 @@ def plan(
     in_air = options if wind is None else in_wind(options, wind)
     request, excluded, counted = check_request(own, intruders, route, in_air, own_altitude, wind)
     request, notes = add_areas(request, areas, own_altitude, in_air, wind)
-    start = VehicleState(*(float(field[0]) for field in request.own))
+    start: VehicleState[Air] = VehicleState(*(float(field[0]) for field in request.own))
     budget = Budget(options.deadline_s)
     goals = next_goals(request, in_air)
     plans = _plan_rows(request, goals, policy, in_air, budget, floats=True)
@@ -102,7 +103,7 @@ def plan(
     )
     certify = partial(
         certificate,
-        start if wind is None else VehicleState(*map(float, own)),  # over the ground
+        over_ground(start, NO_WIND, 0.0) if wind is None else VehicleState(*map(float, own)),
         tuple(intruders),
         answer.waypoints,
         excluded,

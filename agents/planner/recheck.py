@@ -15,6 +15,7 @@ from agents.planner.reports import Intruder
 from agents.planner.request import check_request, in_wind
 from agents.planner.validator import CHECKS
 from envs.areas import Area
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import PlanStates, RoutePoint, Waypoint, plan_states
 from envs.wind import Wind
@@ -44,8 +45,8 @@ def reconstruct(waypoints: tuple[Waypoint, ...], wind: Wind | None = None) -> Pl
 def recheck(  # noqa: PLR0913 - a plan, and all of a request
     plan: Plan,
     late: float,
-    own: VehicleState,
-    intruders: Sequence[VehicleState | Intruder],
+    own: VehicleState[Ground],
+    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]],
     route: Sequence[RoutePoint],
     options: Options,
     own_altitude: Altitude | None = None,

@@ -15,6 +15,7 @@ from agents.planner.request import BEYOND, Request, drift_points
 from agents.planner.sight import shares
 from agents.policy.domain import departures
 from agents.policy.inference import Policy
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.relative import chord
 from envs.trees import take
@@ -23,10 +24,10 @@ from envs.wind import Wind, through_air
 
 
 def outside_domain(
-    own: VehicleState,
+    own: VehicleState[Air],
     request: Request,
     goal: int,
-    intruders: Sequence[VehicleState | Intruder],
+    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]],
     wind: Wind | None,
     policy: Policy,
     options: Options,
@@ -46,7 +47,8 @@ def outside_domain(
     found = departures(policy.domain, _traffic_quantities(intruders, wind))
     if goal >= 0:
         traffic = take(request.traffic, 0)
-        others = list(map(VehicleState, *(field.tolist() for field in traffic.state)))
+        rows = zip(*(field.tolist() for field in traffic.state), strict=True)
+        others: list[VehicleState[Air]] = [VehicleState(*row) for row in rows]
         share = shares(traffic, options.requirement)
         to_x, to_y = float(request.route_x[0, goal]), float(request.route_y[0, goal])
         found += policy.departures(own, others, to_x, to_y, share)
@@ -54,7 +56,7 @@ def outside_domain(
 
 
 def _traffic_quantities(
-    intruders: Sequence[VehicleState | Intruder], wind: Wind | None
+    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]], wind: Wind | None
 ) -> dict[str, list[float]]:
     """Return the quantities of the operating domain (:mod:`agents.policy.domain`) that the traffic
     has, SI; distances are left out, because far intruders do not matter.
@@ -71,13 +73,15 @@ def _traffic_quantities(
     }
 
 
-def _airspeed(one: VehicleState | Intruder, wind: Wind | None) -> float:
+def _airspeed(one: VehicleState[Ground] | Intruder[Ground], wind: Wind | None) -> float:
     state = one.state if isinstance(one, Intruder) else one
     return state.speed if wind is None else through_air(state, wind, 0.0).speed
 
 
 def assumed_climbs(
-    own: Altitude | None, intruders: Sequence[VehicleState | Intruder], options: Options
+    own: Altitude | None,
+    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]],
+    options: Options,
 ) -> list[Advisory]:
     """Return which vertical speeds are unknown and assumed, of those that the vertical filter
     uses.
@@ -108,7 +112,7 @@ def assumed_climb(field: Field, options: Options) -> Advisory:
 
 
 def own_separations(
-    intruders: Sequence[VehicleState | Intruder], options: Options
+    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]], options: Options
 ) -> list[Advisory]:
     """Return which intruders are kept other separations from than the others, and which."""
     usual = {

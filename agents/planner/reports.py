@@ -6,7 +6,7 @@ Messages of what is refused name the field, the value and what was expected.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, cast
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from agents.planner.levels import ALWAYS, Altitude, window
 from agents.planner.options import Options
 from agents.planner.traffic import Traffic, Window
 from envs.arrays import Array
+from envs.frames import Air, F, Ground
 from envs.kinematics import FASTEST, VehicleState
 from envs.wind import Wind, through_air, turned_error
 
@@ -28,14 +29,14 @@ _MOST_TURN = 32.0
 
 
 @dataclass(frozen=True, slots=True)
-class Intruder:
+class Intruder(Generic[F]):
     """An intruder as it was reported.
 
     What stands here is believed: a standard deviation of 0 is an exact state. Where the accuracy is
     unknown, give the worst that is plausible.
     """
 
-    state: VehicleState
+    state: VehicleState[F]
     """At the time of the report."""
     age: float = 0.0
     """Of the report at the request, s; the planner advances the state over it, along the turn while
@@ -65,7 +66,7 @@ class Intruder:
         return options.vertical_filter if own is None else own
 
 
-def check_state(name: Field, state: Any) -> VehicleState:
+def check_state(name: Field, state: Any) -> VehicleState[Ground]:
     """Return a state of plain floats, heading wrapped."""
     if not isinstance(state, VehicleState):
         raise RequestError(name, f"is {type(state).__name__}, expected a VehicleState")
@@ -92,8 +93,8 @@ def check_altitude(name: Field, altitude: Any) -> None:
         raise RequestError(name.part("reference"), what)
 
 
-def check_report(name: Field, report: Intruder, options: Options) -> Intruder:
-    """Return a report of plain floats, over the ground."""
+def check_report(name: Field, report: Intruder[Ground], options: Options) -> Intruder[Ground]:
+    """Return a report of plain floats."""
     state = check_state(name, report.state)
     if report.altitude is not None:
         check_altitude(name.part("altitude"), report.altitude)
@@ -132,19 +133,25 @@ def _check_separation(name: Field, kind: str, separation: Any) -> float | None:
     return part_value(name, kind, separation, _LEAST, FARTHEST, "m")
 
 
-def report_in_air(report: Intruder, wind: Wind) -> Intruder:
-    """Return a report over the ground as the air mass sees it, which lies there at the request.
+def report_in_air(report: Intruder[Ground], wind: Wind | None) -> Intruder[Air]:
+    """Return a report as the air mass sees it, which lies over the ground at the request.
 
     A turn is one through the air: its rate and its time stay.
     """
-    return replace(
-        report,
-        state=through_air(report.state, wind, -report.age),
-        velocity_std=velocity_std_in(report, wind),
-    )
+    if wind is None:
+        return cast("Intruder[Air]", report)  # in still air both are the same
+    state = through_air(report.state, wind, -report.age)
+    return with_state(report, state, velocity_std_in(report, wind))
 
 
-def velocity_std_in(report: Intruder, wind: Wind) -> float:
+def with_state(report: Intruder[Any], state: VehicleState[F], velocity_std: float) -> Intruder[F]:
+    """Return a report with another state, maybe in another frame, and one sigma of its velocity,
+    m/s.
+    """
+    return replace(report, state=state, velocity_std=velocity_std)
+
+
+def velocity_std_in(report: Intruder[Ground], wind: Wind) -> float:
     """Return one sigma of an intruder's velocity where the wind may be another, m/s.
 
     What the ground velocity becomes by a turn depends on the wind, whose error e moves it by up to
@@ -168,7 +175,7 @@ class _Report(NamedTuple):
     age: Array
 
 
-def arrays_of_reports(reports: Sequence[Intruder]) -> tuple[Traffic, Array]:
+def arrays_of_reports(reports: Sequence[Intruder[Air]]) -> tuple[Traffic, Array]:
     """Return checked reports as arrays as of their own times, and their ages, s, ``[1, K]``."""
     rows = [
         _Report(
@@ -198,7 +205,7 @@ def arrays_of_reports(reports: Sequence[Intruder]) -> tuple[Traffic, Array]:
 
 
 def windows(
-    reports: Sequence[Intruder], own_altitude: Altitude | None, options: Options
+    reports: Sequence[Intruder[F]], own_altitude: Altitude | None, options: Options
 ) -> Window | None:
     """Return when checked reports count, ``[1, K]``; None: all of them always."""
     if own_altitude is None:

@@ -29,10 +29,11 @@ from agents.planner.reports import (
 from agents.planner.separation import same_flight
 from agents.planner.traffic import Traffic, advance_reports
 from envs.arrays import Array
+from envs.frames import Air, Ground
 from envs.kinematics import FASTEST, VehicleState
 from envs.trees import Shared
 from envs.waypoints import RoutePoint
-from envs.wind import Wind, narrow, through_air
+from envs.wind import NO_WIND, Wind, narrow, through_air
 
 BEYOND = 2**31 - 1
 """Number of a point beyond the end of the route that was asked for (:class:`Request`)."""
@@ -48,7 +49,7 @@ class Request(NamedTuple):
     airspeeds, and the route's points drift.
     """
 
-    own: VehicleState
+    own: VehicleState[Air]
     traffic: Traffic
     route_x: Array  # at the request, m
     route_y: Array
@@ -63,8 +64,8 @@ class Request(NamedTuple):
 
 
 def check_request(
-    own: VehicleState,
-    intruders: Sequence[VehicleState | Intruder],
+    own: VehicleState[Ground],
+    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]],
     route: Sequence[RoutePoint],
     options: Options,
     own_altitude: Altitude | None = None,
@@ -102,7 +103,7 @@ def check_request(
 
 
 def _traffic_of(
-    reports: Sequence[Intruder],
+    reports: Sequence[Intruder[Air]],
     counted: Sequence[int],
     own_altitude: Altitude | None,
     options: Options,
@@ -202,10 +203,10 @@ def drift_points(
     return x + east * time, y + north * time
 
 
-def _check_own(own: Any, options: Options, wind: Wind | None) -> VehicleState:
+def _check_own(own: Any, options: Options, wind: Wind | None) -> VehicleState[Air]:
     """Return the state of the ownship in floats, in the air mass."""
     ground = check_state(Field(Subject.OWN), own)
-    state = ground if wind is None else through_air(ground, wind, 0.0)
+    state = through_air(ground, wind or NO_WIND, 0.0)
     low, high = speed_range(options.aircraft.limits)
     if not low <= state.speed <= high:
         air = "" if wind is None else f", {state.speed:g} m/s through the air"
@@ -214,7 +215,7 @@ def _check_own(own: Any, options: Options, wind: Wind | None) -> VehicleState:
     return state
 
 
-def _check_intruders(intruders: Any, options: Options, wind: Wind | None) -> list[Intruder]:
+def _check_intruders(intruders: Any, options: Options, wind: Wind | None) -> list[Intruder[Air]]:
     """Return the reports of the intruders, in the air mass."""
     reports = [
         check_report(
@@ -224,13 +225,11 @@ def _check_intruders(intruders: Any, options: Options, wind: Wind | None) -> lis
         )
         for number, given in enumerate(sequence(Field(Subject.INTRUDERS), intruders))
     ]
-    if wind is None:
-        return reports
-    reports = [report_in_air(report, wind) for report in reports]
-    for number, report in enumerate(reports):
+    in_air = [report_in_air(report, wind) for report in reports]
+    for number, report in enumerate(() if wind is None else in_air):
         name = Field(Subject.INTRUDERS, "state.speed through the air", number)
         real(name, report.state.speed, 0.0, FASTEST.speed_max, "m/s")
-    return reports
+    return in_air
 
 
 def _check_route(route: Any) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ it is clear of all, the policy has done its work.
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from agents.planner.traffic import Traffic, Window, predict, requirement_of
 from agents.policy.inference import Policy
 from envs.arrays import Array
 from envs.backend import FLOATS
+from envs.frames import Air
 from envs.kinematics import VehicleState, advance, commands
 from envs.relative import distance
 from envs.trees import column, map_leaves, scatter, take
@@ -40,9 +41,9 @@ class Rollout(NamedTuple):
     """Where manoeuvres lead; fields ``[N]``, those of plan states ``[N, S]``."""
 
     # at each waypoint's time, the first at the request, [N, S]; nan after the end
-    plan_states: VehicleState
+    plan_states: VehicleState[Air]
     # where the way back is clear, or the goal within the radius; nan where neither was in time
-    end: VehicleState
+    end: VehicleState[Air]
     time: Array  # when that is, s; nan where it was not
     direct: Array  # whether the goal still lies ahead, on the direct route, bool
     path: Array  # length flown until the end, m
@@ -53,7 +54,7 @@ class Rollout(NamedTuple):
 class _Flight(NamedTuple):
     """How far flights have come; fields ``[M]``, or plain numbers."""
 
-    state: VehicleState
+    state: VehicleState[Air]
     path: Array  # these three as of :class:`Rollout`
     turn_sign: Array
     reversals: Array
@@ -130,7 +131,9 @@ def _begin(
 ) -> _Underway:
     """Return the manoeuvres of requests ``[N]`` at their beginning."""
     traffic, count = request.traffic, request.points.size
-    state = VehicleState(*(np.array(field, dtype=float) for field in request.own))
+    state: VehicleState[Air] = VehicleState(
+        *(np.array(field, dtype=float) for field in request.own)
+    )
     path, turn_sign, reversals = np.zeros((3, count))
     return _Underway(
         rows=np.arange(count),
@@ -151,7 +154,7 @@ def _present(now: _Underway, time: float) -> Array:
 
 def _fly(
     now: _Underway,
-    traffic: VehicleState,
+    traffic: VehicleState[Air],
     aim: tuple[Array, Array],
     time: float,
     policy: Policy,
@@ -224,7 +227,7 @@ class _Target(NamedTuple):
 
 
 def _roll_one(
-    own: VehicleState,
+    own: VehicleState[Air],
     ahead: "_TrafficAhead",
     target: _Target,
     policy: Policy,
@@ -239,7 +242,7 @@ def _roll_one(
     steps, spacing = int(task.until / dt + 1e-9), options.spacing
     result = _empty(1, steps // spacing + 1)
     state, path, turn_sign, reversals = own, 0.0, 0.0, 0
-    plan_states = list[VehicleState]()
+    plan_states: list[VehicleState[Air]] = []
     square, threshold = task.radius * task.radius, _TURNS * limits.yaw_rate_max
     for step in range(steps + 1):
         time, asks = step * dt, step % EVERY == 0
@@ -296,11 +299,11 @@ class _TrafficAhead:
         self._chooses = self._many or self._window is not None
         self._block = self._predict(0)  # of many time steps, [T, K]
         # Of those that are looked at: states at some time steps, what is required, their shares.
-        self._flown = list[list[VehicleState]]()
+        self._flown: list[list[VehicleState[Air]]] = []
         self._far: list[float] = self._required.tolist()
         self.share = None if self._every_share is None else self._every_share.tolist()
 
-    def look(self, step: int, state: VehicleState) -> None:
+    def look(self, step: int, state: VehicleState[Air]) -> None:
         """Predict the intruders for many time steps, and choose what is looked at for the next
         few.
         """
@@ -317,11 +320,11 @@ class _TrafficAhead:
         elif first == 0:
             self._flown = _in_floats(self._block)
 
-    def _predict(self, step: int) -> VehicleState:
+    def _predict(self, step: int) -> VehicleState[Air]:
         """Return the intruders at many time steps from one on, ``[T, K]``."""
         return predict(self._traffic, np.arange(step, step + _AHEAD)[:, None] * self._dt)
 
-    def _choose(self, seen: VehicleState, state: VehicleState, time: float) -> Array:
+    def _choose(self, seen: VehicleState[Air], state: VehicleState[Air], time: float) -> Array:
         """Return the numbers of the intruders that the policy looks at."""
         there = self._all & visible(self._window, time)
         chosen = self._every_number
@@ -329,11 +332,11 @@ class _TrafficAhead:
             chosen = self._policy.most_critical(state, seen, there, self._every_share)
         return chosen[there[chosen]]
 
-    def intruders_at(self, step: int) -> list[VehicleState]:
+    def intruders_at(self, step: int) -> list[VehicleState[Air]]:
         """Return the intruders that are looked at, as they are at a time step."""
         return self._flown[step % len(self._flown)]
 
-    def way_back(self, state: VehicleState, aim: tuple[float, float], step: int) -> bool:
+    def way_back(self, state: VehicleState[Air], aim: tuple[float, float], step: int) -> bool:
         """Return whether the direct route is clear of all intruders."""
         time, task = step * self._dt, self._task
         if self._window is None:
@@ -353,9 +356,9 @@ class _TrafficAhead:
 
 
 def _clear_of_others(
-    state: VehicleState,
+    state: VehicleState[Air],
     goal: tuple[float, float],
-    others: VehicleState,
+    others: VehicleState[Air],
     required_range: Array,
     window: Window | None,
     time: float,
@@ -369,23 +372,24 @@ def _clear_of_others(
         return False
     if rest is None:
         return True
-    one = VehicleState(*(np.array([value]) for value in state))
+    one: VehicleState[Air] = VehicleState(*(np.array([value]) for value in state))
     to = np.array([goal[0]]), np.array([goal[1]])
     least = np.full(rest.traffic.mask.shape, -np.inf)
     least[rest.traffic.mask] = required_range
     return bool(rest.clear(one, to, least, np.array([0]), np.array([time]), task)[0])
 
 
-def _in_floats(tracks: VehicleState) -> list[list[VehicleState]]:
+def _in_floats(tracks: VehicleState[Air]) -> list[list[VehicleState[Air]]]:
     """Return states ``[T, K]`` as plain floats, a list for each time."""
     fields = [field.tolist() for field in tracks]
-    return [list(map(VehicleState, *each)) for each in zip(*fields, strict=True)]
+    state: Any = VehicleState  # in the frame of the tracks
+    return [list(map(state, *each)) for each in zip(*fields, strict=True)]
 
 
 def _clear_beyond(
     now: _Underway,
     aim: tuple[Array, Array],
-    seen: VehicleState,
+    seen: VehicleState[Air],
     rest: RouteBeyond | None,
     time: float,
     task: DirectTask,
@@ -405,9 +409,9 @@ def _clear_beyond(
 
 
 def _all_clear(
-    state: VehicleState,
+    state: VehicleState[Air],
     goal: tuple[Array, Array],
-    seen: VehicleState,
+    seen: VehicleState[Air],
     traffic: Traffic,
     required_range: Array,
     time: float,

@@ -23,6 +23,7 @@ import numpy as np
 from agents.planner.areas import Counted
 from envs.areas import Circle, Keep, Place, Polygon
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.own_separations import LEAST
 
@@ -47,7 +48,7 @@ class Standing(NamedTuple):
 class Seen(NamedTuple):
     """What stands in the way, as intruders at some times; fields ``[..., S]``."""
 
-    state: VehicleState
+    state: VehicleState[Air]
     there: Array  # whether it counts, bool
     share: Array  # at how much of its distance it counts
 
@@ -96,7 +97,7 @@ def as_intruders(what: Standing, time: Array, unit: float) -> Seen:
     needed = what.separation + what.growth * time
     there = (what.begin <= time) & (what.end >= time) & (needed > 0.0)
     still = np.zeros(np.shape(needed))
-    state = VehicleState(
+    state: VehicleState[Air] = VehicleState(
         what.x + what.east * time,
         what.y + what.north * time,
         np.arctan2(what.north, what.east) + still,

@@ -7,6 +7,7 @@ import numpy as np
 from agents.manoeuvres.direct_to_goal import arc_end
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 
 _EDGE = 1e-6  # s by which a window may be wider, for the rounding of times
@@ -22,7 +23,7 @@ class Window(NamedTuple):
 class Traffic(NamedTuple):
     """Intruders of one or many requests; fields ``[..., K]``."""
 
-    state: VehicleState  # at the time of the request
+    state: VehicleState[Air]  # at the time of the request
     mask: Array  # which of the K intruders count, bool
     turn_rate: Array  # with which each goes on turning, rad/s, positive to the left
     turn_time: Array  # for how long it does, s; straight ahead after that
@@ -37,7 +38,7 @@ class Traffic(NamedTuple):
     window: Window | None = None
 
     @classmethod
-    def straight(cls, state: VehicleState, mask: Array | None = None) -> "Traffic":
+    def straight(cls, state: VehicleState[Air], mask: Array | None = None) -> "Traffic":
         """Return intruders that are known exactly and fly straight ahead, ``[..., K]``."""
         zero = np.zeros(np.shape(state.x))
         return cls(
@@ -81,7 +82,7 @@ class Requirement(NamedTuple):
     sigmas: float = 2.0  # how many sigmas of the predicted position are added
 
 
-def predict(traffic: Traffic, time: Array) -> VehicleState:
+def predict(traffic: Traffic, time: Array) -> VehicleState[Air]:
     """Return the intruders ``[..., K]`` some seconds (that broadcast) after the request: a turn,
     then straight on.
     """
@@ -128,7 +129,7 @@ def separations(traffic: Traffic, requirement: Requirement) -> Array:
     return np.where(np.isnan(own), requirement.separation, own)
 
 
-def requirement_of(traffic: Traffic, own: VehicleState, requirement: Requirement) -> Array:
+def requirement_of(traffic: Traffic, own: VehicleState[Air], requirement: Requirement) -> Array:
     """Return the separation required from each intruder before uncertainty grows, m, ``[..., K]``.
 
     Where the request begins inside the margin, the present distance from the ownship ``[...]`` must

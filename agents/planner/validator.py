@@ -24,6 +24,7 @@ from agents.planner.separation import (
 )
 from agents.planner.traffic import Requirement, Traffic, requirement_of, separations, within_window
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.trees import column, first_of_each, map_leaves, take
 from envs.waypoints import ARCS, CLOSED, Legs, PlanStates, legs
@@ -206,7 +207,7 @@ def _judge_separation(
     if rows.size == 0 or traffic.mask.shape[-1] == 0:
         return
     own, seen = (curves, traffic) if sound.all() else take((curves, traffic), rows)
-    starts = VehicleState(*(field[rows, 0] for field in plan_states[:4]))
+    starts: VehicleState[Air] = VehicleState(*(field[rows, 0] for field in plan_states[:4]))
     wanted = requirement_of(seen, starts, requirement)
     last = plan_states.x[rows, -1:], plan_states.y[rows, -1:]
     near = _near_legs(own, last, seen, wanted, requirement)

@@ -15,6 +15,7 @@ from envs.aircraft import PAPER, Aircraft
 from envs.angles import sincos, wrap
 from envs.arrays import ArrayModule
 from envs.backend import FLOATS
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.observation import criticality, most_critical, observe
 from envs.relative import at_share
@@ -67,8 +68,8 @@ class EightNetwork:
 
     def of_states(
         self,
-        own: VehicleState,
-        seen: VehicleState,
+        own: VehicleState[Air],
+        seen: VehicleState[Air],
         mask: np.ndarray,
         goal_x: np.ndarray,
         goal_y: np.ndarray,
@@ -86,8 +87,8 @@ class EightNetwork:
 
     def of_one(
         self,
-        own: VehicleState,
-        intruders: Sequence[VehicleState],
+        own: VehicleState[Air],
+        intruders: Sequence[VehicleState[Air]],
         goal_x: float,
         goal_y: float,
         share: Sequence[float] | None = None,
@@ -118,7 +119,7 @@ class EightNetwork:
         return x
 
 
-def _absent(own: VehicleState, scales: Aircraft, xp: ArrayModule) -> VehicleState:
+def _absent(own: VehicleState[Air], scales: Aircraft, xp: ArrayModule) -> VehicleState[Air]:
     """Return an intruder without effect: as far behind as an observation can say, flying away."""
     sine, cosine = sincos(own.heading, xp)
     away = wrap(own.heading + np.pi, xp)
@@ -129,8 +130,8 @@ def _absent(own: VehicleState, scales: Aircraft, xp: ArrayModule) -> VehicleStat
 
 
 def _never_alone(
-    own: VehicleState, seen: VehicleState, mask: np.ndarray, scales: Aircraft
-) -> tuple[VehicleState, np.ndarray]:
+    own: VehicleState[Air], seen: VehicleState[Air], mask: np.ndarray, scales: Aircraft
+) -> tuple[VehicleState[Air], np.ndarray]:
     """Return intruders and which exist with one more, without effect, that exists where there is no
     other.
     """

@@ -20,6 +20,7 @@ from envs.aircraft import Aircraft
 from envs.arrays import Array
 from envs.backend import FLOATS
 from envs.edge.command import InputError
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.observation import NAMES, SIZE, beside, urgent
 from envs.relative import at_share
@@ -149,8 +150,8 @@ class Policy:
 
     def most_critical(
         self,
-        own: VehicleState,
-        intruders: VehicleState,
+        own: VehicleState[Air],
+        intruders: VehicleState[Air],
         mask: ArrayLike,
         share: ArrayLike | None = None,
     ) -> np.ndarray:
@@ -166,8 +167,8 @@ class Policy:
 
     def departures(
         self,
-        own: VehicleState,
-        intruders: Sequence[VehicleState],
+        own: VehicleState[Air],
+        intruders: Sequence[VehicleState[Air]],
         goal_x: float,
         goal_y: float,
         share: Sequence[float] | None = None,
@@ -222,8 +223,8 @@ class Policy:
 
     def command(
         self,
-        own: VehicleState,
-        intruders: VehicleState,
+        own: VehicleState[Air],
+        intruders: VehicleState[Air],
         mask: ArrayLike,
         goal_x: Array,
         goal_y: Array,
@@ -267,8 +268,8 @@ class Policy:
 
     def command_one(
         self,
-        own: VehicleState,
-        intruders: Sequence[VehicleState],
+        own: VehicleState[Air],
+        intruders: Sequence[VehicleState[Air]],
         goal_x: float,
         goal_y: float,
         share: Sequence[float] | None = None,
@@ -290,15 +291,18 @@ class Policy:
 
     def _most_critical(
         self,
-        own: VehicleState,
-        intruders: Sequence[VehicleState],
+        own: VehicleState[Air],
+        intruders: Sequence[VehicleState[Air]],
         share: Sequence[float] | None = None,
-    ) -> tuple[Sequence[VehicleState], Sequence[float] | None]:
+    ) -> tuple[Sequence[VehicleState[Air]], Sequence[float] | None]:
         """Return the most critical of intruders in plain floats, and their shares."""
         if len(intruders) <= self.most:
             return intruders, share
-        every = VehicleState(*(np.array(field) for field in zip(*intruders, strict=True)))
-        one, exist = VehicleState(*map(np.asarray, own)), np.ones(len(intruders), bool)
+        every: VehicleState[Air] = VehicleState(
+            *(np.array(field) for field in zip(*intruders, strict=True))
+        )
+        one: VehicleState[Air] = VehicleState(*map(np.asarray, own))
+        exist = np.ones(len(intruders), bool)
         order = list[int](self.most_critical(one, every, exist, share))
         chosen = None if share is None else [share[number] for number in order]
         return [intruders[number] for number in order], chosen
@@ -342,7 +346,7 @@ def _network(
     return SetNetwork(content, dtype, inputs) if content.of_set else EightNetwork(content, dtype)
 
 
-def _states(name: str, states: VehicleState, shape: tuple[int, ...]) -> VehicleState:
+def _states(name: str, states: VehicleState[Air], shape: tuple[int, ...]) -> VehicleState[Air]:
     """Return states as arrays of a shape; raises a ValueError that names the field of another."""
     fields = states._asdict().items()
     return VehicleState(*(_shape(f"{name}.{field}", values, shape) for field, values in fields))

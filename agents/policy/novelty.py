@@ -18,6 +18,7 @@ from agents.policy.scene import scene
 from agents.policy.set_features import InputTable, SetInputs, set_inputs
 from envs.aircraft import Aircraft
 from envs.edge.json_text import parse_json
+from envs.frames import Air
 from envs.kinematics import VehicleState
 
 _MARGIN = 0.02
@@ -58,8 +59,8 @@ def _bounds(numbers: Sequence[Number]) -> np.ndarray:
 
 
 def inputs_of(
-    own: VehicleState,
-    intruders: VehicleState,
+    own: VehicleState[Air],
+    intruders: VehicleState[Air],
     mask: np.ndarray,
     goal: tuple[np.ndarray, np.ndarray],
     one: Aircraft,

@@ -19,6 +19,7 @@ from envs.aircraft import Ratios, ratios
 from envs.angles import sincos
 from envs.arrays import Array, ArrayModule
 from envs.backend import FLOATS
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance
 
@@ -45,8 +46,8 @@ class Scene(NamedTuple):
 
 
 def scene(
-    own: VehicleState,
-    intruders: VehicleState,
+    own: VehicleState[Air],
+    intruders: VehicleState[Air],
     mask: Array,
     goal_x: Array,
     goal_y: Array,
@@ -63,8 +64,8 @@ def scene(
 
 
 def surroundings(
-    own: VehicleState,
-    intruders: VehicleState,
+    own: VehicleState[Air],
+    intruders: VehicleState[Air],
     mask: Array,
     goal_x: Array,
     goal_y: Array,
@@ -123,8 +124,8 @@ def _within_sight(x: Array, y: Array, xp: ArrayModule) -> tuple[Array, Array]:
 
 
 def scene_of_one(
-    own: VehicleState,
-    intruders: Sequence[VehicleState],
+    own: VehicleState[Air],
+    intruders: Sequence[VehicleState[Air]],
     goal_x: float,
     goal_y: float,
     limits: Limits,

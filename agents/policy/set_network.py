@@ -20,6 +20,7 @@ from envs.aircraft import Aircraft, ratios
 from envs.angles import atan2
 from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.observation import decode
 from envs.relative import distance
@@ -63,18 +64,18 @@ class SetNetwork:
         """Return the actions ``[N, 2]`` for observations ``[N, 8]`` of one intruder."""
         found = decode(list(observation.T.astype(float)), self._aircraft, np)
         zeros = np.zeros(len(observation))
-        own = VehicleState(zeros, zeros, zeros, found.own_speed)
+        own: VehicleState[Air] = VehicleState(zeros, zeros, zeros, found.own_speed)
         vx, vy = found.intruder_vx, found.intruder_vy
         fields = found.intruder_x, found.intruder_y, atan2(vy, vx, np), distance(vx, vy, np)
-        seen = VehicleState(*(field[:, None] for field in fields))
+        seen: VehicleState[Air] = VehicleState(*(field[:, None] for field in fields))
         return self.of_states(
             own, seen, np.ones((len(observation), 1), bool), found.goal_x, found.goal_y
         )
 
     def of_states(
         self,
-        own: VehicleState,
-        seen: VehicleState,
+        own: VehicleState[Air],
+        seen: VehicleState[Air],
         mask: np.ndarray,
         goal_x: np.ndarray,
         goal_y: np.ndarray,
@@ -90,8 +91,8 @@ class SetNetwork:
 
     def of_one(
         self,
-        own: VehicleState,
-        intruders: Sequence[VehicleState],
+        own: VehicleState[Air],
+        intruders: Sequence[VehicleState[Air]],
         goal_x: float,
         goal_y: float,
         share: Sequence[float] | None = None,
@@ -114,8 +115,8 @@ class SetNetwork:
 
     def inputs_of_one(
         self,
-        own: VehicleState,
-        intruders: Sequence[VehicleState],
+        own: VehicleState[Air],
+        intruders: Sequence[VehicleState[Air]],
         goal_x: float,
         goal_y: float,
         share: Sequence[float] | None = None,

@@ -34,6 +34,7 @@ from agents.manoeuvres.escape_search import (
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.encounters import Encounter
+from envs.frames import Air
 from envs.intruder import IntruderState, start, step
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Outcome, Rules, judge
@@ -65,7 +66,7 @@ class Causal(NamedTuple):
     separation: Array  # smallest distance to any intruder, m, as of agents.manoeuvres' Step
     arrival: Array  # time at which the goal was reached, s; nan if it was not
     path: Array  # length flown until the end, m
-    own: VehicleState  # the ownship's flight, [T + 1, N], a state a step; nan after the end
+    own: VehicleState[Air]  # the ownship's flight, [T + 1, N], a state a step; nan after the end
 
     @property
     def solved(self) -> Array:
@@ -78,7 +79,7 @@ class _Air(NamedTuple):
 
     number: Array  # of the encounter
     encounter: Encounter  # whose intents the oracle does not see
-    own: VehicleState  # now
+    own: VehicleState[Air]  # now
     intruders: IntruderState  # now
     rate: Array  # at which they turned in the step before, rad/s
     plan: Manoeuvre  # that is followed
@@ -90,7 +91,9 @@ def causal(encounters: Encounter, rules: Rules, limits: Limits) -> Causal:
     """
     chosen, count = to_double(encounters), np.size(encounters.goal_x)
     inf, nan = np.full(count, np.inf), np.full(count, np.nan)
-    record = VehicleState(*np.full((len(VehicleState._fields), steps(rules) + 1, count), np.nan))
+    record: VehicleState[Air] = VehicleState(
+        *np.full((len(VehicleState._fields), steps(rules) + 1, count), np.nan)
+    )
     result = Causal(np.full(count, 2, np.int8), inf, nan, np.zeros(count), record)
     for part in parts(np.arange(count), 1, chosen):
         _fly(take(chosen, part), part, rules, limits, result)

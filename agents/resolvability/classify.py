@@ -17,6 +17,7 @@ from agents.manoeuvres.escape_search import parts, search, to_double
 from agents.resolvability.proof import containment_time, look_ahead, reach_scale, split
 from envs.arrays import Array
 from envs.encounters import Encounter
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules, judge
 from envs.starts import cast
@@ -62,8 +63,8 @@ class Replay(NamedTuple):
     """The flight of a witness, T steps."""
 
     time: Array  # s, [T + 1]
-    own: VehicleState  # [T + 1]
-    intruders: VehicleState  # [T + 1, K]
+    own: VehicleState[Air]  # [T + 1]
+    intruders: VehicleState[Air]  # [T + 1, K]
     # smallest distance to any intruder during each step, m, [T]; counted likewise
     separation: Array
 
@@ -130,7 +131,9 @@ def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limit
         if judge(step.separation, step.to_goal, end, rules, np).ended(np).all():
             break
     flown = np.arange(len(states))
-    own = VehicleState(*(np.concatenate(field) for field in zip(*states, strict=True)))
+    own: VehicleState[Air] = VehicleState(
+        *(np.concatenate(field) for field in zip(*states, strict=True))
+    )
     return Replay(flown * rules.dt, own, take(traffic, (flown, 0)), np.array(separations))
 
 

@@ -28,6 +28,7 @@ from agents.resolvability.reachable_set import Cells, last_time
 from envs.angles import sincos, wrap
 from envs.arrays import Array
 from envs.encounters import Encounter
+from envs.frames import Air
 from envs.intruder import start, step
 from envs.kinematics import Limits, VehicleState, advance
 from envs.outcome import Rules
@@ -121,7 +122,8 @@ def _places(encounter: Encounter, times: Array, rules: Rules) -> tuple[Array, Ar
     """Return where the intruders of encounters are at times ``[T]``, s: x and y, m, ``[T, N, K]``
     each.
     """
-    flown, index, places = start(encounter.intruders, np), 0, list[VehicleState]()
+    flown, index = start(encounter.intruders, np), 0
+    places: list[VehicleState[Air]] = []
     while len(times):
         after = step(flown, encounter.intent, index * rules.dt, rules.dt, np)
         within = times <= (index + 1) * rules.dt + 1e-9
@@ -136,7 +138,7 @@ def _places(encounter: Encounter, times: Array, rules: Rules) -> tuple[Array, Ar
     )
 
 
-def _in_frame(own: VehicleState, x: Array, y: Array) -> tuple[Array, Array]:
+def _in_frame(own: VehicleState[Air], x: Array, y: Array) -> tuple[Array, Array]:
     """Return places ``[..., N, K]`` in the initial frame of the ownships ``[N]``, m: x ahead, y to
     the left.
     """

@@ -23,6 +23,7 @@ from agents.manoeuvres.escape_search import (
 from envs.arrays import Array
 from envs.draws import normals, uniforms
 from envs.encounters import Encounter
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.outcome import Rules
 from envs.relative import bearing
@@ -102,7 +103,7 @@ def _cheapest(
 
 def _breed(
     encounter: Encounter,
-    traffic: VehicleState,
+    traffic: VehicleState[Air],
     pool: Array,
     flown: EscapeOutcome,
     rounds: int,
@@ -166,7 +167,7 @@ def _offspring(pool: Array, working: Array, changes: Array, draws: Array) -> Arr
 
 def _fly(
     encounter: Encounter,
-    traffic: VehicleState,
+    traffic: VehicleState[Air],
     rows: Array,
     tried: Array,
     rules: Rules,

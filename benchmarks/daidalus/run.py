@@ -34,6 +34,7 @@ from envs.aircraft import PAPER
 from envs.arrays import Array
 from envs.edge.command import InputError, Parser, require
 from envs.formats.track_files import read_daidalus
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.traffic.tracks import Track
 from eval.plots.save import create, write
@@ -171,12 +172,12 @@ def flight_of(ownship: Track, others: list[Track]) -> Flight:
         place = np.clip(np.searchsorted(other.time, ownship.time - 1e-6), 0, other.time.size - 1)
         mask[:, k] = np.abs(other.time[place] - ownship.time) < 1e-6
         rows[:, :, k] = np.stack(_state(other))[:, place]
-    state = VehicleState(*rows)
+    state: VehicleState[Air] = VehicleState(*rows)
     names = [other.name for other in others]
     return Flight(ownship.time, _state(ownship), Traffic.straight(state, mask), names)
 
 
-def _state(track: Track) -> VehicleState:
+def _state(track: Track) -> VehicleState[Air]:
     course, speed = np.arctan2(track.vy, track.vx), np.hypot(track.vx, track.vy)
     return VehicleState(track.x, track.y, course, speed)
 

@@ -6,6 +6,7 @@ from agents.assurance.bands import Bands
 from agents.planner.traffic import Traffic
 from benchmarks.daidalus.program import Second
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 
 
@@ -13,7 +14,7 @@ class Flight(NamedTuple):
     """One scenario as both sides see it: ownship ``[T]``, intruders ``[T, K]``."""
 
     time: Array  # s, [T]
-    own: VehicleState
+    own: VehicleState[Air]
     traffic: Traffic
     names: list[str]
 

@@ -15,6 +15,7 @@ import shapely
 from agents.config.world import AircraftConfig
 from envs.aircraft import Aircraft
 from envs.areas import Area, Keep, Place, Polygon
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.wind import Wind, over_ground
 
@@ -52,7 +53,9 @@ class Mission(NamedTuple):
     waypoints: tuple[Place, ...]  # the start, then those to be flown to
     wind: Wind
     fences: tuple[Area, ...]
-    intruders: tuple[VehicleState, ...]  # over the ground at the start; they fly straight on
+    intruders: tuple[
+        VehicleState[Ground], ...
+    ]  # over the ground at the start; they fly straight on
 
     @property
     def length(self) -> float:
@@ -60,10 +63,10 @@ class Mission(NamedTuple):
         return float(np.hypot(*np.diff(np.array(self.waypoints), axis=0).T).sum())
 
     @property
-    def start(self) -> VehicleState:
+    def start(self) -> VehicleState[Ground]:
         """Over the ground: at cruise in the direction of the first leg, through the air."""
         (x, y), (to_x, to_y) = self.waypoints[:2]
-        air = VehicleState(x, y, math.atan2(to_y - y, to_x - x), CRUISE)
+        air: VehicleState[Air] = VehicleState(x, y, math.atan2(to_y - y, to_x - x), CRUISE)
         return VehicleState(*map(float, over_ground(air, self.wind, 0.0)))
 
     @property
@@ -157,7 +160,7 @@ def _area(shape: shapely.geometry.base.BaseGeometry, keep: Keep, number: int) ->
     return Area(Polygon(ring), keep=keep, clearance=CLEARANCE, name=f"fence {number}")
 
 
-def _intruder(draw: np.random.Generator, bare: Mission, separation: float) -> VehicleState:
+def _intruder(draw: np.random.Generator, bare: Mission, separation: float) -> VehicleState[Ground]:
     """Return an intruder that passes near where the mission is at some time."""
     places = np.array(bare.waypoints)
     times = _times(bare)

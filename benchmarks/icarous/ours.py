@@ -29,6 +29,7 @@ from benchmarks.icarous.missions import Mission, outline
 from envs.aircraft import Aircraft
 from envs.areas import Keep, Place
 from envs.follower import PERIOD, KinematicVehicle, gains, steer
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 
@@ -107,7 +108,7 @@ class _Resolver:
         self._next = 0
         self._promised = False
 
-    def decide(self, now: float, own: VehicleState) -> None:
+    def decide(self, now: float, own: VehicleState[Ground]) -> None:
         """Judge what is flown, and plan where the monitor asks for it."""
         self._pass(own)
         others = self._others(now)
@@ -127,7 +128,9 @@ class _Resolver:
         on_plan = int(monitor.state[0]) in _ON_PLAN and not bool(monitor.on_backup[0])
         self._promised = on_plan and now + self._given.aircraft.dt <= ends
 
-    def follow(self, now: float, own: VehicleState) -> tuple[list[_Row], VehicleState]:
+    def follow(
+        self, now: float, own: VehicleState[Ground]
+    ) -> tuple[list[_Row], VehicleState[Ground]]:
         """Return rows of one time step of flight after a moment, s, and the state at its end."""
         aircraft, frame = self._given.aircraft, self._watch.frame
         period = PERIOD * aircraft.dt
@@ -146,7 +149,7 @@ class _Resolver:
             rows.append(_row(at, own, promised=self._promised))
         return rows, own
 
-    def _pass(self, own: VehicleState) -> None:
+    def _pass(self, own: VehicleState[Ground]) -> None:
         """Go on to the first point of the route that is not reached."""
         radius = self._given.aircraft.goal_radius
         while self._next < self._last:
@@ -159,7 +162,7 @@ class _Resolver:
         if flown and made.goal_index is not None:
             self._next = max(self._next, min(made.goal_index, self._last))
 
-    def _plan(self, own: VehicleState, others: tuple[Intruder, ...]) -> Plan:
+    def _plan(self, own: VehicleState[Ground], others: tuple[Intruder[Ground], ...]) -> Plan:
         mission, given = self._mission, self._given
         wind = mission.wind if mission.wind.speed > 0.0 else None
         try:
@@ -175,7 +178,7 @@ class _Resolver:
         except RequestError:
             return reconstruct(())
 
-    def _others(self, now: float) -> dict[str, Intruder]:
+    def _others(self, now: float) -> dict[str, Intruder[Ground]]:
         x, y = _intruders(self._mission, np.array([now]))
         return {
             f"intruder {n}": Intruder(one._replace(x=float(x[0, n]), y=float(y[0, n])))
@@ -229,5 +232,5 @@ def _intruders(mission: Mission, time: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return x + speed * np.cos(course) * after, y + speed * np.sin(course) * after
 
 
-def _row(time: float, own: VehicleState, *, promised: bool) -> _Row:
+def _row(time: float, own: VehicleState[Ground], *, promised: bool) -> _Row:
     return _Row(time, own.x, own.y, float(promised))

@@ -25,6 +25,7 @@ from envs.aircraft import Aircraft
 from envs.areas import Keep, Polygon
 from envs.edge.command import InputError
 from envs.edge.json_text import parse_json
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.wind import Wind
 
@@ -193,7 +194,7 @@ def task(mission: Mission, aircraft: Aircraft, parameters_file: str) -> dict[str
     }
 
 
-def _intruder(one: VehicleState, wind: Wind) -> list[float]:
+def _intruder(one: VehicleState[Ground], wind: Wind) -> list[float]:
     """Return distance and bearing of an intruder from the start, altitude, and its speed and
     heading through the air, which carries it in the simulation; m, m/s, degrees.
     """

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from envs.edge.command import require
 from envs.formats.local_frame import LocalFrame
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from ros_bridge.transport.children import free_domain, start_node
 
@@ -64,7 +65,7 @@ def start(module: str, *arguments: str) -> "subprocess.Popen[bytes]":
     return subprocess.Popen([sys.executable, "-m", module, *arguments])
 
 
-def advance(state: VehicleState, time: float) -> VehicleState:
+def advance(state: VehicleState[Ground], time: float) -> VehicleState[Ground]:
     """Return a state after flying straight on for a time, s."""
     far = state.speed * time
     return state._replace(
@@ -124,7 +125,7 @@ class Geodetic(NamedTuple):
     north: float
 
 
-def geodetic(state: VehicleState) -> Geodetic:
+def geodetic(state: VehicleState[Ground]) -> Geodetic:
     """Return a state of the local frame as reports have it."""
     at = FRAME.geodetic(state.x, state.y)
     true = state.heading - float(at.convergence)
@@ -136,7 +137,7 @@ def geodetic(state: VehicleState) -> Geodetic:
     )
 
 
-def exact_report(name: str, state: VehicleState, stamp: "Time") -> "AircraftState":
+def exact_report(name: str, state: VehicleState[Ground], stamp: "Time") -> "AircraftState":
     """Return an aircraft's report, without errors of place and velocity and in known still air."""
     from rlcas_msgs.msg import AircraftState
 

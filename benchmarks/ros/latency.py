@@ -41,6 +41,7 @@ from benchmarks.ros.graph import (
 from envs.aircraft import PAPER
 from envs.edge.command import Parser, run_cli, whole
 from envs.encounters import scenario
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed
 from envs.trees import take
@@ -68,8 +69,8 @@ _MARKS = "median", "p90", "p99", "max"
 class Scene(NamedTuple):
     """Two aircraft at the beginning of an encounter, and the route."""
 
-    own: VehicleState
-    other: VehicleState
+    own: VehicleState[Ground]
+    other: VehicleState[Ground]
     route: "list[Waypoint]"
 
     @classmethod

@@ -34,6 +34,7 @@ from benchmarks.ros.graph import (
 )
 from envs.angles import wrap
 from envs.edge.command import Parser, real, run_cli, whole
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ class Sky:
 
     def __init__(self, seed: int) -> None:
         self._random, self.made = np.random.default_rng(seed), 0
-        self.others: dict[str, VehicleState] = {}
+        self.others: dict[str, VehicleState[Ground]] = {}
         for _ in range(OTHERS):
             name, state = self._new()
             # They begin anywhere on their way.
@@ -72,7 +73,7 @@ class Sky:
             else:
                 self.others[name] = after
 
-    def _new(self) -> tuple[str, VehicleState]:
+    def _new(self) -> tuple[str, VehicleState[Ground]]:
         self.made += 1
         bearing, offset = self._random.uniform(-math.pi, math.pi), self._random.uniform(-0.8, 0.8)
         course = float(wrap(np.asarray(bearing + math.pi + offset), np))
@@ -82,7 +83,7 @@ class Sky:
         )
 
 
-def own_at(time: float) -> VehicleState:
+def own_at(time: float) -> VehicleState[Ground]:
     """Return the ownship on its circle."""
     angle = time * SPEED / RADIUS
     heading = float(wrap(np.asarray(angle + 0.5 * math.pi), np))

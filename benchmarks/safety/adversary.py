@@ -19,6 +19,7 @@ from benchmarks.safety.resimulation import displacement
 from envs import draws
 from envs.aircraft import PAPER, Aircraft, new_aircraft
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 
 __all__ = [
@@ -213,7 +214,7 @@ def draw_requests(seed: int, first: int, count: int) -> Drawn:
     route, points = _routes(family, origin, course, u)
     own = _ownships(family, route[:, 0], course, u)
     traffic = _traffic(family, own, route, points, u)
-    state = VehicleState(
+    state: VehicleState[Air] = VehicleState(
         own.place.real.copy(), own.place.imag.copy(), _wrap(own.heading), own.speed
     )
     request = Request(state, traffic, route.real.copy(), route.imag.copy(), points)
@@ -527,5 +528,5 @@ def scale(request: Request, aircraft: Aircraft) -> Request:
     )
 
 
-def _scale_state(state: VehicleState, length: float, pace: float) -> VehicleState:
+def _scale_state(state: VehicleState[Air], length: float, pace: float) -> VehicleState[Air]:
     return VehicleState(length * state.x, length * state.y, state.heading, pace * state.speed)

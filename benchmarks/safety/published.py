@@ -16,12 +16,14 @@ import numpy as np
 
 from agents.planner.answer import WAYPOINTS, Apart, Plan
 from agents.planner.planner import plan
+from agents.planner.reports import with_state
 from agents.planner.request import Altitude, Intruder, Options, Request
 from agents.planner.traffic import Traffic, Window
 from agents.policy.inference import Policy
 from benchmarks.safety.resimulation import CLOSE, displacement
 from benchmarks.safety.sky import Sky, draw_sky
 from envs.arrays import Array
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import PlanStates, RoutePoint
@@ -35,8 +37,8 @@ STILL = Sky(None, ())
 class Question(NamedTuple):
     """One request."""
 
-    own: VehicleState
-    intruders: list[Intruder]
+    own: VehicleState[Ground]
+    intruders: list[Intruder[Ground]]
     route: list[RoutePoint]
     altitude: Altitude | None
     truth: Request
@@ -84,18 +86,19 @@ def question(seed: int, number: int, request: Request, unit: float) -> Question:
     intruders, own_separations = _draw_separations(seed, number, intruders, len(order), unit)
     traffic = traffic._replace(age=ages, separation=own_separations[np.argsort(order)])
     route = _draw_route(rng, request)
-    own = VehicleState(*(float(value) for value in request.own))
+    here: VehicleState[Air] = VehicleState(*(float(value) for value in request.own))
     altitude = Altitude(2_000.0, "msl", float(rng.normal(0.0, 3.0))) if rng.random() < 0.7 else None
     truth = request._replace(traffic=take(traffic, order))
     sky = draw_sky(seed, number, request, unit, altitude)
-    intruders = [
-        replace(one, state=_over_ground(one.state, sky.air_velocity, -one.age)) for one in intruders
+    reports = [
+        with_state(one, _over_ground(one.state, sky.air_velocity, -one.age), one.velocity_std)
+        for one in intruders
     ]
-    own = _over_ground(own, sky.air_velocity, 0.0)
-    return Question(own, intruders, route, altitude, _in_wind(truth, intruders, sky), sky)
+    own = _over_ground(here, sky.air_velocity, 0.0)
+    return Question(own, reports, route, altitude, _in_wind(truth, intruders, sky), sky)
 
 
-def _draw_report(rng: np.random.Generator, one: Traffic) -> Intruder:
+def _draw_report(rng: np.random.Generator, one: Traffic) -> Intruder[Air]:
     """Return a report of an intruder ``[]``, half of them some seconds old, a third with
     altitude.
     """
@@ -128,10 +131,12 @@ def _draw_route(rng: np.random.Generator, request: Request) -> list[RoutePoint]:
     return [RoutePoint(*point) for point in zip(indices, x, y, strict=True)]
 
 
-def _over_ground(state: VehicleState, wind: complex, time: float) -> VehicleState:
-    """Return a state in the air mass, some seconds after the request, as the ground sees it."""
+def _over_ground(state: VehicleState[Air], wind: complex, time: float) -> VehicleState[Ground]:
+    """Return a state, some seconds after the request, as the ground sees it; not by
+    :mod:`envs.wind`, whose errors are to be found here.
+    """
     if wind == 0.0:
-        return state
+        return VehicleState(*state)
     velocity = state.speed * np.exp(1j * state.heading) + wind
     place = state.x + 1j * state.y + wind * time
     return VehicleState(
@@ -139,7 +144,7 @@ def _over_ground(state: VehicleState, wind: complex, time: float) -> VehicleStat
     )
 
 
-def _in_wind(truth: Request, intruders: list[Intruder], sky: Sky) -> Request:
+def _in_wind(truth: Request, intruders: list[Intruder[Air]], sky: Sky) -> Request:
     """Return a request in a wind that is not known exactly, in which turns through the air make
     velocities over the ground less certain.
     """
@@ -152,8 +157,8 @@ def _in_wind(truth: Request, intruders: list[Intruder], sky: Sky) -> Request:
 
 
 def _draw_separations(
-    seed: int, number: int, intruders: list[Intruder], places: int, unit: float
-) -> tuple[list[Intruder], Array]:
+    seed: int, number: int, intruders: list[Intruder[Air]], places: int, unit: float
+) -> tuple[list[Intruder[Air]], Array]:
     """Return the intruders, a third of them with separations of their own, and those of so many
     places, m, ``[K]``; nan: the requirement's.
     """
@@ -176,7 +181,7 @@ def _draw_separations(
 
 def _report_before(
     rng: np.random.Generator, one: Traffic, age: float
-) -> tuple[VehicleState, float, float]:
+) -> tuple[VehicleState[Air], float, float]:
     """Return the state, turn rate and duration of a turn in a report of some age that leads to an
     intruder ``[]``.
     """

@@ -16,6 +16,7 @@ from benchmarks.safety.resimulation import Intruders, required_distances, separa
 from envs.aircraft import PAPER
 from envs.arrays import Array
 from envs.follower import PERIOD, steer
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.trees import take
 from envs.waypoints import Legs, PlanStates, at, legs
@@ -62,8 +63,8 @@ class _Flying(NamedTuple):
     end: Array
     """When they arrive, s."""
     curves: Legs
-    own: VehicleState
-    planned: VehicleState
+    own: VehicleState[Air]
+    planned: VehicleState[Air]
     """Where the plan is now."""
     others: Intruders
     """``[n, K, 1]``."""
@@ -132,7 +133,7 @@ def _begin(plan_states: PlanStates, request: Request, requirement: Requirement) 
     )
 
 
-def _controls(flying: _Flying, after: VehicleState, limits: Limits) -> tuple[Array, Array]:
+def _controls(flying: _Flying, after: VehicleState[Air], limits: Limits) -> tuple[Array, Array]:
     """Return what the vehicles do of the follower's commands, m/s^2 and rad/s, ``[n]``; they never
     leave their speeds. ``after``: where the plans are at the end of the period.
     """
@@ -144,7 +145,7 @@ def _controls(flying: _Flying, after: VehicleState, limits: Limits) -> tuple[Arr
     return gain, np.clip(yaw_rate, -limits.yaw_rate_max, limits.yaw_rate_max)
 
 
-def _displacements(own: VehicleState, gain: Array, rate: Array, time: Array) -> Array:
+def _displacements(own: VehicleState[Air], gain: Array, rate: Array, time: Array) -> Array:
     """Return complex displacements after times ``[T]``, m, ``[n, T]``: Simpson's rule on the
     velocity.
     """

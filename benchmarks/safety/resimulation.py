@@ -16,6 +16,7 @@ import numpy as np
 from agents.planner.options import Options
 from agents.planner.traffic import Requirement, Traffic
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.trees import take
 from envs.waypoints import ARCS, Legs, PlanStates, legs
@@ -175,7 +176,7 @@ def separations(traffic: Traffic, requirement: Requirement) -> Array:
 
 def resimulate(
     plan_states: PlanStates,
-    own: VehicleState,
+    own: VehicleState[Air],
     traffic: Traffic,
     route: Route,
     options: Options,
@@ -234,7 +235,11 @@ def _off_route(plan_states: PlanStates, route: Route, extend: bool) -> Array:
 
 
 def _judge(
-    plan_states: PlanStates, own: VehicleState, traffic: Traffic, options: Options, limits: Limits
+    plan_states: PlanStates,
+    own: VehicleState[Air],
+    traffic: Traffic,
+    options: Options,
+    limits: Limits,
 ) -> Verdict:
     """Judge finite plans with increasing times, but for the route."""
     verdict = Verdict.blank(len(plan_states.time))
@@ -257,7 +262,7 @@ def _judge(
 
 
 def _judge_waypoints(
-    verdict: Verdict, plan_states: PlanStates, own: VehicleState, options: Options
+    verdict: Verdict, plan_states: PlanStates, own: VehicleState[Air], options: Options
 ) -> None:
     """Judge where plans begin, the times of their waypoints, and the range of headings."""
     begin, end = take(plan_states, np.s_[:, 0]), take(plan_states, np.s_[:, -1])

@@ -6,38 +6,49 @@ The frames themselves are those of :mod:`envs.wind`.
 
 import math
 
+from envs.frames import Air, F, Ground
 from envs.kinematics import VehicleState
 from envs.wind import Wind
 
 
 def air_commands(
-    state: VehicleState, acceleration: float, yaw_rate: float, wind: Wind
+    state: VehicleState[Ground], acceleration: float, yaw_rate: float, wind: Wind
 ) -> tuple[float, float]:
     """Return an acceleration (m/s^2) and a turn rate (rad/s) of the track as those of the path
     through the air.
 
-    The acceleration as a vector is the same in both frames. The state is over the ground, in plain
-    floats.
+    The acceleration as a vector is the same in both frames. The state is in plain floats.
     """
-    if wind.east == 0.0 and wind.north == 0.0:
+    return _carry(state, acceleration, yaw_rate, wind.east, wind.north)
+
+
+def ground_commands(
+    state: VehicleState[Air], acceleration: float, yaw_rate: float, wind: Wind
+) -> tuple[float, float]:
+    """Return commands in the air mass as those over the ground."""
+    return _carry(state, acceleration, yaw_rate, -wind.east, -wind.north)
+
+
+def _carry(
+    state: VehicleState[F],
+    acceleration: float,
+    yaw_rate: float,
+    moves_east: float,
+    moves_north: float,
+) -> tuple[float, float]:
+    """Return commands as a frame has them that moves with a velocity, m/s."""
+    if moves_east == 0.0 and moves_north == 0.0:
         return acceleration, yaw_rate
     cosine, sine = math.cos(state.heading), math.sin(state.heading)
     across = state.speed * yaw_rate
     east, north = acceleration * cosine - across * sine, acceleration * sine + across * cosine
-    vx, vy = state.speed * cosine - wind.east, state.speed * sine - wind.north
+    vx, vy = state.speed * cosine - moves_east, state.speed * sine - moves_north
     speed = max(math.hypot(vx, vy), 1.0)
     return (east * vx + north * vy) / speed, (north * vx - east * vy) / (speed * speed)
 
 
-def ground_commands(
-    state: VehicleState, acceleration: float, yaw_rate: float, wind: Wind
-) -> tuple[float, float]:
-    """Return commands in the air mass as those over the ground; the state is the one in the air."""
-    return air_commands(state, acceleration, yaw_rate, Wind(-wind.east, -wind.north))
-
-
 def air_demands(
-    state: VehicleState,
+    state: VehicleState[Ground],
     acceleration: float,
     yaw_rate: float,
     wind: Wind,

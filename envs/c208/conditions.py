@@ -5,6 +5,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 
 TURBULENCE = {"none": (0, 0.0), "light": (3, 25.0), "moderate": (4, 50.0)}
@@ -60,14 +61,14 @@ class Conditions(NamedTuple):
 CALM = Conditions()
 
 
-def check_state(state: VehicleState) -> None:
+def check_state(state: VehicleState[Ground]) -> None:
     """Raise a ValueError for a state that is not one finite number a field."""
     for name, number in zip(VehicleState._fields, state, strict=True):
         if np.ndim(number) != 0 or not math.isfinite(float(number)):
             raise ValueError(f"state.{name} is {number}; expected one finite number")
 
 
-def check_start(state: VehicleState, conditions: Conditions, altitude: float) -> None:
+def check_start(state: VehicleState[Ground], conditions: Conditions, altitude: float) -> None:
     """Raise a ValueError for a state, conditions or an altitude (m) in which no flight begins."""
     check_state(state)
     if conditions.turbulence not in TURBULENCE:

@@ -19,6 +19,7 @@ import numpy as np
 from envs.c208.fdm import STEP
 from envs.edge.command import ConfigError
 from envs.formats.local_frame import geocentric
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 
 if TYPE_CHECKING:
@@ -72,7 +73,11 @@ class FlightGear(NamedTuple):
         return run if self.paced else executive.run
 
     def send(
-        self, latitude: np.ndarray, longitude: np.ndarray, altitude: float, others: VehicleState
+        self,
+        latitude: np.ndarray,
+        longitude: np.ndarray,
+        altitude: float,
+        others: VehicleState[Ground],
     ) -> None:
         """Show intruders ``[K]``, wings level: their places, rad, altitude, m, headings and
         speeds.

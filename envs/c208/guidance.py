@@ -13,6 +13,7 @@ from envs.angles import wrap
 from envs.backend import FLOATS
 from envs.c208.autopilot import ROLL_DELAY
 from envs.follower import PERIOD, Vehicle
+from envs.frames import Air, Ground
 from envs.kinematics import Limits, VehicleState, advance
 from envs.waypoints import Legs
 from envs.wind import NO_WIND, Wind, over_ground
@@ -52,12 +53,12 @@ class Path:
         self._arcs = list(zip(*(field.ravel().tolist() for field in fields), strict=True))
         self.ends = began + float(legs.time[-1] + legs.duration[-1])
 
-    def at(self, time: float) -> VehicleState:
+    def at(self, time: float) -> VehicleState[Ground]:
         """Return the state at a time; before and after the plan its first and last arc go on."""
         clock = time - self._began
         index = max(bisect.bisect_right(self._begins, clock) - 1, 0)
         x, y, heading, speed, acceleration, yaw_rate = self._arcs[index]
-        state = VehicleState(x, y, wrap(heading, FLOATS), speed)
+        state: VehicleState[Air] = VehicleState(x, y, wrap(heading, FLOATS), speed)
         seconds = clock - self._begins[index]
         # The closed form of an arc holds for turns of less than a radian.
         pieces = max(1, math.ceil(abs(yaw_rate * seconds)))
@@ -77,7 +78,9 @@ class Guide:
         when early.
         """
 
-    def commands(self, state: VehicleState, time: float, dt: float = PERIOD) -> tuple[float, float]:
+    def commands(
+        self, state: VehicleState[Ground], time: float, dt: float = PERIOD
+    ) -> tuple[float, float]:
         """Return the acceleration (m/s^2) and turn rate (rad/s) for a period from a time of the
         plan's clock on.
         """
@@ -106,8 +109,8 @@ class Guide:
 
 
 def follow(
-    vehicle: Vehicle, path: Path, until: float, gains: Lookahead = LOOKAHEAD
-) -> tuple[list[VehicleState], list[float]]:
+    vehicle: Vehicle[Ground], path: Path, until: float, gains: Lookahead = LOOKAHEAD
+) -> tuple[list[VehicleState[Ground]], list[float]]:
     """Fly a plan from its beginning and return the state and the lateness (s) after every
     period.
     """
@@ -120,7 +123,7 @@ def follow(
     return states, late
 
 
-def _offset(state: VehicleState, place: VehicleState) -> tuple[float, float]:
+def _offset(state: VehicleState[Ground], place: VehicleState[Ground]) -> tuple[float, float]:
     """Return how far ahead of a place and to its left a state is, m."""
     cosine, sine = math.cos(place.heading), math.sin(place.heading)
     x, y = state.x - place.x, state.y - place.y

@@ -13,9 +13,11 @@ from envs.backend import EXACT_FLOATS
 from envs.c208.conditions import CALM, Conditions
 from envs.c208.vehicle import C208Vehicle, FlightError
 from envs.encounters import EncounterError, Scenario
+from envs.frames import Air
 from envs.gym.gymnasium_contract import error
 from envs.gym.gymnasium_env import DeconflictionEnv, register, registry
 from envs.kinematics import VehicleState, commands
+from envs.wind import NO_WIND, over_ground, through_air
 from envs.world import State, StepResult
 
 ENV_ID = "rlcas/C208-v0"
@@ -56,8 +58,9 @@ class C208Env(DeconflictionEnv):
         observation, info = super().reset(seed=seed, options=options)
         assert self._flight is not None
         conditions = self._conditions._replace(seed=(self._conditions.seed + self._number) % 2**31)
+        own = over_ground(self._flight.own, NO_WIND, 0.0)
         try:
-            self._vehicle = C208Vehicle(self._flight.own, self._variant, conditions)
+            self._vehicle = C208Vehicle(own, self._variant, conditions)
         except FlightError as problem:
             raise EncounterError(
                 f"encounter {self._number} cannot be flown by the aircraft: {problem}"
@@ -78,7 +81,8 @@ class C208Env(DeconflictionEnv):
         assert vehicle is not None  # checked in step
         acceleration, yaw_rate = commands(action, self.world.limits, EXACT_FLOATS)
         vehicle.step(acceleration, yaw_rate, self.world.rules.dt)
-        own = VehicleState(*(float(field) for field in vehicle.state))
+        there = through_air(vehicle.state, NO_WIND, 0.0)  # encounters know no wind
+        own: VehicleState[Air] = VehicleState(*(float(field) for field in there))
         traffic = world.move_intruders(before, self.world.rules.dt, EXACT_FLOATS)
         return world.evaluate(before, own, traffic, self.world.rules, EXACT_FLOATS)
 

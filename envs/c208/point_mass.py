@@ -19,6 +19,7 @@ from envs.c208.conditions import check_state
 from envs.c208.facts import GRAVITY, POUND, VARIANTS
 from envs.c208.propulsion import Curve, density_at, idle_thrust, maximum_thrust
 from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, level_curve
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.wind import NO_WIND, Wind
 
@@ -48,7 +49,7 @@ class PointMassVehicle:
 
     def __init__(
         self,
-        state: VehicleState,
+        state: VehicleState[Ground],
         variant: str = "ex",
         wind: Wind = NO_WIND,
         altitude: float = REFERENCE_ALTITUDE,
@@ -74,7 +75,7 @@ class PointMassVehicle:
         self._drag = level_curve("thrust")
 
     @property
-    def state(self) -> VehicleState:
+    def state(self) -> VehicleState[Ground]:
         """Position, heading and speed over the ground now."""
         level = math.sqrt(max(self.airspeed**2 - self.climb**2, 1.0))
         east = level * math.cos(self._course) + self._wind.east

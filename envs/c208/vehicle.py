@@ -20,6 +20,7 @@ from envs.c208.facts import FOOT, POUND, SLUG_PER_FT3, value
 from envs.c208.fdm import STEP, Fdm
 from envs.c208.flightgear import FlightGear
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve, surfaces
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.wind import Wind
 
@@ -123,7 +124,7 @@ class C208Vehicle:
 
     def __init__(
         self,
-        state: VehicleState,
+        state: VehicleState[Ground],
         variant: str = "ex",
         conditions: Conditions = CALM,
         altitude: float = REFERENCE_ALTITUDE,
@@ -134,7 +135,7 @@ class C208Vehicle:
 
     def reset(
         self,
-        state: VehicleState,
+        state: VehicleState[Ground],
         conditions: Conditions = CALM,
         altitude: float = REFERENCE_ALTITUDE,
     ) -> None:
@@ -177,7 +178,7 @@ class C208Vehicle:
         surfaces = ("elevator_up", "elevator_down", "aileron", "rudder")
         self._travel = [1.0 / math.radians(value(name)) for name in surfaces]
 
-    def _take_off(self, state: VehicleState) -> None:
+    def _take_off(self, state: VehicleState[Ground]) -> None:
         """Begin in the air, in the equilibrium of the state's speed through it."""
         conditions, fdm = self.conditions, self.fdm
         heading, speed = float(state.heading), float(state.speed)
@@ -255,7 +256,7 @@ class C208Vehicle:
         """
         return np.array(self._rows).reshape(-1, len(LOG_COLUMNS))
 
-    def show(self, others: VehicleState) -> None:
+    def show(self, others: VehicleState[Ground]) -> None:
         """Show intruders ``[K]`` to the viewer, if there is one, at the altitude held."""
         if self._viewer is not None:
             longitude = (others.x - self._offset[0]) / self._scale[0]
@@ -293,7 +294,9 @@ class C208Vehicle:
         self._wind = Wind(wind_east, wind_north)
         x = now.longitude * self._scale[0] + self._offset[0]
         y = now.latitude * self._scale[1] + self._offset[1]
-        self.state = VehicleState(x, y, math.atan2(north, east), math.hypot(east, north))
+        self.state: VehicleState[Ground] = VehicleState(
+            x, y, math.atan2(north, east), math.hypot(east, north)
+        )
         self.measured = Measured(
             bank=now.bank,
             pitch=now.pitch,
@@ -316,7 +319,7 @@ class C208Vehicle:
         self._rows.append(_row(self.time, self.state, self.measured, self._throttle))
 
 
-def _row(time: float, state: VehicleState, m: Measured, throttle: float) -> _Row:
+def _row(time: float, state: VehicleState[Ground], m: Measured, throttle: float) -> _Row:
     return _Row(
         time=time,
         x=state.x,
@@ -332,7 +335,7 @@ def _row(time: float, state: VehicleState, m: Measured, throttle: float) -> _Row
     )
 
 
-def _problem(state: VehicleState, m: Measured) -> str | None:
+def _problem(state: VehicleState[Ground], m: Measured) -> str | None:
     """Return why a flight has failed, the beginning of a sentence; None where it has not."""
     if not math.isfinite(sum(m) + state.x + state.y + state.speed + state.heading):
         return "the state is not finite"

@@ -25,6 +25,7 @@ from envs import intruder
 from envs.encounters import Encounter, EncounterError
 from envs.formats.encounter_file import Row
 from envs.formats.lincoln_file import EVENTS
+from envs.frames import Air
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
@@ -70,10 +71,12 @@ def scenes_of(
     for second in range(seconds):
         flying = intruder.step(flying, encounters.intent, float(second), 1.0, np)
         states.append(flying.vehicle)
-    others = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
+    others: VehicleState[Air] = VehicleState(
+        *(np.stack(field) for field in zip(*states, strict=True))
+    )
     own, ahead = encounters.own, encounters.own.speed * times[:, None]
     x, y = own.x + ahead * np.cos(own.heading), own.y + ahead * np.sin(own.heading)
-    straight = VehicleState(
+    straight: VehicleState[Air] = VehicleState(
         x, y, *(np.broadcast_to(field, ahead.shape) for field in (own.heading, own.speed))
     )
     scenes = []
@@ -323,13 +326,13 @@ def _at_height(scene: ExchangedEncounter, altitude: float | None) -> list[Track]
     return [track._replace(altitude=np.full(len(track.time), altitude)) for track in scene.tracks]
 
 
-def _track(name: str, flown: VehicleState, times: np.ndarray) -> Track:
+def _track(name: str, flown: VehicleState[Air], times: np.ndarray) -> Track:
     zero = np.zeros(len(times))
     vx, vy = flown.speed * np.cos(flown.heading), flown.speed * np.sin(flown.heading)
     return Track(name, times, flown.x, flown.y, zero, vx, vy, zero, {})
 
 
-def _start(track: Track) -> VehicleState:
+def _start(track: Track) -> VehicleState[Air]:
     """Return the state at the beginning of a track, plain numbers."""
     vx, vy = float(track.vx[0]), float(track.vy[0])
     return VehicleState(

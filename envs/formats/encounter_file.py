@@ -21,6 +21,7 @@ from envs.angles import wrap
 from envs.edge.files import write_whole
 from envs.edge.text_file import number_of, text_of
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError
+from envs.frames import Air
 from envs.intruder import Intent
 from envs.kinematics import FASTEST, VehicleState
 from envs.perception import Sensor
@@ -120,10 +121,10 @@ class Row(NamedTuple):
     :data:`COLUMNS`.
     """
 
-    own: VehicleState
+    own: VehicleState[Air]
     goal_x: float  # m
     goal_y: float
-    intruder: VehicleState
+    intruder: VehicleState[Air]
     intent: Intent
     sensor: Sensor
 
@@ -349,7 +350,7 @@ def _encounters(groups: list[list[list[float]]]) -> Encounter:
     column = {c.name: table[:, :, i] * c.scale for i, c in enumerate(COLUMNS)}
     shared = {name: np.ascontiguousarray(values[:, 0]) for name, values in column.items()}
 
-    def state(of: str, columns: dict[str, np.ndarray]) -> VehicleState:
+    def state(of: str, columns: dict[str, np.ndarray]) -> VehicleState[Air]:
         x, y, heading, speed = (
             columns[f"{of}_{name}"] for name in ("x_m", "y_m", "heading_deg", "speed_m_s")
         )

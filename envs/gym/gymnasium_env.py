@@ -16,6 +16,7 @@ from gymnasium.envs.registration import register, registry
 from envs import starts
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter, Scenario
+from envs.frames import Air
 from envs.gym import flight
 from envs.gym.gymnasium_contract import (
     OUTCOMES,
@@ -43,8 +44,8 @@ ENV_ID = "rlcas/Deconfliction-v0"
 class _Frame(NamedTuple):
     """A moment of an encounter of K intruders, for pictures."""
 
-    own: VehicleState
-    intruders: list[VehicleState]  # K
+    own: VehicleState[Air]
+    intruders: list[VehicleState[Air]]  # K
     separations: tuple[float, ...]  # smallest distance to each during the step before, m, K
 
 

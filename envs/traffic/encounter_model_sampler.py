@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance
 from envs.traffic.encounter_model import ACCELERATION, CLIMB, SPEED, TURN, EncounterModel, Variable
 from envs.traffic.track_units import FOOT, KNOT
@@ -113,7 +114,7 @@ def _column(model: EncounterModel, series: np.ndarray, name: str) -> np.ndarray:
     return series[:, :, names.index(name)] * _SI[name]
 
 
-def fly_tracks(model: EncounterModel, sampled: Sampled, speed_max: float) -> VehicleState:
+def fly_tracks(model: EncounterModel, sampled: Sampled, speed_max: float) -> VehicleState[Air]:
     """Fly what was drawn, from the origin and eastward; fields ``[M, T + 1]``.
 
     Each second's acceleration and turn rate are flown exactly. A first speed beyond the limits

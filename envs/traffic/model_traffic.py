@@ -29,6 +29,7 @@ from envs import draws as numbers
 from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter, EncounterError, between
+from envs.frames import Air
 from envs.intruder import Recording
 from envs.kinematics import FASTEST, VehicleState, advance
 from envs.relative import distance, leg_separation
@@ -68,8 +69,8 @@ class ModelTraffic:
 class _Drawn(NamedTuple):
     """Encounters of one attempt; fields ``[M]``."""
 
-    own: VehicleState
-    recording: VehicleState  # [M, T + 1]
+    own: VehicleState[Air]
+    recording: VehicleState[Air]  # [M, T + 1]
     weight: np.ndarray  # m/s
     accepted: np.ndarray  # whether they meet the conditions, bool
 
@@ -130,7 +131,7 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     acceleration = track.speed[rows, second + 1] - track.speed[rows, second]
     turn_rate = sampled.turn_rate[rows, second]
     there = advance(take(track, (rows, second)), acceleration, turn_rate, time - second, _FREE, np)
-    own = VehicleState(np.zeros(len(rows)), np.zeros(len(rows)), course, speed)
+    own: VehicleState[Air] = VehicleState(np.zeros(len(rows)), np.zeros(len(rows)), course, speed)
     turned_there = there._replace(heading=there.heading + turned)
     passing = _pass(own, turned_there, acceleration, turn_rate, miss)
 
@@ -140,7 +141,9 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     shift_y = speed * time * np.sin(course) + miss * passing.vx / passing.speed - y
     x, y = _rotate(track.x, track.y, turned[:, None])
     heading = wrap(track.heading + turned[:, None], np)
-    recording = VehicleState(x + shift_x[:, None], y + shift_y[:, None], heading, track.speed)
+    recording: VehicleState[Air] = VehicleState(
+        x + shift_x[:, None], y + shift_y[:, None], heading, track.speed
+    )
     accepted = (
         (passing.weight > 0.0)
         & (sampled.speed <= most)
@@ -160,8 +163,8 @@ class _Passing(NamedTuple):
 
 
 def _pass(
-    own: VehicleState,
-    there: VehicleState,
+    own: VehicleState[Air],
+    there: VehicleState[Air],
     acceleration: np.ndarray,
     turn_rate: np.ndarray,
     miss: np.ndarray,
@@ -182,14 +185,14 @@ def _pass(
     return _Passing(vx, vy, speed, weight=speed + miss * (vx * ay - vy * ax) / speed**2)
 
 
-def _closest(own: VehicleState, recording: VehicleState, until: float) -> np.ndarray:
+def _closest(own: VehicleState[Air], recording: VehicleState[Air], until: float) -> np.ndarray:
     """Return the smallest distance of the ownship, straight on, and a recording until a time, m,
     ``[M]``.
     """
     last = min(round(until), recording.x.shape[-1] - 1)
     along = own.speed[:, None] * np.arange(last + 1)
     x, y = along * np.cos(own.heading)[:, None], along * np.sin(own.heading)[:, None]
-    straight = VehicleState(
+    straight: VehicleState[Air] = VehicleState(
         x, y, *(np.broadcast_to(field[:, None], x.shape) for field in (own.heading, own.speed))
     )
     parts = np.s_[:, :last], np.s_[:, 1 : last + 1]
@@ -199,7 +202,7 @@ def _closest(own: VehicleState, recording: VehicleState, until: float) -> np.nda
     return leg_separation(own_now, own_next, now, after, 1.0, np).min(axis=-1)
 
 
-def _at_steps(recording: VehicleState, dt: float) -> VehicleState:
+def _at_steps(recording: VehicleState[Air], dt: float) -> VehicleState[Air]:
     """Return a recording with a row a second, ``[M, T + 1]``, with a row a time step (s)."""
     if dt == 1.0:
         return recording

@@ -13,6 +13,7 @@ import numpy as np
 from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
+from envs.frames import Air
 from envs.intruder import Recording
 from envs.kinematics import FASTEST, VehicleState, advance
 from envs.perception import Sensor
@@ -91,7 +92,7 @@ def _starts(
 
 
 def encounters_of(
-    own: VehicleState, recording: Recording, mask: np.ndarray, ahead: float
+    own: VehicleState[Air], recording: Recording, mask: np.ndarray, ahead: float
 ) -> Encounter:
     """Return the encounters of an ownship ``[N]``, its goal ``ahead`` seconds ahead, and recorded
     intruders.

@@ -17,6 +17,7 @@ import numpy as np
 
 from agents.inference import Policy
 from envs.aircraft import new_aircraft
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.relative import bearing, leg_separation
 from envs.trees import column, take
@@ -87,7 +88,7 @@ class Pilot:
         self,
         heading: np.ndarray,
         speed: float,
-        traffic: list[VehicleState],
+        traffic: list[VehicleState[Air]],
         goal: tuple[float, float],
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return least distance from the traffic, m, and drift, rad s, of flights that begin with
@@ -124,8 +125,8 @@ class Pilot:
 class _FlightsAhead(NamedTuple):
     """Flights ``[M]`` on from an observation, and what they came to so far."""
 
-    own: VehicleState
-    others: VehicleState  # the traffic of each, [M, K]
+    own: VehicleState[Air]
+    others: VehicleState[Air]  # the traffic of each, [M, K]
     goal_x: np.ndarray  # the waypoint, m
     goal_y: np.ndarray
     nearest: np.ndarray  # least distance from the traffic, m
@@ -137,12 +138,14 @@ class _FlightsAhead(NamedTuple):
         cls,
         heading: np.ndarray,
         speed: float,
-        traffic: list[VehicleState],
+        traffic: list[VehicleState[Air]],
         goal: tuple[float, float],
     ) -> "_FlightsAhead":
         """Return flights with first headings, rad, at a speed, m/s, to a waypoint, m."""
         zeros, shape = np.zeros(len(heading)), (len(heading), len(traffic))
-        others = VehicleState(*(np.broadcast_to(field, shape) for field in np.transpose(traffic)))
+        others: VehicleState[Air] = VehicleState(
+            *(np.broadcast_to(field, shape) for field in np.transpose(traffic))
+        )
         return cls(
             own=VehicleState(zeros, zeros, heading, zeros + speed),
             others=others,
@@ -191,7 +194,11 @@ def _limits(speed: float) -> Limits:
 
 
 def _is_clear(
-    own: VehicleState, others: VehicleState, off: np.ndarray, until: np.ndarray, limits: Limits
+    own: VehicleState[Air],
+    others: VehicleState[Air],
+    off: np.ndarray,
+    until: np.ndarray,
+    limits: Limits,
 ) -> np.ndarray:
     """Return whether the straight way to the waypoint keeps the separation, ``[M]``, which lies off
     the heading by so much, rad, and takes so long, s.
@@ -212,7 +219,7 @@ def _turn_rates(policy: Policy, flights: _FlightsAhead, limits: Limits) -> np.nd
 
 def observe(
     observation: Mapping[str, np.ndarray],
-) -> tuple[float, list[VehicleState], tuple[float, float]]:
+) -> tuple[float, list[VehicleState[Air]], tuple[float, float]]:
     """Return the speed of all aircraft, m/s, the traffic and the waypoint, m, in the ownship's
     frame (x ahead, y left).
 
@@ -228,7 +235,9 @@ def observe(
     speed = min(speed, _FASTEST)
     away = _units().length * np.asarray(observation["intruder_distance"], float)
     at = away * observation["cos_difference_pos"], away * observation["sin_difference_pos"], course
-    traffic = [VehicleState(x, y, heading, speed) for x, y, heading in np.transpose(at).tolist()]
+    traffic: list[VehicleState[Air]] = [
+        VehicleState(x, y, heading, speed) for x, y, heading in np.transpose(at).tolist()
+    ]
     to_goal = _units().length * float(observation["waypoint_distance"][0])
     ahead = to_goal * float(observation["cos_drift"][0])
     left = to_goal * float(observation["sin_drift"][0])

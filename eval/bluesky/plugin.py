@@ -21,10 +21,11 @@ from agents.planner.request import Altitude
 from envs.aircraft import new_aircraft
 from envs.areas import Area, AreaError, Circle, Level, Polygon
 from envs.edge.command import InputError
+from envs.frames import Ground
 from envs.kinematics import Limits, VehicleState, commands
 from envs.trees import map_leaves, take
 from envs.waypoints import Legs, RoutePoint, at, legs, plan_states
-from envs.wind import Wind, aim_point, over_ground, through_air
+from envs.wind import NO_WIND, Wind, aim_point, over_ground, through_air
 
 __all__ = ["RLCAS", "area_of", "init_plugin"]
 
@@ -103,8 +104,8 @@ def area_of(shape: Any, own_lat: float, own_lon: float) -> Area:
 class _Scene(NamedTuple):
     """What aircraft ``[N]`` decide by, over the ground, each in a frame about its own place."""
 
-    own: VehicleState  # [N]
-    others: VehicleState  # [N, K]
+    own: VehicleState[Ground]  # [N]
+    others: VehicleState[Ground]  # [N, K]
     mask: np.ndarray  # [N, K]: which of the others count
     goal_x: np.ndarray  # m, [N]
     goal_y: np.ndarray
@@ -122,7 +123,9 @@ def _meets_level(flown: np.ndarray, conf: Any, ownship: Any, intruder: Any) -> n
     return (np.minimum(np.abs(above), np.abs(later)) < height) | (above * later < 0.0)
 
 
-def _gives_way(own: VehicleState, others: VehicleState, beyond: float) -> np.ndarray:
+def _gives_way(
+    own: VehicleState[Ground], others: VehicleState[Ground], beyond: float
+) -> np.ndarray:
     """Return which of the others are to give way where both have waited long, ``[N, K]``.
 
     Two that wait for each other, side by side, would fly on so for ever: the other on an
@@ -135,12 +138,11 @@ def _gives_way(own: VehicleState, others: VehicleState, beyond: float) -> np.nda
 
 def _policy_command(policy: Policy, scene: _Scene, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Return yaw rates (rad/s) and speeds after some seconds (m/s), through the air, ``[N]``."""
-    own, others, goal = scene.own, scene.others, (scene.goal_x, scene.goal_y)
-    wind = scene.wind
-    if wind is not None:
+    goal, wind = (scene.goal_x, scene.goal_y), scene.wind or NO_WIND
+    each = wind if scene.wind is None else Wind(wind.east[:, None], wind.north[:, None])
+    own, others = through_air(scene.own, wind, 0.0), through_air(scene.others, each, 0.0)
+    if scene.wind is not None:
         # Decisions are made in the air mass about each aircraft, through which the goal drifts.
-        each = Wind(wind.east[:, None], wind.north[:, None])
-        own, others = through_air(own, wind, 0.0), through_air(others, each, 0.0)
         goal = aim_point(own, goal, (-wind.east, -wind.north), _LONGEST, np)
     critical = policy.most_critical(own, others, scene.mask)
     seen, exists = map_leaves(
@@ -301,9 +303,9 @@ class RLCAS(_Resolution):
         track = (ownship.trk[flown] - np.degrees(yaw_rate * dt)) % 360.0
         if scene.wind is not None:
             # BlueSky takes a track and a speed over the ground.
-            later = through_air(scene.own, scene.wind, 0.0)
-            later = later._replace(heading=later.heading + yaw_rate * dt, speed=speed)
-            later = over_ground(later, scene.wind, 0.0)
+            own = through_air(scene.own, scene.wind, 0.0)
+            turned = own._replace(heading=own.heading + yaw_rate * dt, speed=speed)
+            later = over_ground(turned, scene.wind, 0.0)
             speed, track = later.speed, (90.0 - np.degrees(later.heading)) % 360.0
         self.trk[flown], self.tas[flown] = track, speed
         if self.planning:
@@ -318,10 +320,14 @@ class RLCAS(_Resolution):
             return _east_north(lat, lon, ownship.lat[flown][:, None], ownship.lon[flown][:, None])
 
         zeros = np.zeros(len(flown))
-        own = VehicleState(zeros, zeros, np.radians(90.0 - ownship.trk[flown]), ownship.gs[flown])
+        own: VehicleState[Ground] = VehicleState(
+            zeros, zeros, np.radians(90.0 - ownship.trk[flown]), ownship.gs[flown]
+        )
         x, y = east_north(intruder.lat[None], intruder.lon[None])
         course = np.broadcast_to(np.arctan2(intruder.gsnorth, intruder.gseast), x.shape)
-        others = VehicleState(x, y, course, np.broadcast_to(intruder.gs, x.shape))
+        others: VehicleState[Ground] = VehicleState(
+            x, y, course, np.broadcast_to(intruder.gs, x.shape)
+        )
 
         mask = _meets_level(flown, conf, ownship, intruder)
         mask &= ~self.noresoac & (np.arange(ownship.ntraf) != flown[:, None])
@@ -342,7 +348,7 @@ class RLCAS(_Resolution):
         """Set track and speed of those of the aircraft ``[N]`` that have a SAFE plan."""
         for row, (index, name) in enumerate(zip(flown, names, strict=True)):
             mask = scene.mask[row]
-            traffic = [
+            traffic: list[VehicleState[Ground]] = [
                 VehicleState(*each)
                 for each in zip(*(field[row, mask] for field in scene.others), strict=True)
             ]
@@ -373,9 +379,9 @@ class RLCAS(_Resolution):
         self,
         name: str,
         policy: Policy,
-        request: tuple[VehicleState, list[VehicleState], complex, Wind | None],
+        request: tuple[VehicleState[Ground], list[VehicleState[Ground]], complex, Wind | None],
         dt: float,
-    ) -> VehicleState | None:
+    ) -> VehicleState[Ground] | None:
         """Return where an aircraft's plan has it after the next ``dt`` seconds, over the ground;
         None: it has no safe one. A request is own state, others, goal and wind.
         """

@@ -23,6 +23,7 @@ from scipy.ndimage import map_coordinates
 
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import leg_separation
 
@@ -119,7 +120,9 @@ def value_at(solution: Solution, x: Array, y: Array, heading: float, speed: floa
     lose nothing by interpolation on a node.
     """
     grid, limits = solution.grid, solution.limits
-    own = VehicleState(np.asarray(x, float), np.asarray(y, float), heading, speed)
+    own: VehicleState[Air] = VehicleState(
+        np.asarray(x, float), np.asarray(y, float), heading, speed
+    )
     best = 0.0 * (own.x + own.y)
     there, gone = _intruder(best, solution.intruder_speed, grid.dt)
     for turn, thrust in _CONTROLS:
@@ -161,7 +164,7 @@ def _step(
 ) -> _Step:
     acceleration = (limits.acceleration_min, limits.acceleration_max)[thrust]
     heading, speed = np.meshgrid(wrap(grid.heading, np), grid.speed, indexing="ij")
-    own = VehicleState(0.0 * speed, 0.0 * speed, heading, speed)
+    own: VehicleState[Air] = VehicleState(0.0 * speed, 0.0 * speed, heading, speed)
     moved = advance(own, acceleration, turn * limits.yaw_rate_max, grid.dt, limits, np)
     shift = np.stack([moved.x - intruder_speed * grid.dt, moved.y], axis=-1)
     low, part = zip(*(_place(new_speed, grid.speed) for new_speed in moved.speed[0]), strict=True)
@@ -171,8 +174,8 @@ def _step(
     near = np.empty((*speed.shape, x.size, y.size), np.float32)
     there, gone = _intruder(0.0 * (x + y), intruder_speed, grid.dt)
     for index in np.ndindex(speed.shape):
-        begun = VehicleState(x, y, heading[index], speed[index])
-        ended = VehicleState(
+        begun: VehicleState[Air] = VehicleState(x, y, heading[index], speed[index])
+        ended: VehicleState[Air] = VehicleState(
             x + moved.x[index], y + moved.y[index], moved.heading[index], moved.speed[index]
         )
         near[index] = leg_separation(begun, ended, there, gone, grid.dt, np)
@@ -180,8 +183,8 @@ def _step(
     return _Step(turn, shift, low, part, near, box)
 
 
-def _intruder(zero: Array, speed: float, dt: float) -> tuple[VehicleState, VehicleState]:
-    there = VehicleState(zero, zero, zero, zero + speed)
+def _intruder(zero: Array, speed: float, dt: float) -> tuple[VehicleState[Air], VehicleState[Air]]:
+    there: VehicleState[Air] = VehicleState(zero, zero, zero, zero + speed)
     return there, there._replace(x=zero + speed * dt)
 
 

@@ -16,6 +16,7 @@ from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter
+from envs.frames import Air
 from envs.kinematics import Limits
 from eval.flights.chunks import Conditioned, Evaluation, ReadyEvaluation, noise_of
 from eval.flights.conditions import Flown, verdict_within
@@ -195,7 +196,7 @@ def _fly_on(
     starts: Encounter,
     evaluation: Evaluation,
     noise: Callable[[int], np.ndarray] | None,
-) -> tuple[Flights, Trajectories]:
+) -> tuple[Flights, Trajectories[Air]]:
     """Fly encounters on after losses of separation; the trajectories end where each flight does."""
     if isinstance(resolver, WitnessSearch):
         return fly_witnesses(starts, resolver, evaluation.aircraft)
@@ -211,7 +212,7 @@ def _fly_on(
 
 
 def _columns(
-    outcome: np.ndarray, flights: Flights, flown: Trajectories, mask: np.ndarray
+    outcome: np.ndarray, flights: Flights, flown: Trajectories[Air], mask: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return the columns of one entry but for the costs."""
     seen = relative(flown)

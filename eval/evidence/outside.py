@@ -29,6 +29,7 @@ from envs.draws import normals
 from envs.edge.command import Parser, run_cli
 from envs.edge.files import write_file
 from envs.encounters import Encounter, pad, scenario
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.perception import Sensor, carry_back, perceive
 from envs.starts import OF_INTRUDERS, encounters_of_seed, join
@@ -54,10 +55,10 @@ class Flights(NamedTuple):
     flight.
     """
 
-    own: VehicleState
-    seen: VehicleState
+    own: VehicleState[Air]
+    seen: VehicleState[Air]
     """As reported."""
-    true: VehicleState
+    true: VehicleState[Air]
     goal: tuple[np.ndarray, np.ndarray]
     std: tuple[float, float]
     """Declared, of position and velocity, m and m/s."""
@@ -72,14 +73,16 @@ def fly_reported(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: in
     resolver = ByPolicy(policy.for_aircraft(aircraft, outside="allow"))
     fly(starts, resolver, aircraft, recorder=recorder)
     flown = recorder.stack()
-    others = VehicleState(*(np.where(starts.mask, field, np.nan) for field in flown.intruders))
+    others: VehicleState[Air] = VehicleState(
+        *(np.where(starts.mask, field, np.nan) for field in flown.intruders)
+    )
     sensor = starts.sensor
     std = float(np.max(sensor.position_std)), float(np.max(sensor.velocity_std))
     seen = _report(others, sensor, aircraft.dt, seed) if max(std) > 0.0 else others
     return Flights(flown.own, seen, others, (starts.goal_x, starts.goal_y), std)
 
 
-def _report(others: VehicleState, sensor: Sensor, dt: float, seed: int) -> VehicleState:
+def _report(others: VehicleState[Air], sensor: Sensor, dt: float, seed: int) -> VehicleState[Air]:
     """Return the reports of intruders ``[T, N, K]``, time steps of dt, s, apart."""
     first = _at(others, 0)
     before = carry_back(first, dt, np), carry_back(first, 2.0 * dt, np)
@@ -93,7 +96,7 @@ def _report(others: VehicleState, sensor: Sensor, dt: float, seed: int) -> Vehic
     return map_leaves(lambda *fields: np.stack(fields), *reports)
 
 
-def _at(states: VehicleState, step: int) -> VehicleState:
+def _at(states: VehicleState[Air], step: int) -> VehicleState[Air]:
     """Return states ``[T, ...]`` at one of their times."""
     return map_leaves(lambda field: field[step], states)
 
@@ -107,7 +110,7 @@ def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.n
     memory = blank(count, most, np.full(count, aircraft.limits.speed_max))
     causes, new = np.zeros(count, np.int32), np.zeros(count, bool)
     box = novelty.shipped_box(policy.sha256)
-    tracks: Tracks | None = None
+    tracks: Tracks[Air] | None = None
     for number, (own, reported) in enumerate(_steps(flights)):
         seen, mask = reported, np.isfinite(reported.x)
         known: dict[str, Any] = {}
@@ -129,8 +132,8 @@ def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.n
 class _Moment(NamedTuple):
     """What the network sees of flights ``[N]`` at a time."""
 
-    own: VehicleState
-    seen: VehicleState  # [N, K]
+    own: VehicleState[Air]
+    seen: VehicleState[Air]  # [N, K]
     mask: np.ndarray  # which intruders exist, bool [N, K]
     goal: tuple[np.ndarray, np.ndarray]  # m
     share: np.ndarray | None = None  # D over the intruders' own separations, [N, K]; None: 1
@@ -139,11 +142,11 @@ class _Moment(NamedTuple):
 def _inputs(rows: np.ndarray, moment: _Moment, aircraft: Aircraft) -> SetInputs:
     """Return the network's inputs of some flights of all."""
     own, seen, mask, goal, share = take(moment, rows)
-    there = VehicleState(*(np.where(mask, field, 0.0) for field in seen))
+    there: VehicleState[Air] = VehicleState(*(np.where(mask, field, 0.0) for field in seen))
     return novelty.inputs_of(own, there, mask, goal, aircraft, share)
 
 
-def _steps(flights: Flights) -> Iterator[tuple[VehicleState, VehicleState]]:
+def _steps(flights: Flights) -> Iterator[tuple[VehicleState[Air], VehicleState[Air]]]:
     """Yield the ownships and the reports of each time."""
     for number in range(len(flights.own.x)):
         yield _at(flights.own, number), _at(flights.seen, number)
@@ -168,8 +171,8 @@ def inside(flights: Flights, aircraft: Aircraft) -> np.ndarray:
 
 
 def _fly_at_pace(
-    seen: VehicleState, random: Random, aircraft: Aircraft, pace: tuple[float, float]
-) -> VehicleState:
+    seen: VehicleState[Air], random: Random, aircraft: Aircraft, pace: tuple[float, float]
+) -> VehicleState[Air]:
     """Let each fly its path at another speed, so that places and velocities agree."""
     speed = random.uniform(*pace, seen.x.shape[1:]) * aircraft.limits.speed_max
     factor = speed / seen.speed[0]
@@ -177,7 +180,7 @@ def _fly_at_pace(
     return seen._replace(x=x, y=y, speed=seen.speed * factor)
 
 
-def _fly_turns(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleState:
+def _fly_turns(seen: VehicleState[Air], random: Random, aircraft: Aircraft) -> VehicleState[Air]:
     """Let each turn on and on, at two to four times the greatest rate of the domain."""
     rate = random.uniform(2.0, 4.0, seen.x.shape[1:]) * random.choice([-1.0, 1.0], seen.x.shape[1:])
     angle = rate * aircraft.limits.yaw_rate_max * aircraft.dt
@@ -193,7 +196,7 @@ def _fly_turns(seen: VehicleState, random: Random, aircraft: Aircraft) -> Vehicl
     return VehicleState(x, y, wrap(heading, np), seen.speed)
 
 
-def _displace(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleState:
+def _displace(seen: VehicleState[Air], random: Random, aircraft: Aircraft) -> VehicleState[Air]:
     """Displace each for good, by half a separation to three."""
     angle, far = (
         random.uniform(*ends, seen.x.shape[1:]) for ends in ((-math.pi, math.pi), (0.5, 3.0))
@@ -206,11 +209,11 @@ def _displace(seen: VehicleState, random: Random, aircraft: Aircraft) -> Vehicle
 
 
 def _of_time(
-    seen: VehicleState,
+    seen: VehicleState[Air],
     random: Random,
     aircraft: Aircraft,
     when: Callable[[np.ndarray, Random], np.ndarray],
-) -> VehicleState:
+) -> VehicleState[Air]:
     """Report the states of other times than the stamps say."""
     wanted = when(np.arange(len(seen.x)), random)
     early, ends = np.minimum(wanted, 0)[:, None, None] * aircraft.dt, np.isnan(seen.x)
@@ -221,7 +224,7 @@ def _of_time(
     )
 
 
-def _noisier(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleState:
+def _noisier(seen: VehicleState[Air], random: Random, aircraft: Aircraft) -> VehicleState[Air]:
     """Add noise, so that it is three times what the scenario ``noisy`` declares."""
     extra, allowed = math.sqrt(8.0) * random.standard_normal((4, *seen.x.shape)), traffic(aircraft)
     place, drift = allowed["position_std"][1], allowed["velocity_std"][1]
@@ -232,7 +235,7 @@ def _noisier(seen: VehicleState, random: Random, aircraft: Aircraft) -> VehicleS
     )
 
 
-SHIFTS: dict[str, Callable[[VehicleState, Random, Aircraft], VehicleState]] = {
+SHIFTS: dict[str, Callable[[VehicleState[Air], Random, Aircraft], VehicleState[Air]]] = {
     "intruders at 1.5 to 2.5 of the greatest speed": partial(_fly_at_pace, pace=(1.5, 2.5)),
     "intruders at up to 0.3 of it": partial(_fly_at_pace, pace=(0.02, 0.3)),
     "turns at 2 to 4 times the greatest rate": _fly_turns,
@@ -371,7 +374,9 @@ def _moments(
 ) -> Iterator[_Moment]:
     """Yield what the network sees at all starts, and every few steps of some flights."""
     first = reduce(join, starts)
-    others = VehicleState(*(np.where(first.mask, field, np.nan) for field in first.intruders))
+    others: VehicleState[Air] = VehicleState(
+        *(np.where(first.mask, field, np.nan) for field in first.intruders)
+    )
     share = aircraft.separation / first.separation
     yield _Moment(first.own, others, np.isfinite(others.x), (first.goal_x, first.goal_y), share)
     some = reduce(join, (take(one, slice(0, _FLOWN)) for one in starts))

@@ -12,6 +12,7 @@ from envs.aircraft import Aircraft
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Circle, after, in_air
 from envs.encounters import Encounter
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.outcome import Rules
 from envs.random_areas import random_areas
@@ -47,7 +48,7 @@ def areas_of(
         return None
     found = np.empty(len(numbers), dtype=object)
     for n, number in enumerate(numbers):
-        own = VehicleState(*(float(field[n]) for field in starts.own))
+        own: VehicleState[Air] = VehicleState(*(float(field[n]) for field in starts.own))
         goal = float(starts.goal_x[n]), float(starts.goal_y[n])
         found[n] = random_areas(seed, int(number), most, own, goal, aircraft)
     return found
@@ -93,7 +94,7 @@ def as_row(areas: object) -> np.ndarray:
     return found
 
 
-def judge(flown: Trajectories, areas: np.ndarray, dt: float) -> AmongAreas:
+def judge(flown: Trajectories[Ground], areas: np.ndarray, dt: float) -> AmongAreas:
     """Return how near flights ``[N]`` came to their areas, object ``[N]``, both over the ground; dt
     in s.
     """
@@ -145,7 +146,7 @@ def outlines(area: Area, time: float) -> list[np.ndarray]:
     return [np.array(ring) + moved for ring in area.shape.rings]
 
 
-def _places(own: VehicleState, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _places(own: VehicleState[Ground], dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return places of a flight ``[T + 1]``, m, and their times, s: those recorded, and between two
     of them on the cubic curve that has both velocities.
     """

@@ -21,6 +21,7 @@ from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.trees import take
 from envs.wind import Wind
@@ -29,7 +30,7 @@ from eval.flights.among_areas import in_air_at
 from eval.flights.in_wind import drift_of
 from eval.flights.plan_flight import (
     SUBSTEPS,
-    Air,
+    Active,
     PlanFlights,
     Step,
     Tally,
@@ -54,10 +55,12 @@ class _Flights(NamedTuple):
     """Flights in progress; fields ``[M]``."""
 
     rows: np.ndarray  # number of each among the encounters
-    air: Air
+    air: Active
     asked: Request  # of the planner at the start
     monitor: Monitor
-    tracks: Tracks | None  # of the intruders; None: reports are the truth, or there was none yet
+    tracks: (
+        Tracks[Air] | None
+    )  # of the intruders; None: reports are the truth, or there was none yet
     short: np.ndarray  # whether what is flown passes over the goal, or gets there too late
     reached: np.ndarray  # whether the goal was reached
 
@@ -126,7 +129,7 @@ def _begin(
     count = len(encounters.goal_x)
     asked = request_of(encounters, aircraft)._replace(drift=drift_of(wind))
     ends = np.full(count, aircraft.t_max)
-    air = Air(begin(encounters, np, history_dt=aircraft.dt), np.zeros(count), ends, asked.drift)
+    air = Active(begin(encounters, np, history_dt=aircraft.dt), np.zeros(count), ends, asked.drift)
     reported = perceive_intruders(air.state, draws, aircraft.dt, np)
     traffic = Traffic.straight(reported, encounters.mask)
     traffic = traffic._replace(separation=encounters.separation)
@@ -180,7 +183,7 @@ def _areas_met(
     """
     found = np.empty(len(areas), dtype=object)
     for n, some in enumerate(areas):
-        own = VehicleState(*(float(field[n]) for field in state.own))
+        own: VehicleState[Air] = VehicleState(*(float(field[n]) for field in state.own))
         ends = float(monitor.plan.plan_states.time[n, -1] + monitor.started[n]) - time
         found[n] = may_be_met(some, own, None, ends, thresholds)
     return found

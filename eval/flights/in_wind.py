@@ -8,9 +8,9 @@ import numpy as np
 
 from envs import draws
 from envs.encounters import Encounter
+from envs.frames import Air, Ground
 from envs.intruder import Recording
-from envs.kinematics import VehicleState
-from envs.wind import Wind, over_ground
+from envs.wind import NO_WIND, Wind, over_ground
 from eval.flights.trajectories import Trajectories
 
 _STREAM = 0x7769_6E64  # keeps the draws apart from those of encounters with the same seed
@@ -63,12 +63,11 @@ def drift_of(wind: Wind | None) -> tuple[np.ndarray, np.ndarray] | None:
     return None if wind is None else (-wind.east, -wind.north)
 
 
-def to_ground(flown: Trajectories, wind: Wind | None, dt: float) -> Trajectories:
-    """Return trajectories in the air mass, steps of dt, s, ``[T, N]``, as the ground sees them."""
-    if wind is None:
-        return flown
+def to_ground(flown: Trajectories[Air], wind: Wind | None, dt: float) -> Trajectories[Ground]:
+    """Return trajectories of steps of dt, s, ``[T, N]``, as the ground sees them."""
     time = np.arange(len(flown.own.x))[:, None] * dt
-    each = Wind(wind.east[:, None], wind.north[:, None])
-    own = VehicleState(*over_ground(flown.own, wind, time))
-    others = VehicleState(*over_ground(flown.intruders, each, time[..., None]))
-    return flown._replace(own=own, intruders=others)
+    blows = wind or NO_WIND
+    each = blows if wind is None else Wind(wind.east[:, None], wind.north[:, None])
+    own = over_ground(flown.own, blows, time)
+    others = over_ground(flown.intruders, each, time[..., None])
+    return Trajectories(own, others, flown.action, flown.separation)

@@ -13,6 +13,7 @@ from agents.manoeuvres.escape_manoeuvre import Counting, Manoeuvre, choose_actio
 from agents.resolvability.witness import least_cost
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
+from envs.frames import Air
 from envs.trees import map_leaves, scatter, take
 from eval.flights.simulate import Flights, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
@@ -73,7 +74,7 @@ class Witness:
 
 def fly_witnesses(
     encounters: Encounter, search: WitnessSearch, aircraft: Aircraft
-) -> tuple[Flights, Trajectories]:
+) -> tuple[Flights, Trajectories[Air]]:
     """Fly the least-cost witnesses of encounters ``[N]``, float64, until the goal or the time
     limit.
     """

@@ -16,9 +16,10 @@ from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.follower import PERIOD, gains, offset, steer
+from envs.frames import Air, F
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance, leg_separation
-from envs.trees import column
+from envs.trees import column, take
 from envs.world import State, move_intruders, shares
 from eval.flights.simulate import OUTCOMES, Flights, last_turn, reversal_rate
 
@@ -34,7 +35,7 @@ class PlanFlights(NamedTuple):
     whole_separation: np.ndarray
 
 
-class Air(NamedTuple):
+class Active(NamedTuple):
     """Flights in progress; fields ``[M]``."""
 
     state: State
@@ -66,7 +67,7 @@ class Step(NamedTuple):
 
 
 def request_of(
-    encounters: Encounter, aircraft: Aircraft, intruders: VehicleState | None = None
+    encounters: Encounter, aircraft: Aircraft, intruders: VehicleState[Air] | None = None
 ) -> Request:
     """Return what a planner is asked at the start of encounters ``[N]``, with intruders as
     believed, or as they are, and their separations of their own.
@@ -82,7 +83,7 @@ def request_of(
 
 
 def route_of(
-    own: VehicleState, goal_x: np.ndarray, goal_y: np.ndarray, aircraft: Aircraft
+    own: VehicleState[F], goal_x: np.ndarray, goal_y: np.ndarray, aircraft: Aircraft
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the route from a place to the goal and on, ``[N, R]`` each of x and y, m, and its
     number of points, ``[N]``.
@@ -96,8 +97,8 @@ def route_of(
 
 
 def fly_step(
-    air: Air, references: VehicleState, aircraft: Aircraft, limits: Limits
-) -> tuple[Air, Step]:
+    air: Active, references: VehicleState[Air], aircraft: Aircraft, limits: Limits
+) -> tuple[Active, Step]:
     """Fly one time step through ``references`` at its beginning and after every period, ``[SUBSTEPS
     + 1, M]``.
 
@@ -110,7 +111,7 @@ def fly_step(
     share = shares(state, aircraft, np)
     side, step = air.side, Step.blank(own.x.size)
     for number in range(SUBSTEPS):
-        now, after = (VehicleState(*(field[number + i] for field in references)) for i in (0, 1))
+        now, after = (take(references, number + i) for i in (0, 1))
         acceleration, yaw_rate = _command(now, after, own, dt, limits)
         moved = advance(own, acceleration, yaw_rate, PERIOD * dt, limits, np)
         coasting = other.speed * 0.0
@@ -135,11 +136,15 @@ def fly_step(
         own, other = moved, other_moved
     previous = None if state.previous is None else (state.intruders.vehicle, state.previous[0])
     state = state._replace(own=own, intruders=following, steps=state.steps + 1.0, previous=previous)
-    return Air(state, side, air.ends, air.drift), step
+    return Active(state, side, air.ends, air.drift), step
 
 
 def _command(
-    now: VehicleState, after: VehicleState, own: VehicleState, dt: float, limits: Limits
+    now: VehicleState[Air],
+    after: VehicleState[Air],
+    own: VehicleState[Air],
+    dt: float,
+    limits: Limits,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the follower's acceleration, m/s^2, and yaw rate, rad/s, ``[M]``, within the vehicle's
     limits, from references now and after a period of a time step dt, s.

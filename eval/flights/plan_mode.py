@@ -8,6 +8,7 @@ from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD
+from envs.frames import Air
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.trees import take
@@ -16,7 +17,7 @@ from envs.wind import Wind
 from envs.world import begin, perceive_intruders
 from eval.flights.among_areas import in_air_at
 from eval.flights.in_wind import drift_of
-from eval.flights.plan_flight import SUBSTEPS, Air, PlanFlights, Tally, fly_step, request_of
+from eval.flights.plan_flight import SUBSTEPS, Active, PlanFlights, Tally, fly_step, request_of
 from eval.flights.trajectories import TrajectoryRecorder
 
 SOURCES = ("none", "policy", "fallback")  # names of a plan's sources by their codes
@@ -25,7 +26,7 @@ STATUSES = ("unresolved", "safe")  # names of a plan's statuses by whether it is
 
 def perceive_at_start(
     encounters: Encounter, dt: float, noise: np.ndarray | None = None
-) -> VehicleState:
+) -> VehicleState[Air]:
     """Return the intruders as known at the start, ``[N, K]``, by the sensors' noise ``[4, N, K]``;
     dt in s.
     """
@@ -74,10 +75,12 @@ def fly_once(
     rows = np.flatnonzero(plans.proposals.last >= 0)
     begun, plan_states = take((encounters, plans.proposals.plan_states), rows)
     drift, curves = take(drift_of(wind), rows), legs(plan_states)
-    air = Air(begin(begun, np), np.zeros(rows.size), plan_states.time[:, -1], drift)
+    air = Active(begin(begun, np), np.zeros(rows.size), plan_states.time[:, -1], drift)
     while rows.size:
         states = (at(curves, (count + step * PERIOD) * dt) for step in range(SUBSTEPS + 1))
-        references = VehicleState(*(np.stack(field) for field in zip(*states, strict=True)))
+        references: VehicleState[Air] = VehicleState(
+            *(np.stack(field) for field in zip(*states, strict=True))
+        )
         air, flown = fly_step(air, references, aircraft, options.limits)
         count += 1
         tally.add(rows, flown, count)

@@ -8,6 +8,7 @@ import numpy as np
 from agents.planner.planner import Plans
 from envs.areas import Area
 from envs.encounters import Encounter
+from envs.frames import Ground
 from envs.trees import take
 from envs.waypoints import on_ground
 from envs.wind import Wind
@@ -46,7 +47,7 @@ class Recorded(NamedTuple):
     starts: Encounter  # ``[M]``
     plans: Plans | None  # made at the start, ``[M]``; None in mode policy
     flights: Flights
-    trajectories: Trajectories
+    trajectories: Trajectories[Ground]
     areas: np.ndarray | None = None  # of each, object ``[M]``
 
     def track(self, row: int) -> Track:

@@ -1,24 +1,25 @@
 """Trajectories of flights, recorded step by step."""
 
-from typing import NamedTuple
+from typing import Generic, NamedTuple
 
 import numpy as np
 
 from envs.encounters import Encounter
+from envs.frames import Air, F
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves
 
 
-class Trajectories(NamedTuple):
+class Trajectories(NamedTuple, Generic[F]):
     """Flights at T + 1 times one time step apart; NaN after an encounter's end."""
 
-    own: VehicleState  # fields [T + 1, N]
-    intruders: VehicleState  # fields [T + 1, N, K]
+    own: VehicleState[F]  # fields [T + 1, N]
+    intruders: VehicleState[F]  # fields [T + 1, N, K]
     action: np.ndarray  # [T, N, 2]; NaN where no action decides
     separation: np.ndarray  # smallest distance to any intruder during each step, m, [T, N]
 
 
-def until(flown: Trajectories, end: np.ndarray, dt: float) -> Trajectories:
+def until(flown: Trajectories[F], end: np.ndarray, dt: float) -> Trajectories[F]:
     """Return trajectories of steps of dt, s, without what comes after the step in which ``end``, s,
     ``[N]``, falls.
     """
@@ -44,8 +45,8 @@ class TrajectoryRecorder:
     def append(
         self,
         rows: np.ndarray,
-        own: VehicleState,
-        intruders: VehicleState,
+        own: VehicleState[Air],
+        intruders: VehicleState[Air],
         separation: np.ndarray,
         action: np.ndarray | None = None,
     ) -> None:
@@ -60,12 +61,14 @@ class TrajectoryRecorder:
         self._intruders.append(self._all(rows, np.stack(intruders, axis=-1)))
         self._steps.append([self._all(rows, values) for values in (action, separation)])
 
-    def stack(self) -> Trajectories:
+    def stack(self) -> Trajectories[Air]:
         """Return everything recorded; one empty step if nothing was."""
         if not self._steps:
             none, others = np.zeros(0), np.zeros((0, self._intruders[0].shape[1]))
-            own = VehicleState(none, none, none, none)
-            self.append(none.astype(int), own, VehicleState(others, others, others, others), none)
+            nobody: VehicleState[Air] = VehicleState(none, none, none, none)
+            self.append(
+                none.astype(int), nobody, VehicleState(others, others, others, others), none
+            )
         own, traffic = np.stack(self._own), np.stack(self._intruders)
         return Trajectories(
             VehicleState(*np.moveaxis(own, -1, 0)),

@@ -17,6 +17,7 @@ from agents.planner.request import Request
 from agents.planner.rollout import roll
 from agents.policy.inference import Policy
 from envs.follower import PERIOD, offset
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.waypoints import Legs, at
@@ -44,7 +45,7 @@ class Errors(NamedTuple):
 
 
 def against(
-    flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState | None = None
+    flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState[Air] | None = None
 ) -> Errors:
     """Compare a flight from the plan's time 0 on with the plan's legs ``[L]``, in an air mass with
     this wind.
@@ -78,13 +79,13 @@ def against(
     )
 
 
-def _planned_state(legs: Legs, wind: Wind, time: np.ndarray) -> VehicleState:
+def _planned_state(legs: Legs, wind: Wind, time: np.ndarray) -> VehicleState[Ground]:
     """Return where a plan of legs ``[L]`` is over the ground at times, s, ``[T]``."""
     curves = Legs(*(np.broadcast_to(field, (time.size, *field.shape)) for field in legs))
     return over_ground(at(curves, time), wind, time)
 
 
-def roll_out(request: Request, goal: int, policy: Policy, options: Options) -> VehicleState:
+def roll_out(request: Request, goal: int, policy: Policy, options: Options) -> VehicleState[Air]:
     """Return the surrogate's flight to the route's point ``goal`` that the policy's plan ``[1]``
     was made from.
 

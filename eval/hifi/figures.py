@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from agents.policy.inference import Policy
 from envs.edge.figures import save_figure
 from envs.follower import PERIOD
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.outcome import Rules
 from envs.trees import take
@@ -162,7 +163,7 @@ def _draw_flight(axes: Axes, one: FlightRecord, rules: Rules) -> None:
     if one.made is not None and one.legs is not None and one.errors is not None:
         plan_states = one.made.plans.proposals.plan_states
         shown = plan_states.time[0] <= end
-        place = VehicleState(*(field[0, shown] for field in plan_states[:4]))
+        place: VehicleState[Air] = VehicleState(*(field[0, shown] for field in plan_states[:4]))
         over = over_ground(place, one.scene.frame, plan_states.time[0, shown])
         axes.plot(over.x / _KM, over.y / _KM, **_WAYPOINT)
 

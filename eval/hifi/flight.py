@@ -16,6 +16,7 @@ from envs.angles import wrap
 from envs.c208.vehicle import FlightError
 from envs.encounters import Encounter
 from envs.follower import PERIOD
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState, advance
 from envs.outcome import Rules
 from envs.relative import leg_separation
@@ -36,12 +37,14 @@ class Pilot(Protocol):
         """
         ...
 
-    def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
+    def decide(
+        self, clock: int, own: VehicleState[Ground], intruders: VehicleState[Ground]
+    ) -> None:
         """Decide at the beginning of a second by states over the ground as believed, of the
         intruders ``[1, K]``.
         """
 
-    def commands(self, state: VehicleState, time: float) -> tuple[float, float]:
+    def commands(self, state: VehicleState[Ground], time: float) -> tuple[float, float]:
         """Return acceleration (m/s^2) and turn rate (rad/s) of the track for the coming period."""
         ...
 
@@ -49,10 +52,10 @@ class Pilot(Protocol):
 class Flight(NamedTuple):
     """What happened; T periods, S whole seconds. Positions over the ground."""
 
-    own: VehicleState  # at the start and after every period, [T + 1]
+    own: VehicleState[Ground]  # at the start and after every period, [T + 1]
     altitude: np.ndarray  # m above the sea, [T + 1]
     late: np.ndarray  # as the guidance had it, s, [T + 1]
-    intruders: VehicleState  # at the start and after every second, [S + 1, K]
+    intruders: VehicleState[Ground]  # at the start and after every second, [S + 1, K]
     # smallest distance to any intruder in each second, m, [S]; to one with a separation of its own
     # in shares of it, times the aircraft's
     separation: np.ndarray
@@ -75,25 +78,25 @@ class Traffic:
         encounter: Encounter,
         wind: Wind,
         noise: Callable[[int], np.ndarray] | None = None,
-        watch: Callable[[VehicleState], None] | None = None,
+        watch: Callable[[VehicleState[Ground]], None] | None = None,
         share: np.ndarray | None = None,
     ) -> None:
         self._state, self.mask = begin(encounter, np, history_dt=1.0), encounter.mask
         self.share = share
         self._wind, self._noise, self._watch, self._clock = wind, noise, watch, 0
 
-    def ground(self) -> VehicleState:
+    def ground(self) -> VehicleState[Ground]:
         """Return the intruders over the ground, ``[1, K]``."""
         return over_ground(self._state.intruders.vehicle, self._wind, float(self._clock))
 
-    def report_intruders(self) -> VehicleState:
+    def report_intruders(self) -> VehicleState[Ground]:
         """Return the intruders over the ground as reported, ``[1, K]``."""
         noise = None if self._noise is None else self._noise(self._clock)
         return over_ground(
             perceive_intruders(self._state, noise, 1.0, np), self._wind, float(self._clock)
         )
 
-    def second(self) -> VehicleState:
+    def second(self) -> VehicleState[Ground]:
         """Move on by a second and return the states at its beginning and after every period, ``[P +
         1, K]``.
         """
@@ -103,7 +106,7 @@ class Traffic:
         turn = wrap(following.vehicle.heading - began.heading, np)
         times = PERIOD * np.arange(SUBSTEPS + 1)[:, None]
         moved = advance(began, began.speed * 0.0, turn, times, intruder.COASTING, np)
-        whole = VehicleState(
+        whole: VehicleState[Air] = VehicleState(
             *(np.broadcast_to(field, (SUBSTEPS + 1, turn.shape[-1])) for field in moved)
         )
         previous = None if state.previous is None else (began, state.previous[0])
@@ -113,7 +116,7 @@ class Traffic:
         self._clock += 1
         return over_ground(whole, self._wind, clock + times)
 
-    def show(self, whole: VehicleState, period: int) -> None:
+    def show(self, whole: VehicleState[Ground], period: int) -> None:
         """Let the watch see a period of what :meth:`second` returned."""
         if self._watch is not None:
             self._watch(take(whole, (period, self.mask[0])))
@@ -132,7 +135,7 @@ class _Log:
         self.altitudes.append(vehicle.altitude)
         self.lates.append(late)
 
-    def add_second(self, whole: VehicleState, traffic: Traffic) -> None:
+    def add_second(self, whole: VehicleState[Ground], traffic: Traffic) -> None:
         """Add a second with the intruders at its beginning and after every period, ``[P + 1, K]``,
         of the traffic.
         """
@@ -204,7 +207,7 @@ def _fly_period(vehicle: Airborne, pilot: Pilot, navigation: Navigation, time: f
 
 def straight_separation(
     flight: Flight,
-    intruders: VehicleState,
+    intruders: VehicleState[Ground],
     mask: np.ndarray,
     seconds: int,
     share: np.ndarray | None = None,
@@ -218,7 +221,7 @@ def straight_separation(
     periods = SUBSTEPS * seconds + 1
     own = take(flight.own, slice(periods))
     times = PERIOD * np.arange(own.x.size)[:, None]
-    straight = VehicleState(
+    straight: VehicleState[Ground] = VehicleState(
         intruders.x + intruders.speed * np.cos(intruders.heading) * times,
         intruders.y + intruders.speed * np.sin(intruders.heading) * times,
         intruders.heading + 0.0 * times,
@@ -229,12 +232,14 @@ def straight_separation(
     return apart[: whole * SUBSTEPS].reshape(whole, SUBSTEPS).min(axis=1)
 
 
-def _stack(states: list[VehicleState]) -> VehicleState:
+def _stack(states: list[VehicleState[Ground]]) -> VehicleState[Ground]:
     """Return states of plain floats one after the other, ``[T]``."""
     return VehicleState(*(np.array(field, dtype=float) for field in zip(*states, strict=True)))
 
 
-def _apart_by_period(own: VehicleState, others: VehicleState, mask: np.ndarray) -> np.ndarray:
+def _apart_by_period(
+    own: VehicleState[Ground], others: VehicleState[Ground], mask: np.ndarray
+) -> np.ndarray:
     """Return the smallest distance of states ``[P + 1]`` to each of ``[P + 1, K]`` in each of the
     periods between them, m, ``[P, K]``; inf where the mask ``[1, K]`` has none.
     """

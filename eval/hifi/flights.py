@@ -22,6 +22,7 @@ from envs.c208.flightgear import FlightGear
 from envs.c208.guidance import Path as Track
 from envs.c208.vehicle import FlightError, StartError
 from envs.encounters import Encounter
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.trees import take
@@ -64,7 +65,7 @@ class Beginning(NamedTuple):
     drawn: Drawn
     wind: Wind  # that blows
     frame: Wind  # that the planner knows
-    own: VehicleState  # over the ground, plain floats
+    own: VehicleState[Ground]  # plain floats
     route: Route  # over the ground; the second point is the goal
     noise: Callable[[int], np.ndarray] | None  # of the intruders' reports by second, [4, 1, K]
     areas: tuple[Area, ...] = ()  # over the ground, as they are at the start
@@ -104,7 +105,7 @@ def scene_of(campaign: Campaign, number: int) -> Beginning:
         one = one._replace(sensor=Sensor(*(np.full((1, 1), flaw) for flaw in flaws)))
     flawed = any(np.any(field) for field in one.sensor)
     noise = sensor_noise(campaign.seed, number, *one.mask.shape) if flawed else None
-    own = VehicleState(*(float(field[0]) for field in one.own))
+    own: VehicleState[Air] = VehicleState(*(float(field[0]) for field in one.own))
     away = math.hypot(float(one.goal_x[0]) - own.x, float(one.goal_y[0]) - own.y) / own.speed
     over = one._replace(
         goal_x=one.goal_x + wind.east * away,
@@ -180,7 +181,7 @@ def _follow(
     return record._replace(errors=against(flight, curves, scene.frame, surrogate))
 
 
-def report_at_start(campaign: Campaign, scene: Beginning) -> VehicleState:
+def report_at_start(campaign: Campaign, scene: Beginning) -> VehicleState[Ground]:
     """Return the intruders over the ground as reported at the start, ``[1, K]``."""
     noise = None if scene.noise is None else scene.noise(0)
     seen = perceive_at_start(scene.encounter, campaign.aircraft.dt, noise)

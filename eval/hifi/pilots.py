@@ -24,6 +24,7 @@ from agents.policy.inference import Policy
 from envs.areas import Area
 from envs.c208.air_mass import ground_commands
 from envs.c208.guidance import Guide, Lookahead, Path
+from envs.frames import Air, Ground
 from envs.kinematics import Limits, VehicleState, commands
 from envs.outcome import Rules
 from envs.perception import Sensor
@@ -38,7 +39,9 @@ from eval.hifi.wind import Route, plan_for
 class Follower(Guide):
     """Follows the path of a plan that was made at the start."""
 
-    def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
+    def decide(
+        self, clock: int, own: VehicleState[Ground], intruders: VehicleState[Ground]
+    ) -> None:
         """Do nothing: the plan is decided."""
 
 
@@ -67,14 +70,18 @@ class Closed:
         self._goal, self._mask, self._frame = goal, mask, frame
         self._held = 0.0, 0.0  # acceleration, m/s^2, and yaw rate, rad/s
 
-    def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
+    def decide(
+        self, clock: int, own: VehicleState[Ground], intruders: VehicleState[Ground]
+    ) -> None:
         """Decide by the policy."""
         frame, time = self._frame, float(clock)
         here = through_air(own, frame, time)
         goal = self._goal[0] - frame[0] * time, self._goal[1] - frame[1] * time
         seen = through_air(intruders, frame, time)
         exist = np.flatnonzero(self._mask[0])
-        others = [VehicleState(*(float(field[0, k]) for field in seen)) for k in exist]
+        others: list[VehicleState[Air]] = [
+            VehicleState(*(float(field[0, k]) for field in seen)) for k in exist
+        ]
         share = None if self._share is None else self._share[0, exist].tolist()
         if self._stands.x.size:
             share = [1.0] * len(others) if share is None else share
@@ -82,12 +89,12 @@ class Closed:
             for n in np.flatnonzero(amid.there):
                 others.append(VehicleState(*(float(field[n]) for field in amid.state)))
                 share.append(float(amid.share[n]))
-        own = VehicleState(*(float(field) for field in here))
-        action = self._policy.command_one(own, others, *goal, share)
+        now: VehicleState[Air] = VehicleState(*(float(field) for field in here))
+        action = self._policy.command_one(now, others, *goal, share)
         acceleration, yaw_rate = commands(action, self._limits, np)
         self._held = float(acceleration), float(yaw_rate)
 
-    def commands(self, state: VehicleState, time: float) -> tuple[float, float]:
+    def commands(self, state: VehicleState[Ground], time: float) -> tuple[float, float]:
         """Return acceleration and turn rate of the track."""
         return ground_commands(through_air(state, self._frame, time), *self._held, self._frame)
 
@@ -128,7 +135,7 @@ class Assured:
         areas: tuple[Area, ...] = (),
     ) -> None:
         self._frame, self._gains, self._sensor = reckoning
-        self._tracks: Tracks | None = None
+        self._tracks: Tracks[Ground] | None = None
         self._route, self._policy, self._rules = route, policy, rules
         self._areas, self._thresholds = areas, thresholds
         monitor = assurance.start(1, known.mask.shape[1], thresholds)
@@ -150,7 +157,9 @@ class Assured:
         """How much later than planned the aircraft was at its place, s."""
         return 0.0 if self._guide is None else self._guide.late
 
-    def decide(self, clock: int, own: VehicleState, intruders: VehicleState) -> None:
+    def decide(
+        self, clock: int, own: VehicleState[Ground], intruders: VehicleState[Ground]
+    ) -> None:
         """Let the monitor judge the second, plan anew where it asks for that, and take up what it
         flies.
         """
@@ -170,37 +179,39 @@ class Assured:
         self.backup_seconds += int(self._monitor.on_backup[0])
         self._follow()
 
-    def commands(self, state: VehicleState, time: float) -> tuple[float, float]:
+    def commands(self, state: VehicleState[Ground], time: float) -> tuple[float, float]:
         """Return acceleration and turn rate of the track."""
         assert self._guide is not None  # every second begins with a decision
         return self._guide.commands(state, time)
 
-    def _inputs(self, clock: int, here: VehicleState, intruders: VehicleState) -> Inputs:
+    def _inputs(
+        self, clock: int, here: VehicleState[Air], intruders: VehicleState[Ground]
+    ) -> Inputs:
         """Return what the monitor sees of a second: the ownship in the air mass, and the intruders
         as reported, over the ground.
         """
-        one = VehicleState(*(np.array([float(field)]) for field in here))
-        seen, known = intruders, dict[str, Any](separation=self._separation)
+        one: VehicleState[Air] = VehicleState(*(np.array([float(field)]) for field in here))
+        reported, known = intruders, dict[str, Any](separation=self._separation)
         if self._sensor is not None:
             noise = self._sensor.position_std, self._sensor.velocity_std
             self._tracks = follow(self._tracks, intruders, *noise, self._rules.dt)
-            seen, known = self._tracks.state, {**known, **self._tracks.errors}
-        seen = through_air(seen, self._frame, float(clock))
+            reported, known = self._tracks.state, {**known, **self._tracks.errors}
+        seen = through_air(reported, self._frame, float(clock))
         if self._areas:
             known = {**known, "areas": as_row(self._areas_met(float(clock), here))}
         return assurance.inputs(float(clock), one, seen, self._mask, **known)
 
-    def _areas_met(self, time: float, own: VehicleState) -> tuple[Counted, ...]:
+    def _areas_met(self, time: float, own: VehicleState[Air]) -> tuple[Counted, ...]:
         """Return the areas that an ownship in the air mass may meet, s after the start."""
         amid, monitor = in_air_mass(self._areas, self._frame, time), self._monitor
         ends = float(monitor.plan.plan_states.time[0, -1] + monitor.started[0]) - time
-        here = VehicleState(*(float(field) for field in own))
+        here: VehicleState[Air] = VehicleState(*(float(field) for field in own))
         return may_be_met(amid, here, None, ends, self._thresholds)
 
     def _plan(
         self,
         clock: int,
-        own: VehicleState,
+        own: VehicleState[Ground],
         decision: Decision,
         rows: np.ndarray,
         options: Options,
@@ -210,10 +221,10 @@ class Assured:
         first three arguments: to the goal from where the ownship is over the ground, or along the
         route; ``rows`` are always the one.
         """
-        here = VehicleState(*(float(field[0]) for field in decision.own))
+        here: VehicleState[Air] = VehicleState(*(float(field[0]) for field in decision.own))
         route = self._route
         if kind != ALONG:
-            place = VehicleState(*(np.array([float(field)]) for field in own))
+            place: VehicleState[Ground] = VehicleState(*(np.array([float(field)]) for field in own))
             x, y, _ = route_of(place, route.x[1:2], route.y[1:2], options.aircraft)
             route = Route(x[0], y[0])
         made = plan_for(

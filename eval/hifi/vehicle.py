@@ -17,6 +17,7 @@ from envs.c208.point_mass import PointMassVehicle
 from envs.c208.propulsion import DENSITY_0, density_at
 from envs.c208.vehicle import C208Vehicle
 from envs.follower import KinematicVehicle, Vehicle
+from envs.frames import Ground
 from envs.kinematics import Limits, VehicleState
 from envs.wind import Wind, over_ground, through_air
 from eval.hifi.config import Drawn
@@ -35,7 +36,7 @@ _CORRELATION = 60.0  # of the navigation's errors, s
 _LONGEST = 1_200  # s for which they are drawn
 
 
-class Airborne(Vehicle, Protocol):
+class Airborne(Vehicle[Ground], Protocol):
     """A vehicle in flight over the ground, its state in plain floats."""
 
     @property
@@ -53,12 +54,14 @@ class _Cessna(C208Vehicle):
 class _Kinematic:
     """The surrogate's kinematics in the air mass, seen from the ground."""
 
-    def __init__(self, own: VehicleState, limits: Limits, wind: Wind, altitude: float) -> None:
+    def __init__(
+        self, own: VehicleState[Ground], limits: Limits, wind: Wind, altitude: float
+    ) -> None:
         self._vehicle = KinematicVehicle(through_air(own, wind, 0.0), limits)
         self._wind, self._time, self.altitude = wind, 0.0, altitude
 
     @property
-    def state(self) -> VehicleState:
+    def state(self) -> VehicleState[Ground]:
         air = self._vehicle.state
         return over_ground(VehicleState(*(float(field) for field in air)), self._wind, self._time)
 
@@ -88,7 +91,7 @@ class Navigation:
                 errors.append(error)
             self._errors = np.array(errors).tolist()
 
-    def believe(self, state: VehicleState, time: float) -> VehicleState:
+    def believe(self, state: VehicleState[Ground], time: float) -> VehicleState[Ground]:
         """Return the state as it is believed to be."""
         if self._errors is None:
             return state
@@ -101,7 +104,11 @@ class Navigation:
 
 
 def begin(
-    kind: str, own: VehicleState, drawn: Drawn, limits: Limits, viewer: FlightGear | None = None
+    kind: str,
+    own: VehicleState[Ground],
+    drawn: Drawn,
+    limits: Limits,
+    viewer: FlightGear | None = None,
 ) -> Airborne:
     """Return a kind of vehicle at its start; a viewer shows the Cessna; ``FlightError``: it is lost
     or cannot fly.

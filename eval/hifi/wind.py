@@ -12,6 +12,7 @@ from agents.planner.request import Options, Request, in_wind
 from agents.planner.traffic import Traffic
 from agents.policy.inference import Policy
 from envs.areas import Area
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.waypoints import Legs
 from envs.wind import NO_WIND, Wind
@@ -41,7 +42,7 @@ def options_in(wind: Wind, options: Options) -> Options:
 
 
 def plan_for(
-    own: VehicleState,
+    own: VehicleState[Air],
     traffic: Traffic,
     route: Route,
     clock: float,
@@ -63,7 +64,7 @@ def plan_for(
         options = options_in(wind, options)
     except RequestError as problem:
         return Made(none, None, str(problem))
-    one = VehicleState(*(np.array([float(field)]) for field in own))
+    one: VehicleState[Air] = VehicleState(*(np.array([float(field)]) for field in own))
     drift = None if wind == NO_WIND else (np.array([-wind.east]), np.array([-wind.north]))
     x, y = route.x - wind.east * clock, route.y - wind.north * clock
     request = Request(one, traffic, x[None], y[None], np.array([x.size]), drift)

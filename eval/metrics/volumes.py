@@ -12,6 +12,7 @@ import numpy as np
 
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
+from envs.frames import F
 from envs.relative import distance
 from envs.traffic.track_units import FOOT, NAUTICAL_MILE
 from eval.flights.simulate import Flights, path_excess
@@ -50,7 +51,7 @@ class Relative(NamedTuple):
     vy: np.ndarray
 
 
-def relative(flown: Trajectories) -> Relative:
+def relative(flown: Trajectories[F]) -> Relative:
     """Return the intruders relative to the ownship, ``[T + 1, N, K]``; nan after an encounter's
     end.
     """
@@ -91,7 +92,7 @@ def severity(volume: Volume, seen: Relative) -> np.ndarray:
     return 1.0 - np.sqrt(ranged**2 + (1.0 - ranged**2) * missed**2)
 
 
-def losses(volume: Volume, flown: Trajectories, mask: np.ndarray) -> np.ndarray:
+def losses(volume: Volume, flown: Trajectories[F], mask: np.ndarray) -> np.ndarray:
     """Return whether flights lose a volume to any intruder that exists, mask ``[N, K]``: bool
     ``[N]``.
 
@@ -107,7 +108,7 @@ def losses(volume: Volume, flown: Trajectories, mask: np.ndarray) -> np.ndarray:
 
 
 def costs(
-    starts: Encounter, flights: Flights, flown: Trajectories, aircraft: Aircraft
+    starts: Encounter, flights: Flights, flown: Trajectories[F], aircraft: Aircraft
 ) -> dict[str, np.ndarray]:
     """Return what flights cost beside the straight way, ``[N]`` each.
 

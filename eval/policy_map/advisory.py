@@ -13,6 +13,7 @@ import numpy as np
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import scenario
+from envs.frames import Air
 from envs.kinematics import VehicleState, commands
 from envs.starts import encounters_of_seed
 from envs.trees import column
@@ -52,9 +53,9 @@ def advise(
     place = extent * ((2.0 * np.arange(cells) + 1.0) / cells - 1.0)
     y, x = (side.ravel() for side in np.meshgrid(place, place, indexing="ij"))
     zero = np.zeros_like(x)
-    own = VehicleState(zero, zero, zero + _UP, zero + scene.own_speed)
+    own: VehicleState[Air] = VehicleState(zero, zero, zero + _UP, zero + scene.own_speed)
     heading = math.remainder(_UP + scene.relative_heading, 2.0 * math.pi)
-    intruder = VehicleState(x, y, zero + heading, zero + scene.intruder_speed)
+    intruder: VehicleState[Air] = VehicleState(x, y, zero + heading, zero + scene.intruder_speed)
     goal_x = zero - scene.goal_distance * math.sin(scene.goal_bearing)
     goal_y = zero + scene.goal_distance * math.cos(scene.goal_bearing)
     action = policy.command(own, column(intruder), np.ones((x.size, 1), bool), goal_x, goal_y)

@@ -14,6 +14,7 @@ from agents.policy.inference import Policy
 from agents.policy.set_features import TABLE
 from envs.aircraft import ratios
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from eval.policy_map.enclosure import Curve, Form, derived_inputs, line_along
 
@@ -45,8 +46,10 @@ def answers(policy: Policy, scenes: Scenes) -> np.ndarray:
     unit, fast = policy.aircraft.separation, policy.limits.speed_max
     x, y, vx, vy = (scenes.state[:, None, i] for i in range(4))
     zero = 0.0 * scenes.pace
-    own = VehicleState(zero, zero, zero, fast * scenes.pace)
-    other = VehicleState(unit * x, unit * y, np.arctan2(vy, vx), fast * np.hypot(vx, vy))
+    own: VehicleState[Air] = VehicleState(zero, zero, zero, fast * scenes.pace)
+    other: VehicleState[Air] = VehicleState(
+        unit * x, unit * y, np.arctan2(vy, vx), fast * np.hypot(vx, vy)
+    )
     goal_x, goal_y = unit * scenes.goal.T
     return policy.command(own, other, np.ones((len(zero), 1), bool), goal_x, goal_y)[:, 1]
 

@@ -23,6 +23,7 @@ from agents.planner.options import Options
 from agents.planner.traffic import Traffic
 from envs.angles import wrap
 from envs.areas import Area, after
+from envs.frames import Air, F
 from envs.kinematics import VehicleState
 from envs.trees import take
 from envs.wind import Wind
@@ -47,8 +48,8 @@ class FlightBands(NamedTuple):
 
 
 def flight_bands(
-    own: VehicleState,
-    intruders: VehicleState,
+    own: VehicleState[Air],
+    intruders: VehicleState[Air],
     options: Options,
     areas: tuple[Area, ...] = (),
     separations: np.ndarray | None = None,
@@ -160,6 +161,6 @@ def _finite(time: float) -> float | None:
     return round(time, 2) if np.isfinite(time) else None
 
 
-def states(whole: VehicleState, count: int, row: int) -> VehicleState:
+def states(whole: VehicleState[F], count: int, row: int) -> VehicleState[F]:
     """Return the first states ``[count, ...]`` of one flight of those recorded ``[T, N, ...]``."""
     return take(whole, (slice(0, count), row))

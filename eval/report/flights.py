@@ -17,7 +17,7 @@ from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.kinematics import commands
 from envs.trees import take
-from envs.wind import Wind, through_air
+from envs.wind import NO_WIND, Wind, through_air
 from eval.flights.among_areas import in_air_mass
 from eval.flights.chunks import Evaluation, ReadyEvaluation
 from eval.flights.optimal import ROUNDS
@@ -161,11 +161,11 @@ def bands_of(
     own = states(batch.trajectories.own, count, row)
     intruders = states(batch.trajectories.intruders, count, row)
     intruders, areas = take(intruders, (slice(None), members)), track.areas
+    time, blows = np.arange(count) * evaluation.aircraft.dt, wind or NO_WIND
+    here, seen = through_air(own, blows, time), through_air(intruders, blows, time[:, None])
     if wind is not None:
-        time = np.arange(count) * evaluation.aircraft.dt
-        own, intruders = through_air(own, wind, time), through_air(intruders, wind, time[:, None])
         areas = in_air_mass(areas, wind, 0.0)
-    return flight_bands(own, intruders, evaluation.options, areas, track.required)
+    return flight_bands(here, seen, evaluation.options, areas, track.required)
 
 
 def _witnesses(aircraft: Aircraft, starts: Encounter, rows: list[int]) -> dict[int, Witness]:

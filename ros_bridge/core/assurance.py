@@ -23,6 +23,7 @@ from agents.planner.recheck import reconstruct
 from agents.planner.request import Altitude, Intruder
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
 from envs.wind import Wind
@@ -52,7 +53,7 @@ _GRID = 2.0**20
 _HORIZON = 1.25
 """How far ahead other aircraft matter at least, in the duration of a plan: for the next plan."""
 
-_UNKNOWN = VehicleState(math.nan, math.nan, math.nan, math.nan)
+_UNKNOWN: VehicleState[Ground] = VehicleState(math.nan, math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class Reported(NamedTuple):
     """A report, and its state in the monitor's frame."""
 
     report: Report
-    state: VehicleState
+    state: VehicleState[Ground]
 
 
 class AreaSource(NamedTuple):
@@ -205,7 +206,7 @@ def step_monitor(
 class _Traffic(NamedTuple):
     """What the monitor is given of the traffic at a moment."""
 
-    intruders: dict[str, Intruder]  # of an unknown state where there is no good report
+    intruders: dict[str, Intruder[Ground]]  # of an unknown state where there is no good report
     reported: dict[str, Reported]  # that they were made of
     gone: list[str]  # that it is to forget
 
@@ -217,7 +218,7 @@ def _traffic(supervision: Supervision, situation: Situation, now: int) -> _Traff
     assert frame is not None, "reports are placed in a frame"
     reach = None if own is None else _reach(own, now, supervision, situation)
     left_out = frozenset() if reach is None else _unusable_aircraft(situation, reach, limits)
-    intruders: dict[str, Intruder] = {}
+    intruders: dict[str, Intruder[Ground]] = {}
     reported: dict[str, Reported] = {}
     for name, track in situation.traffic.items():
         if name in left_out:
@@ -402,7 +403,7 @@ def _placed(frame: LocalFrame, report: Report, before: Reported | None) -> Repor
 
 def _intruder(
     supervision: Supervision, situation: Situation, reported: Reported, now: int
-) -> Intruder:
+) -> Intruder[Ground]:
     """Return a report in the monitor's frame, with its separations and its altitude."""
     report, categories = reported.report, supervision.categories
     position_std, velocity_std = report.spread(supervision.unknown)

@@ -22,6 +22,7 @@ import numpy as np
 from agents.assurance.plausible import Tolerance, difference
 from agents.assurance.tracker import Tracks, begin, follow
 from envs.formats.local_frame import displacement, fly_straight
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import EXACT, Report
@@ -74,7 +75,7 @@ class Course:
     windows: tuple[_Window, ...]
     estimate: Report
     # what the tracker remembers; the estimate's place is the origin of its map, east and north
-    tracks: Tracks
+    tracks: Tracks[Ground]
     reference: Report  # an earlier estimate, far enough back to read a turn from
     contradiction: str = ""  # how the places contradict the velocities; empty: they do not
     turn: Turn = STRAIGHT
@@ -188,11 +189,11 @@ def _measure_turn(course: Course, report: Report) -> tuple[Report, Turn]:
     return report, Turn(rate if significant else 0.0, change, seconds, noise)
 
 
-def _first(report: Report) -> Tracks:
+def _first(report: Report) -> Tracks[Ground]:
     return begin(_state_at(0.0, 0.0, report), *report.spread(EXACT))
 
 
-def _improve(course: Course, report: Report, scatter: float) -> tuple[Report, Tracks]:
+def _improve(course: Course, report: Report, scatter: float) -> tuple[Report, Tracks[Ground]]:
     """Return the estimate after one more report, later than those before, and what the tracker
     remembers then.
     """
@@ -224,5 +225,5 @@ def _improve(course: Course, report: Report, scatter: float) -> tuple[Report, Tr
     return estimate, tracks._replace(state=tracks.state._replace(x=0.0, y=0.0))
 
 
-def _state_at(x: float, y: float, report: Report) -> VehicleState:
+def _state_at(x: float, y: float, report: Report) -> VehicleState[Ground]:
     return VehicleState(x, y, math.atan2(report.north, report.east), report.speed)

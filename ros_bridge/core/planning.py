@@ -7,6 +7,7 @@ from agents.planner.answer import Plan
 from agents.planner.options import Options
 from agents.planner.planner import plan
 from agents.policy.inference import Policy
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from ros_bridge.core.situation import PlanTask
@@ -32,5 +33,6 @@ def rehearse(policy: Policy, options: Options) -> None:
     """Plan once for traffic ahead, so that the first request is answered as fast as the others."""
     far, speed = options.aircraft.separation, 0.75 * options.aircraft.limits.speed_max
     route = [RoutePoint(index, 5.0 * far * (index + 1), 0.0) for index in range(10)]
-    own, other = VehicleState(0.0, 0.0, 0.0, speed), VehicleState(9.0 * far, 0.0, 3.1, speed)
+    own: VehicleState[Ground] = VehicleState(0.0, 0.0, 0.0, speed)
+    other: VehicleState[Ground] = VehicleState(9.0 * far, 0.0, 3.1, speed)
     plan(own, [other], route, policy, replace(options, extend_route=True, deadline_s=math.inf))

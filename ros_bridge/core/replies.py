@@ -10,6 +10,7 @@ from agents.planner.answer import Plan
 from agents.planner.request import Altitude
 from envs.angles import wrap
 from envs.formats.local_frame import LocalFrame
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
 from envs.wind import Wind
@@ -27,7 +28,7 @@ def plan_points(plan: Plan, task: PlanTask) -> tuple[PlanPoint, ...]:
 
 
 def start_point(
-    frame: LocalFrame, own: VehicleState, time: int, altitude: Altitude | None
+    frame: LocalFrame, own: VehicleState[Ground], time: int, altitude: Altitude | None
 ) -> PlanPoint:
     """Return where a plan starts, on the ellipsoid; its index means nothing."""
     return geodetic_points(
@@ -52,7 +53,9 @@ def true_wind(
     return east * cosine + north * sine, north * cosine - east * sine
 
 
-def to_frame(frame: LocalFrame, plan: Published) -> tuple[VehicleState, tuple[Waypoint, ...]]:
+def to_frame(
+    frame: LocalFrame, plan: Published
+) -> tuple[VehicleState[Ground], tuple[Waypoint, ...]]:
     """Return a published plan in a frame, not only its writer's: the first state, and the
     waypoints, times in s.
     """

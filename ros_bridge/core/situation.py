@@ -21,6 +21,7 @@ from envs.angles import wrap
 from envs.areas import Area
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 from envs.wind import NO_WIND, Wind, over_ground, through_air, turn_through_air
@@ -182,7 +183,7 @@ class _Traffic(NamedTuple):
     """The traffic of a task."""
 
     names: list[str]  # of the intruders, in their order
-    intruders: list[Intruder]
+    intruders: list[Intruder[Ground]]
     excluded: list[LeftOut]
 
 
@@ -192,10 +193,10 @@ class PlanTask:
 
     frame: LocalFrame
     time: int  # of the request, ns
-    own: VehicleState
+    own: VehicleState[Ground]
     own_altitude: Altitude | None
     identifiers: tuple[str, ...]  # of the intruders, in their order
-    intruders: tuple[Intruder, ...]
+    intruders: tuple[Intruder[Ground], ...]
     excluded: tuple[LeftOut, ...]  # aircraft that the plan takes no account of
     route: Route
     points: tuple[RoutePoint, ...]
@@ -254,7 +255,7 @@ def task(
 def _reach(
     report: Report,
     undulation: float | None,
-    own: VehicleState,
+    own: VehicleState[Ground],
     points: Sequence[RoutePoint],
     wind: Wind,
     now: int,
@@ -324,7 +325,7 @@ def in_terms_of_messages(field_: Field | str, identifiers: Sequence[str]) -> str
 
 
 def _remarks(
-    own: VehicleState, traffic: _Traffic, situation: Situation, unknown: Unknown
+    own: VehicleState[Ground], traffic: _Traffic, situation: Situation, unknown: Unknown
 ) -> Iterator[Advisory]:
     """Yield what is assumed of each intruder, and whether it may be a copy of the ownship."""
     pairs = zip(traffic.names, traffic.intruders, strict=True)
@@ -396,7 +397,7 @@ def _usable_report(
     return track.last
 
 
-def to_local(frame: LocalFrame, report: Report) -> VehicleState:
+def to_local(frame: LocalFrame, report: Report) -> VehicleState[Ground]:
     """Return a reported state in the local frame."""
     at = frame.place(report.latitude, report.longitude)
     heading = math.atan2(report.north, report.east) + float(at.convergence)
@@ -431,7 +432,9 @@ def _check_turn(track: Track, whose: _Aircraft, settings: Settings) -> None:
         raise Refusal(whose.invalid, f"{whose.name}.velocity", what)
 
 
-def _carry_on(state: VehicleState, rate: float, seconds: float, wind: Wind) -> VehicleState:
+def _carry_on(
+    state: VehicleState[Ground], rate: float, seconds: float, wind: Wind
+) -> VehicleState[Ground]:
     """Return a state over the ground some seconds later, along a turn of its track (rad/s), which
     is one through the air.
     """
@@ -439,7 +442,7 @@ def _carry_on(state: VehicleState, rate: float, seconds: float, wind: Wind) -> V
     return over_ground(_fly_turn(through_air(state, wind, 0.0), rate, seconds), wind, seconds)
 
 
-def _fly_turn(state: VehicleState, rate: float, seconds: float) -> VehicleState:
+def _fly_turn(state: VehicleState[Air], rate: float, seconds: float) -> VehicleState[Air]:
     """Return a state through the air some seconds later, along a turn, rad/s."""
     turn = rate * seconds
     # The chord of an arc points half-way through its turn; numpy's sinc(x) is sin(pi x) / (pi x).
@@ -468,7 +471,7 @@ def _aircraft_of_alert(situation: Situation, now: int, settings: Settings) -> fr
     return frozenset(name for aircraft in held.values() for name in aircraft)
 
 
-def _is_like(own: VehicleState, other: VehicleState) -> bool:
+def _is_like(own: VehicleState[Ground], other: VehicleState[Ground]) -> bool:
     """Return whether an aircraft is reported where the ownship is, and as it flies."""
     turn = math.remainder(own.heading - other.heading, 2.0 * math.pi)
     near = math.hypot(own.x - other.x, own.y - other.y) < _COPY_DISTANCE
@@ -512,7 +515,9 @@ def _traffic(
     return found
 
 
-def _intruder(track: Track, frame: _Frame, now: int, settings: Settings, reach: Reach) -> Intruder:
+def _intruder(
+    track: Track, frame: _Frame, now: int, settings: Settings, reach: Reach
+) -> Intruder[Ground]:
     """Return what the planner is told of an aircraft whose report can be used, at a moment, ns."""
     report = track.estimate
     assert report is not None, "there is one beside every usable report"

@@ -18,6 +18,7 @@ from agents.assurance.thresholds import Cause
 from envs.areas import Area, AreaError, Circle, Keep, Level
 from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from ros_bridge.core.areas import to_local
@@ -433,7 +434,7 @@ def _draw(one: Published, frame: LocalFrame) -> tuple[list[list[float]], list[li
     ]
     first = states[0]
     wind = wind_of(frame, one)
-    start = VehicleState(first.x, first.y, first.heading, first.speed)
+    start: VehicleState[Ground] = VehicleState(first.x, first.y, first.heading, first.speed)
     end, began = states[-1].time, one.began / SECOND
     times = np.linspace(0.0, end, 1 + min(math.ceil(end / _STEP), _POINTS))
     with np.errstate(all="ignore"):

@@ -24,6 +24,7 @@ from envs.aircraft import Aircraft
 from envs.area_geometry import signed_distance
 from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import Legs, RoutePoint, Waypoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind
@@ -351,7 +352,7 @@ class ToFly(NamedTuple):
     key: tuple[str, int]  # changes with every other plan or backup
     frame: LocalFrame
     began: int  # ns
-    own: VehicleState
+    own: VehicleState[Ground]
     waypoints: tuple[Waypoint, ...]
     wind: Wind | None  # that its legs are flown in
 

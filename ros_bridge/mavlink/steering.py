@@ -13,6 +13,7 @@ import numpy as np
 
 from envs.c208.guidance import Guide, Lookahead, Path
 from envs.follower import deviation, offset
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind, through_air
@@ -46,7 +47,7 @@ class Air(NamedTuple):
 
 
 def sense(
-    air: Air, state: VehicleState, wind: tuple[float, float] | None, airspeed: float | None
+    air: Air, state: VehicleState[Ground], wind: tuple[float, float] | None, airspeed: float | None
 ) -> Air:
     """Return the air after one more period: the airspeed's offset follows slowly."""
     wind = wind or (0.0, 0.0)
@@ -66,7 +67,9 @@ class Follower(NamedTuple):
     wind: Wind  # in whose air mass the legs are
 
 
-def guide(own: VehicleState, waypoints: tuple[Waypoint, ...], wind: Wind | None) -> Follower:
+def guide(
+    own: VehicleState[Ground], waypoints: tuple[Waypoint, ...], wind: Wind | None
+) -> Follower:
     """Return the follower of a plan from its first state and its waypoints, times from its
     request, and the wind that it is flown in.
     """
@@ -74,7 +77,9 @@ def guide(own: VehicleState, waypoints: tuple[Waypoint, ...], wind: Wind | None)
     return Follower(found, Guide(Path(found, wind or NO_WIND), GAINS), wind or NO_WIND)
 
 
-def errors(follower: Follower, state: VehicleState, time: float) -> tuple[float, float, float]:
+def errors(
+    follower: Follower, state: VehicleState[Ground], time: float
+) -> tuple[float, float, float]:
     """Return how far a state over the ground is from the plan at a time, s: across it and along
     it, m, and in time, s, all in the air mass.
     """
@@ -85,7 +90,7 @@ def errors(follower: Follower, state: VehicleState, time: float) -> tuple[float,
 
 def command(
     follower: Follower,
-    state: VehicleState,
+    state: VehicleState[Ground],
     time: float,
     air: Air,
     speeds: tuple[float, float],

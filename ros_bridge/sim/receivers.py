@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from envs.frames import Air
 from envs.kinematics import VehicleState
 
 _TOLERANCE = 1e-6  # s
@@ -32,7 +33,7 @@ class Received(NamedTuple):
 
     identifier: str
     time: float  # of the state, s
-    state: VehicleState  # with its noise
+    state: VehicleState[Air]  # with its noise
 
 
 class Receiver:
@@ -46,7 +47,7 @@ class Receiver:
         self._due: dict[str, float] = {}
         self._waiting: list[tuple[float, Received]] = []
 
-    def receive(self, time: float, truth: Mapping[str, VehicleState]) -> list[Received]:
+    def receive(self, time: float, truth: Mapping[str, VehicleState[Air]]) -> list[Received]:
         """Return what arrives at a time, s; to be called as often as the aircraft move."""
         period = 1.0 / self.quality.rate
         for name, state in truth.items():
@@ -66,7 +67,7 @@ class Receiver:
         ]
         return arrived
 
-    def _noisy(self, state: VehicleState) -> VehicleState:
+    def _noisy(self, state: VehicleState[Air]) -> VehicleState[Air]:
         position, velocity = self.quality.position_std, self.quality.velocity_std
         if position == 0.0 and velocity == 0.0:
             return state

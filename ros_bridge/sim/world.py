@@ -19,6 +19,7 @@ from envs.area_geometry import signed_distance
 from envs.areas import Area
 from envs.encounters import Encounter
 from envs.follower import PERIOD, KinematicVehicle, Vehicle, guidance
+from envs.frames import Air, Ground
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, velocity
 from envs.relative import leg_separation, straight_cpa
 from envs.trees import take
@@ -69,8 +70,8 @@ def check_installed(name: str) -> None:
 
 
 def vehicle(
-    name: str, state: VehicleState, limits: Limits, viewer: "FlightGear | None" = None
-) -> Vehicle:
+    name: str, state: VehicleState[Air], limits: Limits, viewer: "FlightGear | None" = None
+) -> Vehicle[Any]:
     """Return an ownship of these limits, or raise :class:`SimulationError`; JSBSim is loaded where
     it is needed.
 
@@ -89,14 +90,16 @@ def vehicle(
     from envs.c208.vehicle import C208Vehicle, FlightError
 
     if name == "point_mass":
-        return PointMassVehicle(state, altitude=ALTITUDE)
+        return PointMassVehicle(over_ground(state, NO_WIND, 0.0), altitude=ALTITUDE)
     try:
-        return C208Vehicle(state, altitude=ALTITUDE, viewer=viewer)
+        return C208Vehicle(over_ground(state, NO_WIND, 0.0), altitude=ALTITUDE, viewer=viewer)
     except FlightError as error:
         raise SimulationError(f"vehicle {name!r}: {error}") from error
 
 
-def _goal_over_ground(encounter: Encounter, start: VehicleState, wind: Wind) -> tuple[float, float]:
+def _goal_over_ground(
+    encounter: Encounter, start: VehicleState[Air], wind: Wind
+) -> tuple[float, float]:
     """Return the goal of an encounter that a wind carries, over the ground, m."""
     x, y = float(encounter.goal_x[0]), float(encounter.goal_y[0])
     seconds = math.hypot(x - start.x, y - start.y) / max(start.speed, 1.0)
@@ -129,7 +132,7 @@ class EncounterFlight:
         wind: Wind = NO_WIND,
         areas: Sequence[Area] = (),
     ) -> None:
-        start = VehicleState(*(float(field[0]) for field in encounter.own))
+        start: VehicleState[Air] = VehicleState(*(float(field[0]) for field in encounter.own))
         self.vehicle: Any = vehicle(kind, start, limits, viewer)
         self._viewer, self._lags = viewer, kind != "kinematic"
         self._goal_radius, self._response = aircraft.goal_radius, aircraft.dt
@@ -150,12 +153,12 @@ class EncounterFlight:
         self.names = tuple(f"4b{number + 1:04x}" for number in range(len(there)))
 
     @property
-    def own(self) -> VehicleState:
+    def own(self) -> VehicleState[Air]:
         """The ownship's true state."""
         return VehicleState(*(float(field) for field in self.vehicle.state))
 
     @property
-    def traffic(self) -> dict[str, VehicleState]:
+    def traffic(self) -> dict[str, VehicleState[Air]]:
         """The intruders' true states by name."""
         rows = np.stack(self._intruders.vehicle, axis=-1).tolist()
         return {name: VehicleState(*row) for name, row in zip(self.names, rows, strict=True)}
@@ -187,18 +190,20 @@ class EncounterFlight:
         """Hold course and speed from now on, as where nothing is commanded."""
         self._hold(self.own)
 
-    def _hold(self, own: VehicleState) -> None:
+    def _hold(self, own: VehicleState[Air]) -> None:
         reach = own.speed * _LONGEST
         x = own.x + reach * math.cos(own.heading)
         y = own.y + reach * math.sin(own.heading)
         end = Waypoint(0, x, y, own.heading, own.speed, _LONGEST)
-        self.fly(legs(plan_states(own, [end])), self.time, plan=False)
+        self.fly(legs(plan_states(over_ground(own, NO_WIND, 0.0), [end])), self.time, plan=False)
 
     def step(self) -> None:
         """Fly on by one period, or raise :class:`envs.c208.vehicle.FlightError`."""
         before, others = self.own, self._intruders.vehicle
         if self._guide is not None:
-            self.vehicle.step(*self._guide.commands(before, self.time), PERIOD)
+            self.vehicle.step(
+                *self._guide.commands(over_ground(before, NO_WIND, 0.0), self.time), PERIOD
+            )
         else:
             self.vehicle.step(
                 *guidance(self._curves, before, np.float64(self.time - self._began)), PERIOD
@@ -218,7 +223,7 @@ class EncounterFlight:
             self._record(after, least)
         self._note_place(over_ground(after, self.wind, self.time))
 
-    def _note_place(self, there: VehicleState) -> None:
+    def _note_place(self, there: VehicleState[Ground]) -> None:
         """Note how near a place over the ground is to areas, and whether it is at the goal."""
         for area in self.areas:
             clear = float(signed_distance(area, there.x, there.y, self.time))
@@ -229,12 +234,12 @@ class EncounterFlight:
             if beyond or math.hypot(east, north) <= self._goal_radius:
                 self.reached = self.time
 
-    def _planned_place(self) -> VehicleState:
+    def _planned_place(self) -> VehicleState[Air]:
         """Return where the line that is flown is now."""
         place = at(self._curves, np.float64(self.time - self._began))
         return VehicleState(*(float(field) for field in place))
 
-    def _record(self, own: VehicleState, separation: float) -> None:
+    def _record(self, own: VehicleState[Air], separation: float) -> None:
         """Note how the last period went, against the plan that was flown."""
         place, plan = self._planned_place(), self.plans[-1]
         error = math.hypot(place.x - own.x, place.y - own.y)

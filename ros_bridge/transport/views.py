@@ -13,9 +13,10 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from agents.planner.answer import Plan
-from agents.planner.reports import arrays_of_reports
+from agents.planner.reports import arrays_of_reports, report_in_air
 from agents.planner.traffic import advance_reports
 from envs.areas import Area, Circle, Keep, Polygon, Ring
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from ros_bridge.core.fields import SECOND
@@ -33,7 +34,7 @@ _AREAS = {Keep.OUT: (0.75, 0.1, 0.4), Keep.IN: (0.2, 0.45, 0.8)}
 _SAFE, _UNSAFE, _TRAFFIC = (0.1, 0.6, 0.3), (0.85, 0.2, 0.1), (0.9, 0.55, 0.1)
 
 
-def odometry(own: VehicleState, report: Report, turn: float, frame: str) -> Odometry:
+def odometry(own: VehicleState[Ground], report: Report, turn: float, frame: str) -> Odometry:
     """Return the ownship in the map's frame, as of its report; its twist is in the body's frame, x
     ahead along the track. What the report does not know has a variance of -1.
     """
@@ -116,7 +117,7 @@ def _draw_traffic(drawing: _Drawing, task: PlanTask, unit: float) -> None:
     """Draw a disc as wide as the distance to keep around each intruder, and its name."""
     colour, faint = _colour(_TRAFFIC), _colour(_TRAFFIC, 0.35)
     for name, intruder in zip(task.identifiers, task.intruders, strict=True):
-        now = advance_reports(*arrays_of_reports([intruder])).state
+        now = advance_reports(*arrays_of_reports([report_in_air(intruder, None)])).state
         x, y = float(now.x[0, 0]), float(now.y[0, 0])
         usual, own = task.options.requirement.separation, intruder.separation
         width = 2.0 * (usual if own is None else own)
