@@ -20,7 +20,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from agents.planner.planner import plan_many
-from agents.planner.request import Options
+from agents.planner.request import Options, in_wind
 from agents.policy.inference import Policy
 from benchmarks.measure import hold_to_one_core, report, show
 from envs import follower
@@ -78,7 +78,7 @@ def plans_of(count: int, name: str, seed: int) -> list[Plan]:
     """Return the SAFE ones of so many plans of the shipped policy."""
     encounters = encounters_of_seed(scenario(name, PAPER), seed, 0, count)
     proposals = plan_many(
-        request_of(encounters, PAPER), Policy.load(), Options.for_aircraft(PAPER)
+        request_of(encounters, PAPER), Policy.load(), in_wind(Options.for_aircraft(PAPER), None)
     ).proposals
     found = []
     for number in np.flatnonzero(proposals.safe):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import IntFlag
 from typing import Any
 
-from agents.planner.options import Options, agility
+from agents.planner.options import L, Options, agility
 from agents.planner.request import in_wind
 from agents.planner.traffic import Requirement
 from agents.policy.domain import traffic
@@ -147,8 +147,8 @@ _KEPT = 0.5
 class Thresholds:
     """Limits beyond which the monitor acts; built by :meth:`for_plans`."""
 
-    options: Options
-    """What plans are made with; the monitor holds them to it."""
+    options: Options[Any]
+    """What plans are made with, as given or narrowed by a wind; the monitor holds them to it."""
     manoeuvre: Limits
     """That backups are made with."""
     separation_band: float
@@ -264,7 +264,7 @@ class Thresholds:
         return self.options.limits
 
 
-def backup_limits(options: Options) -> Limits:
+def backup_limits(options: Options[L]) -> Limits:
     """Return what backups are made with: all that the vehicle can, at the speeds of decisions; each
     leg is constant.
     """

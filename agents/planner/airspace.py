@@ -11,7 +11,7 @@ from agents.planner.detours import Place, airspace
 from agents.planner.fields import sequence
 from agents.planner.goals import next_goals
 from agents.planner.levels import Altitude
-from agents.planner.options import Options
+from agents.planner.options import Narrowed, Options
 from agents.planner.out_of_the_way import SPEED_TOLERANCE
 from agents.planner.remarks import assumed_climb
 from agents.planner.request import BEYOND, Request, drift_points, latest_end
@@ -36,7 +36,7 @@ def add_areas(
     request: Request,
     areas: Sequence[Area],
     altitude: Altitude | None,
-    options: Options,
+    options: Options[Narrowed],
     wind: Wind | None = None,
 ) -> tuple[Request, tuple[Advisory, ...]]:
     """Return one request ``[1]`` with the areas that a plan of it may meet, and what is assumed of
@@ -79,7 +79,7 @@ def add_areas(
 
 
 def _assumed_climb(
-    areas: Sequence[Area], altitude: Altitude | None, options: Options
+    areas: Sequence[Area], altitude: Altitude | None, options: Options[Narrowed]
 ) -> list[Advisory]:
     """Return that the ownship's vertical speed is unknown, where heights of areas ask for it."""
     if altitude is None or altitude.vertical_speed is not None:
@@ -95,7 +95,7 @@ def _reachable_areas(
     request: Request,
     own: VehicleState[Air],
     altitude: Altitude | None,
-    options: Options,
+    options: Options[Narrowed],
 ) -> tuple[Counted, ...]:
     """Return the areas that some plan of a request may meet."""
     end = float(np.max(latest_end(request, options)))
@@ -112,7 +112,7 @@ def _reachable_areas(
 
 
 def _without_points_in(
-    areas: Sequence[Counted], request: Request, own: VehicleState[Air], options: Options
+    areas: Sequence[Counted], request: Request, own: VehicleState[Air], options: Options[Narrowed]
 ) -> tuple[Request, list[Advisory]]:
     """Return a request without the points of its route that lie in areas."""
     x, y = request.route_x[0], request.route_y[0]
@@ -155,7 +155,7 @@ def _where_forbidden(one: Counted) -> str:
 
 
 def _with_points_round(
-    areas: tuple[Counted, ...], request: Request, own: VehicleState[Air], options: Options
+    areas: tuple[Counted, ...], request: Request, own: VehicleState[Air], options: Options[Narrowed]
 ) -> Request:
     """Return a request with points round areas in its route where those lie in its way.
 
@@ -184,7 +184,7 @@ def _with_points_round(
     )
 
 
-def _ahead(request: Request, first: int, options: Options) -> tuple[Array, Array, Array]:
+def _ahead(request: Request, first: int, options: Options[Narrowed]) -> tuple[Array, Array, Array]:
     """Return the points of a route that are ahead, m, and their numbers in the one asked for."""
     x, y = request.route_x[0], request.route_y[0]
     number = np.arange(x.size) if request.of_route is None else request.of_route[0]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, arrival, direct
-from agents.planner.options import Options, task_of
+from agents.planner.options import Narrowed, Options, task_of
 from agents.planner.request import Request
 from agents.planner.traffic import Traffic, predict, uncertainty
 from envs.arrays import Array
@@ -202,7 +202,7 @@ class _Passing(NamedTuple):
     last: Array  # s; not passed where it is not later
 
 
-def route_beyond(request: Request, goal: Array, options: Options) -> RouteBeyond:
+def route_beyond(request: Request, goal: Array, options: Options[Narrowed]) -> RouteBeyond:
     """Return the routes of requests beyond the points numbered ``goal``, ``[N]``.
 
     Points that drift are where they would be met by flying straight to them.

@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.planner.areas import judge
 from agents.planner.completion import complete
-from agents.planner.options import Options, task_of
+from agents.planner.options import Narrowed, Options, task_of
 from agents.planner.request import Request
 from agents.planner.rollout import Rollout
 from agents.planner.validator import CHECKS, Findings, validate
@@ -82,7 +82,7 @@ def empty(count: int, waypoints: int) -> Proposals:
     )
 
 
-def find_faults(plan_states: PlanStates, request: Request, options: Options) -> Findings:
+def find_faults(plan_states: PlanStates, request: Request, options: Options[Narrowed]) -> Findings:
     """Return what is wrong with plans ``[N]`` of requests: what the validator finds, and what they
     do not keep of the clearance from areas.
     """
@@ -105,7 +105,9 @@ def find_faults(plan_states: PlanStates, request: Request, options: Options) -> 
     return found
 
 
-def evaluate(request: Request, rollout: Rollout, goal: Array, options: Options) -> Proposals:
+def evaluate(
+    request: Request, rollout: Rollout, goal: Array, options: Options[Narrowed]
+) -> Proposals:
     """Complete the manoeuvres ``[M]`` of requests to plans for the goals numbered ``[M]``, and
     validate them.
     """
@@ -143,7 +145,7 @@ def _cost(
     time: Array,
     path: Array,
     reversals: Array,
-    options: Options,
+    options: Options[Narrowed],
 ) -> Array:
     """Return the cost of plans ``[M]``, m.
 
@@ -164,7 +166,9 @@ def _cost(
     return excess + TIME_WEIGHT * late + turning
 
 
-def _rejoining(request: Request, plan_states: PlanStates, time: Array, options: Options) -> Array:
+def _rejoining(
+    request: Request, plan_states: PlanStates, time: Array, options: Options[Narrowed]
+) -> Array:
     """Return what plans ``[M]`` that rejoin at some times, s, cost by the time beside the route and
     the turns, that onto the next leg too, m; 0 where the next point is preferred to all others.
     """

@@ -16,7 +16,7 @@ import numpy as np
 
 from agents.planner.answer import UNKNOWN_FLIGHT, Apart, Excluded, Flight
 from agents.planner.levels import Altitude, Heights, apart, vertical_gap, worst
-from agents.planner.options import Options
+from agents.planner.options import Narrowed, Options
 from agents.planner.reports import Intruder, arrays_of_reports, report_in_air, windows
 from agents.planner.request import in_wind
 from agents.planner.separation import FINE
@@ -56,9 +56,7 @@ def certificate(  # noqa: PLR0913, PLR0917 - all of a request
     reports = [one if isinstance(one, Intruder) else Intruder(one) for one in intruders]
     counted = [report for number, report in enumerate(reports) if number not in out]
     plan_states = waypoints.plan_states(own, published, wind=wind)
-    in_air, seen = options, [report_in_air(one, wind) for one in counted]
-    if wind is not None:
-        in_air = in_wind(options, wind)
+    in_air, seen = in_wind(options, wind), [report_in_air(one, wind) for one in counted]
     curves = waypoints.legs(plan_states)
     data = {
         "format": FORMAT,
@@ -158,7 +156,7 @@ def _bounds(
     plan_states: waypoints.PlanStates,
     reports: Sequence[Intruder[Air]],
     own_altitude: Altitude | None,
-    options: Options,
+    options: Options[Narrowed],
 ) -> list[float]:
     """Return a lower bound of the distance from each intruder while it counts, m; 0: never."""
     if not reports:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, end_speed, turn_onto
-from agents.planner.options import Options, task_of
+from agents.planner.options import Narrowed, Options, task_of
 from agents.planner.request import Request, drift_points, latest_end
 from agents.planner.rollout import Rollout
 from envs.angles import wrap
@@ -91,7 +91,9 @@ class _Piece(NamedTuple):
     acceleration: Array  # m/s^2
 
 
-def complete(request: Request, rollout: Rollout, goal: Array, options: Options) -> Completed:
+def complete(
+    request: Request, rollout: Rollout, goal: Array, options: Options[Narrowed]
+) -> Completed:
     """Complete manoeuvres ``[N]`` to plans that rejoin at points number ``goal``, ``[N]``."""
     task, most = task_of(options), request.route_x.shape[1]
     wind = 0.0 if request.drift is None else np.max(np.hypot(*request.drift), initial=0.0)
@@ -126,7 +128,7 @@ def complete(request: Request, rollout: Rollout, goal: Array, options: Options) 
     return whole
 
 
-def _begin(rollout: Rollout, goal: Array, options: Options) -> tuple[Completed, _Tails]:
+def _begin(rollout: Rollout, goal: Array, options: Options[Narrowed]) -> tuple[Completed, _Tails]:
     """Return plans of which nothing but the manoeuvres is known, and tails of those that end."""
     count = goal.size
     whole = Completed(
@@ -150,7 +152,7 @@ def _fly_legs(
     legs: _Legs,
     arrived: Array,
     latest: Array,
-    options: Options,
+    options: Options[Narrowed],
 ) -> Array:
     """Move tails to the ends of legs, where they arrive at some times, s; return which of them end
     their plans there, bool ``[L]``.
@@ -348,7 +350,11 @@ def _spread(count: int, tails: Array, piece: _Piece) -> Array:
 
 
 def _read_off(
-    plan_states: PlanStates, options: Options, rollout: Rollout, tails: _Tails, parts: _Piece
+    plan_states: PlanStates,
+    options: Options[Narrowed],
+    rollout: Rollout,
+    tails: _Tails,
+    parts: _Piece,
 ) -> None:
     """Write the plan states of whole plans from the pieces of their tails ``[M, P]``, and the
     tails' ends.

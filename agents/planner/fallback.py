@@ -25,7 +25,7 @@ from agents.planner.candidates import (
     keep_best,
 )
 from agents.planner.fallback_flight import fly_out
-from agents.planner.options import Options, aggressive_limits
+from agents.planner.options import Narrowed, Options, aggressive_limits
 from agents.planner.request import Request
 from envs.arrays import Array
 from envs.trees import take
@@ -49,7 +49,7 @@ _SEEDS = concatenate(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
 
 
 def search(
-    request: Request, goal: Array, options: Options, budget: Budget, which: slice = ALL
+    request: Request, goal: Array, options: Options[Narrowed], budget: Budget, which: slice = ALL
 ) -> Proposals:
     """Return the best plan that the family's stages, or some of them, hold, ``[N]``; ``goal`` is
     the number of the point to rejoin at.
@@ -73,7 +73,7 @@ def search(
     return best
 
 
-def refine(request: Request, goal: Array, options: Options, budget: Budget) -> Proposals:
+def refine(request: Request, goal: Array, options: Options[Narrowed], budget: Budget) -> Proposals:
     """Return the best plan of a random refinement of the nearest misses, ``[N]``."""
     options = replace(options, manoeuvre=aggressive_limits(options))
     best, aircraft = empty(goal.size, options.waypoints), options.aircraft
@@ -131,7 +131,7 @@ def _try_out(
     request: Request,
     goal: Array,
     tried: Array,
-    options: Options,
+    options: Options[Narrowed],
     budget: Budget,
     judge: bool,
 ) -> Array:
@@ -170,7 +170,7 @@ def _improve(
     request: Request,
     goal: Array,
     stage: Manoeuvre,
-    options: Options,
+    options: Options[Narrowed],
     effort: Effort,
 ) -> None:
     """Fly a stage of the family for the requests numbered ``part``, and note the best plans that

@@ -12,7 +12,7 @@ from agents.manoeuvres.simulator import Departure, Effort, Landed, fly_until_cle
 from agents.planner import areas_ahead
 from agents.planner.areas import required_distances
 from agents.planner.beyond import CROWD, route_beyond
-from agents.planner.options import Options, task_of
+from agents.planner.options import Narrowed, Options, task_of
 from agents.planner.request import Request, drift_points
 from agents.planner.rollout import Rollout
 from agents.planner.traffic import predict, requirement_of, uncertainty, within_window
@@ -29,7 +29,7 @@ _NEAREST = 80  # intruders of a crowd that the way back is set against
 _MANY = 32  # of a crowd, of which few are near in the strides that are flown at once
 
 
-def stride_of(options: Options) -> float:
+def stride_of(options: Options[Narrowed]) -> float:
     """Return the time step of the search, s: a part of the time between waypoints."""
     return EVERY * options.aircraft.dt
 
@@ -47,7 +47,7 @@ def fly_out(
     goal: Array,
     which: Array,
     manoeuvre: Manoeuvre,
-    options: Options,
+    options: Options[Narrowed],
     effort: Effort,
 ) -> ManoeuvreFlights:
     """Fly manoeuvres ``[M]`` of requests ``which`` until the direct route to the goal, a number
@@ -69,7 +69,9 @@ class _RequestSurroundings:
     the route beyond the goal, and the areas.
     """
 
-    def __init__(self, request: Request, goal: Array, options: Options, last: int) -> None:
+    def __init__(
+        self, request: Request, goal: Array, options: Options[Narrowed], last: int
+    ) -> None:
         """Predict the intruders up to the end of the stride numbered ``last``."""
         traffic, number = request.traffic, np.arange(goal.size)
         self._request, self._task, self._stride = request, task_of(options), stride_of(options)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from agents.planner.options import Options
+from agents.planner.options import Narrowed, Options
 from agents.planner.request import BEYOND, Request, drift_points
 from envs.arrays import Array
 
@@ -12,7 +12,7 @@ _STRAIGHT = 1e-3  # of a leg's length, by which the way along it may be longer
 _AHEAD = math.cos(math.radians(45.0))  # of the angle between the way to a leg and the leg
 
 
-def next_goals(request: Request, options: Options) -> Array:
+def next_goals(request: Request, options: Options[Narrowed]) -> Array:
     """Return the numbers of the route's points that may be rejoined at, the next one first, ``[N,
     goals]``; -1: none.
 
@@ -73,7 +73,7 @@ def _first_ahead(passed: Array) -> Array:
     return np.argmin(np.concatenate([passed, never], axis=1), axis=1)
 
 
-def _in_time(request: Request, away: Array, options: Options) -> Array:
+def _in_time(request: Request, away: Array, options: Options[Narrowed]) -> Array:
     """Return which points, so far away now, m, can be reached in time, bool ``[N, R]``."""
     own = request.own
     fastest = np.maximum(options.manoeuvre.speed_max, own.speed)[:, None]

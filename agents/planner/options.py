@@ -5,7 +5,7 @@ goes.
 import math
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any, Generic, Self
 
 import numpy as np
 
@@ -80,8 +80,28 @@ def speed_range(limits: Limits) -> tuple[float, float]:
     return max(limits.speed_min - swing, swing), limits.speed_max + swing
 
 
+class Given:
+    """Limits as they are given for the vehicle."""
+
+
+class Narrowed:
+    """What the uncertainty of the wind leaves of them; in still air, all."""
+
+
+# Whose limits options have, for the type checker alone, as frames are (envs/frames.py). `Options`
+# alone are those given.
+if TYPE_CHECKING:
+    from typing_extensions import TypeVar
+
+    L = TypeVar("L", default=Given)
+else:
+    from typing import TypeVar
+
+    L = TypeVar("L")
+
+
 @dataclass(frozen=True)
-class Options:
+class Options(Generic[L]):
     """How plans are made; built by :meth:`for_aircraft`."""
 
     aircraft: Aircraft
@@ -131,7 +151,7 @@ class Options:
     @classmethod
     def for_aircraft(
         cls, aircraft: Aircraft, vehicle: Limits | None = None, **changes: Any
-    ) -> "Options":
+    ) -> Self:
         """Return the usual options for an aircraft, but for some changes.
 
         The legs obey the vehicle; None: what the aircraft states of its vehicle. Raises a
@@ -238,7 +258,7 @@ class Options:
         return 0.025 * self.aircraft.separation
 
 
-def aggressive_limits(options: Options) -> Limits:
+def aggressive_limits(options: Options[L]) -> Limits:
     """Return limits for a last attempt: the legs' own, less what smoothing takes; no longer those
     of decisions.
     """
@@ -250,7 +270,7 @@ def aggressive_limits(options: Options) -> Limits:
     )
 
 
-def task_of(options: Options) -> DirectTask:
+def task_of(options: Options[L]) -> DirectTask:
     """Return what manoeuvres are flown for."""
     radius = options.aircraft.goal_radius - options.rejoin_reserve
     rate = _TURN_SHARE * options.manoeuvre.yaw_rate_max

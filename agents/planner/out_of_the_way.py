@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from agents.planner.answer import Apart, Excluded, Kind, Reason
 from agents.planner.levels import Altitude, vertical_gap
-from agents.planner.options import Options
+from agents.planner.options import Narrowed, Options
 from agents.planner.reports import Intruder
 from envs.frames import Air
 from envs.kinematics import VehicleState
@@ -26,7 +26,7 @@ def find_excluded(
     reports: Sequence[Intruder[Air]],
     own_altitude: Altitude | None,
     end: float,
-    options: Options,
+    options: Options[Narrowed],
 ) -> tuple[Excluded, ...]:
     """Return the intruders that cannot come near until a time, and why.
 
@@ -66,7 +66,7 @@ def unproven_exclusions(excluded: Sequence[Excluded], end: Waypoint) -> list[Rea
 
 
 def _why_vertically_apart(
-    own: Altitude | None, report: Intruder[Air], end: float, options: Options
+    own: Altitude | None, report: Intruder[Air], end: float, options: Options[Narrowed]
 ) -> str | None:
     """Return why an intruder is above or below until a time, s; None where it may not be."""
     if own is None or report.altitude is None:
@@ -78,7 +78,7 @@ def _why_vertically_apart(
 
 
 def _why_out_of_reach(
-    own: VehicleState[Air], report: Intruder[Air], end: float, options: Options
+    own: VehicleState[Air], report: Intruder[Air], end: float, options: Options[Narrowed]
 ) -> str | None:
     """Return why an intruder cannot come near until a time, s; None where it may.
 

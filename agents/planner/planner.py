@@ -23,7 +23,7 @@ from agents.planner.candidates import Plans, Proposals, empty, evaluate, keep_be
 from agents.planner.certificate import certificate
 from agents.planner.goals import next_goals, on_same_leg
 from agents.planner.levels import Altitude
-from agents.planner.options import Options, check
+from agents.planner.options import Narrowed, Options, check
 from agents.planner.publish import publish
 from agents.planner.remarks import (
     assumed_climbs,
@@ -85,7 +85,7 @@ def plan(
     if options is not None:
         check(options)
     options = options or Options.for_aircraft(policy.aircraft)
-    in_air = options if wind is None else in_wind(options, wind)
+    in_air = in_wind(options, wind)
     request, excluded, counted = check_request(own, intruders, route, in_air, own_altitude, wind)
     request, notes = add_areas(request, areas, own_altitude, in_air, wind)
     start: VehicleState[Air] = VehicleState(*(float(field[0]) for field in request.own))
@@ -127,7 +127,9 @@ def plan(
     )
 
 
-def plan_many(request: Request, policy: Policy, options: Options, *, floats: bool = False) -> Plans:
+def plan_many(
+    request: Request, policy: Policy, options: Options[Narrowed], *, floats: bool = False
+) -> Plans:
     """Plan many requests ``[N]``, in range, each as if it were alone, and without a deadline.
 
     With ``floats`` the policy is rolled one request after the other in plain floats: ten times
@@ -153,7 +155,12 @@ def plan_many(request: Request, policy: Policy, options: Options, *, floats: boo
 
 
 def plan_among(
-    request: Request, areas: Array, policy: Policy, options: Options, *, floats: bool = False
+    request: Request,
+    areas: Array,
+    policy: Policy,
+    options: Options[Narrowed],
+    *,
+    floats: bool = False,
 ) -> Plans:
     """Plan many requests ``[N]`` as :func:`plan_many` does, each among areas of its own.
 
@@ -184,7 +191,7 @@ def _plan_rows(
     request: Request,
     goals: Array,
     policy: Policy,
-    options: Options,
+    options: Options[Narrowed],
     budget: Budget,
     *,
     floats: bool,
@@ -236,12 +243,12 @@ def _plan_rows(
 
 
 def _search_on(
-    way: Callable[[Request, Array, Options, Budget], Proposals],
+    way: Callable[[Request, Array, Options[Narrowed], Budget], Proposals],
     best: Proposals,
     source: Array,
     request: Request,
     goal: Array,
-    options: Options,
+    options: Options[Narrowed],
     budget: Budget,
 ) -> None:
     """Search on in some way for plans to points ``[N]``, and keep the best, where there is none

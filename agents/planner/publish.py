@@ -26,7 +26,7 @@ from agents.planner.areas import Counted, label
 from agents.planner.audit import audit
 from agents.planner.candidates import Plans, Proposals
 from agents.planner.goals import next_goals
-from agents.planner.options import Options
+from agents.planner.options import Narrowed, Options
 from agents.planner.out_of_the_way import unproven_exclusions
 from agents.planner.request import BEYOND, Request
 from agents.planner.traffic import separations, within_window
@@ -48,7 +48,7 @@ def publish(
     route: Sequence[RoutePoint],
     excluded: tuple[Excluded, ...],
     counted: Sequence[int],
-    options: Options,
+    options: Options[Narrowed],
     skipped: tuple[str, ...] = (),
 ) -> Plan:
     """Write the plan of one request ``[1]`` over the ground.
@@ -95,7 +95,7 @@ def _faults(
     waypoints: Sequence[Waypoint],
     route: Sequence[RoutePoint],
     excluded: Sequence[Excluded],
-    options: Options,
+    options: Options[Narrowed],
 ) -> list[Reason]:
     """Return what is wrong with what is published, whatever the validator says of its states."""
     if not waypoints:
@@ -104,7 +104,7 @@ def _faults(
     return found + unproven_exclusions(excluded, waypoints[-1])
 
 
-def _out_of_time(skipped: Sequence[str], options: Options) -> Reason:
+def _out_of_time(skipped: Sequence[str], options: Options[Narrowed]) -> Reason:
     """Return that the deadline left something out of the search."""
     what = f"options.deadline_s of {options.deadline_s:g} s was reached before: "
     return Reason(Kind.DEADLINE, "options.deadline_s", what + ", ".join(skipped))
@@ -172,7 +172,11 @@ def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, 
 
 
 def _reasons(
-    request: Request, best: Proposals, next_goal: int, counted: Sequence[int], options: Options
+    request: Request,
+    best: Proposals,
+    next_goal: int,
+    counted: Sequence[int],
+    options: Options[Narrowed],
 ) -> list[Reason]:
     """Return everything that the validator finds wrong with one request ``[1]`` and its best plan
     ``[]``, or why there is none.
@@ -195,7 +199,7 @@ def _reasons(
     ]
 
 
-def _separations_now(request: Request, options: Options) -> Array:
+def _separations_now(request: Request, options: Options[Narrowed]) -> Array:
     """Return the separation that is to be kept from each intruder of one request, m, ``[K]``."""
     traffic = request.traffic
     each = separations(traffic, options.requirement)
@@ -216,7 +220,7 @@ def _begins_too_close(request: Request, separation: Array, counted: Sequence[int
     return reasons
 
 
-def _no_plan(best: Proposals, options: Options) -> Reason:
+def _no_plan(best: Proposals, options: Options[Narrowed]) -> Reason:
     """Return why no manoeuvre was completed to a plan."""
     if best.too_short:
         what = "ends before the plan does and may not be extended"
@@ -259,7 +263,7 @@ def _of_area(kind: Kind, one: Counted, what: str, *place: float) -> Reason:
     return Reason(kind, f"areas[{one.number}]", f"{label(one)} {what}", *place)
 
 
-def _no_goal(request: Request, options: Options) -> Reason:
+def _no_goal(request: Request, options: Options[Narrowed]) -> Reason:
     """Return why no point of the route can be rejoined at."""
     own, x, y = request.own, request.route_x[0], request.route_y[0]
     nearest = float(np.min(np.hypot(x - own.x[0], y - own.y[0])))

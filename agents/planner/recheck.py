@@ -73,13 +73,13 @@ def recheck(  # noqa: PLR0913 - a plan, and all of a request
     ]
     try:
         check(options)
-        options = options if wind is None else in_wind(options, wind)
-        request, excluded, _ = check_request(own, intruders, route, options, own_altitude, wind)
-        request, _ = add_areas(request, areas, own_altitude, options, wind)
+        in_air = in_wind(options, wind)
+        request, excluded, _ = check_request(own, intruders, route, in_air, own_altitude, wind)
+        request, _ = add_areas(request, areas, own_altitude, in_air, wind)
     except RequestError as error:
         return _void(plan, late, str(error))
     curve = PlanStates(*(field[None] for field in plan_states(own, left, wind=wind)))
-    found = find_faults(curve, request, options)
+    found = find_faults(curve, request, in_air)
     nearer = unproven_exclusions(excluded, left[-1]) if left else []
     if nearer:
         return _void(plan, late, nearer[0].message)

@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.planner.answer import Advisory, AdvisoryCode, Field, Subject
 from agents.planner.levels import Altitude
-from agents.planner.options import Options
+from agents.planner.options import L, Narrowed, Options
 from agents.planner.reports import Intruder
 from agents.planner.request import BEYOND, Request, drift_points
 from agents.planner.sight import shares
@@ -105,7 +105,7 @@ def assumed_climbs(
     return [assumed_climb(field, options) for field in fields]
 
 
-def assumed_climb(field: Field, options: Options) -> Advisory:
+def assumed_climb(field: Field, options: Options[L]) -> Advisory:
     """Return that a vertical speed is unknown, and what is assumed."""
     what = f"is unknown and taken as up to {options.unknown_climb:g} m/s either way"
     return Advisory(AdvisoryCode.ASSUMED, field, what)
@@ -136,7 +136,7 @@ def skipped_points(
     first: int,
     last: int,
     route: Sequence[RoutePoint],
-    options: Options,
+    options: Options[Narrowed],
 ) -> list[Advisory]:
     """Return which points of the route a plan of one request ``[1]`` does not fly over: it stays
     farther from them than a point is passed at, the goal's radius.

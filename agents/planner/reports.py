@@ -13,7 +13,7 @@ import numpy as np
 from agents.planner.answer import Field, RequestError
 from agents.planner.fields import part_value, quote
 from agents.planner.levels import ALWAYS, Altitude, window
-from agents.planner.options import Options
+from agents.planner.options import L, Options
 from agents.planner.traffic import Traffic, Window
 from envs.arrays import Array
 from envs.frames import Air, F, Ground
@@ -60,7 +60,7 @@ class Intruder(Generic[F]):
     ``Options.vertical_filter``.
     """
 
-    def vertical(self, options: Options) -> float:
+    def vertical(self, options: Options[L]) -> float:
         """Return the vertical separation beyond which it does not count, m."""
         own = self.vertical_separation
         return options.vertical_filter if own is None else own
@@ -93,7 +93,7 @@ def check_altitude(name: Field, altitude: Any) -> None:
         raise RequestError(name.part("reference"), what)
 
 
-def check_report(name: Field, report: Intruder[Ground], options: Options) -> Intruder[Ground]:
+def check_report(name: Field, report: Intruder[Ground], options: Options[L]) -> Intruder[Ground]:
     """Return a report of plain floats."""
     state = check_state(name, report.state)
     if report.altitude is not None:
@@ -205,7 +205,7 @@ def arrays_of_reports(reports: Sequence[Intruder[Air]]) -> tuple[Traffic, Array]
 
 
 def windows(
-    reports: Sequence[Intruder[F]], own_altitude: Altitude | None, options: Options
+    reports: Sequence[Intruder[F]], own_altitude: Altitude | None, options: Options[L]
 ) -> Window | None:
     """Return when checked reports count, ``[1, K]``; None: all of them always."""
     if own_altitude is None:

@@ -6,7 +6,7 @@ Messages of what is refused name the field, the value and what was expected.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from agents.planner.answer import Excluded, Field, RequestError, Subject
 from agents.planner.areas import Counted
 from agents.planner.fields import part_value, quote, real, sequence
 from agents.planner.levels import Altitude
-from agents.planner.options import Options, speed_range
+from agents.planner.options import Narrowed, Options, speed_range
 from agents.planner.out_of_the_way import find_excluded
 from agents.planner.reports import (
     FARTHEST,
@@ -67,7 +67,7 @@ def check_request(
     own: VehicleState[Ground],
     intruders: Sequence[VehicleState[Ground] | Intruder[Ground]],
     route: Sequence[RoutePoint],
-    options: Options,
+    options: Options[Narrowed],
     own_altitude: Altitude | None = None,
     wind: Wind | None = None,
 ) -> tuple[Request, tuple[Excluded, ...], list[int]]:
@@ -106,7 +106,7 @@ def _traffic_of(
     reports: Sequence[Intruder[Air]],
     counted: Sequence[int],
     own_altitude: Altitude | None,
-    options: Options,
+    options: Options[Narrowed],
 ) -> Traffic:
     """Return those of the intruders that count, as of the request, ``[1, K]``."""
     some = [reports[number] for number in counted]
@@ -123,7 +123,7 @@ def _traffic_of(
     return traffic._replace(window=windows(some, own_altitude, options))
 
 
-def latest_end(request: Request, options: Options) -> Array:
+def latest_end(request: Request, options: Options[Narrowed]) -> Array:
     """Return a time that no plan of requests outlasts, s, ``[N]``."""
     wind = 0.0 if request.drift is None else np.hypot(*request.drift)
     return options.latest_end(
@@ -131,13 +131,15 @@ def latest_end(request: Request, options: Options) -> Array:
     )
 
 
-def in_wind(options: Options, wind: Any) -> Options:
+def in_wind(options: Options, wind: Any) -> Options[Narrowed]:
     """Return the options for flight in the air mass of a wind: limits that hold the given ones in
-    every wind within its uncertainty.
+    every wind within its uncertainty; None: still air, which takes nothing off them.
 
     Raises:
         RequestError: the wind is none, not finite, faster than the aircraft, or too uncertain.
     """
+    if wind is None:
+        return cast("Options[Narrowed]", options)
     if not isinstance(wind, Wind):
         raise RequestError(Field(Subject.WIND), f"is {type(wind).__name__}, expected a Wind")
     for name, low in (("east", -_STRONGEST), ("north", -_STRONGEST), ("std", 0.0)):
@@ -160,7 +162,7 @@ def in_wind(options: Options, wind: Any) -> Options:
                 "of the aircraft's speeds, accelerations or turn rate; expected less"
             )
             raise RequestError(Field(Subject.WIND, "std"), what)
-    return replace(options, limits=limits, manoeuvre=flown)
+    return cast("Options[Narrowed]", replace(options, limits=limits, manoeuvre=flown))
 
 
 def check_finite(request: Request) -> None:
@@ -203,7 +205,7 @@ def drift_points(
     return x + east * time, y + north * time
 
 
-def _check_own(own: Any, options: Options, wind: Wind | None) -> VehicleState[Air]:
+def _check_own(own: Any, options: Options[Narrowed], wind: Wind | None) -> VehicleState[Air]:
     """Return the state of the ownship in floats, in the air mass."""
     ground = check_state(Field(Subject.OWN), own)
     state = through_air(ground, wind or NO_WIND, 0.0)
@@ -215,7 +217,9 @@ def _check_own(own: Any, options: Options, wind: Wind | None) -> VehicleState[Ai
     return state
 
 
-def _check_intruders(intruders: Any, options: Options, wind: Wind | None) -> list[Intruder[Air]]:
+def _check_intruders(
+    intruders: Any, options: Options[Narrowed], wind: Wind | None
+) -> list[Intruder[Air]]:
     """Return the reports of the intruders, in the air mass."""
     reports = [
         check_report(

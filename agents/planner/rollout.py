@@ -17,7 +17,7 @@ import numpy as np
 from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, clear, direct, keeps_clear
 from agents.planner.beyond import CROWD, RouteBeyond, route_beyond
 from agents.planner.budget import Budget
-from agents.planner.options import Options, task_of
+from agents.planner.options import Narrowed, Options, task_of
 from agents.planner.request import Request, drift_points
 from agents.planner.sight import shares, visible
 from agents.planner.traffic import Traffic, Window, predict, requirement_of
@@ -77,7 +77,7 @@ def roll(
     request: Request,
     goal: Array,
     policy: Policy,
-    options: Options,
+    options: Options[Narrowed],
     budget: Budget | None = None,
     *,
     floats: bool = False,
@@ -127,7 +127,7 @@ def _begin(
     goal: tuple[Array, Array],
     required_range: Array,
     policy: Policy,
-    options: Options,
+    options: Options[Narrowed],
 ) -> _Underway:
     """Return the manoeuvres of requests ``[N]`` at their beginning."""
     traffic, count = request.traffic, request.points.size
@@ -158,7 +158,7 @@ def _fly(
     aim: tuple[Array, Array],
     time: float,
     policy: Policy,
-    options: Options,
+    options: Options[Narrowed],
 ) -> _Flight:
     """Return the flights after one time step of the policy's."""
     limits, dt, before = options.manoeuvre, options.aircraft.dt, now.flight
@@ -195,7 +195,7 @@ def _roll_each(
     to: tuple[Array, Array],
     required_range: Array,
     policy: Policy,
-    options: Options,
+    options: Options[Narrowed],
     budget: Budget,
 ) -> Rollout:
     """Roll requests ``[N]`` one after the other in plain floats, to points ``to``, m."""
@@ -231,7 +231,7 @@ def _roll_one(
     ahead: "_TrafficAhead",
     target: _Target,
     policy: Policy,
-    options: Options,
+    options: Options[Narrowed],
     ends: Callable[[], bool],
 ) -> Rollout:
     """Roll one request in plain floats until the computation ends; fields ``[1]`` and ``[1, S]``.
@@ -283,7 +283,7 @@ class _TrafficAhead:
         required_range: Array,
         rest: RouteBeyond | None,
         policy: Policy,
-        options: Options,
+        options: Options[Narrowed],
     ) -> None:
         """Take intruders ``[K]``, what is required from each, m, and among many the route beyond
         the goal.

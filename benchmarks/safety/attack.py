@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from agents.check import accept
 from agents.planner.answer import WAYPOINTS, Plan, RequestError
 from agents.planner.planner import plan_many
-from agents.planner.request import Options
+from agents.planner.request import Options, in_wind
 from agents.policy.inference import Policy
 from benchmarks.safety import published, sky
 from benchmarks.safety.adversary import (
@@ -221,7 +221,7 @@ def _side_by_side(
     """
     tally.requests.update(_families(requests, counts))
     try:
-        best = plan_many(requests.request, policy, options).proposals
+        best = plan_many(requests.request, policy, in_wind(options, None)).proposals
     except Exception as problem:
         tally.blame("exception", requests.number[counts][0], what=repr(problem))
         return

@@ -33,7 +33,7 @@ from agents.planner.certificate import certificate
 from agents.planner.options import Options
 from agents.planner.options import check as check_options
 from agents.planner.planner import plan_many
-from agents.planner.request import Request, check_request
+from agents.planner.request import Request, check_request, in_wind
 from agents.planner.traffic import whole
 from benchmarks.measure import report
 from benchmarks.safety import adversary, published
@@ -79,7 +79,8 @@ def certify(seed: int, block: int) -> list[Certified]:
     options = adversary.random_options(aircraft, rng)
     policy = adversary.policy_for(aircraft)
     asked = _ask(seed, block, aircraft, options)
-    plans = plan_many(_side_by_side([each.request for each in asked]), policy, options).proposals
+    requests = _side_by_side([each.request for each in asked])
+    plans = plan_many(requests, policy, in_wind(options, None)).proposals
     found = []
     for row in np.flatnonzero(plans.safe).tolist():
         rows = np.stack([field[row] for field in plans.plan_states], axis=1)[1:].tolist()
@@ -106,7 +107,11 @@ def _ask(seed: int, block: int, aircraft: Aircraft, options: Options) -> list[_A
         try:
             check_options(options)
             request, excluded, _ = check_request(
-                question.own, question.intruders, question.route, options, question.altitude
+                question.own,
+                question.intruders,
+                question.route,
+                in_wind(options, None),
+                question.altitude,
             )
         except RequestError:
             continue

@@ -14,8 +14,9 @@ from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.state import Monitor
 from agents.assurance.tracker import Tracks, follow
 from agents.planner.candidates import Proposals
+from agents.planner.options import Narrowed, Options
 from agents.planner.planner import Plans, plan_among, plan_many
-from agents.planner.request import Options, Request, drift_points
+from agents.planner.request import Request, drift_points
 from agents.planner.traffic import Traffic
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
@@ -225,7 +226,7 @@ class _MidFlightPlanner(NamedTuple):
     policy: Policy
     aircraft: Aircraft
 
-    def __call__(self, rows: np.ndarray, options: Options, kind: int) -> Proposals:
+    def __call__(self, rows: np.ndarray, options: Options[Narrowed], kind: int) -> Proposals:
         """Return the plans of some flights, numbers ``[m]``, of a kind of
         :mod:`agents.assurance.asking`.
         """

@@ -4,6 +4,7 @@ import numpy as np
 
 from agents.planner.options import Options
 from agents.planner.planner import Plans, plan_among, plan_many
+from agents.planner.request import in_wind
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
@@ -48,9 +49,10 @@ def plan_at_start(
     """
     seen = perceive_at_start(encounters, aircraft.dt, noise)
     request = request_of(encounters, aircraft, seen)._replace(drift=drift_of(wind))
+    in_air = in_wind(options, None)  # the wind is known exactly, and takes nothing off the limits
     if areas is None:
-        return plan_many(request, policy, options)
-    return plan_among(request, in_air_at(areas, wind, 0.0), policy, options)
+        return plan_many(request, policy, in_air)
+    return plan_among(request, in_air_at(areas, wind, 0.0), policy, in_air)
 
 
 def fly_once(

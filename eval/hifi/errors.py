@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.options import Options
+from agents.planner.options import Narrowed, Options
 from agents.planner.request import Request
 from agents.planner.rollout import roll
 from agents.policy.inference import Policy
@@ -85,7 +85,9 @@ def _planned_state(legs: Legs, wind: Wind, time: np.ndarray) -> VehicleState[Gro
     return over_ground(at(curves, time), wind, time)
 
 
-def roll_out(request: Request, goal: int, policy: Policy, options: Options) -> VehicleState[Air]:
+def roll_out(
+    request: Request, goal: int, policy: Policy, options: Options[Narrowed]
+) -> VehicleState[Air]:
     """Return the surrogate's flight to the route's point ``goal`` that the policy's plan ``[1]``
     was made from.
 

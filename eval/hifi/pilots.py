@@ -214,7 +214,7 @@ class Assured:
         own: VehicleState[Ground],
         decision: Decision,
         rows: np.ndarray,
-        options: Options,
+        options: Options[Any],
         kind: int,
     ) -> Proposals:
         """Plan from the middle of the flight, a :data:`agents.assurance.asking.Planner` but for its

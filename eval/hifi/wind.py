@@ -1,14 +1,14 @@
 """Plans from the middle of a flight in a wind, and whether the vehicle can fly them."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.planner.answer import RequestError
 from agents.planner.candidates import empty
-from agents.planner.options import speed_range
+from agents.planner.options import Narrowed, Options, speed_range
 from agents.planner.planner import Plans, plan_among, plan_many
-from agents.planner.request import Options, Request, in_wind
+from agents.planner.request import Request, in_wind
 from agents.planner.traffic import Traffic
 from agents.policy.inference import Policy
 from envs.areas import Area
@@ -34,11 +34,11 @@ class Made(NamedTuple):
     problem: str | None  # why the planner was not asked; None: it was
 
 
-def options_in(wind: Wind, options: Options) -> Options:
+def options_in(wind: Wind, options: Options) -> Options[Narrowed]:
     """Return the options of plans that keep the limits in every wind within the uncertainty of one
     that is known; raises a RequestError where it leaves nothing of them.
     """
-    return options if wind.std == 0.0 else in_wind(options, wind)
+    return in_wind(options, None if wind.std == 0.0 else wind)
 
 
 def plan_for(
@@ -48,7 +48,7 @@ def plan_for(
     clock: float,
     wind: Wind,
     policy: Policy,
-    options: Options,
+    options: Options[Any],
     areas: tuple[Area, ...] = (),
 ) -> Made:
     """Plan a request ``clock`` s after the start, in an air mass, in which own state and traffic
@@ -61,7 +61,7 @@ def plan_for(
             none, None, f"own air speed is {own.speed:.1f} m/s, expected {low:g} to {high:g} m/s"
         )
     try:
-        options = options_in(wind, options)
+        in_air = options_in(wind, options)
     except RequestError as problem:
         return Made(none, None, str(problem))
     one: VehicleState[Air] = VehicleState(*(np.array([float(field)]) for field in own))
@@ -69,9 +69,9 @@ def plan_for(
     x, y = route.x - wind.east * clock, route.y - wind.north * clock
     request = Request(one, traffic, x[None], y[None], np.array([x.size]), drift)
     if not areas:
-        return Made(plan_many(request, policy, options, floats=True), request, None)
+        return Made(plan_many(request, policy, in_air, floats=True), request, None)
     amid = as_row(in_air_mass(areas, wind, clock))
-    return Made(plan_among(request, amid, policy, options, floats=True), request, None)
+    return Made(plan_among(request, amid, policy, in_air, floats=True), request, None)
 
 
 def unflyable(legs: Legs, reach: tuple[float, float]) -> str | None:

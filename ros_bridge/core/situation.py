@@ -16,6 +16,7 @@ import numpy as np
 
 from agents.assurance.plausible import greatest_change
 from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
+from agents.planner.options import Narrowed
 from agents.planner.request import Altitude, Intruder, Options, in_wind
 from envs.angles import wrap
 from envs.areas import Area
@@ -597,7 +598,7 @@ def _wind(
     return wind, ()
 
 
-def _options_in_wind(options: Options, wind: Wind) -> Options:
+def _options_in_wind(options: Options, wind: Wind) -> Options[Narrowed]:
     """Return the options that plans in a wind are made with; refused is one that the aircraft
     cannot fly against.
     """
