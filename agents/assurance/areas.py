@@ -12,6 +12,7 @@ import numpy as np
 from agents.assurance.lookahead import Course
 from agents.assurance.thresholds import Thresholds
 from agents.planner.areas import NEARER, Counted, judge, label, relevant
+from agents.planner.options import Narrowed
 from agents.planner.request import Altitude
 from envs.area_geometry import signed_distance
 from envs.areas import Area
@@ -52,7 +53,7 @@ def may_be_met(
     own: VehicleState[Air],
     altitude: Altitude | None,
     ends: float,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
 ) -> tuple[Counted, ...]:
     """Return the areas that the rest of a plan, the next one or a backup may meet.
 
@@ -74,7 +75,9 @@ def may_be_met(
     )
 
 
-def rest(plan: Course, since: Array, areas: Array, off: Array, thresholds: Thresholds) -> Rest:
+def rest(
+    plan: Course, since: Array, areas: Array, off: Array, thresholds: Thresholds[Narrowed]
+) -> Rest:
     """Return what the rest of plans ``[N]`` keeps.
 
     Args:
@@ -107,7 +110,7 @@ def rest(plan: Course, since: Array, areas: Array, off: Array, thresholds: Thres
 
 
 def judge_backups(
-    plan_states: PlanStates, curves: Legs, areas: Array, of: Array, thresholds: Thresholds
+    plan_states: PlanStates, curves: Legs, areas: Array, of: Array, thresholds: Thresholds[Narrowed]
 ) -> FromAreas:
     """Return what backups ``[M]`` from the present on keep.
 

@@ -7,13 +7,12 @@ too late. So the best is tried first, and again every few seconds while somethin
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from agents.assurance.monitor import Decision, Monitor, Thresholds, activate, answer
 from agents.planner.candidates import Proposals, empty
-from agents.planner.options import L, Options
+from agents.planner.options import Narrowed, Options
 from envs.arrays import Array
 from envs.trees import scatter, take
 
@@ -22,7 +21,7 @@ WIDE, IN_TIME, ALONG = range(3)
 route.
 """
 
-Planner = Callable[[Array, Options[Any], int], Proposals]
+Planner = Callable[[Array, Options[Narrowed], int], Proposals]
 """Makes plans for some rows, numbers ``[m]``, with options, of a kind."""
 
 _SPARE = 0.5  # separations that a wide plan keeps beyond what is required
@@ -33,7 +32,9 @@ _SOON = (
 _AGAIN = 5  # time steps from one attempt at a better kind to the next
 
 
-def tries(options: Options[L], left: float) -> tuple[Options[L], Options[L], Options[L]]:
+def tries(
+    options: Options[Narrowed], left: float
+) -> tuple[Options[Narrowed], Options[Narrowed], Options[Narrowed]]:
     """Return how to plan for each kind, with ``left`` seconds until the goal is missed."""
     # The refinement takes longer than a monitor can wait.
     along = replace(options, exhaustive=False)
@@ -54,7 +55,7 @@ def renew(
     reached: Array,
     left: float,
     make: Planner,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
 ) -> tuple[Monitor, Array, Array]:
     """Plan where the monitor asks for it, and where a better kind of plan may be had than the one
     that is flown.
@@ -94,7 +95,7 @@ def renew(
 
 
 def _plan(
-    make: Planner, options: tuple[Options[Any], ...], rows: Array, first: Array, last: Array
+    make: Planner, options: tuple[Options[Narrowed], ...], rows: Array, first: Array, last: Array
 ) -> tuple[Proposals, Array]:
     """Try one kind of plan after the other, of each row from its first to its last, until one is
     SAFE, ``[m]``.

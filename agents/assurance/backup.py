@@ -16,6 +16,7 @@ from agents.assurance.inputs import no_areas
 from agents.assurance.lookahead import ANY, growth
 from agents.assurance.thresholds import Thresholds
 from agents.manoeuvres.simulator import integrate
+from agents.planner.options import L, Narrowed
 from agents.planner.traffic import Traffic, predict, requirement_of, within_window
 from agents.planner.validator import validate
 from envs.angles import wrap
@@ -81,7 +82,7 @@ def grade(backup: Backup) -> Array:
 
 
 def backup_states(
-    own: VehicleState[Air], course: Array, speed: Array, thresholds: Thresholds
+    own: VehicleState[Air], course: Array, speed: Array, thresholds: Thresholds[Narrowed]
 ) -> PlanStates:
     """Return backups from the present states as plan states, ``[M, B]``; every leg has constant
     controls.
@@ -104,7 +105,7 @@ def refresh(
     own: VehicleState[Air],
     traffic: Traffic,
     time: Array,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
     areas: Array = None,
 ) -> Backup:
     """Return the backups for this step, ``[N]``, from those of the step before; time on the
@@ -141,7 +142,7 @@ def search(
     own: VehicleState[Air],
     traffic: Traffic,
     time: Array,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
     areas: Array = None,
 ) -> Backup:
     """Return the best backup of the family at a time (s), ``[N]``: a safe one, or that of greatest
@@ -159,7 +160,7 @@ def search(
     return take(tried, order[::_TRIED])
 
 
-def _family(own: VehicleState[Air], thresholds: Thresholds) -> _Turns:
+def _family(own: VehicleState[Air], thresholds: Thresholds[Narrowed]) -> _Turns:
     """Return all turns of the family, those of one ownship after those of another, ``[N * F]``."""
     count, manoeuvre = own.x.size, thresholds.manoeuvre
     of, change = np.repeat(np.arange(count), _FAMILY_TURN.size), np.tile(_FAMILY_SPEED, count)
@@ -170,7 +171,11 @@ def _family(own: VehicleState[Air], thresholds: Thresholds) -> _Turns:
 
 
 def _likely(
-    family: _Turns, own: VehicleState[Air], traffic: Traffic, thresholds: Thresholds, areas: Array
+    family: _Turns,
+    own: VehicleState[Air],
+    traffic: Traffic,
+    thresholds: Thresholds[Narrowed],
+    areas: Array,
 ) -> Array:
     """Return the numbers of those of the family that are worth a validation, the same number of
     each ownship, ``[N * _TRIED]``: by estimates, those first that enter no area.
@@ -200,7 +205,7 @@ def _judge(
     own: VehicleState[Air],
     traffic: Traffic,
     time: Array,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
     areas: Array,
 ) -> Backup:
     """Return backups ``[M]`` of ownships ``[N]`` with what is found of them; a start inside the
@@ -232,7 +237,11 @@ def _value(backup: Backup) -> Array:
 
 
 def _estimate(
-    family: _Turns, own: VehicleState[Air], traffic: Traffic, base: Array, thresholds: Thresholds
+    family: _Turns,
+    own: VehicleState[Air],
+    traffic: Traffic,
+    base: Array,
+    thresholds: Thresholds[Narrowed],
 ) -> Array:
     """Return the smallest distance less the required one of backups of a family from ``own``, m,
     ``[N * F]``; an estimate.
@@ -276,7 +285,7 @@ def _relative(
     return tracks.x[:, at, None] - x, tracks.y[:, at, None] - y
 
 
-def resting(count: int, thresholds: Thresholds) -> Backup:
+def resting(count: int, thresholds: Thresholds[L]) -> Backup:
     """Return that there has never been a backup, ``[count]``."""
     zero, no = np.zeros(count), np.zeros(count, dtype=bool)
     plan_states = straight_east(
@@ -303,7 +312,7 @@ def straight_east(count: int, times: Array, limits: Limits) -> PlanStates:
     return PlanStates(speed * time, zero, zero.copy(), zero + speed, time)
 
 
-def _durations(thresholds: Thresholds) -> list[float]:
+def _durations(thresholds: Thresholds[L]) -> list[float]:
     """Return the durations of a backup's legs, s."""
     return [steps * thresholds.options.aircraft.dt for steps in STEPS]
 

@@ -9,6 +9,7 @@ from agents.assurance.inputs import Memory
 from agents.assurance.lookahead import Course, outlook
 from agents.assurance.state import Monitor, State
 from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
+from agents.planner.options import Narrowed
 from agents.planner.traffic import Traffic, predict, requirement_of, separations, uncertainty
 from envs.arrays import Array
 from envs.follower import Deviation, deviation
@@ -28,7 +29,7 @@ def has(causes: Array, any_of: Cause) -> Array:
     return (causes & int(any_of)) != 0
 
 
-def required_separations(plan: Course, traffic: Traffic, thresholds: Thresholds) -> Array:
+def required_separations(plan: Course, traffic: Traffic, thresholds: Thresholds[Narrowed]) -> Array:
     """Return the separations that plans made against some intruders were required to keep, m, ``[N,
     K]``.
     """
@@ -39,7 +40,7 @@ def required_separations(plan: Course, traffic: Traffic, thresholds: Thresholds)
     )
 
 
-def floor(required_separation: Array, traffic: Traffic, thresholds: Thresholds) -> Array:
+def floor(required_separation: Array, traffic: Traffic, thresholds: Thresholds[Narrowed]) -> Array:
     """Return the predicted separation from intruders below which a plan with this required
     separation is no longer good, m, ``[N, K]``.
     """
@@ -89,7 +90,7 @@ def judge(
     traffic: Traffic,
     causes: Array,
     of_each: Array,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
 ) -> tuple[Array, Array, Measured]:
     """Measure the present second against the plan; a cause begins beyond its threshold and ends
     below a share of it.
@@ -146,7 +147,7 @@ def _judge_errors(
     off: Deviation,
     seen: Array,
     latch: _Latch,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
 ) -> tuple[Array, Array]:
     """Return the leaky sums of the errors against the plan ``[N, 3]``, and the causes that lie in
     errors and sums, ``[N]``; ``seen`` says where the ownship was, bool.
@@ -164,7 +165,7 @@ def _judge_errors(
 
 
 def _leaky_sums(
-    before: Array, errors: Array, elapsed: Array, seen: Array, thresholds: Thresholds
+    before: Array, errors: Array, elapsed: Array, seen: Array, thresholds: Thresholds[Narrowed]
 ) -> Array:
     """Return the sums ``[N, 3]`` after some seconds ``[N]``, not finite at first; errors count
     where the ownship was seen.
@@ -175,7 +176,7 @@ def _leaky_sums(
     return before * np.exp(-seconds / thresholds.memory) + added
 
 
-def _of_concern(separation: Array, traffic: Traffic, thresholds: Thresholds) -> Array:
+def _of_concern(separation: Array, traffic: Traffic, thresholds: Thresholds[Narrowed]) -> Array:
     """Return which intruders come so near that they must fly as expected, bool ``[N, K]``."""
     usual = thresholds.requirement.separation
     more = separations(traffic, thresholds.requirement) - usual
@@ -188,7 +189,7 @@ def _outlook(
     traffic: Traffic,
     since: Array,
     offset: Array,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
 ) -> tuple[Array, Array, Array]:
     """Return the rest's separations ``[N, K]``, when the first is lost ``[N]``, and which are too
     small, bool ``[N, K]``.
@@ -222,7 +223,7 @@ class _Deviations(NamedTuple):
     position_std: Array  # one sigma of what was expected and is believed now, m
     velocity_std: Array  # m/s
 
-    def share_of(self, thresholds: Thresholds) -> Array:
+    def share_of(self, thresholds: Thresholds[Narrowed]) -> Array:
         """Return which share of what is allowed the greater of the two is."""
         place = thresholds.intruder_position + _NOISE * self.position_std
         motion = thresholds.intruder_velocity + _NOISE * self.velocity_std

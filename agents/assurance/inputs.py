@@ -12,6 +12,7 @@ import numpy as np
 
 from agents.assurance.plausible import SIGMAS, Drift, follow, greatest_change, unknown
 from agents.assurance.thresholds import Cause, Thresholds
+from agents.planner.options import Narrowed
 from agents.planner.traffic import Traffic, Window, advance_reports
 from agents.policy.domain import excess
 from envs.angles import wrap
@@ -122,7 +123,7 @@ def no_areas(count: int) -> Array:
 
 
 def update(
-    memory: Memory, given: Inputs, thresholds: Thresholds
+    memory: Memory, given: Inputs, thresholds: Thresholds[Narrowed]
 ) -> tuple[Memory, VehicleState[Air], Traffic, Array, Array]:
     """Return the memory with what is valid, own states and known intruders now (dead-reckoned), and
     the causes, int32: those that do not lie in intruders ``[N]``, and those that do ``[N, K]``.
@@ -138,7 +139,7 @@ def update(
 
 
 def _take_own(
-    memory: Memory, given: Inputs, now: Array, clock: Array, thresholds: Thresholds
+    memory: Memory, given: Inputs, now: Array, clock: Array, thresholds: Thresholds[Narrowed]
 ) -> tuple[VehicleState[Air], Array, Array]:
     """Return the last good own states, their times, s, and the causes that lie in them, ``[N]``."""
     sane = _sane(given.own, given.own_age)
@@ -153,7 +154,7 @@ def _take_own(
 
 
 def _take_intruders(
-    memory: Memory, given: Inputs, now: Array, clock: Array, thresholds: Thresholds
+    memory: Memory, given: Inputs, now: Array, clock: Array, thresholds: Thresholds[Narrowed]
 ) -> tuple[Memory, Array]:
     """Return the memory with the last good reports of intruders, and the causes that lie in them,
     ``[N, K]``.
@@ -197,7 +198,9 @@ def _take_intruders(
     return memory, np.where(given.mask, causes, 0).astype(np.int32)
 
 
-def _lasting_causes(memory: Memory, now: Array, outside: Array, thresholds: Thresholds) -> Array:
+def _lasting_causes(
+    memory: Memory, now: Array, outside: Array, thresholds: Thresholds[Narrowed]
+) -> Array:
     """Return the causes that lie in the last good reports of intruders, ``[N, K]``, at a time, s,
     ``[N, 1]``; ``outside`` says whose turn rates are out of range, ``[N, K]``.
     """
@@ -217,7 +220,7 @@ def _lasting_causes(memory: Memory, now: Array, outside: Array, thresholds: Thre
 
 
 def advance(
-    memory: Memory, mask: Array, thresholds: Thresholds
+    memory: Memory, mask: Array, thresholds: Thresholds[Narrowed]
 ) -> tuple[VehicleState[Air], Traffic]:
     """Return ownship and intruders now, advanced from the last good reports; intruders along the
     turns they show.
@@ -246,7 +249,7 @@ def advance(
 
 
 def _turn_rate(
-    memory: Memory, given: Inputs, elapsed: Array, good: Array, thresholds: Thresholds
+    memory: Memory, given: Inputs, elapsed: Array, good: Array, thresholds: Thresholds[Narrowed]
 ) -> tuple[Array, Array]:
     """Return the turn rates (rad/s, 0 where they may be noise) of the last two reports, and which
     are outside.

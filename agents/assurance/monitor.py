@@ -18,6 +18,7 @@ from agents.assurance.inputs import Inputs, Memory, advance, update
 from agents.assurance.lookahead import Course, course, outlook
 from agents.assurance.state import Decision, FlyMode, Monitor, State
 from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, UNSAFE, WANTING, Cause, Thresholds
+from agents.planner.options import Narrowed
 from agents.planner.traffic import Traffic, whole
 from agents.planner.validator import validate
 from envs.arrays import Array
@@ -34,7 +35,7 @@ def activate(
     safe: Array,
     time: Array,
     traffic: Traffic,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
 ) -> Monitor:
     """Begin to watch plans ``[M]`` in the rows numbered ``[M]`` of monitors ``[N]``, requested at a
     time, s, ``[M]``.
@@ -54,7 +55,9 @@ def activate(
     return _with(result, rest, state=int(State.DENIED), on_backup=True, causes=int(Cause.REFUSED))
 
 
-def step(monitor: Monitor, given: Inputs, thresholds: Thresholds) -> tuple[Monitor, Decision]:
+def step(
+    monitor: Monitor, given: Inputs, thresholds: Thresholds[Narrowed]
+) -> tuple[Monitor, Decision]:
     """Judge one time step of monitors ``[N]`` by what they are given, ``[N]`` and of intruders
     ``[N, K]``.
     """
@@ -117,7 +120,9 @@ class _Requests(NamedTuple):
     hopeless: Array  # it is of no use to wait for a plan
 
 
-def _requests(monitor: Monitor, causes: Array, now: Array, thresholds: Thresholds) -> _Requests:
+def _requests(
+    monitor: Monitor, causes: Array, now: Array, thresholds: Thresholds[Narrowed]
+) -> _Requests:
     """Return how monitors ``[N]`` stand with the planner, by the causes of this second."""
     idle, blind, lost = monitor.state == State.IDLE, has(causes, BLIND), has(causes, LOST)
     pending = monitor.requested > monitor.answered
@@ -136,7 +141,7 @@ def _refresh_backups(
     memory: Memory,
     own: VehicleState[Air],
     traffic: Traffic,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
 ) -> Backup:
     """Return backups ``[N]`` of which those in some rows are as of now."""
     if rows.size == 0:
@@ -167,7 +172,7 @@ def answer(
     number: Array,
     plan_states: PlanStates,
     safe: Array,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
 ) -> tuple[Monitor, Array]:
     """Hand in what the planner answered to requests, ``[M]``, to rows of monitors ``[N]``, each row
     once.
@@ -233,7 +238,9 @@ def references(monitor: Monitor, time: Array, dt: float, count: int) -> VehicleS
     return result
 
 
-def _usable(plan_states: PlanStates, wanted: Array, thresholds: Thresholds) -> tuple[Array, Course]:
+def _usable(
+    plan_states: PlanStates, wanted: Array, thresholds: Thresholds[Narrowed]
+) -> tuple[Array, Course]:
     """Return the numbers of the plans ``[M]`` that are wanted and can be flown, and these as
     courses.
     """

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.assurance.thresholds import Thresholds
+from agents.planner.options import Narrowed
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, velocity
@@ -93,7 +94,7 @@ def follow(
     report: tuple[VehicleState[Air], Array, Array],
     time: tuple[Array, Array],
     good: Array,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
 ) -> Drift:
     """Return the comparison with one more report of each intruder, ``[N, K]``.
 

@@ -23,6 +23,7 @@ from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.planner.answer import Plan
 from agents.planner.fields import listed
 from agents.planner.levels import Altitude
+from agents.planner.options import L, Narrowed
 from agents.planner.reports import Intruder, arrays_of_reports, windows, with_state
 from agents.planner.traffic import advance_reports
 from envs.areas import Area
@@ -92,7 +93,7 @@ class Watch:
     levels: Mapping[str, tuple[float, Intruder[Ground]]] = field(default_factory=dict)
 
     @property
-    def thresholds_in_air(self) -> Thresholds:
+    def thresholds_in_air(self) -> Thresholds[Narrowed]:
         """The thresholds in the monitor's air mass."""
         return self.thresholds.in_wind(self.frame.wind)
 
@@ -330,7 +331,7 @@ def _at_its_level(
 
 
 def reasons(
-    decision: Decision, thresholds: Thresholds, names: Sequence[str] = ()
+    decision: Decision, thresholds: Thresholds[L], names: Sequence[str] = ()
 ) -> tuple[Why, ...]:
     """Return the causes of one second in words, with the names of the intruders they lie in."""
     now, found = take(decision, 0), list[Why]()
@@ -345,7 +346,7 @@ def reasons(
 
 
 def _plan_states(
-    own: VehicleState[Ground], plan: Plan, frame: Frame, thresholds: Thresholds
+    own: VehicleState[Ground], plan: Plan, frame: Frame, thresholds: Thresholds[Narrowed]
 ) -> PlanStates:
     """Return a plan's states in its air mass, ``[1, W + 1]``; nan where it has no trajectory, or
     not as many waypoints as expected.

@@ -9,6 +9,7 @@ from agents.assurance.backup import Backup, resting, straight_east
 from agents.assurance.inputs import Memory, blank
 from agents.assurance.lookahead import Course, course
 from agents.assurance.thresholds import Thresholds
+from agents.planner.options import L
 from agents.planner.traffic import Traffic, whole
 from envs.arrays import Array
 from envs.frames import Air
@@ -82,7 +83,7 @@ class Decision(NamedTuple):
     areas: Array  # that each may meet, as they are now: tuples of planner.areas.Counted, object
 
 
-def start(count: int, intruders: int, thresholds: Thresholds) -> Monitor:
+def start(count: int, intruders: int, thresholds: Thresholds[L]) -> Monitor:
     """Return monitors that watch nothing, ``[count]`` with room for so many intruders each."""
     no, zero = np.zeros(count, dtype=bool), np.zeros(count)
     absent = np.zeros((count, intruders), dtype=bool)

@@ -5,9 +5,9 @@ docs/explanation/assurance.md.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntFlag
-from typing import Any
+from typing import Any, Generic, cast
 
-from agents.planner.options import L, Options, agility
+from agents.planner.options import L, Narrowed, Options, agility
 from agents.planner.request import in_wind
 from agents.planner.traffic import Requirement
 from agents.policy.domain import traffic
@@ -144,11 +144,11 @@ _KEPT = 0.5
 
 
 @dataclass(frozen=True)
-class Thresholds:
+class Thresholds(Generic[L]):
     """Limits beyond which the monitor acts; built by :meth:`for_plans`."""
 
-    options: Options[Any]
-    """What plans are made with, as given or narrowed by a wind; the monitor holds them to it."""
+    options: Options[L]
+    """What plans are made with; the monitor holds them to it."""
     manoeuvre: Limits
     """That backups are made with."""
     separation_band: float
@@ -236,7 +236,7 @@ class Thresholds:
         }
         return cls(options, **(usual | changes))
 
-    def in_wind(self, wind: Wind) -> "Thresholds":
+    def in_wind(self: "Thresholds", wind: Wind) -> "Thresholds[Narrowed]":
         """Return these thresholds, of still air, in the air mass of a wind: plans and backups must
         keep the limits in every wind within its uncertainty, as the planner's do.
 
@@ -244,13 +244,14 @@ class Thresholds:
             RequestError: the wind is too uncertain for the aircraft.
         """
         if wind.std == 0.0:
-            return self
+            return cast("Thresholds[Narrowed]", self)
         kept = self.requirement
         planned = kept._replace(sigmas=kept.sigmas / _KEPT)
         narrowed = in_wind(replace(self.options, requirement=planned), wind)
         options = replace(narrowed, requirement=kept)
+        narrow = cast("Thresholds[Narrowed]", self)
         return replace(
-            self, options=options, manoeuvre=backup_limits(options), wind_std=float(wind.std)
+            narrow, options=options, manoeuvre=backup_limits(options), wind_std=float(wind.std)
         )
 
     @property

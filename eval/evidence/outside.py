@@ -34,6 +34,7 @@ from envs.kinematics import Limits, VehicleState
 from envs.perception import Sensor, carry_back, perceive
 from envs.starts import OF_INTRUDERS, encounters_of_seed, join
 from envs.trees import map_leaves, take
+from envs.wind import NO_WIND
 from eval.stats.intervals import share
 
 _REASONS = {
@@ -105,7 +106,7 @@ def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.n
     """Return which flights are flagged, and for which reason, bool ``[N]``: as the assured loop
     sees them.
     """
-    thresholds = Thresholds.for_plans(Options.for_aircraft(aircraft))
+    thresholds = Thresholds.for_plans(Options.for_aircraft(aircraft)).in_wind(NO_WIND)
     count, most = flights.seen.x.shape[1:]
     memory = blank(count, most, np.full(count, aircraft.limits.speed_max))
     causes, new = np.zeros(count, np.int32), np.zeros(count, bool)

@@ -25,7 +25,7 @@ from envs.follower import PERIOD
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.trees import take
-from envs.wind import Wind
+from envs.wind import NO_WIND, Wind
 from envs.world import State, begin, perceive_intruders
 from eval.flights.among_areas import in_air_at
 from eval.flights.in_wind import drift_of
@@ -88,7 +88,8 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
     routes drift. Areas are over the ground, object ``[N]``; None: none.
     """
     count, dt = len(encounters.goal_x), aircraft.dt
-    thresholds = Thresholds.for_plans(options)
+    # The wind is known exactly, and takes nothing off the limits.
+    thresholds = Thresholds.for_plans(options).in_wind(NO_WIND)
     required = 0.0 if endless else aircraft.separation
     tally = Tally(count, aircraft, endless=endless)
     replans, backup = np.zeros(count, np.int32), np.zeros(count, np.int32)
@@ -122,7 +123,7 @@ def _begin(
     draws: np.ndarray | None,
     wind: Wind | None,
     aircraft: Aircraft,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
 ) -> _Flights:
     """Return the flights ``[N]`` at their start, with the monitors of their plans; the draws are
     those of the first reports, ``[4, N, K]``.
@@ -156,7 +157,7 @@ def _watch(
     areas: np.ndarray | None,
     time: float,
     dt: float,
-    thresholds: Thresholds,
+    thresholds: Thresholds[Narrowed],
 ) -> tuple[_Flights, Decision]:
     """Let the monitors see the reports of a time, s, and the areas as they are then, and decide;
     dt: since the reports before, s.
@@ -177,7 +178,7 @@ def _watch(
 
 
 def _areas_met(
-    areas: np.ndarray, state: State, monitor: Monitor, time: float, thresholds: Thresholds
+    areas: np.ndarray, state: State, monitor: Monitor, time: float, thresholds: Thresholds[Narrowed]
 ) -> np.ndarray:
     """Return the areas that flights ``[M]`` may meet, of those in their air masses at a time, s,
     object ``[M]``.
@@ -191,7 +192,11 @@ def _areas_met(
 
 
 def _plan_anew(
-    flights: _Flights, decision: Decision, make: Planner, left: float, thresholds: Thresholds
+    flights: _Flights,
+    decision: Decision,
+    make: Planner,
+    left: float,
+    thresholds: Thresholds[Narrowed],
 ) -> tuple[_Flights, np.ndarray]:
     """Plan where the monitors ask for it, or where a better plan may be had, with ``left`` seconds
     until the time limit; return also which flights asked, bool ``[M]``.

@@ -16,6 +16,7 @@ from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.tracker import Tracks, follow
 from agents.planner.areas import Counted
 from agents.planner.candidates import Proposals, empty
+from agents.planner.options import Narrowed
 from agents.planner.planner import Plans
 from agents.planner.request import Options
 from agents.planner.standing import as_intruders
@@ -130,7 +131,7 @@ class Assured:
         route: Route,
         policy: Policy,
         rules: Rules,
-        thresholds: Thresholds,
+        thresholds: Thresholds[Narrowed],
         reckoning: Reckoning,
         areas: tuple[Area, ...] = (),
     ) -> None:

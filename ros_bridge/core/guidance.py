@@ -32,6 +32,7 @@ from agents.assurance.single import Verdict
 from agents.assurance.state import Decision
 from agents.assurance.thresholds import BLIND, Thresholds
 from agents.planner.areas import Counted, label
+from agents.planner.options import L
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
@@ -90,7 +91,7 @@ class Guidance(NamedTuple):
     area_losses: list[float]  # s, on the present course; -1: none
 
 
-def blank(thresholds: Thresholds) -> Shown:
+def blank(thresholds: Thresholds[L]) -> Shown:
     """Return that no intruder has been looked at."""
     return Shown((), no_alerts(1, 0, Alerting.for_aircraft(thresholds.options.aircraft)))
 
@@ -119,7 +120,7 @@ def guidance(
     verdict: Verdict,
     now: int,
     frame: LocalFrame,
-    thresholds: Thresholds,
+    thresholds: Thresholds[L],
 ) -> tuple[Shown, Guidance | None]:
     """Return what is shown at a time, ns; None where the ownship's state is unknown, and within a
     time step of the last time. A clock that steps back begins anew.
@@ -139,7 +140,7 @@ def guidance(
 
 
 def _look(
-    measured: Decision, frame: LocalFrame, thresholds: Thresholds, look_ahead: float
+    measured: Decision, frame: LocalFrame, thresholds: Thresholds[L], look_ahead: float
 ) -> _Look:
     own, traffic = measured.own, measured.traffic
     requirement, limits = thresholds.requirement, thresholds.manoeuvre
