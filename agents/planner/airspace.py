@@ -46,10 +46,10 @@ def add_areas(
     the route, points round it are put in.
 
     Args:
-        request: in the air mass, without areas.
+        request: without areas.
         areas: over the ground.
         altitude: of the ownship; None: unknown, which counts as level with every area.
-        options: of the flight in the air mass.
+        options: of the flight.
         wind: which the air mass moves with.
 
     Raises:

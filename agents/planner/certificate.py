@@ -47,7 +47,7 @@ def certificate(  # noqa: PLR0913, PLR0917 - all of a request
     areas: Sequence[Area] = (),
     flight: Flight = UNKNOWN_FLIGHT,
 ) -> bytes:
-    """Return the certificate of a plan for a state of floats and reports, all over the ground.
+    """Return the certificate of a plan for a state of floats and reports.
 
     Intruders that stay above or below stand there by their altitudes, as do the times in which
     others do; those that are out of reach are proven like all others.

@@ -165,10 +165,10 @@ def plan_among(
     """Plan many requests ``[N]`` as :func:`plan_many` does, each among areas of its own.
 
     Args:
-        request: in the air mass, without areas.
+        request: without areas.
         areas: as they are at the request, seen from the air mass, object ``[N]``.
         policy: that is asked.
-        options: of the flights in the air mass.
+        options: of the flights.
         floats: as of :func:`plan_many`.
     """
     each = []

@@ -54,14 +54,14 @@ def publish(
     """Write the plan of one request ``[1]`` over the ground.
 
     Args:
-        request: in the air mass.
+        request: that is answered.
         plans: the best plan of it, ``[1]``.
         next_goal: number of the first point of the route that may be rejoined at; -1: there is
             none.
         route: that was asked for.
         excluded: the intruders that were left out.
         counted: numbers of the others.
-        options: of the flight in the air mass.
+        options: of the flight.
         skipped: what the deadline left out of the search.
     """
     best = _number_points(_best_on_ground(request, plans), request)

@@ -35,11 +35,11 @@ def outside_domain(
     """Return what of one request ``[1]`` the policy was not trained for.
 
     Args:
-        own: state of the ownship in floats, in the air mass as the request is.
+        own: state of the ownship in floats.
         request: whose traffic and route the policy looks at.
         goal: number of the route's point that comes next; -1: none lies ahead, and the policy
             decides nothing.
-        intruders: as they were reported, over the ground.
+        intruders: as they were reported.
         wind: in which they fly.
         policy: that is asked.
         options: of the plan.
@@ -142,7 +142,7 @@ def skipped_points(
     farther from them than a point is passed at, the goal's radius.
 
     Args:
-        request: in the air mass, among whose points the route's may be numbered anew.
+        request: among whose points the route's may be numbered anew.
         plan_states: of the plan there, ``[1, W]``.
         first: number of the point that comes next.
         last: of the point that ends the plan.

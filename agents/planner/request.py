@@ -73,11 +73,9 @@ def check_request(
 ) -> tuple[Request, tuple[Excluded, ...], list[int]]:
     """Check one request, whose options are (:func:`agents.planner.options.check`).
 
-    States are over the ground.
-
     Returns:
-        The request as arrays with N = 1, in the air mass, the intruders that are left out, and the
-        numbers of those that count.
+        The request as arrays with N = 1, the intruders that are left out, and the numbers of those
+        that count.
 
     Raises:
         RequestError: something is missing, not finite, out of range or inconsistent.
@@ -206,7 +204,7 @@ def drift_points(
 
 
 def _check_own(own: Any, options: Options[Narrowed], wind: Wind | None) -> VehicleState[Air]:
-    """Return the state of the ownship in floats, in the air mass."""
+    """Return the state of the ownship in floats."""
     ground = check_state(Field(Subject.OWN), own)
     state = through_air(ground, wind or NO_WIND, 0.0)
     low, high = speed_range(options.aircraft.limits)
@@ -220,7 +218,7 @@ def _check_own(own: Any, options: Options[Narrowed], wind: Wind | None) -> Vehic
 def _check_intruders(
     intruders: Any, options: Options[Narrowed], wind: Wind | None
 ) -> list[Intruder[Air]]:
-    """Return the reports of the intruders, in the air mass."""
+    """Return the reports of the intruders."""
     reports = [
         check_report(
             Field(Subject.INTRUDERS, number=number),

@@ -40,7 +40,7 @@ class PointMassVehicle:
     """A point mass with the aircraft's drag, thrust and greatest weight; satisfies
     :class:`envs.follower.Vehicle`.
 
-    It begins in a state over the ground, at ``start_altitude`` (None: the one to hold), and holds
+    It begins in a state, at ``start_altitude`` (None: the one to hold), and holds
     ``altitude``, m.
 
     Raises:
@@ -76,7 +76,7 @@ class PointMassVehicle:
 
     @property
     def state(self) -> VehicleState[Ground]:
-        """Position, heading and speed over the ground now."""
+        """Position, heading and speed now."""
         level = math.sqrt(max(self.airspeed**2 - self.climb**2, 1.0))
         east = level * math.cos(self._course) + self._wind.east
         north = level * math.sin(self._course) + self._wind.north

@@ -86,11 +86,11 @@ class Traffic:
         self._wind, self._noise, self._watch, self._clock = wind, noise, watch, 0
 
     def ground(self) -> VehicleState[Ground]:
-        """Return the intruders over the ground, ``[1, K]``."""
+        """Return the intruders, ``[1, K]``."""
         return over_ground(self._state.intruders.vehicle, self._wind, float(self._clock))
 
     def report_intruders(self) -> VehicleState[Ground]:
-        """Return the intruders over the ground as reported, ``[1, K]``."""
+        """Return the intruders as reported, ``[1, K]``."""
         noise = None if self._noise is None else self._noise(self._clock)
         return over_ground(
             perceive_intruders(self._state, noise, 1.0, np), self._wind, float(self._clock)
@@ -214,7 +214,7 @@ def straight_separation(
 ) -> np.ndarray:
     """Return how near the aircraft would have come to intruders that fly straight on, m, ``[S]``.
 
-    The aircraft flies as it did. The intruders are states over the ground at its start,
+    The aircraft flies as it did. The intruders are states at its start,
     ``[1, K]``; the result is the smallest distance to any of them in each of the first seconds,
     counted in the shares ``[1, K]``.
     """

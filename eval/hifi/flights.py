@@ -182,7 +182,7 @@ def _follow(
 
 
 def report_at_start(campaign: Campaign, scene: Beginning) -> VehicleState[Ground]:
-    """Return the intruders over the ground as reported at the start, ``[1, K]``."""
+    """Return the intruders as reported at the start, ``[1, K]``."""
     noise = None if scene.noise is None else scene.noise(0)
     seen = perceive_at_start(scene.encounter, campaign.aircraft.dt, noise)
     return over_ground(seen, scene.wind, 0.0)

@@ -57,7 +57,7 @@ def flight_bands(
     """Return the bands of a flight.
 
     Args:
-        own: ownship in the air mass, ``[T]``, a time step apart.
+        own: ownship, ``[T]``, a time step apart.
         intruders: likewise, ``[T, K]``.
         options: of plans.
         areas: as the air mass sees them at the start.

@@ -444,7 +444,7 @@ def _carry_on(
 
 
 def _fly_turn(state: VehicleState[Air], rate: float, seconds: float) -> VehicleState[Air]:
-    """Return a state through the air some seconds later, along a turn, rad/s."""
+    """Return a state some seconds later, along a turn, rad/s."""
     turn = rate * seconds
     # The chord of an arc points half-way through its turn; numpy's sinc(x) is sin(pi x) / (pi x).
     chord = state.speed * seconds * float(np.sinc(turn / (2.0 * math.pi)))

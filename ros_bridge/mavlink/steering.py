@@ -100,7 +100,7 @@ def command(
 
     Args:
         follower: of the plan.
-        state: over the ground, now.
+        state: now.
         time: on the plan's clock, s.
         air: that the aircraft flies in.
         speeds: least and greatest airspeed that the autopilot takes, m/s.
