@@ -12,7 +12,7 @@ import numpy as np
 from agents.assurance.lookahead import Course
 from agents.assurance.thresholds import Thresholds
 from agents.planner.areas import NEARER, Counted, judge, label, relevant
-from agents.planner.options import Narrowed
+from agents.planner.options import L, Narrowed
 from agents.planner.request import Altitude
 from envs.area_geometry import signed_distance
 from envs.areas import Area
@@ -53,7 +53,7 @@ def may_be_met(
     own: VehicleState[Air],
     altitude: Altitude | None,
     ends: float,
-    thresholds: Thresholds[Narrowed],
+    thresholds: Thresholds[L],
 ) -> tuple[Counted, ...]:
     """Return the areas that the rest of a plan, the next one or a backup may meet.
 

@@ -234,7 +234,7 @@ class Thresholds(Generic[L]):
             "backup_gain": 0.01 * far,
             "traffic": traffic(aircraft),
         }
-        return cls(options, **(usual | changes))
+        return Thresholds(options, **(usual | changes))
 
     def in_wind(self: "Thresholds", wind: Wind) -> "Thresholds[Narrowed]":
         """Return these thresholds, of still air, in the air mass of a wind: plans and backups must

@@ -1,0 +1,83 @@
+"""The same as in wrong_exchanges.py, done right: a type checker has nothing against it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from agents.assurance import monitor as monitors
+from agents.assurance.inputs import Inputs
+from agents.assurance.state import Monitor
+from agents.assurance.thresholds import Thresholds
+from agents.planner.certificate import certificate
+from agents.planner.options import Narrowed, Options
+from agents.planner.planner import plan, plan_many
+from agents.planner.reports import Intruder, arrays_of_reports, report_in_air
+from agents.planner.request import Request, check_request, in_wind
+from agents.planner.traffic import Traffic
+from agents.policy.inference import Policy
+from envs.frames import Air, Ground
+from envs.kinematics import VehicleState, velocity
+from envs.relative import straight_cpa
+from envs.trees import choose, column, map_leaves, take
+from envs.waypoints import Legs, RoutePoint, at, plan_states
+from envs.wind import NO_WIND, Wind, over_ground, through_air
+
+ROUTE: list[RoutePoint] = []
+
+
+def arguments(own: VehicleState[Ground], start: VehicleState[Air], policy: Policy, wind: Wind):
+    plan(own, [own, Intruder(own)], ROUTE, policy, wind=wind)
+    plan(over_ground(start, wind, 0.0), [], ROUTE, policy, wind=wind)
+    arrays_of_reports([report_in_air(Intruder(own), wind)])
+    plan_states(own, [])
+    straight_cpa(through_air(own, wind, 0.0), start, np)
+    _ = velocity(own, np), velocity(start, np)
+
+
+def returned(own: VehicleState[Ground], legs: Legs, wind: Wind) -> VehicleState[Air]:
+    if wind.speed == 0.0:
+        return through_air(own, NO_WIND, 0.0)
+    return at(legs, 0.0)
+
+
+def limits(options: Options, own: VehicleState[Ground], policy: Policy, wind: Wind | None):
+    in_air: Options[Narrowed] = in_wind(options, wind)
+    plan(own, [], ROUTE, policy, replace(options, goals=1), wind=wind)
+    check_request(own, [], ROUTE, replace(in_air, goals=1), None, wind)
+    certificate(own, [], [], [], None, options, wind)
+
+
+def search(request: Request, policy: Policy):
+    plan_many(request, policy, in_wind(Options.for_aircraft(policy.aircraft), None))
+
+
+def watch(monitor: Monitor, given: Inputs, thresholds: Thresholds, wind: Wind):
+    monitors.step(monitor, given, thresholds.in_wind(wind))
+
+
+def bare_constructions(policy: Policy, wind: Wind):
+    here: VehicleState[Ground] = VehicleState(0.0, 0.0, 0.0, 70.0)
+    plan(here, [], ROUTE, policy)
+    plan(VehicleState(0.0, 0.0, 0.0, 70.0), [], ROUTE, policy)  # said where it is handed on
+
+
+def bare_requests(start: VehicleState[Air]):
+    traffic = Traffic.straight(start)
+    Request(start, traffic, np.zeros(1), np.zeros(1), np.ones(1))
+
+
+def unpacking(own: VehicleState[Ground], start: VehicleState[Air], policy: Policy):
+    here, there = own, start
+    plan(here, [over_ground(there, NO_WIND, 0.0)], ROUTE, policy)
+    copied: VehicleState[Ground] = VehicleState(*own)
+    plan(copied, [], ROUTE, policy)
+
+
+def replaced(own: VehicleState[Ground], policy: Policy):
+    plan(own._replace(x=0.0), [replace(Intruder(own), age=1.0)], ROUTE, policy)
+
+
+def leaves(own: VehicleState[Ground], policy: Policy):
+    plan(map_leaves(float, own), [take(own, 0), column(own)], ROUTE, policy)
+    plan(map_leaves(np.add, own, own), [], ROUTE, policy)
+    plan(choose(np.ones(1, bool), own, own, np), [], ROUTE, policy)

@@ -1,0 +1,93 @@
+"""Exchanges of frames and of limits that a type checker must refuse, each marked; none is run."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from agents.assurance import monitor as monitors
+from agents.assurance.inputs import Inputs
+from agents.assurance.state import Monitor
+from agents.assurance.thresholds import Thresholds
+from agents.planner.certificate import certificate
+from agents.planner.options import Narrowed, Options
+from agents.planner.planner import plan, plan_many
+from agents.planner.reports import Intruder, arrays_of_reports
+from agents.planner.request import Request, check_request, in_wind
+from agents.planner.traffic import Traffic
+from agents.policy.inference import Policy
+from envs.frames import Air, Ground
+from envs.kinematics import VehicleState
+from envs.relative import straight_cpa
+from envs.trees import choose, column, map_leaves, take
+from envs.waypoints import Legs, RoutePoint, at, plan_states
+from envs.wind import Wind, over_ground, through_air
+
+ROUTE: list[RoutePoint] = []
+
+
+def arguments(own: VehicleState[Ground], start: VehicleState[Air], policy: Policy, wind: Wind):
+    plan(start, [], ROUTE, policy)  # error
+    plan(own, [start], ROUTE, policy)  # error
+    plan(own, [Intruder(start)], ROUTE, policy)  # error
+    arrays_of_reports([Intruder(own)])  # error
+    plan_states(start, [])  # error
+    through_air(start, wind, 0.0)  # error
+    over_ground(own, wind, 0.0)  # error
+    over_ground(over_ground(start, wind, 0.0), wind, 0.0)  # error
+    straight_cpa(own, start, np)  # error
+
+
+def returned(own: VehicleState[Ground], legs: Legs, wind: Wind) -> VehicleState[Air]:
+    if wind.speed == 0.0:
+        return own  # error
+    return at(legs, 0.0, wind)  # error
+
+
+def limits(options: Options, in_air: Options[Narrowed], own: VehicleState[Ground], policy: Policy):
+    plan(own, [], ROUTE, policy, in_air)  # error
+    plan(own, [], ROUTE, policy, replace(in_air, goals=1))  # error
+    in_wind(in_air, None)  # error
+    check_request(own, [], ROUTE, options)  # error
+    certificate(own, [], [], [], None, in_air)  # error
+
+
+def search(request: Request, policy: Policy, options: Options):
+    plan_many(request, policy, options)  # error
+
+
+def watch(monitor: Monitor, given: Inputs, thresholds: Thresholds, wind: Wind):
+    monitors.step(monitor, given, thresholds)  # error
+    thresholds.in_wind(wind).in_wind(wind)  # error
+
+
+def bare_constructions(policy: Policy, wind: Wind):
+    here = VehicleState(0.0, 0.0, 0.0, 70.0)
+    plan(here, [], ROUTE, policy)  # error
+    through_air(here, wind, 0.0)  # error
+    over_ground(here, wind, 0.0)  # error
+
+
+def bare_requests(own: VehicleState[Ground], traffic: Traffic):
+    Request(own, traffic, np.zeros(1), np.zeros(1), np.ones(1))  # error
+    Traffic.straight(own)  # error
+
+
+def unpacking(own: VehicleState[Ground], start: VehicleState[Air], policy: Policy):
+    here, there = start, own
+    plan(here, [], ROUTE, policy)  # error
+    over_ground(there, Wind(), 0.0)  # error
+    copied = VehicleState(*start)
+    plan(copied, [], ROUTE, policy)  # error
+
+
+def replaced(own: VehicleState[Ground], start: VehicleState[Air], policy: Policy):
+    plan(start._replace(x=0.0), [], ROUTE, policy)  # error
+    plan(own, [replace(Intruder(start), age=1.0)], ROUTE, policy)  # error
+
+
+def leaves(own: VehicleState[Ground], start: VehicleState[Air], policy: Policy):
+    plan(map_leaves(float, start), [], ROUTE, policy)  # error
+    plan(map_leaves(np.add, own, start), [], ROUTE, policy)  # error
+    plan(take(start, 0), [], ROUTE, policy)  # error
+    plan(column(start), [], ROUTE, policy)  # error
+    plan(choose(np.ones(1, bool), own, start, np), [], ROUTE, policy)  # error
