@@ -405,7 +405,7 @@ def _config(options: argparse.Namespace) -> TrainConfig:
     config = load(TrainConfig, options.config, options.set)
     if config.network.feature_set == "set":
         raise ConfigError(
-            "network.feature_set is set; expected none, cpa or mirror, as the peer takes one vector"
+            "network.feature_set is set; expected none or mirror, as the peer takes one vector"
         )
     if options.quick:
         shorter = f"ppo.rollout={max(config.ppo.rollout // 4, config.ppo.segment)}"

@@ -38,13 +38,12 @@ class NetworkConfig(Strict):
         default=(256, 256), min_length=1, max_length=8
     )
     """Widths of the hidden layers of actor and of critic (paper: two of 256)."""
-    feature_set: Literal["cpa", "mirror", "none", "set"] = "set"
+    feature_set: Literal["mirror", "none", "set"] = "set"
     """Inputs of the first layer: any number of intruders, how each will pass, and the least
     separation from any of them that 22 simple manoeuvres keep, for any aircraft and exactly
-    symmetric (set); or, of the most critical intruder alone, the bare observation (none), geometry
-    and closest point of approach derived from it inside the network (cpa), or those with the
-    intruder always left of the line to the goal, so that the policy is exactly symmetric
-    (mirror)."""
+    symmetric (set); or, of the most critical intruder alone, the bare observation (none), or
+    geometry and closest point of approach derived from it inside the network, with the intruder
+    always left of the line to the goal, so that the policy is exactly symmetric (mirror)."""
     encoder: tuple[Annotated[int, Field(ge=1, le=1024)], ...] = Field(
         default=(64, 64), min_length=1, max_length=4
     )

@@ -139,8 +139,8 @@ class Actor(nn.Module):
     a standard deviation that does not.
     """
 
-    hidden: tuple[int, ...] = (256, 256)
-    feature_set: str = "cpa"
+    hidden: tuple[int, ...]
+    feature_set: str
     log_std_initial: float = -0.5
     encoder: tuple[int, ...] = ()
 
@@ -161,8 +161,8 @@ class Actor(nn.Module):
 class Critic(nn.Module):
     """State value in units of the scaled reward."""
 
-    hidden: tuple[int, ...] = (256, 256)
-    feature_set: str = "cpa"
+    hidden: tuple[int, ...]
+    feature_set: str
     encoder: tuple[int, ...] = ()
 
     @nn.compact

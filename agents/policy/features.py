@@ -10,12 +10,12 @@ from envs.aircraft import PAPER
 from envs.arrays import Array, ArrayModule
 from envs.observation import decode
 
-FEATURE_SETS = ("none", "cpa", "mirror")
-"""``none``: the bare observation (the paper's set-up); ``cpa``: geometry and closest point of
-approach; ``mirror``: the same with every scene seen so that the intruder is left of the line to the
-goal: an exactly symmetric policy."""
+FEATURE_SETS = ("none", "mirror")
+"""``none``: the bare observation (the paper's set-up); ``mirror``: geometry and closest point of
+approach, with every scene seen so that the intruder is left of the line to the goal: an exactly
+symmetric policy."""
 
-_SIZES = {"none": 8, "cpa": 22, "mirror": 22}
+_SIZES = {"none": 8, "mirror": 22}
 _FAR = 10.0 * PAPER.separation
 # of :func:`passing`, for m and m/s
 _UNITS = PassingUnits(

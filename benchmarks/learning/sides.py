@@ -272,7 +272,7 @@ def check(config: TrainConfig) -> None:
     """
     if config.network.feature_set == "set":
         raise ConfigError(
-            "network.feature_set is set; expected none, cpa or mirror, as peers take one vector"
+            "network.feature_set is set; expected none or mirror, as peers take one vector"
         )
     for number, entry in enumerate(config.training_scenarios()):
         if noisy([entry]):

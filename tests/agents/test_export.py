@@ -29,7 +29,7 @@ from envs.trees import column
 HIDDEN = (16, 8)
 
 
-def make_actor(hidden=HIDDEN, feature_set="cpa", module=Actor):
+def make_actor(hidden=HIDDEN, feature_set="mirror", module=Actor):
     """Return parameters, free to be changed, of an actor whose actions are as large as a trained
     one's.
     """
@@ -45,7 +45,7 @@ def make_actor(hidden=HIDDEN, feature_set="cpa", module=Actor):
 def description(**changes):
     described = {
         "hidden": HIDDEN,
-        "feature_set": "cpa",
+        "feature_set": "mirror",
         "limits": SURROGATE,
         "config": {"ppo": {"epochs": 4}, "widths": (1, 2)},
         "steps": 7,
@@ -56,9 +56,8 @@ def description(**changes):
 @pytest.mark.parametrize(
     ("hidden", "feature_set"),
     [
-        (HIDDEN, "cpa"),
+        (HIDDEN, "mirror"),
         ((12,), "none"),
-        ((4, 4, 4), "mirror"),
     ],
 )
 def test_written_policy_decides_as_flax(tmp_path, hidden, feature_set):
@@ -88,7 +87,7 @@ def test_metadata(tmp_path):
     assert metadata["architecture"] == {
         "hidden": [16, 8],
         "activation": "tanh",
-        "feature_set": "cpa",
+        "feature_set": "mirror",
         "output": "clip",
     }
     training = metadata["training"]
@@ -110,7 +109,7 @@ def test_parity_vectors():
     assert (observation.max(0) == 1.0).all()
     content = to_policy_file(make_actor(), description())
     np.testing.assert_array_equal(content.parity_observation, observation)
-    mean, _ = jax.jit(Actor(HIDDEN).apply)(make_actor(), observation)
+    mean, _ = jax.jit(Actor(HIDDEN, "mirror").apply)(make_actor(), observation)
     np.testing.assert_allclose(content.parity_action, np.clip(mean, -1, 1), atol=2e-5)
     # Clipped answers would hide a wrong network, and so would tiny ones.
     assert (np.abs(content.parity_action) < 1.0).mean() > 0.5

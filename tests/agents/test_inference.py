@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 from agents.learning.export import to_policy_file
 from agents.learning.networks import Actor
 from agents.policy import eight_network
+from agents.policy.features import mirror_sign
 from agents.policy.file import PolicyFileError, write
 from agents.policy.inference import PARITY_TOLERANCE, Policy
 from agents.policy.schema import new_metadata
@@ -31,7 +32,7 @@ from envs.observation import NAMES
 from envs.outcome import RULES
 
 HIDDEN = (64, 64)
-ACTOR = Actor(HIDDEN)
+ACTOR = Actor(HIDDEN, "mirror")
 
 
 @cache
@@ -48,7 +49,8 @@ def variables():
 
 @cache
 def content():
-    return to_policy_file(variables(), new_metadata(HIDDEN, "cpa", SURROGATE, {"seed": 0}, steps=0))
+    metadata = new_metadata(HIDDEN, "mirror", SURROGATE, {"seed": 0}, steps=0)
+    return to_policy_file(variables(), metadata)
 
 
 @cache
@@ -171,10 +173,13 @@ def test_an_action_that_is_not_finite_is_refused():
 def test_actions_are_clipped():
     head = np.full(2, 50.0, np.float32) * [1, -1]
     loud = {**content().actor, "head/bias": head.astype(np.float32)}
-    expected = np.broadcast_to(np.float32([1, -1]), content().parity_action.shape)
+    seen = content().parity_observation
+    hand = mirror_sign(list(seen.T), "mirror", np)
+    expected = np.stack([np.ones_like(hand), -hand], axis=-1)
     extreme = Policy(replace(content(), actor=loud, parity_action=expected))
-    np.testing.assert_array_equal(extreme(random_observations()[:10]), expected[:10])
-    assert extreme.command_one(VehicleState(0.0, 0.0, 0.0, 75.0), [], 1e4, 0.0) == (1.0, -1.0)
+    np.testing.assert_array_equal(extreme(seen), expected)
+    own, left = VehicleState(0.0, 0.0, 0.0, 75.0), VehicleState(5e3, 3e3, 0.0, 75.0)
+    assert extreme.command_one(own, [left], 1e4, 0.0) == (1.0, -1.0)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 16, 63, 255, 256, 257, 511, 700])

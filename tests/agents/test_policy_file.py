@@ -4,6 +4,7 @@ import json
 import pickle
 import struct
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,15 @@ from agents.policy.digest import canonical, digest
 from agents.policy.features import size
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read, serialise, write
 from agents.policy.schema import OBSERVATION, new_metadata
+from envs.edge.command import run_cli
 from envs.kinematics import SURROGATE
+from eval.monte_carlo import run as monte_carlo
+from rlcas_jax import train
 
 KEY = "rlcas_policy"
 
 
-def content(hidden=(6, 5), feature_set="cpa", config=None, **training):
+def content(hidden=(6, 5), feature_set="mirror", config=None, **training):
     rng = np.random.default_rng(1)
     actor, inputs = {}, size(feature_set)
     for name, width in zip(
@@ -66,9 +70,8 @@ HEADER_END = 8 + struct.unpack("<Q", DATA[:8])[0]
 @pytest.mark.parametrize(
     ("hidden", "feature_set"),
     [
-        ((6, 5), "cpa"),
+        ((6, 5), "mirror"),
         ((4,), "none"),
-        ((3, 3, 3), "mirror"),
     ],
 )
 def test_round_trip(tmp_path, hidden, feature_set):
@@ -266,7 +269,7 @@ def at(path, value):
         (
             "architecture.feature_set",
             "magic",
-            "feature_set is 'magic', expected one of none, cpa, mirror",
+            "feature_set is 'magic', expected one of none, mirror",
         ),
         ("architecture.feature_set", "none", r"shape \[22, 6\], expected \[8, 6\]"),
         ("training.steps", -1, "steps is -1"),
@@ -282,6 +285,30 @@ def at(path, value):
 def test_wrong_metadata(path, value, message):
     with pytest.raises(PolicyFileError, match=message.replace("tensor actor", "tensor '?actor")):
         parse(rebuilt(change=at(path, value)), "p")
+
+
+def test_commands_refuse_the_former_feature_set_cpa_in_a_sentence(tmp_path, capsys):
+    policy, config = tmp_path / "old.safetensors", tmp_path / "old.yaml"
+    policy.write_bytes(rebuilt(change=at("architecture.feature_set", "cpa")))
+    config.write_text("network: {feature_set: cpa}\n")
+    for program, option, file, says in (
+        (
+            monte_carlo,
+            "--policy",
+            policy,
+            "metadata.architecture.feature_set is 'cpa', expected one of none, mirror",
+        ),
+        (
+            train,
+            "--config",
+            config,
+            "network.feature_set is 'cpa'; expected one of mirror, none, set",
+        ),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            run_cli(partial(program.main, [option, str(file), "--out", str(tmp_path / "out")]))
+        assert ended.value.code == 2
+        assert capsys.readouterr().err == f"error: {file}: {says}\n"
 
 
 def alter(name, tensor):

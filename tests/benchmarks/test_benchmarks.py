@@ -43,7 +43,7 @@ from rlcas_jax.config import TrainConfig
 
 TINY = (
     "network.hidden=[8, 8]",
-    "network.feature_set=cpa",
+    "network.feature_set=mirror",
     "ppo.environments=8",
     "ppo.rollout=16",
     "ppo.minibatch=32",
@@ -180,8 +180,8 @@ def test_parts_of_an_update_are_measured_beside_their_limit():
 
 
 def test_parts_are_measured_of_ppo_on_sets_alone():
-    with pytest.raises(ConfigError, match="trains by ppo on cpa; expected ppo on a set"):
-        training_parts.main(["--config", "configs/paper.yaml", "--set", "network.feature_set=cpa"])
+    with pytest.raises(ConfigError, match="trains by ppo on mirror; expected ppo on a set"):
+        training_parts.main(["--config", "configs/paper.yaml"])
 
 
 def test_bad_repeats_are_refused():
@@ -212,7 +212,7 @@ def test_bad_options_are_refused_in_a_sentence(main: Any, given: list[str], said
 
 
 @needs_peers
-@pytest.mark.parametrize("feature_set", ["cpa", "mirror"])
+@pytest.mark.parametrize("feature_set", ["none", "mirror"])
 def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards(feature_set: str):
     config = load(TrainConfig, None, [*TINY, f"network.feature_set={feature_set}"])
     mine = DeconflictionVectorEnv(
@@ -244,7 +244,7 @@ def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards(feature_set
 
 @needs_peers
 def test_peer_has_our_networks():
-    config = load(TrainConfig, None, ["ppo.epochs=4", "network.feature_set=cpa"])
+    config = load(TrainConfig, None, ["ppo.epochs=4", "network.feature_set=mirror"])
     model = sb3_task.algorithm(config, sb3_task.Cell(environments=4, steps=8, batch=16, epochs=4))
     kernels = sum(
         p.numel() for name, p in model.policy.named_parameters() if name.endswith("weight")
@@ -298,7 +298,7 @@ def tiny(*more: str) -> TrainConfig:
 
 # Peers: the task and its score
 @pytest.mark.slow
-@pytest.mark.parametrize("feature_set", ["cpa", "mirror"])
+@pytest.mark.parametrize("feature_set", ["none", "mirror"])
 def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: str):
     config = tiny(
         f"network.feature_set={feature_set}",

@@ -25,12 +25,12 @@ from eval.report import run as report
 COUNT, TRACKS = 24, 18
 HOSTILE = "</script><img src=x onerror=\"document.title='lost'\">{b}<b>&amp;\u202etfel ot thgir"
 
-# Places in the feature set "cpa".
+# Places in the feature set "mirror".
 GOAL_SINE, AHEAD_DEPTH, HOMEWARD_DEPTH = 9, 17, 21
 
 
 def make_by_hand() -> PolicyFile:
-    """Return a policy that turns right of what is ahead and else to the goal: it solves many
+    """Return a policy that turns away from what is ahead and else to the goal: it solves many
     encounters, not all.
     """
     kernel = np.zeros((22, 64), np.float32)
@@ -65,7 +65,7 @@ def complete(actor: dict[str, np.ndarray], hidden: tuple[int, ...]) -> PolicyFil
 
     observations = np.random.default_rng(0).uniform(-1.0, 1.0, (16, 8)).astype(np.float32)
     metadata = new_metadata(
-        hidden, "cpa", SURROGATE, {}, steps=0, score=None, versions={}, notes="made by hand"
+        hidden, "mirror", SURROGATE, {}, steps=0, score=None, versions={}, notes="made by hand"
     )
     blank = PolicyFile(actor, observations, np.zeros((16, 2), np.float32), metadata)
     actions = np.clip(EightNetwork(blank, np.float64).of_parity(observations), -1.0, 1.0).astype(

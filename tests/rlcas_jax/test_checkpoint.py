@@ -228,7 +228,7 @@ def test_a_kill_at_any_moment_leaves_a_whole_checkpoint(tmp_path: Path):
 TINY = [
     "steps=512",
     "network.hidden=[8, 8]",
-    "network.feature_set=cpa",
+    "network.feature_set=mirror",
     "ppo.environments=16",
     "ppo.rollout=16",
     "ppo.minibatch=64",

@@ -137,9 +137,9 @@ def test_a_dump_repeats_the_run(
             "--set: aircraft: t_max is 0.5 s; expected a whole number of time steps of 1 s",
         ),
         (
-            "network.feature_set=cap",
-            "--set: network.feature_set is 'cap'; expected one of cpa, mirror, none, set; did you "
-            "mean cpa?",
+            "network.feature_set=miror",
+            "--set: network.feature_set is 'miror'; expected one of mirror, none, set; did you "
+            "mean mirror?",
         ),
     ],
 )
@@ -152,7 +152,6 @@ def test_a_bad_value_is_refused_in_one_sentence(override: str, sentence: str):
 def test_feature_sets_are_those_of_the_network():
     assert set(get_args(NetworkConfig.model_fields["feature_set"].annotation)) == {
         "none",
-        "cpa",
         "mirror",
         "set",
     }

@@ -269,7 +269,7 @@ def test_a_registered_input_is_named_in_a_configuration():
     with pytest.raises(ConfigError, match=r"network\.inputs: input 'wind' is unknown.*\(wake\)"):
         missing.network.input_table()
     with pytest.raises(ConfigError, match=r"expected set with network\.inputs"):
-        load(TrainConfig, None, ["network.inputs=[wake]", "network.feature_set=cpa"])
+        load(TrainConfig, None, ["network.inputs=[wake]", "network.feature_set=mirror"])
 
 
 def test_onnx_has_the_input_too():

@@ -138,7 +138,7 @@ def trials(out: Path) -> list[optuna.trial.FrozenTrial]:
         ("ppo.minibatch: {choices: []}", "must contain one or more elements"),
         ("ppo.minibatch: [64, 128]", r"is \[64, 128\]; expected {low, high}"),
         ("network.feature_set: {low: 1, high: 2}", "expected {choices: "),
-        ("network.feature_set: {choices: [cpa, nome]}", "did you mean none?"),
+        ("network.feature_set: {choices: [mirror, nome]}", "did you mean none?"),
         ("scenarios.0.name: {choices: [circle, cirkle]}", "did you mean circle?"),
         ("scenarios.5.weight: {low: 1, high: 2}", "'5' is no item of a list of 2"),
         ("seed: {low: 1, high: 2}", "seed cannot be searched"),

@@ -18,7 +18,7 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.task import CompiledTask, TrainState, build, fly
 
 SMALL = [
-    "network={hidden: [8], feature_set: cpa}",
+    "network={hidden: [8], feature_set: mirror}",
     "ppo.environments=32",
     "ppo.rollout=96",
     "ppo.minibatch=768",
