@@ -15,6 +15,7 @@ from envs.angles import sincos, wrap
 from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
 from envs.edge.extension import failure, is_extension
+from envs.edge.registry import Registry
 from envs.frames import Air
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
@@ -149,34 +150,18 @@ def scenario(name: str, aircraft: Aircraft, **changes: Any) -> Scenario:
     return chosen
 
 
-registered: dict[str, Sampler] = {}
-"""The samplers of this process that are the user's own, by name; see :mod:`envs.scenarios`."""
-
-
-def is_known(name: str) -> bool:
-    """Return whether a scenario ships or has been registered; nothing is imported."""
-    return name in SHIPPED or name in registered
-
-
 def sampler_of(name: str) -> Sampler:
     """Return the sampler of a scenario that ships or has been registered; nothing is imported.
 
     Raises:
         EncounterError: there is none of that name.
     """
-    if name in SHIPPED:
-        return SHIPPED[name]
-    if name in registered:
-        return registered[name]
-    if is_extension(name):
+    if name not in SAMPLERS and is_extension(name):
         raise EncounterError(
             f"scenario {name!r} is not part of the toolkit and has not been loaded; expected "
             f"--extension {name}, the key extensions: [{name}], or envs.scenarios.resolve({name!r})"
         )
-    raise EncounterError(
-        f"scenario {name!r} is unknown; expected one of {', '.join((*SHIPPED, *registered))}, or "
-        "module:name of your own"
-    )
+    return SAMPLERS.find(name)
 
 
 def _check(chosen: Scenario) -> None:
@@ -512,3 +497,24 @@ SHIPPED: dict[str, Sampler] = {
 
 SCENARIOS = tuple(SHIPPED)
 """Their names."""
+
+
+def _check_sampler(name: str, sampler: Sampler) -> None:
+    for key in ("shared", "each"):
+        count: object = getattr(sampler, key)
+        if not isinstance(count, int) or count < 0:
+            raise EncounterError(
+                f"scenario {name!r}: {key} is {count!r}; expected how many draws it takes"
+            )
+
+
+SAMPLERS: Registry[Sampler] = Registry(
+    "scenario",
+    "a scenario (envs.encounters.Sampler)",
+    Sampler,
+    EncounterError,
+    SHIPPED,
+    _check_sampler,
+)
+"""The samplers of all scenarios that this process knows, by name; the user's own come in by
+:mod:`envs.scenarios`."""

@@ -16,7 +16,8 @@ import numpy as np
 from envs.aircraft import Aircraft
 from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
-from envs.edge.extension import failure, is_extension, load_extension
+from envs.edge.extension import failure
+from envs.edge.registry import Registry
 from envs.encounters import Encounter
 from envs.frames import Air
 from envs.kinematics import VehicleState
@@ -156,13 +157,10 @@ TASK: dict[str, str] = {
 """The rows that are the task's own, by the field of :class:`envs.outcome.Rules` that holds their
 weight: scores are made of them alone."""
 
-_registered: dict[str, Term] = {}
-"""The terms of this process that are the user's own, by name."""
-
-
-def is_known(name: str) -> bool:
-    """Return whether a term is the toolkit's or has been registered; nothing is imported."""
-    return name in TERMS or name in _registered
+REWARD_TERMS: Registry[Term] = Registry(
+    "reward", "a reward term (envs.rewards.Term)", Term, RewardError, TERMS
+)
+"""All terms that this process knows, by name."""
 
 
 def register(name: str, term: Term) -> Term:
@@ -173,14 +171,7 @@ def register(name: str, term: Term) -> Term:
     Raises:
         RewardError: it is no term, or the toolkit has one of that name.
     """
-    if name in TERMS:
-        raise RewardError(f"reward {name!r} is the toolkit's; expected another name")
-    if not isinstance(term, Term):
-        raise RewardError(
-            f"reward {name!r} is of type {type(term).__name__}; expected an envs.rewards.Term"
-        )
-    _registered[name] = term
-    return term
+    return REWARD_TERMS.register(name, term)
 
 
 def resolve(name: str) -> Term:
@@ -191,19 +182,7 @@ def resolve(name: str) -> Term:
     Raises:
         RewardError: there is no such term, or it is none.
     """
-    known = TERMS | _registered
-    if name in known:
-        return known[name]
-    if not is_extension(name):
-        raise RewardError(
-            f"reward {name!r} is unknown; expected one of {', '.join(known)}, or module:name of "
-            "your own"
-        )
-    try:
-        loaded = load_extension(name, "a reward term (envs.rewards.Term)")
-    except InputError as problem:
-        raise RewardError(str(problem)) from problem.__cause__
-    return register(name, loaded)
+    return REWARD_TERMS.resolve(name)
 
 
 def table(weights: Mapping[str, float]) -> Rewards:

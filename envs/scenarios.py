@@ -6,13 +6,9 @@ in a configuration, an option or a call (:func:`resolve`). A policy file names t
 was trained with; reading it imports nothing.
 """
 
-from envs.edge.command import InputError
-from envs.edge.extension import is_extension, load_extension
-from envs.encounters import SHIPPED, EncounterError, Sampler, is_known, registered, sampler_of
+from envs.encounters import SAMPLERS, Sampler
 
 __all__ = ["register", "resolve"]
-
-_WHAT = "a scenario (envs.encounters.Sampler)"
 
 
 def register(name: str, sampler: Sampler) -> Sampler:
@@ -23,21 +19,7 @@ def register(name: str, sampler: Sampler) -> Sampler:
     Raises:
         EncounterError: it is no sampler, or a scenario of that name ships.
     """
-    if name in SHIPPED:
-        raise EncounterError(f"scenario {name!r} ships; expected another name")
-    if not isinstance(sampler, Sampler):
-        raise EncounterError(
-            f"scenario {name!r} is of type {type(sampler).__name__}; expected an "
-            "envs.encounters.Sampler"
-        )
-    for key, least in (("shared", 0), ("each", 0)):
-        count: object = getattr(sampler, key)
-        if not isinstance(count, int) or count < least:
-            raise EncounterError(
-                f"scenario {name!r}: {key} is {count!r}; expected how many draws it takes"
-            )
-    registered[name] = sampler
-    return sampler
+    return SAMPLERS.register(name, sampler)
 
 
 def resolve(name: str) -> Sampler:
@@ -48,10 +30,4 @@ def resolve(name: str) -> Sampler:
     Raises:
         EncounterError: there is no such sampler, or it cannot be used.
     """
-    if is_known(name) or not is_extension(name):
-        return sampler_of(name)
-    try:
-        loaded = load_extension(name, _WHAT)
-    except InputError as problem:
-        raise EncounterError(str(problem)) from problem.__cause__
-    return register(name, loaded)
+    return SAMPLERS.resolve(name)

@@ -16,7 +16,7 @@ from agents.planner.traffic import Requirement
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.edge.command import require
-from envs.encounters import SCENARIOS, EncounterError, Scenario, is_known, sampler_of
+from envs.encounters import SAMPLERS, SCENARIOS, EncounterError, Scenario, sampler_of
 from envs.random_areas import MOST
 
 FILE, TRACKS, MODEL = "file:", "tracks:", "lincoln:"
@@ -351,7 +351,7 @@ class MonteCarloConfig(PolicyConfig, EncountersConfig):
 
     @model_validator(mode="after")
     def _check(self) -> "MonteCarloConfig":
-        if self.file is None and self.aircraft is not None and is_known(self.scenario):
+        if self.file is None and self.aircraft is not None and self.scenario in SAMPLERS:
             self.sampled_scenario(self.aircraft.aircraft())
         if self.baseline != "none" and self.mode != "policy":
             raise ConfigError(f"baseline is {self.baseline!r}; expected none with mode {self.mode}")

@@ -7,14 +7,17 @@ from agents.learning.algorithm import Algorithm, Setup
 from agents.learning.networks import Actor, Critic
 from agents.learning.ppo import PpoSettings, ppo
 from envs.edge.command import InputError
-from envs.edge.extension import failure, is_extension, load_extension
+from envs.edge.extension import failure, is_extension
+from envs.edge.registry import Registry
 from rlcas_jax.config import PPO, NetworkConfig, TrainConfig
 
 JAX = "jax.numpy"
 """What an algorithm is to use for arrays."""
 
-_registered: dict[str, Callable[..., Algorithm]] = {}
-"""The algorithms of this process that are the user's own, by ``module:name``."""
+ALGORITHMS: Registry[Callable[..., Algorithm]] = Registry(
+    "algorithm", "an algorithm", object, InputError
+)
+"""The algorithms of the user's own that were registered in this process, by ``module:name``."""
 
 
 def register(make: Callable[..., Algorithm]) -> str:
@@ -32,7 +35,7 @@ def register(make: Callable[..., Algorithm]) -> str:
     full_name = f"{getattr(make, '__module__', '')}:{getattr(make, '__name__', '')}"
     if not callable(make) or not is_extension(full_name):
         raise InputError(f"algorithm is {make!r}; expected a class or a function with a name")
-    _registered[full_name] = make
+    ALGORITHMS.register(full_name, make)
     return full_name
 
 
@@ -82,7 +85,7 @@ def _own(config: TrainConfig, setup: Setup) -> Algorithm:
     """Return an algorithm of the user's own."""
     name = config.algorithm
     try:
-        make = _registered.get(name) or load_extension(name, "an algorithm")
+        make = ALGORITHMS.load(name)
     except InputError as problem:
         raise ConfigError(f"algorithm: {problem}; ppo ships") from None
     try:

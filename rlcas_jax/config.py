@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, create_model, model_validator
 
-from agents.config.keys import nearest
 from agents.config.load import ConfigError, Strict, validate
 from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig
 from agents.policy.inputs import resolve
@@ -15,10 +14,9 @@ from agents.policy.set_features import InputTable, table
 from envs.aircraft import PAPER
 from envs.edge.command import InputError
 from envs.edge.extension import is_extension
-from envs.encounters import EncounterError, Scenario, is_known
+from envs.encounters import SAMPLERS, EncounterError, Scenario
 from envs.outcome import Rules
-from envs.rewards import TASK, TERMS, RewardError, Rewards, Term, with_scores
-from envs.rewards import is_known as is_known_reward
+from envs.rewards import REWARD_TERMS, TASK, TERMS, RewardError, Rewards, Term, with_scores
 from envs.rewards import table as reward_table
 from envs.scenarios import resolve as resolve_scenario
 
@@ -188,11 +186,8 @@ class _RewardsConfig(Strict):
     @model_validator(mode="after")
     def _check(self) -> "_RewardsConfig":
         for name in self.__pydantic_extra__ or {}:
-            if not is_known_reward(name) and not is_extension(name):
-                close = nearest(name, TERMS)
-                hint = f"; did you mean {close}?" if close else ""
-                wanted = f"one of {', '.join(TERMS)}, or module:name of your own"
-                raise ConfigError(f"{name} is unknown; expected {wanted}{hint}")
+            if name not in REWARD_TERMS and not is_extension(name):
+                raise ConfigError(f"{name} is unknown; {REWARD_TERMS.expected(name)}")
         return self
 
 
@@ -395,7 +390,7 @@ class TrainConfig(Strict):
 
     @model_validator(mode="after")
     def _check(self) -> "TrainConfig":
-        if all(is_known(entry.name) for entry in self.scenarios):  # others are not loaded yet
+        if all(entry.name in SAMPLERS for entry in self.scenarios):  # others are not loaded yet
             self._scenarios()
         other = (
             self.aircraft.aircraft()._replace(t_max=PAPER.t_max) != PAPER or self.family.share > 0.0

@@ -5,7 +5,6 @@ The texts are the docstrings under the fields; ``--help``, documentation and err
 made from them.
 """
 
-import difflib
 import re
 import types
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -121,20 +120,6 @@ def field_at(
             return FieldInfo(annotation=float) if own else None
         here = here.model_fields[str(step)]
     return here
-
-
-def nearest(word: str, words: Iterable[str]) -> str | None:
-    """Return the one of the words that is most like the given one, None if none is."""
-    return next(iter(difflib.get_close_matches(word, list(words), n=1, cutoff=0.5)), None)
-
-
-def one_of(word: str, words: Iterable[str]) -> str:
-    """Return the end of a refusal of a word: which ones are expected, and which of them may be
-    meant.
-    """
-    words = list(words)
-    close = nearest(word, words)
-    return f"expected one of {', '.join(words)}" + (f"; did you mean {close}?" if close else "")
 
 
 def expectation(field: FieldInfo) -> str:

@@ -9,15 +9,9 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from agents.config.keys import (
-    expectation,
-    field_at,
-    nearest,
-    nested_model,
-    one_of,
-    quote,
-)
+from agents.config.keys import expectation, field_at, nested_model, quote
 from envs.edge.command import ConfigError, Parser
+from envs.edge.names import nearest, one_of
 from envs.edge.yaml import YamlError, coerce, read, write
 
 __all__ = [

@@ -12,11 +12,10 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_serializer, model_validator
 
-from agents.config.keys import nearest
 from agents.config.load import AIRCRAFT, VEHICLES, ConfigError, Strict, file_of, load
 from envs.aircraft import PAPER, Aircraft, new_aircraft
 from envs.edge.extension import is_extension
-from envs.encounters import SCENARIOS, EncounterError, Scenario, is_known, scenario
+from envs.encounters import SAMPLERS, SCENARIOS, EncounterError, Scenario, scenario
 from envs.kinematics import FASTEST, SURROGATE, Limits
 
 
@@ -206,11 +205,8 @@ def known_scenario(name: str, more: str = "module:name of your own") -> str:
     """Return the name of a scenario that ships, is registered or may be of the user's own; nothing
     is imported. Others raise a ConfigError, whose message ends the list of names with ``more``.
     """
-    if not is_known(name) and not is_extension(name):
-        close = nearest(name, SCENARIOS)
-        hint = f"; did you mean {close}?" if close else ""
-        wanted = f"one of {', '.join(SCENARIOS)}, or {more}"
-        raise ConfigError(f"{name!r} is unknown; expected {wanted}{hint}")
+    if name not in SAMPLERS and not is_extension(name):
+        raise ConfigError(f"{name!r} is unknown; {SAMPLERS.expected(name, more)}")
     return name
 
 

@@ -13,7 +13,7 @@ from agents.policy import novelty
 from agents.policy.domain import Departure, OutsideDomainError, domain, unlike
 from agents.policy.eight_network import EightNetwork
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
-from agents.policy.inputs import Input, extension_for, registered_inputs
+from agents.policy.inputs import INPUTS, Input, extension_for
 from agents.policy.set_features import TABLE, InputTable, table
 from agents.policy.set_network import SetNetwork
 from envs.aircraft import Aircraft
@@ -333,7 +333,7 @@ def input_table(
     if not content.extensions:
         return TABLE
     # One that is given counts before a registered one of its name.
-    given = (*inputs, *registered_inputs())
+    given = (*inputs, *INPUTS.own.values())
     try:
         return table(extension_for(contract, given) for contract in content.extensions)
     except InputError as problem:

@@ -22,9 +22,10 @@ from agents.policy.scene import Scene, mirror, random_scenes, unpack_rows
 from envs.aircraft import Ratios
 from envs.arrays import Array, ArrayModule
 from envs.edge.command import InputError
-from envs.edge.extension import failure, is_extension, load_extension
+from envs.edge.extension import failure
+from envs.edge.registry import Registry
 
-__all__ = ["INTRUDER", "OWNSHIP", "Input", "Number", "register", "registered_inputs", "resolve"]
+__all__ = ["INTRUDER", "OWNSHIP", "Input", "Number", "register", "resolve"]
 
 OWNSHIP, INTRUDER = "ownship", "intruder"
 """What an input describes: the ownship with its goal, or each of the intruders."""
@@ -69,8 +70,10 @@ class Input(NamedTuple):
         }
 
 
-_registered: dict[str, Input] = {}
-"""The inputs of this process that are the user's own, by name."""
+INPUTS: Registry[Input] = Registry(
+    "input", "an input of the network (agents.policy.inputs.Input)", Input, InputError
+)
+"""The inputs of the user's own that this process knows, by name."""
 
 
 def register(one: Input) -> Input:
@@ -82,13 +85,7 @@ def register(one: Input) -> Input:
         InputError: it is no input, or fails when it is tried on random scenes.
     """
     check_input(one)
-    _registered[one.name] = one
-    return one
-
-
-def registered_inputs() -> tuple[Input, ...]:
-    """Return the inputs of the user's own that this process knows."""
-    return tuple(_registered.values())
+    return INPUTS.register(one.name, one)
 
 
 def resolve(names: Iterable[str]) -> tuple[Input, ...]:
@@ -104,19 +101,8 @@ def resolve(names: Iterable[str]) -> tuple[Input, ...]:
 
 
 def _find(name: str) -> Input:
-    if name in _registered:
-        return _registered[name]
-    if not is_extension(name):
-        known = ", ".join(_registered) or "none"
-        raise InputError(
-            f"input {name!r} is unknown; expected module:name of your own, or a registered one "
-            f"({known})"
-        )
-    loaded = load_extension(name, "an input of the network (agents.policy.inputs.Input)")
-    if not isinstance(loaded, Input):
-        kind = type(loaded).__name__
-        raise InputError(f"{name} is of type {kind}; expected an agents.policy.inputs.Input")
-    return register(loaded._replace(code=name))
+    one = INPUTS.load(name)
+    return one if name in INPUTS else register(one._replace(code=name))
 
 
 def extension_for(contract: Mapping[str, Any], given: Iterable[Input]) -> Input:

@@ -9,12 +9,12 @@ import numpy as np
 
 from agents.baselines.acas_nnet import load_logic
 from agents.baselines.baselines import BASELINES, Baseline
-from agents.config.keys import one_of
 from agents.config.load import ConfigError
 from agents.planner.options import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
 from envs.aircraft import PAPER, Aircraft
+from envs.edge.names import one_of
 from envs.encounters import Encounter
 from envs.frames import Air
 from envs.kinematics import Limits

@@ -13,7 +13,7 @@ import pytest
 from envs import own_separations as module
 from envs import surrogate, world
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, EncounterError, Scenario, registered, scenario
+from envs.encounters import SAMPLERS, Encounter, EncounterError, Scenario, scenario
 from envs.outcome import RULES
 from envs.scenarios import resolve
 from envs.starts import EVERY_FIELD, cast, check_encounter, encounters_of_seed
@@ -28,7 +28,7 @@ WORLD = World(RULES, PAPER)
 def chosen() -> Any:
     resolve(NAME)
     yield scenario(NAME, PAPER)
-    registered.pop(NAME)
+    SAMPLERS.own.pop(NAME)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import pytest
 from agents.inference import Policy
 from envs import surrogate, world
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, EncounterError, Scenario, registered, scenario
+from envs.encounters import SAMPLERS, Encounter, EncounterError, Scenario, scenario
 from envs.kinematics import VehicleState
 from envs.outcome import RULES
 from envs.perception import EVERYTHING, Coverage, report
@@ -30,7 +30,7 @@ WORLD = World(RULES, PAPER)
 def chosen() -> Any:
     resolve(NAME)
     yield scenario(NAME, PAPER, intruders=(1, 4))
-    registered.pop(NAME)
+    SAMPLERS.own.pop(NAME)
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ def test_late_reports_of_what_turns_are_where_it_was_headed():
     name = "envs.partly_seen:late"
     resolve(name)
     start = encounters_of_seed(scenario(name, PAPER), 3, 0, 200, heeds=EVERY_FIELD)
-    registered.pop(name)
+    SAMPLERS.own.pop(name)
     assert start.sensor.latency.min() >= PAPER.dt
     state = world.begin(start, np, history_dt=PAPER.dt)
     nothing, noise = np.zeros_like(start.goal_x), np.zeros((4, *start.mask.shape))

@@ -13,7 +13,7 @@ import pytest
 
 from envs import surrogate, world
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, EncounterError, registered, scenario
+from envs.encounters import SAMPLERS, Encounter, EncounterError, scenario
 from envs.kinematics import VehicleState
 from envs.outcome import RULES
 from envs.reaction import GIVES_WAY, TURNS_INTO, Reaction, answer, sight_rate
@@ -36,7 +36,7 @@ def drawn() -> Any:
         )
     yield made
     for name in NAMES:
-        registered.pop(name)
+        SAMPLERS.own.pop(name)
 
 
 def fly(start: Encounter, xp: Any, steps: int = 80) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ import pytest
 from envs import standing_traffic as module
 from envs import surrogate
 from envs.aircraft import PAPER, Aircraft
-from envs.encounters import Encounter, Scenario, registered, sample, scenario
+from envs.encounters import SAMPLERS, Encounter, Scenario, sample, scenario
 from envs.outcome import RULES
 from envs.scenarios import resolve
 from envs.starts import encounters_of_seed
@@ -26,7 +26,7 @@ NAME = "envs.standing_traffic:standing"
 def drawn() -> Encounter:
     resolve(NAME)
     made = encounters_of_seed(scenario(NAME, PAPER, intruders=(2, 16)), 3, 0, 400)
-    registered.pop(NAME)
+    SAMPLERS.own.pop(NAME)
     return made
 
 

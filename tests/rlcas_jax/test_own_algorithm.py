@@ -47,7 +47,7 @@ TINY = {
 
 @pytest.fixture(autouse=True)
 def _nothing_registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(own_algorithm, "_registered", {})
+    monkeypatch.setattr(own_algorithm.ALGORITHMS, "own", {})
 
 
 def page_module() -> dict[str, Any]:
@@ -289,7 +289,7 @@ def test_a_python_call_trains_calls_back_and_resumes_bit_for_bit(folder: Path):
     with pytest.raises(Stopped):
         train(given, "parts", extensions=extensions, callback=stop)
     with pytest.raises(ConfigError, match="no module 'my_algorithm'"):
-        own_algorithm._registered.clear()
+        own_algorithm.ALGORITHMS.own.clear()
         resume("parts")
     resume("parts", extensions=extensions)
     assert logged_rows(Path("parts")) == logged_rows(Path("whole"))

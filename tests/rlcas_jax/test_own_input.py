@@ -13,10 +13,9 @@ from agents.config.load import ConfigError, load
 from agents.learning.export import to_policy_file
 from agents.learning.networks import Actor
 from agents.learning.onnx import model
-from agents.policy import inputs as own_inputs
 from agents.policy.file import PolicyFile, PolicyFileError, parse, serialise
 from agents.policy.inference import Policy
-from agents.policy.inputs import INTRUDER, OWNSHIP, Input, Number, register, resolve
+from agents.policy.inputs import INPUTS, INTRUDER, OWNSHIP, Input, Number, register, resolve
 from agents.policy.novelty import box_of, departures
 from agents.policy.scene import random_scenes, unpack_rows
 from agents.policy.schema import EXTENDED_SCHEMA, SetOf, new_metadata
@@ -43,7 +42,7 @@ TINY = (
 
 @pytest.fixture(autouse=True)
 def _nothing_registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(own_inputs, "_registered", {})
+    monkeypatch.setattr(INPUTS, "own", {})
 
 
 def wake() -> Input:
@@ -255,7 +254,7 @@ def test_names_that_lead_nowhere_are_refused(tmp_path: Path, monkeypatch: pytest
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="no module 'no_such_module'"):
         resolve(["no_such_module:wake"])
-    with pytest.raises(InputError, match="math:pi is of type float"):
+    with pytest.raises(InputError, match="input 'math:pi' is of type float"):
         resolve(["math:pi"])
     with pytest.raises(InputError, match="'intruder' stands twice"):
         table([wake()._replace(name="intruder", of=INTRUDER)])
@@ -266,7 +265,9 @@ def test_a_registered_input_is_named_in_a_configuration():
     config = load(TrainConfig, None, ["network.inputs=[wake]"])
     assert config.network.input_table().extra[0].name == "wake"
     missing = load(TrainConfig, None, ["network.inputs=[wind]"])
-    with pytest.raises(ConfigError, match=r"network\.inputs: input 'wind' is unknown.*\(wake\)"):
+    with pytest.raises(
+        ConfigError, match=r"network\.inputs: input 'wind' is unknown; expected one of wake, or mod"
+    ):
         missing.network.input_table()
     with pytest.raises(ConfigError, match=r"expected set with network\.inputs"):
         load(TrainConfig, None, ["network.inputs=[wake]", "network.feature_set=mirror"])

@@ -13,11 +13,20 @@ import numpy as np
 import pytest
 
 from agents.config.load import ConfigError, dump, load
-from envs import rewards, world
+from envs import world
 from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.outcome import RULES, Outcome
-from envs.rewards import TERMS, RewardError, Term, Transition, learning_reward, register, table
+from envs.rewards import (
+    REWARD_TERMS,
+    TERMS,
+    RewardError,
+    Term,
+    Transition,
+    learning_reward,
+    register,
+    table,
+)
 from envs.starts import encounters_of_seed
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import prepare
@@ -44,7 +53,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "my_rewards", raising=False)
-    monkeypatch.setattr(rewards, "_registered", {})
+    monkeypatch.setattr(REWARD_TERMS, "own", {})
     return tmp_path
 
 
@@ -152,7 +161,7 @@ def test_names_and_things_that_are_none_are_refused():
         table({"no_such_module:close": 1.0})
     with pytest.raises(RewardError, match="'math:pi' is of type float"):
         table({"math:pi": 1.0})
-    with pytest.raises(RewardError, match="'goal' is the toolkit's"):
+    with pytest.raises(RewardError, match="'goal' ships"):
         register("goal", TERMS["goal"])
     missing = load(TrainConfig, None, ["rewards.no_such_module:close=1"])
     with pytest.raises(ConfigError, match="rewards: no_such_module:close: no module"):

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from agents.config.load import ConfigError, load
-from envs import encounters, surrogate
+from envs import surrogate
 from envs.aircraft import PAPER
 from envs.edge.extension import load_extension
-from envs.encounters import EncounterError, Sampler, sample, scenario
+from envs.encounters import SAMPLERS, EncounterError, Sampler, sample, scenario
 from envs.scenarios import register, resolve
 from envs.starts import encounters_of_seed
 from envs.trees import map_leaves, take
@@ -44,8 +44,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "my_scenarios", raising=False)
-    monkeypatch.setattr(encounters, "registered", {})
-    monkeypatch.setattr("envs.scenarios.registered", encounters.registered)
+    monkeypatch.setattr(SAMPLERS, "own", {})
     return tmp_path
 
 
@@ -182,7 +181,7 @@ def test_what_only_numpy_can_do_is_refused_before_a_training_begins(tmp_path: Pa
 def test_names_and_things_that_are_none_are_refused():
     with pytest.raises(EncounterError, match="'trail' is unknown; expected one of circle, "):
         resolve("trail")
-    with pytest.raises(EncounterError, match="math:pi' is of type float; expected an envs"):
+    with pytest.raises(EncounterError, match="math:pi' is of type float; expected a scenario"):
         resolve("math:pi")
     with pytest.raises(EncounterError, match="'circle' ships"):
         register("circle", Sampler(lambda scenario, draws, xp: None, 1, 1))

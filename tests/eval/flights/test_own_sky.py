@@ -13,10 +13,16 @@ import pytest
 
 from agents.config.load import ConfigError
 from agents.policy.inference import Policy
-from envs import encounters
 from envs.aircraft import PAPER
 from envs.areas import Area, AreaError, Circle
-from envs.encounters import EncounterError, Sampler, conflict_point, sample, scenario
+from envs.encounters import (
+    SAMPLERS,
+    EncounterError,
+    Sampler,
+    conflict_point,
+    sample,
+    scenario,
+)
 from envs.formats.areas import write_areas
 from envs.formats.local_frame import LocalFrame
 from envs.scenarios import register
@@ -35,8 +41,7 @@ WALL = Area(Circle(0.0, 3e3, 800.0), clearance=100.0, name="wall")
 
 @pytest.fixture(autouse=True)
 def registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(encounters, "registered", {})
-    monkeypatch.setattr("envs.scenarios.registered", encounters.registered)
+    monkeypatch.setattr(SAMPLERS, "own", {})
 
 
 def in_a_valley(chosen: Any, draws: Any, xp: Any) -> Any:
