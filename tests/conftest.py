@@ -58,8 +58,9 @@ def pytest_terminal_summary(
     (`.pytest_cache/v/passed_over`).
     """
     skipped = terminalreporter.stats.get("skipped", [])
-    if config.cache is not None:  # -p no:cacheprovider
-        config.cache.set("passed_over", sorted({one.nodeid.partition("::")[0] for one in skipped}))
+    cache = getattr(config, "cache", None)
+    if cache is not None:  # -p no:cacheprovider
+        cache.set("passed_over", sorted({one.nodeid.partition("::")[0] for one in skipped}))
 
 
 @pytest.fixture(autouse=True, scope="module")

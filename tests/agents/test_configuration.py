@@ -17,7 +17,7 @@ from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig, 
 from envs.aircraft import PAPER, new_aircraft
 from envs.edge.command import run_cli
 from envs.edge.yaml import read, write
-from envs.encounters import SCENARIOS, Scenario, scenario
+from envs.encounters import SAMPLERS, SCENARIOS, Scenario, scenario
 from envs.kinematics import SURROGATE
 
 
@@ -586,7 +586,8 @@ def test_a_dump_holds_only_what_differs_from_the_scenario():
         ),
     ],
 )
-def test_a_bad_scenario_is_refused(override: str, sentence: str):
+def test_a_bad_scenario_is_refused(override: str, sentence: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(SAMPLERS, "own", {})  # what earlier tests of this process registered
     with pytest.raises(ConfigError) as caught:
         load(ScenarioConfig, overrides=[override]).scenario(PAPER)
     assert str(caught.value) == sentence
