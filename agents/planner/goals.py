@@ -42,7 +42,7 @@ def next_goals(request: Request, options: Options[Narrowed]) -> Array:
 def on_same_leg(request: Request, first: Array, later: Array) -> Array:
     """Return whether points numbered ``later`` are on the leg that leads to those numbered
     ``first``, as seen by the ownship, bool ``[N]``: the route is straight from one to the other,
-    and it turns by less than 45 degrees at the first.
+    and it turns by less than 45 degrees at the first. Where there is no first, -1, none is.
     """
     rows, x, y = np.arange(first.size), request.route_x, request.route_y
     along = np.cumsum(np.hypot(np.diff(x, prepend=x[:, :1]), np.diff(y, prepend=y[:, :1])), axis=-1)
@@ -50,6 +50,7 @@ def on_same_leg(request: Request, first: Array, later: Array) -> Array:
     direct = np.hypot(on_x, on_y)
     straight = along[rows, later] - along[rows, first] - direct <= _STRAIGHT * direct
     to_x, to_y = x[rows, first] - request.own.x, y[rows, first] - request.own.y
+    straight &= first >= 0
     return straight & (to_x * on_x + to_y * on_y >= _AHEAD * np.hypot(to_x, to_y) * direct)
 
 
