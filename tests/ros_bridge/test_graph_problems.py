@@ -6,6 +6,7 @@ import math
 import signal
 import subprocess
 import sys
+import time
 from typing import Any
 
 import pytest
@@ -24,12 +25,14 @@ from rlcas_msgs.msg import AircraftState, AssuranceStatus, TrafficArray, Traject
 from rosgraph_msgs.msg import Clock
 
 from ros_bridge.core import updates
+from ros_bridge.core.fields import nanoseconds
 from ros_bridge.nodes.monitor import Monitor
 from ros_bridge.nodes.runner import Runner
 from ros_bridge.transport import qos, topics
 from ros_bridge.transport.messages import time_message
 from ros_bridge.transport.settings import disagreements
 
+TICK = 10**8  # ns, of a simulated clock
 OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
 
 
@@ -53,12 +56,44 @@ def test_a_clock_that_is_no_time_is_passed_over_and_a_standing_one_stops_no_diag
         state = state_of(client, NODE, health)  # without any clock
         assert "clock stands at zero" in state.message
         for seconds, nanoseconds in ((100, 0), (-5, 0), (100, 4_000_000_000), (2**31 - 1, 0)):
-            time = Time(sec=seconds, nanosec=nanoseconds)
-            client.say(Clock, "/clock", Clock(clock=time), qos.CLOCK)
+            given = Time(sec=seconds, nanosec=nanoseconds)
+            client.say(Clock, "/clock", Clock(clock=given), qos.CLOCK)
             client.idle(0.1)
         client.spin(lambda: node._now() == 100 * 10**9)
         client.say(Clock, "/clock", Clock(clock=Time(sec=101)), qos.CLOCK)
         client.spin(lambda: node._now() == 101 * 10**9)
+
+
+class SlowMonitor(Monitor):
+    def _judge(self, now: int) -> None:
+        time.sleep(0.03)  # as among hundreds of aircraft
+        super()._judge(now)
+
+
+def test_a_simulated_clock_that_waits_for_the_monitor_goes_on_at_once():
+    with beside(SlowMonitor, use_sim_time=True) as (node, client):
+        begin(node)
+        says = client.hear(AssuranceStatus, "/rlcas_monitor/output/status", qos.LATCHED)
+
+        def tell(tick: int) -> int:
+            clock = Clock(clock=time_message(tick * TICK))
+            client.say(Clock, "/clock", clock, qos.CLOCK)
+            return tick
+
+        def behind(tick: int) -> float:
+            # In ticks; negative: of the time before the clock stepped back.
+            return tick - nanoseconds(says[-1].header.stamp) / TICK if says else math.inf
+
+        # It steps back where an encounter of the simulator begins, and runs until this is noticed.
+        for begins in (1_000, 500):
+            tick = tell(begins)
+            while not 0 <= behind(tick) <= 2:
+                client.idle(0.05)
+                tick = tell(tick + 1)
+                assert tick < begins + 100
+            for later in range(tick + 1, tick + 31):
+                tell(later)
+                client.spin(lambda later=later: 0 <= behind(later) <= 2)
 
 
 def test_a_publisher_that_does_not_fit_is_forgotten_when_it_has_gone():
