@@ -43,7 +43,7 @@ from rlcas_msgs.msg import (  # noqa: E402
 )
 
 from ros_bridge.transport import qos  # noqa: E402
-from ros_bridge.transport.children import free_domain  # noqa: E402
+from ros_bridge.transport.children import FLAG, free_domain  # noqa: E402
 from ros_bridge.transport.messages import time_message  # noqa: E402
 from tests.ros_bridge.scenes import FRAME  # noqa: E402
 from tests.ros_bridge.scenes import aircraft as plain_aircraft  # noqa: E402
@@ -71,7 +71,9 @@ def domain() -> Generator[int]:
 
 
 class Process:
-    """A node in a process of its own, which ends with its domain at the latest."""
+    """A node in a process of its own, which ends with its domain at the latest, and a node of ours
+    with this process, however that ends.
+    """
 
     started: ClassVar[dict[int, list["Process"]]] = {}
 
@@ -80,14 +82,18 @@ class Process:
             "ROS_DOMAIN_ID": str(number),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
+        flags = [FLAG] if module.startswith("ros_bridge.") else []
+        reading, self._held = os.pipe()  # not one of Popen's, which `stop` would close too early
         self.popen = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+            [sys.executable, "-m", module, *flags, *arguments],
             cwd=ROOT,
             env=environment,
+            stdin=reading,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
         )
+        os.close(reading)
         Process.started.setdefault(number, []).append(self)
 
     def kill(self) -> None:
@@ -95,6 +101,7 @@ class Process:
         self.popen.kill()
         with self.popen:  # closes its pipe, and waits
             pass
+        os.close(self._held)
 
     def stop(self, how: signal.Signals = signal.SIGINT) -> tuple[int, str]:
         """Return exit code and output."""

@@ -117,7 +117,7 @@ def test_after_a_link_that_was_cut_the_failsafes_auto_is_watched_and_taken_over_
         Encounter(0, (Intruder(SOUTH, 25.0, 60.0, 0.0),), 0.0, 300.0),
         "ours",
         instance=INSTANCE,
-        until=190.0,
+        until=240.0,
         watch=interrupt,
         more=(*PATIENT, "--connect", relay.address),
         parameters=failsafe,
