@@ -17,8 +17,8 @@ from threadpoolctl import threadpool_limits
 
 from agents.assurance.bands import Bands, heading_bands, speed_bands
 from agents.assurance.inputs import no_areas
-from agents.planner.areas import Counted
-from agents.planner.traffic import Requirement, Traffic
+from agents.kernel.areas import Counted
+from agents.kernel.traffic import Requirement, Traffic
 from benchmarks.measure import hold_to_one_core, report
 from envs.areas import Area, Circle, Polygon
 from envs.edge.command import Parser, run_cli, whole

@@ -20,7 +20,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from agents.planner.planner import plan_many
-from agents.planner.request import Options, in_wind
+from agents.planner.request.request import Options, in_wind
 from agents.policy.inference import Policy
 from benchmarks.measure import hold_to_one_core, report, show
 from envs import follower

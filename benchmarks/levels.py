@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from agents.planner import Intruder, Options, plan
 from agents.planner.answer import Apart, Plan
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from agents.policy.inference import Policy
 from benchmarks.measure import (
     deadline_option,

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from agents.planner.answer import Plan, Source
 from agents.planner.planner import plan
-from agents.planner.request import Request
+from agents.planner.request.request import Request
 from agents.policy.inference import Policy
 from benchmarks.measure import (
     hold_to_one_core,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from agents.planner import Intruder, Options, plan
 from agents.planner.answer import Plan
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from agents.policy.inference import Policy
 from envs.areas import Area
 from envs.frames import Ground

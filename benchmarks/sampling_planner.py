@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
+from agents.kernel.traffic import Requirement
 from agents.planner import Options
-from agents.planner.traffic import Requirement
 from benchmarks.safety import sky
 from benchmarks.safety.resimulation import CLOSE, Flown
 from envs.areas import Area, Circle

@@ -10,9 +10,9 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from agents.config.load import ConfigError, Strict, validate
 from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig, known_scenario
+from agents.kernel.traffic import Requirement
 from agents.planner.answer import RequestError
-from agents.planner.options import Options, check
-from agents.planner.traffic import Requirement
+from agents.planner.request.options import Options, check
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.edge.command import require

@@ -4,8 +4,8 @@ proofs/Constants.v``.
 
 from fractions import Fraction
 
-from agents.planner.areas import NEARER
-from agents.planner.validator import CLOSE, ROUNDING
+from agents.kernel.areas import NEARER
+from agents.kernel.separation import CLOSE, ROUNDING
 
 CONSTANTS = {"CLOSE": CLOSE, "ROUNDING": ROUNDING, "NEARER": NEARER}
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
-from agents.planner import budget
+from agents.planner.search import budget
 from envs.edge.command import InputError
 from envs.edge.compiled import keep_compiled
 

@@ -240,13 +240,13 @@ QUESTIONS = {
     ),
     "how a request becomes waypoints": (
         "agents/planner/planner.py",
-        "agents/planner/candidates.py",
-        "agents/planner/publish.py",
+        "agents/planner/search/candidates.py",
+        "agents/planner/publish/publish.py",
     ),
     "where SAFE is decided": (
-        "agents/planner/publish.py",
-        "agents/planner/candidates.py",
-        "agents/planner/validator.py",
+        "agents/planner/publish/publish.py",
+        "agents/planner/search/candidates.py",
+        "agents/planner/judge/validator.py",
     ),
 }
 """Questions that the table of architecture.md answers, and files that belong to the answer."""

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from agents.inference import Policy
-from agents.planner.areas import Counted
-from agents.planner.standing import standing
+from agents.kernel.areas import Counted
 from agents.policy.inference import PARITY_TOLERANCE
 from envs.aircraft import Aircraft
 from envs.area_geometry import signed_distance
@@ -21,6 +20,7 @@ from envs.areas import Area, Polygon
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.own_separations import LEAST
 from envs.relative import leg_separation
+from eval.flights.static_obstacles import standing
 
 MAKE = runpy.run_path(str(Path(__file__).resolve().parent.parent / "docs" / "fly" / "make.py"))
 MOST = 8

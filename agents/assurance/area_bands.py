@@ -1,8 +1,8 @@
 """What areas leave of bands and of the present course: manoeuvres as legs, judged as plans are.
 
-:mod:`agents.planner.areas` judges the curves. Every row has areas of its own, as they are now; a
+:mod:`agents.kernel.areas` judges the curves. Every row has areas of its own, as they are now; a
 manoeuvre must keep what is required of plans that begin there
-(:func:`agents.planner.areas.required_distances`).
+(:func:`agents.kernel.areas.required_distances`).
 """
 
 from typing import NamedTuple
@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.assurance.inputs import no_areas
+from agents.kernel.areas import Counted, in_reach, judge
 from agents.manoeuvres.direct_to_goal import arc_end
-from agents.planner.areas import Counted, in_reach, judge
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState

@@ -1,7 +1,7 @@
 """What areas leave of plans and backups: whether the rest of a plan keeps clear of them, and how
 deep a backup would fly into them.
 
-:mod:`agents.planner.areas` judges the curves. Every row has areas of its own, as they are now.
+:mod:`agents.kernel.areas` judges the curves. Every row has areas of its own, as they are now.
 """
 
 from collections.abc import Sequence
@@ -11,9 +11,9 @@ import numpy as np
 
 from agents.assurance.lookahead import Course
 from agents.assurance.thresholds import Thresholds
-from agents.planner.areas import NEARER, Counted, judge, label, relevant
-from agents.planner.options import L, Narrowed
-from agents.planner.request import Altitude
+from agents.kernel.areas import NEARER, Counted, judge, label, relevant
+from agents.planner.request.options import L, Narrowed
+from agents.planner.request.request import Altitude
 from envs.area_geometry import signed_distance
 from envs.areas import Area
 from envs.arrays import Array

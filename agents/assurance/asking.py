@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from agents.assurance.monitor import Decision, Monitor, Thresholds, activate, answer
-from agents.planner.candidates import Proposals, empty
-from agents.planner.options import Narrowed, Options
+from agents.planner.request.options import Narrowed, Options
+from agents.planner.search.candidates import Proposals, empty
 from envs.arrays import Array
 from envs.trees import scatter, take
 

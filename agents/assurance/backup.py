@@ -2,9 +2,9 @@
 
 A backup is a course and a speed: the aircraft turns onto the course at the greatest rate of
 decisions, accelerates or decelerates to the speed, and holds both. It is published as plan states
-like any plan, every leg of constant controls, and judged by :mod:`agents.planner.validator` over
-the sum of :data:`STEPS`. The one of the step before stays if it passes from the present state; only
-otherwise is the family searched.
+like any plan, every leg of constant controls, and judged by
+:mod:`agents.planner.judge.validator` over the sum of :data:`STEPS`. The one of the step before
+stays if it passes from the present state; only otherwise is the family searched.
 """
 
 from typing import NamedTuple
@@ -15,10 +15,10 @@ from agents.assurance.areas import judge_backups, nameless
 from agents.assurance.inputs import no_areas
 from agents.assurance.lookahead import ANY, growth
 from agents.assurance.thresholds import Thresholds
+from agents.kernel.traffic import Traffic, predict, requirement_of, within_window
 from agents.manoeuvres.simulator import integrate
-from agents.planner.options import L, Narrowed
-from agents.planner.traffic import Traffic, predict, requirement_of, within_window
-from agents.planner.validator import validate
+from agents.planner.judge.validator import validate
+from agents.planner.request.options import L, Narrowed
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air

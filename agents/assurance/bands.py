@@ -4,11 +4,11 @@ A band's manoeuvre begins now: the aircraft turns onto the heading at its greate
 shorter way, with the speed that it has, or changes its speed at its greatest acceleration on the
 heading that it has, and holds what it has reached until the end of the look-ahead. A band is
 *closed* if this manoeuvre comes closer to an intruder than is required of plans
-(:func:`agents.planner.traffic.requirement_of`, its growth with uncertainty, and the tolerance of
-:mod:`agents.planner.validator`), the intruders flying as the planner predicts them, or closer to an
-area (:mod:`agents.assurance.area_bands`). So a band says what becomes of one manoeuvre that is
-held. A plan may begin towards a closed band and turn away in
-time; it never holds one until its loss (docs/explanation/alerts.md).
+(:func:`agents.kernel.traffic.requirement_of`, its growth with uncertainty, and the tolerance of
+:mod:`agents.planner.judge.validator`), the intruders flying as the planner predicts them, or closer
+to an area (:mod:`agents.assurance.area_bands`). So a band says what becomes of one manoeuvre that
+is held. A plan may begin towards a closed band and turn away in time; it never holds one until its
+loss (docs/explanation/alerts.md).
 
 Clearances are good to 2 cm, and to 0.5 m where an intruder turns or its velocity is uncertain.
 Times of loss are good to a second while the ownship turns or an intruder does, and exact after
@@ -32,7 +32,7 @@ from agents.assurance.held import (
     losses_straight_on,
 )
 from agents.assurance.inputs import no_areas
-from agents.planner.traffic import Requirement, Traffic
+from agents.kernel.traffic import Requirement, Traffic
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air
@@ -60,7 +60,7 @@ class Bands(NamedTuple):
     loss: Array
     # number of the intruder with which it is lost first; -1 where it is kept, or an area is earlier
     intruder: Array
-    # number of the area (agents.planner.areas.Counted) of which it is lost first; -1 likewise
+    # number of the area (agents.kernel.areas.Counted) of which it is lost first; -1 likewise
     area: Array
     # Smallest distance less the required one, m; a lower bound where it is more than a fifth of the
     # separation, and of areas, too small by the way of 2 s at most; inf without any of them.
@@ -116,7 +116,7 @@ def heading_bands(
         look_ahead: for how long each manoeuvre is looked at, s.
         targets: headings, rad, ``[B]`` or ``[N, B]``, ascending where :func:`stretches` is asked
             for; None: :data:`HEADINGS` of them.
-        areas: that each ownship may meet, as they are now (:class:`agents.planner.areas.Counted`),
+        areas: that each ownship may meet, as they are now (:class:`agents.kernel.areas.Counted`),
             object ``[N]``; None: none.
     """
     if targets is None:

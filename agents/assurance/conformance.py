@@ -9,8 +9,8 @@ from agents.assurance.inputs import Memory
 from agents.assurance.lookahead import Course, outlook
 from agents.assurance.state import Monitor, State
 from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
-from agents.planner.options import Narrowed
-from agents.planner.traffic import Traffic, predict, requirement_of, separations, uncertainty
+from agents.kernel.traffic import Traffic, predict, requirement_of, separations, uncertainty
+from agents.planner.request.options import Narrowed
 from envs.arrays import Array
 from envs.follower import Deviation, deviation
 from envs.frames import Air

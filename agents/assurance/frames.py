@@ -13,8 +13,8 @@ import numpy as np
 
 from agents.assurance.inputs import Memory, no_areas
 from agents.assurance.state import Monitor
-from agents.planner.reports import Intruder, velocity_std_in, with_state
-from agents.planner.traffic import Traffic
+from agents.kernel.traffic import Traffic
+from agents.planner.request.reports import Intruder, velocity_std_in, with_state
 from envs.areas import Area, in_air
 from envs.arrays import Array
 from envs.frames import Air, Ground

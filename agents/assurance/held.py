@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.assurance.lookahead import growth
-from agents.manoeuvres.direct_to_goal import arc_end
-from agents.planner.traffic import (
+from agents.kernel.separation import CLOSE, ROUNDING
+from agents.kernel.traffic import (
     Requirement,
     Traffic,
     predict,
@@ -20,7 +20,7 @@ from agents.planner.traffic import (
     separations,
     within_window,
 )
-from agents.planner.validator import CLOSE, ROUNDING
+from agents.manoeuvres.direct_to_goal import arc_end
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState

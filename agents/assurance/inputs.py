@@ -12,8 +12,8 @@ import numpy as np
 
 from agents.assurance.plausible import SIGMAS, Drift, follow, greatest_change, unknown
 from agents.assurance.thresholds import Cause, Thresholds
-from agents.planner.options import Narrowed
-from agents.planner.traffic import Traffic, Window, advance_reports
+from agents.kernel.traffic import Traffic, Window, advance_reports
+from agents.planner.request.options import Narrowed
 from agents.policy.domain import excess
 from envs.angles import wrap
 from envs.arrays import Array

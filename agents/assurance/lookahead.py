@@ -1,16 +1,16 @@
 """The outlook: how close the rest of a plan comes to the intruders as they fly now.
 
-A lower bound as the validator's (:mod:`agents.planner.validator`), in three steps, each only where
-the one before does not decide: whole legs against their chords, arcs against theirs, and parts of
-:data:`FINE` of an arc. Of a whole leg the sagitta is measured once, when the plan arrives.
+A lower bound as the validator's (:mod:`agents.planner.judge.validator`), in three steps, each only
+where the one before does not decide: whole legs against their chords, arcs against theirs, and
+parts of :data:`FINE` of an arc. Of a whole leg the sagitta is measured once, when the plan arrives.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.separation import FINE
-from agents.planner.traffic import Traffic, predict, uncertainty, within_window
+from agents.kernel.separation import FINE
+from agents.kernel.traffic import Traffic, predict, uncertainty, within_window
 from envs.arrays import Array
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import chord, distance

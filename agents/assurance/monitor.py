@@ -18,9 +18,9 @@ from agents.assurance.inputs import Inputs, Memory, advance, update
 from agents.assurance.lookahead import Course, course, outlook
 from agents.assurance.state import Decision, FlyMode, Monitor, State
 from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, UNSAFE, WANTING, Cause, Thresholds
-from agents.planner.options import Narrowed
-from agents.planner.traffic import Traffic, whole
-from agents.planner.validator import validate
+from agents.kernel.traffic import Traffic, whole
+from agents.planner.judge.validator import validate
+from agents.planner.request.options import Narrowed
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.assurance.thresholds import Thresholds
-from agents.planner.options import Narrowed
+from agents.planner.request.options import Narrowed
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, velocity

@@ -20,12 +20,12 @@ from agents.assurance.frames import STILL, Frame, carry, frame_of
 from agents.assurance.inputs import Inputs, Memory, no_areas
 from agents.assurance.state import Decision, FlyMode, Monitor, State, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
+from agents.kernel.levels import Altitude
+from agents.kernel.traffic import advance_reports
 from agents.planner.answer import Plan
-from agents.planner.fields import listed
-from agents.planner.levels import Altitude
-from agents.planner.options import L, Narrowed
-from agents.planner.reports import Intruder, arrays_of_reports, windows, with_state
-from agents.planner.traffic import advance_reports
+from agents.planner.request.fields import listed
+from agents.planner.request.options import L, Narrowed
+from agents.planner.request.reports import Intruder, arrays_of_reports, windows, with_state
 from envs.areas import Area
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState

@@ -9,8 +9,8 @@ from agents.assurance.backup import Backup, resting, straight_east
 from agents.assurance.inputs import Memory, blank
 from agents.assurance.lookahead import Course, course
 from agents.assurance.thresholds import Thresholds
-from agents.planner.options import L
-from agents.planner.traffic import Traffic, whole
+from agents.kernel.traffic import Traffic, whole
+from agents.planner.request.options import L
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState

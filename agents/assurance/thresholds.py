@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from enum import IntFlag
 from typing import Any, Generic, cast
 
-from agents.planner.options import L, Narrowed, Options, agility
-from agents.planner.request import in_wind
-from agents.planner.traffic import Requirement
+from agents.kernel.traffic import Requirement
+from agents.planner.request.options import L, Narrowed, Options, agility
+from agents.planner.request.request import in_wind
 from agents.policy.domain import traffic
 from envs.kinematics import Limits, intersection
 from envs.wind import Wind

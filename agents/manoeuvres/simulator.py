@@ -9,7 +9,7 @@ end.
 
 Two flights remain beside this one, because their commands follow from the state at every step. The
 clairvoyant search also flies the way home (:func:`agents.manoeuvres.escape_manoeuvre.fly_step`).
-The policy's flight asks the network (:mod:`agents.planner.rollout`).
+The policy's flight asks the network (:mod:`agents.planner.search.rollout`).
 """
 
 from collections.abc import Callable

@@ -1,11 +1,11 @@
 """From states and route to a validated plan, or the reasons why there is none."""
 
+from agents.kernel.traffic import Requirement, Traffic
 from agents.planner.answer import Advisory, AdvisoryCode, Plan, Reason, RequestError, Source, Status
-from agents.planner.options import Options
 from agents.planner.planner import Plans, plan, plan_many
-from agents.planner.reports import Intruder
-from agents.planner.request import Request
-from agents.planner.traffic import Requirement, Traffic
+from agents.planner.request.options import Options
+from agents.planner.request.reports import Intruder
+from agents.planner.request.request import Request
 
 __all__ = [
     "Advisory",

@@ -215,7 +215,7 @@ class Plan:
     be made.
     """
     cost: float = float("nan")
-    """Extra path, time and reversals as metres (:mod:`agents.planner.candidates`)."""
+    """Extra path, time and reversals as metres (:mod:`agents.planner.search.candidates`)."""
     advisories: tuple[Advisory, ...] = ()
     """Remarks for the operator, such as that the policy's own plan was not safe."""
     unsearched: tuple[str, ...] = ()

@@ -3,8 +3,8 @@ there is none.
 
 Manoeuvres are the policy, rolled ahead in the surrogate to the next point of the route, and where
 its plan does not pass the validator a family that is searched; after that the same for the points
-beyond. Each goes through one pipeline (:mod:`agents.planner.candidates`): completed to a plan,
-validated, kept where it is the best so far.
+beyond. Each goes through one pipeline (:mod:`agents.planner.search.candidates`): completed to a
+plan, validated, kept where it is the best so far.
 """
 
 import itertools
@@ -14,26 +14,26 @@ from functools import partial
 
 import numpy as np
 
-from agents.planner import fallback
-from agents.planner.airspace import add_areas
+from agents.kernel.levels import Altitude
 from agents.planner.answer import Plan
-from agents.planner.beyond import CROWD
-from agents.planner.budget import Budget
-from agents.planner.candidates import Plans, Proposals, empty, evaluate, keep_best
-from agents.planner.certificate import certificate
-from agents.planner.goals import next_goals, on_same_leg
-from agents.planner.levels import Altitude
-from agents.planner.options import Narrowed, Options, check
-from agents.planner.publish import publish
-from agents.planner.remarks import (
+from agents.planner.publish.certificate import certificate
+from agents.planner.publish.publish import publish
+from agents.planner.request.advisories import (
     assumed_climbs,
     outside_domain,
     own_separations,
     skipped_points,
 )
-from agents.planner.reports import Intruder
-from agents.planner.request import Request, check_finite, check_request, in_wind
-from agents.planner.rollout import roll
+from agents.planner.request.options import Narrowed, Options, check
+from agents.planner.request.reports import Intruder
+from agents.planner.request.request import Request, check_finite, check_request, in_wind
+from agents.planner.search import fallback
+from agents.planner.search.airspace import add_areas
+from agents.planner.search.budget import Budget
+from agents.planner.search.candidates import Plans, Proposals, empty, evaluate, keep_best
+from agents.planner.search.continuation import CROWD
+from agents.planner.search.goals import next_goals, on_same_leg
+from agents.planner.search.rollout import roll
 from agents.policy.inference import Policy
 from envs.areas import Area
 from envs.arrays import Array

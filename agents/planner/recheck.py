@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.planner.airspace import add_areas
+from agents.kernel.levels import Altitude
 from agents.planner.answer import Kind, Plan, Reason, RequestError, Source, Status
-from agents.planner.candidates import find_faults
-from agents.planner.levels import Altitude
-from agents.planner.options import Options, check
-from agents.planner.out_of_the_way import unproven_exclusions
-from agents.planner.reports import Intruder
-from agents.planner.request import check_request, in_wind
-from agents.planner.validator import CHECKS
+from agents.planner.judge.validator import CHECKS
+from agents.planner.request.options import Options, check
+from agents.planner.request.pruning import unproven_exclusions
+from agents.planner.request.reports import Intruder
+from agents.planner.request.request import check_request, in_wind
+from agents.planner.search.airspace import add_areas
+from agents.planner.search.candidates import find_faults
 from envs.areas import Area
 from envs.frames import Ground
 from envs.kinematics import VehicleState

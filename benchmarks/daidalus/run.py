@@ -16,7 +16,7 @@ import numpy as np
 
 from agents.assurance.alerts import Alerting, no_alerts, update
 from agents.assurance.bands import Bands, heading_bands, losses_on_course, speed_bands
-from agents.planner.traffic import Requirement, Traffic
+from agents.kernel.traffic import Requirement, Traffic
 from benchmarks.daidalus.edges import NAMES, Match, matches, our_edges, their_edges
 from benchmarks.daidalus.figure import drawing
 from benchmarks.daidalus.program import (

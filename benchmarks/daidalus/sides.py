@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from agents.assurance.bands import Bands
-from agents.planner.traffic import Traffic
+from agents.kernel.traffic import Traffic
 from benchmarks.daidalus.program import Second
 from envs.arrays import Array
 from envs.frames import Air

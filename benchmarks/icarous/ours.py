@@ -18,10 +18,10 @@ from agents.assurance.single import Watch
 from agents.assurance.state import State
 from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import Plan, RequestError
-from agents.planner.options import Options
 from agents.planner.planner import plan
 from agents.planner.recheck import reconstruct
-from agents.planner.request import Intruder
+from agents.planner.request.options import Options
+from agents.planner.request.request import Intruder
 from agents.policy.inference import Policy
 from benchmarks.icarous.flights import Flight
 from benchmarks.icarous.judge import Track

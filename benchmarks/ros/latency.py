@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.request import Request
+from agents.planner.request.request import Request
 from benchmarks.measure import percentiles_ms, report, show
 from benchmarks.ros.graph import (
     ORIGIN,

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner.request import Options, Request
-from agents.planner.traffic import Requirement, Traffic
+from agents.kernel.traffic import Requirement, Traffic
+from agents.planner.request.request import Options, Request
 from agents.policy.inference import Policy
 from benchmarks.safety.resimulation import displacement
 from envs import draws

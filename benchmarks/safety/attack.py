@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from agents.check import accept
 from agents.planner.answer import WAYPOINTS, Plan, RequestError
 from agents.planner.planner import plan_many
-from agents.planner.request import Options, in_wind
+from agents.planner.request.request import Options, in_wind
 from agents.policy.inference import Policy
 from benchmarks.safety import published, sky
 from benchmarks.safety.adversary import (

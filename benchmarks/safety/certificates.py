@@ -28,13 +28,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from agents import check
+from agents.kernel.traffic import whole
 from agents.planner.answer import Excluded, RequestError
-from agents.planner.certificate import certificate
-from agents.planner.options import Options
-from agents.planner.options import check as check_options
 from agents.planner.planner import plan_many
-from agents.planner.request import Request, check_request, in_wind
-from agents.planner.traffic import whole
+from agents.planner.publish.certificate import certificate
+from agents.planner.request.options import Options
+from agents.planner.request.options import check as check_options
+from agents.planner.request.request import Request, check_request, in_wind
 from benchmarks.measure import report
 from benchmarks.safety import adversary, published
 from benchmarks.safety.judgement import wrong

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.kernel.traffic import Traffic, Window
 from agents.planner.answer import WAYPOINTS, Apart, Plan
 from agents.planner.planner import plan
-from agents.planner.reports import with_state
-from agents.planner.request import Altitude, Intruder, Options, Request
-from agents.planner.traffic import Traffic, Window
+from agents.planner.request.reports import with_state
+from agents.planner.request.request import Altitude, Intruder, Options, Request
 from agents.policy.inference import Policy
 from benchmarks.safety.resimulation import CLOSE, displacement
 from benchmarks.safety.sky import Sky, draw_sky

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.options import default_margin
-from agents.planner.request import Request
-from agents.planner.traffic import Requirement, Window
+from agents.kernel.traffic import Requirement, Window
+from agents.planner.request.options import default_margin
+from agents.planner.request.request import Request
 from benchmarks.safety.resimulation import Intruders, required_distances, separations
 from envs.aircraft import PAPER
 from envs.arrays import Array

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.options import Options
-from agents.planner.traffic import Requirement, Traffic
+from agents.kernel.traffic import Requirement, Traffic
+from agents.planner.request.options import Options
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState

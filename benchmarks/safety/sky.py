@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from agents.planner.options import Options
-from agents.planner.request import Altitude, Request
+from agents.planner.request.options import Options
+from agents.planner.request.request import Altitude, Request
 from benchmarks.safety.resimulation import Flown
 from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.arrays import Array

@@ -1,5 +1,5 @@
 // Areas to be kept out of: discs {x, y, radius}, and polygons, which are the smallest disc about them with their corners
-// from its middle and the discs, likewise, that the policy sees them as (agents/planner/standing.py).
+// from its middle and the discs, likewise, that the policy sees them as (eval/flights/static_obstacles.py).
 "use strict";
 
 const PIECES_OF_STEP = 4; // chords that a step's way is taken for, at polygons

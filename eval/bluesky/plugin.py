@@ -16,8 +16,8 @@ import numpy as np
 
 from agents.inference import Policy
 from agents.planner import RequestError, plan
-from agents.planner.options import Options
-from agents.planner.request import Altitude
+from agents.planner.request.options import Options
+from agents.planner.request.request import Altitude
 from envs.aircraft import new_aircraft
 from envs.areas import Area, AreaError, Circle, Level, Polygon
 from envs.edge.command import InputError

@@ -10,7 +10,7 @@ import numpy as np
 from agents.baselines.acas_nnet import load_logic
 from agents.baselines.baselines import BASELINES, Baseline
 from agents.config.load import ConfigError
-from agents.planner.options import Options
+from agents.planner.request.options import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
 from envs.aircraft import PAPER, Aircraft

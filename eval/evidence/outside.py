@@ -18,7 +18,7 @@ import numpy as np
 from agents.assurance.inputs import blank, inputs, update
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.assurance.tracker import Tracks, follow
-from agents.planner.options import Options
+from agents.planner.request.options import Options
 from agents.policy import novelty
 from agents.policy.domain import excess, traffic
 from agents.policy.inference import Policy

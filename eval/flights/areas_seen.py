@@ -1,5 +1,5 @@
 """Areas among what a resolver sees: as intruders that stand still or drift
-(:mod:`agents.planner.standing`).
+(:mod:`eval.flights.static_obstacles`).
 """
 
 from collections.abc import Sequence
@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents.baselines.baselines import Sight
-from agents.planner.areas import Counted
-from agents.planner.standing import Standing, as_intruders, standing
+from agents.kernel.areas import Counted
 from envs.aircraft import Aircraft
 from envs.areas import Area
 from envs.kinematics import VehicleState
+from eval.flights.static_obstacles import Standing, as_intruders, standing
 
 
 def what_stands(areas: Sequence[Area], aircraft: Aircraft) -> Standing:

@@ -13,11 +13,11 @@ from agents.assurance.asking import ALONG, Planner, renew
 from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.state import Monitor
 from agents.assurance.tracker import Tracks, follow
-from agents.planner.candidates import Proposals
-from agents.planner.options import Narrowed, Options
+from agents.kernel.traffic import Traffic
 from agents.planner.planner import Plans, plan_among, plan_many
-from agents.planner.request import Request, drift_points
-from agents.planner.traffic import Traffic
+from agents.planner.request.options import Narrowed, Options
+from agents.planner.request.request import Request, drift_points
+from agents.planner.search.candidates import Proposals
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.baselines import BASELINES, Baseline
-from agents.planner.options import Options
 from agents.planner.planner import Plans
+from agents.planner.request.options import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Method, Verdict
 from envs.aircraft import Aircraft

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.request import Request, drift_points
-from agents.planner.traffic import Traffic
+from agents.kernel.traffic import Traffic
+from agents.planner.request.request import Request, drift_points
 from envs import intruder
 from envs.aircraft import Aircraft
 from envs.angles import wrap

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from agents.planner.options import Options
 from agents.planner.planner import Plans, plan_among, plan_many
-from agents.planner.request import in_wind
+from agents.planner.request.options import Options
+from agents.planner.request.request import in_wind
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.baselines import Baseline, Sight
-from agents.planner.standing import Standing
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.draws import normals
@@ -34,6 +33,7 @@ from envs.world import (
 )
 from envs.world import step as advance
 from eval.flights.areas_seen import add_to_sight
+from eval.flights.static_obstacles import Standing
 from eval.flights.trajectories import TrajectoryRecorder
 
 OUTCOMES = Outcome._fields  # names of the outcome codes 0, 1, 2

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.options import Narrowed, Options
-from agents.planner.request import Request
-from agents.planner.rollout import roll
+from agents.planner.request.options import Narrowed, Options
+from agents.planner.request.request import Request
+from agents.planner.search.rollout import roll
 from agents.policy.inference import Policy
 from envs.follower import PERIOD, offset
 from envs.frames import Air, Ground

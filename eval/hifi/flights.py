@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.assurance.thresholds import Thresholds
-from agents.planner.candidates import empty
-from agents.planner.options import Options
+from agents.kernel.traffic import Traffic as Known
 from agents.planner.planner import Plans
-from agents.planner.traffic import Traffic as Known
+from agents.planner.request.options import Options
+from agents.planner.search.candidates import empty
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.areas import Area

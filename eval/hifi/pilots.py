@@ -14,13 +14,12 @@ from agents.assurance.asking import ALONG, renew
 from agents.assurance.inputs import Inputs
 from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.tracker import Tracks, follow
-from agents.planner.areas import Counted
-from agents.planner.candidates import Proposals, empty
-from agents.planner.options import Narrowed
+from agents.kernel.areas import Counted
+from agents.kernel.traffic import Traffic as Known
 from agents.planner.planner import Plans
-from agents.planner.request import Options
-from agents.planner.standing import as_intruders
-from agents.planner.traffic import Traffic as Known
+from agents.planner.request.options import Narrowed
+from agents.planner.request.request import Options
+from agents.planner.search.candidates import Proposals, empty
 from agents.policy.inference import Policy
 from envs.areas import Area
 from envs.c208.air_mass import ground_commands
@@ -34,6 +33,7 @@ from envs.wind import Wind, through_air
 from eval.flights.among_areas import as_row, in_air_mass
 from eval.flights.areas_seen import what_stands
 from eval.flights.plan_flight import route_of
+from eval.flights.static_obstacles import as_intruders
 from eval.hifi.wind import Route, plan_for
 
 

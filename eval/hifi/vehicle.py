@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from agents.planner.options import speed_range
+from agents.planner.request.options import speed_range
 from envs import draws
 from envs.c208.air_mass import air_commands
 from envs.c208.facts import FOOT, POUND, VARIANTS, value

@@ -4,12 +4,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.kernel.traffic import Traffic
 from agents.planner.answer import RequestError
-from agents.planner.candidates import empty
-from agents.planner.options import Narrowed, Options, speed_range
 from agents.planner.planner import Plans, plan_among, plan_many
-from agents.planner.request import Request, in_wind
-from agents.planner.traffic import Traffic
+from agents.planner.request.options import Narrowed, Options, speed_range
+from agents.planner.request.request import Request, in_wind
+from agents.planner.search.candidates import empty
 from agents.policy.inference import Policy
 from envs.areas import Area
 from envs.frames import Air

@@ -18,9 +18,9 @@ from agents.assurance.bands import (
     speed_bands,
 )
 from agents.assurance.inputs import no_areas
-from agents.planner.areas import Counted
-from agents.planner.options import Options
-from agents.planner.traffic import Traffic
+from agents.kernel.areas import Counted
+from agents.kernel.traffic import Traffic
+from agents.planner.request.options import Options
 from envs.angles import wrap
 from envs.areas import Area, after
 from envs.frames import Air, F

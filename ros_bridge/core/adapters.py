@@ -12,7 +12,7 @@ from functools import partial
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, NamedTuple
 
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from ros_bridge.core.categories import LAST
 from ros_bridge.core.conversions import altitude, report, velocity
 from ros_bridge.core.fields import (

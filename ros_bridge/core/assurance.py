@@ -20,7 +20,7 @@ from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import RequestError
 from agents.planner.recheck import reconstruct
-from agents.planner.request import Altitude, Intruder
+from agents.planner.request.request import Altitude, Intruder
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.categories import LAST
 from ros_bridge.core.fields import (

@@ -1,6 +1,6 @@
 """Whether a report that claims to be of the ground is believed."""
 
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from envs.traffic.ground import flies
 from ros_bridge.core.reports import Report
 

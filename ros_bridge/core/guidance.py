@@ -31,8 +31,8 @@ from agents.assurance.bands import (
 from agents.assurance.single import Verdict
 from agents.assurance.state import Decision
 from agents.assurance.thresholds import BLIND, Thresholds
-from agents.planner.areas import Counted, label
-from agents.planner.options import L
+from agents.kernel.areas import Counted, label
+from agents.planner.request.options import L
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame

@@ -4,8 +4,8 @@ import math
 from dataclasses import replace
 
 from agents.planner.answer import Plan
-from agents.planner.options import Options
 from agents.planner.planner import plan
+from agents.planner.request.options import Options
 from agents.policy.inference import Policy
 from envs.frames import Ground
 from envs.kinematics import VehicleState

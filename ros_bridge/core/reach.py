@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from agents.planner.levels import Altitude, vertical_gap
+from agents.kernel.levels import Altitude, vertical_gap
 from envs.formats.local_frame import distance
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import FASTEST, Report, Sighting

@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from agents.planner.answer import Plan
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from envs.angles import wrap
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from envs.formats.local_frame import distance, fly_straight
 from ros_bridge.core.fields import SECOND
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from agents.assurance.plausible import greatest_change
 from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
-from agents.planner.options import Narrowed
-from agents.planner.request import Altitude, Intruder, Options, in_wind
+from agents.planner.request.options import Narrowed
+from agents.planner.request.request import Altitude, Intruder, Options, in_wind
 from envs.angles import wrap
 from envs.areas import Area
 from envs.formats.areas.geodetic import GeodeticArea

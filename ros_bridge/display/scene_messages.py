@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from envs.areas import Keep, Level
 from envs.formats.areas.geodetic import GeodeticArea
 from ros_bridge.core import conversions as codes

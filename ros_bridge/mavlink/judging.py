@@ -14,11 +14,11 @@ from agents.assurance.alerts import Alerting
 from agents.assurance.single import Verdict
 from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Thresholds
+from agents.kernel.areas import relevant
+from agents.kernel.traffic import Requirement, predict, separations, uncertainty
 from agents.planner.answer import Advisory, AdvisoryCode, Field, Plan, RequestError
-from agents.planner.areas import relevant
-from agents.planner.options import Options
-from agents.planner.request import check_request, in_wind
-from agents.planner.traffic import Requirement, predict, separations, uncertainty
+from agents.planner.request.options import Options
+from agents.planner.request.request import check_request, in_wind
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.area_geometry import signed_distance

@@ -10,7 +10,7 @@ from enum import IntEnum
 from types import MappingProxyType, SimpleNamespace
 from typing import TYPE_CHECKING, NamedTuple
 
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from ros_bridge.core.adapters import adsb_vehicle
 from ros_bridge.core.conversions import altitude, report, velocity
 from ros_bridge.core.fields import SECOND, FieldError, number, place

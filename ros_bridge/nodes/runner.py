@@ -45,8 +45,8 @@ from rlcas_msgs.srv import GenerateTrajectory
 from std_srvs.srv import Trigger
 
 from agents.planner.answer import AdvisoryCode, Plan, RequestError
-from agents.planner.fields import listed
 from agents.planner.recheck import recheck
+from agents.planner.request.fields import listed
 from agents.policy.inference import Policy
 from ros_bridge.core import conversions, updates
 from ros_bridge.core.aircraft import load_policy

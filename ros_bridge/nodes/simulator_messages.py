@@ -5,7 +5,7 @@ import math
 import numpy as np
 from rlcas_msgs.msg import AircraftState, Trajectory, Waypoint
 
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from envs.formats.local_frame import LocalFrame
 from envs.wind import NO_WIND, Wind, over_ground
 from ros_bridge.core.fields import SECOND

@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 from unique_identifier_msgs.msg import UUID
 
 from agents.planner.answer import Advisory, Plan
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from ros_bridge.core.conversions import ALTITUDE_CODES, PlanPoint
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.replies import plan_points, start_point, true_wind

@@ -16,7 +16,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSCompatibility, QoSPolicyKind, qos_check_compatible
 
-from agents.planner.fields import listed
+from agents.planner.request.fields import listed
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.areas import areas_of_file

@@ -8,9 +8,9 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 
 from agents.assurance.thresholds import Thresholds
+from agents.kernel.traffic import Requirement
 from agents.planner.answer import RequestError
-from agents.planner.options import Options, check
-from agents.planner.traffic import Requirement
+from agents.planner.request.options import Options, check
 from envs.aircraft import Aircraft
 from envs.kinematics import Limits
 from ros_bridge.core.aircraft import aircraft_of, load_extensions

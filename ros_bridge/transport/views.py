@@ -12,9 +12,9 @@ from rclpy.node import Node
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from agents.kernel.traffic import advance_reports
 from agents.planner.answer import Plan
-from agents.planner.reports import arrays_of_reports, report_in_air
-from agents.planner.traffic import advance_reports
+from agents.planner.request.reports import arrays_of_reports, report_in_air
 from envs.areas import Area, Circle, Keep, Polygon, Ring
 from envs.frames import Ground
 from envs.kinematics import VehicleState

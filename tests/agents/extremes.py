@@ -7,8 +7,8 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from agents.kernel.levels import Altitude
 from agents.planner import Intruder
-from agents.planner.levels import Altitude
 from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint

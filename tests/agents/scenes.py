@@ -9,8 +9,8 @@ import numpy as np
 
 from agents import assurance
 from agents.assurance.monitor import Cause, Decision, Monitor, State, Thresholds
-from agents.planner.options import Options
-from agents.planner.traffic import Traffic
+from agents.kernel.traffic import Traffic
+from agents.planner.request.options import Options
 from agents.resolvability.classify import Replay
 from agents.resolvability.proof import STEP, STRIDE
 from envs.aircraft import PAPER

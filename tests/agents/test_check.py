@@ -27,8 +27,8 @@ from agents.config.load import load
 from agents.config.world import AircraftConfig
 from agents.inference import Policy
 from agents.planner import Intruder, Status, plan
-from agents.planner.certificate import FORMAT
-from agents.planner.request import Altitude
+from agents.planner.publish.certificate import FORMAT
+from agents.planner.request.request import Altitude
 from benchmarks.safety.judgement import wrong
 from benchmarks.safety.mutation import mutate
 from envs import waypoints

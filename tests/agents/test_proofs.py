@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 from agents import check
-from agents.planner import areas, separation, validator
-from agents.planner.areas import Counted
-from agents.planner.levels import Altitude
-from agents.planner.traffic import Requirement, Traffic, advance_reports, requirement_of
+from agents.kernel import areas, separation
+from agents.kernel.areas import Counted
+from agents.kernel.levels import Altitude
+from agents.kernel.traffic import Requirement, Traffic, advance_reports, requirement_of
+from agents.planner.judge import validator
 from envs import area_geometry, waypoints
 from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState

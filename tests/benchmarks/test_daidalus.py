@@ -11,7 +11,7 @@ import pytest
 
 from agents.assurance.alerts import Alerting
 from agents.assurance.bands import heading_bands
-from agents.planner.traffic import Requirement, Traffic
+from agents.kernel.traffic import Requirement, Traffic
 from benchmarks.daidalus.edges import Edge, matches, our_edges, their_edges
 from benchmarks.daidalus.program import (
     VARIABLE,

@@ -15,7 +15,7 @@ from agents.check import RefusedError, accept
 from agents.planner import plan
 from agents.planner.answer import Excluded, Plan
 from agents.planner.planner import plan_many
-from agents.planner.request import Altitude, Intruder, Options, Request
+from agents.planner.request.request import Altitude, Intruder, Options, Request
 from agents.policy.inference import Policy
 from benchmarks.safety import attack, certificates, judgement, mutation, published, sky
 from benchmarks.safety import run as safety

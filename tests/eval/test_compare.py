@@ -17,7 +17,7 @@ from agents.baselines.baselines import BASELINES
 from agents.config.load import ConfigError
 from agents.manoeuvres.escape_manoeuvre import steps, tracks
 from agents.manoeuvres.escape_search import Found
-from agents.planner.validator import Findings
+from agents.planner.judge.validator import Findings
 from agents.policy import file as policy_file
 from agents.policy.inference import OutsideDomainError
 from agents.resolvability.classify import Verdict, replay

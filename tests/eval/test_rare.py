@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from scipy.stats import genpareto
 
 from agents.config.load import ConfigError
-from agents.planner.options import Options
+from agents.planner.request.options import Options
 from envs.aircraft import PAPER
 from envs.draws import uniforms
 from envs.edge.command import run_cli

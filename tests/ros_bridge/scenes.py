@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from agents.assurance.thresholds import Thresholds
-from agents.planner.request import Options
+from agents.planner.request.request import Options
 from envs.aircraft import PAPER
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates

@@ -19,7 +19,7 @@ import pytest
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from ros_bridge.core.adsb_live import LATEST, AircraftJson, BaseStation, Traffic
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reports import Report

@@ -18,7 +18,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 
 from agents.assurance.state import FlyMode, State
 from agents.planner.planner import plan
-from agents.planner.request import Altitude, in_wind
+from agents.planner.request.request import Altitude, in_wind
 from agents.policy.inference import Policy
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.kinematics import VehicleState

@@ -16,7 +16,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 
 import pyproj
 
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from envs.formats.local_frame import LocalFrame, distance, fly_straight
 from ros_bridge.core import conversions
 from ros_bridge.core.adapters import adsb_vehicle, inspva, inspvax, nav_sat_fix

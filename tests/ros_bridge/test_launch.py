@@ -33,7 +33,7 @@ import yaml
 
 from agents.config.load import load
 from agents.config.world import AircraftConfig
-from agents.planner.request import Options
+from agents.planner.request.request import Options
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from eval.hifi.config import HifiConfig

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from agents.planner.request import in_wind
+from agents.planner.request.request import in_wind
 from envs.wind import Wind
 from ros_bridge.core.assurance import Supervision, initial
 from ros_bridge.core.looking import look

@@ -29,7 +29,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 from geometry_msgs.msg import Twist, TwistStamped
 from rlcas_msgs.msg import AssuranceStatus, Trajectory, Waypoint
 
-from agents.planner.request import Altitude
+from agents.planner.request.request import Altitude
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.edge.command import InputError

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from agents.planner.answer import AdvisoryCode, Apart, Plan
-from agents.planner.options import Options
 from agents.planner.planner import plan
 from agents.planner.recheck import recheck
-from agents.planner.request import check_request
+from agents.planner.request.options import Options
+from agents.planner.request.request import check_request
 from agents.policy.inference import Policy
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates

@@ -18,10 +18,10 @@ import pytest
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
+from agents.kernel.levels import vertical_gap
 from agents.planner.answer import AdvisoryCode
-from agents.planner.levels import vertical_gap
-from agents.planner.remarks import assumed_climbs
-from agents.planner.request import Altitude, Intruder, check_request
+from agents.planner.request.advisories import assumed_climbs
+from agents.planner.request.request import Altitude, Intruder, check_request
 from envs.kinematics import VehicleState
 from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core import conversions

@@ -8,12 +8,12 @@ from agents.assurance import monitor as monitors
 from agents.assurance.inputs import Inputs
 from agents.assurance.state import Monitor
 from agents.assurance.thresholds import Thresholds
-from agents.planner.certificate import certificate
-from agents.planner.options import Narrowed, Options
+from agents.kernel.traffic import Traffic
 from agents.planner.planner import plan, plan_many
-from agents.planner.reports import Intruder, arrays_of_reports
-from agents.planner.request import Request, check_request, in_wind
-from agents.planner.traffic import Traffic
+from agents.planner.publish.certificate import certificate
+from agents.planner.request.options import Narrowed, Options
+from agents.planner.request.reports import Intruder, arrays_of_reports
+from agents.planner.request.request import Request, check_request, in_wind
 from agents.policy.inference import Policy
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState

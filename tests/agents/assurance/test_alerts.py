@@ -23,7 +23,7 @@ from agents.assurance.inputs import inputs
 from agents.assurance.monitor import step
 from agents.assurance.state import State
 from agents.assurance.thresholds import Cause
-from agents.planner.traffic import Requirement, Traffic
+from agents.kernel.traffic import Requirement, Traffic
 from envs.aircraft import PAPER, new_aircraft
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from tests.agents.scenes import THRESHOLDS, flying, on_plan, other

@@ -15,11 +15,11 @@ from agents.assurance.lookahead import course
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import State
 from agents.assurance.thresholds import Cause, Thresholds
-from agents.planner.areas import Counted
-from agents.planner.options import Options
+from agents.kernel.areas import Counted
+from agents.kernel.traffic import Requirement
 from agents.planner.recheck import reconstruct
-from agents.planner.request import Altitude
-from agents.planner.traffic import Requirement
+from agents.planner.request.options import Options
+from agents.planner.request.request import Altitude
 from envs.aircraft import PAPER
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Circle, Keep, Level, Polygon

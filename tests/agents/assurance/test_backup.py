@@ -12,12 +12,12 @@ from agents.assurance import single as watching
 from agents.assurance.backup import STEPS, backup_states, refresh, resting, search
 from agents.assurance.lookahead import course, outlook
 from agents.assurance.monitor import Cause, FlyMode, State, Thresholds
+from agents.kernel.traffic import Requirement, Traffic, predict
 from agents.planner.answer import Plan, Status
-from agents.planner.options import Options
+from agents.planner.judge.validator import validate
 from agents.planner.planner import plan
-from agents.planner.request import Intruder
-from agents.planner.traffic import Requirement, Traffic, predict
-from agents.planner.validator import validate
+from agents.planner.request.options import Options
+from agents.planner.request.request import Intruder
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState

@@ -12,11 +12,11 @@ from agents.assurance.alerts import Alerting, Region, regions
 from agents.assurance.bands import Bands, heading_bands, recovery, speed_bands, stretches
 from agents.assurance.inputs import no_areas
 from agents.assurance.lookahead import ANY
-from agents.planner.areas import Counted
-from agents.planner.options import Options
+from agents.kernel.areas import Counted
+from agents.kernel.traffic import Requirement, Traffic, predict, requirement_of, uncertainty
+from agents.planner.judge.validator import CHECKS, validate
 from agents.planner.planner import plan_many
-from agents.planner.traffic import Requirement, Traffic, predict, requirement_of, uncertainty
-from agents.planner.validator import CHECKS, validate
+from agents.planner.request.options import Options
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.angles import wrap

@@ -14,13 +14,13 @@ from agents.assurance.inputs import no_areas
 from agents.assurance.monitor import Thresholds
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import State
+from agents.kernel.areas import Counted
+from agents.kernel.traffic import Traffic
 from agents.planner.answer import Plan, RequestError
-from agents.planner.areas import Counted
-from agents.planner.options import Options
 from agents.planner.recheck import reconstruct
-from agents.planner.reports import report_in_air
-from agents.planner.request import Intruder, in_wind
-from agents.planner.traffic import Traffic
+from agents.planner.request.options import Options
+from agents.planner.request.reports import report_in_air
+from agents.planner.request.request import Intruder, in_wind
 from envs.aircraft import PAPER
 from envs.areas import Area, Circle
 from envs.kinematics import VehicleState

@@ -26,8 +26,8 @@ from agents.assurance.bands import (
 )
 from agents.assurance.monitor import references
 from agents.assurance.thresholds import BLIND, Thresholds
+from agents.kernel.traffic import Requirement, Traffic, Window
 from agents.planner import Options, RequestError, plan
-from agents.planner.traffic import Requirement, Traffic, Window
 from agents.policy.inference import Policy
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.waypoints import RoutePoint

@@ -8,7 +8,7 @@ import pytest
 
 from agents import assurance
 from agents.assurance.monitor import Cause, FlyMode, State
-from agents.planner.traffic import Traffic
+from agents.kernel.traffic import Traffic
 from envs.waypoints import PlanStates
 from tests.agents.scenes import (
     NAN,

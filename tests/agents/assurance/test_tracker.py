@@ -12,11 +12,8 @@ from hypothesis import strategies as st
 
 from agents.assurance import single
 from agents.assurance.tracker import Tracks, begin, follow
-from agents.planner import Intruder, Options, RequestError, plan
-from agents.planner.reports import arrays_of_reports
-from agents.planner.request import check_request
-from agents.planner.separation import growth, same_flight
-from agents.planner.traffic import (
+from agents.kernel.separation import growth, same_flight
+from agents.kernel.traffic import (
     Requirement,
     advance_reports,
     predict,
@@ -24,6 +21,9 @@ from agents.planner.traffic import (
     uncertainty,
     whole,
 )
+from agents.planner import Intruder, Options, RequestError, plan
+from agents.planner.request.reports import arrays_of_reports
+from agents.planner.request.request import check_request
 from agents.policy.inference import Policy
 from benchmarks.safety.resimulation import displacement
 from envs.aircraft import PAPER
@@ -263,7 +263,7 @@ def test_validator_finds_wrongly_advanced_reports(field: str) -> None:
 def test_traffic_that_does_not_follow_from_its_reports_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("agents.planner.request.advance_reports", lambda seen, age: seen)
+    monkeypatch.setattr("agents.planner.request.request.advance_reports", lambda seen, age: seen)
     with pytest.raises(RequestError) as refused:
         plan(OWN, [Intruder(OWN._replace(y=30_000.0)), TURNING], ROUTE, Policy.load())
     assert refused.value.field == "intruders[1]"

@@ -10,7 +10,7 @@ import pytest
 from agents.planner.answer import AdvisoryCode, Kind, Plan, RequestError
 from agents.planner.planner import plan
 from agents.planner.recheck import recheck
-from agents.planner.request import Altitude, Options
+from agents.planner.request.request import Altitude, Options
 from agents.policy.inference import Policy
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Circle, Keep, Level, Polygon

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from agents import check
-from agents.planner.areas import Counted, judge, required_distances
-from agents.planner.certificate import certificate
+from agents.kernel.areas import Counted, judge, required_distances
 from agents.planner.planner import plan
-from agents.planner.request import Altitude
+from agents.planner.publish.certificate import certificate
+from agents.planner.request.request import Altitude
 from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.waypoints import PlanStates, legs, plan_states
 from envs.wind import Wind

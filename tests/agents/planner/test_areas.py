@@ -11,8 +11,8 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.planner.areas import NEARER, Counted, judge, relevant, required_distances, window
-from agents.planner.request import Altitude
+from agents.kernel.areas import NEARER, Counted, judge, relevant, required_distances, window
+from agents.planner.request.request import Altitude
 from envs.area_geometry import gain
 from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.kinematics import VehicleState

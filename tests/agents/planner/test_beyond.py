@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from agents.planner.beyond import CROWD, route_beyond
-from agents.planner.options import Options, task_of
-from agents.planner.request import Request
-from agents.planner.traffic import Traffic, predict
+from agents.kernel.traffic import Traffic, predict
+from agents.planner.request.options import Options, task_of
+from agents.planner.request.request import Request
+from agents.planner.search.continuation import CROWD, route_beyond
 from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
 from envs.trees import take

@@ -14,9 +14,9 @@ from agents.manoeuvres import simulator
 from agents.manoeuvres.escape_manoeuvre import Counting, Flight, Manoeuvre, fly, takeoff
 from agents.manoeuvres.escape_search import COARSE, STAGES, concatenate, scale
 from agents.manoeuvres.simulator import Effort, fly_away
-from agents.planner.fallback_flight import ManoeuvreFlights, fly_out, stride_of
-from agents.planner.options import Options
-from agents.planner.request import Request
+from agents.planner.request.options import Options
+from agents.planner.request.request import Request
+from agents.planner.search.fallback_flight import ManoeuvreFlights, fly_out, stride_of
 from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.kinematics import SURROGATE, VehicleState

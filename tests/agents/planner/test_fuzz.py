@@ -13,11 +13,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from agents.kernel.separation import CLOSE
+from agents.kernel.traffic import Requirement, Traffic
 from agents.planner.answer import Plan, RequestError
 from agents.planner.planner import plan
-from agents.planner.request import Altitude, Intruder, Options, Request
-from agents.planner.traffic import Requirement, Traffic
-from agents.planner.validator import CLOSE
+from agents.planner.request.request import Altitude, Intruder, Options, Request
 from agents.policy.inference import Policy
 from benchmarks.safety import published
 from benchmarks.safety.resimulation import CHECKS, Route, displacement, resimulate

@@ -16,11 +16,11 @@ from agents.assurance import bands
 from agents.assurance.monitor import Cause
 from agents.assurance.single import activate, begin, step
 from agents.assurance.thresholds import Thresholds
-from agents.planner.levels import ALWAYS, Altitude, vertical_gap, window
+from agents.kernel.levels import ALWAYS, Altitude, vertical_gap, window
+from agents.kernel.traffic import Requirement, Traffic, Window
+from agents.planner.judge.validator import validate
 from agents.planner.planner import plan
-from agents.planner.request import Intruder, check_request
-from agents.planner.traffic import Requirement, Traffic, Window
-from agents.planner.validator import validate
+from agents.planner.request.request import Intruder, check_request
 from benchmarks.levels import OWN_ALTITUDE, question
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, VehicleState

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from agents.check import accept
-from agents.planner import budget, fallback
+from agents.kernel.traffic import Requirement, Traffic
 from agents.planner.answer import (
     WAYPOINTS,
     AdvisoryCode,
@@ -24,15 +24,15 @@ from agents.planner.answer import (
     Source,
     Status,
 )
-from agents.planner.candidates import evaluate
-from agents.planner.goals import next_goals
-from agents.planner.out_of_the_way import least_distance
 from agents.planner.planner import plan, plan_many
 from agents.planner.recheck import recheck
-from agents.planner.reports import arrays_of_reports
-from agents.planner.request import Altitude, Intruder, Options, Request
-from agents.planner.rollout import roll
-from agents.planner.traffic import Requirement, Traffic
+from agents.planner.request.pruning import least_distance
+from agents.planner.request.reports import arrays_of_reports
+from agents.planner.request.request import Altitude, Intruder, Options, Request
+from agents.planner.search import budget, fallback
+from agents.planner.search.candidates import evaluate
+from agents.planner.search.goals import next_goals
+from agents.planner.search.rollout import roll
 from agents.policy.inference import Policy
 from benchmarks.safety.adversary import random_aircraft
 from benchmarks.traffic import question

@@ -14,12 +14,12 @@ from agents.assurance import bands
 from agents.assurance.monitor import Cause
 from agents.assurance.single import activate, begin, step
 from agents.assurance.thresholds import Thresholds
+from agents.kernel.traffic import Requirement, Traffic
 from agents.planner.answer import AdvisoryCode, Kind, Plan, RequestError
+from agents.planner.judge.validator import validate
 from agents.planner.planner import plan
-from agents.planner.request import Altitude, Intruder, Options
-from agents.planner.sight import shares
-from agents.planner.traffic import Requirement, Traffic
-from agents.planner.validator import validate
+from agents.planner.request.observation import shares
+from agents.planner.request.request import Altitude, Intruder, Options
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, VehicleState

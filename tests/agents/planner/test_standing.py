@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.planner.areas import Counted
-from agents.planner.standing import Standing, as_intruders, standing
+from agents.kernel.areas import Counted
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Circle, Keep, Polygon
 from envs.kinematics import VehicleState
+from eval.flights.static_obstacles import Standing, as_intruders, standing
 
 UNIT = PAPER.separation
 

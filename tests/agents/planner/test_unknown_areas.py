@@ -18,8 +18,8 @@ import pytest
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
-from agents.planner.areas import window
-from agents.planner.request import Altitude
+from agents.kernel.areas import window
+from agents.planner.request.request import Altitude
 from envs.areas import Area, AreaError
 from envs.formats.areas import read_areas
 from envs.formats.areas.geodetic import FOOT

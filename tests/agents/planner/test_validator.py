@@ -11,13 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.planner import publish, validator
+from agents.kernel.traffic import Requirement, Traffic, predict, requirement_of
 from agents.planner.answer import WAYPOINTS, Kind, Status
-from agents.planner.audit import audit
+from agents.planner.judge import validator
+from agents.planner.judge.audit import audit
+from agents.planner.judge.validator import CHECKS, validate
 from agents.planner.planner import plan
-from agents.planner.request import Options
-from agents.planner.traffic import Requirement, Traffic, predict, requirement_of
-from agents.planner.validator import CHECKS, validate
+from agents.planner.publish import publish
+from agents.planner.request.request import Options
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance

@@ -14,10 +14,10 @@ import pytest
 from agents.check import RefusedError, accept
 from agents.planner import plan
 from agents.planner.answer import Kind, Plan, RequestError, Status
-from agents.planner.options import Options
 from agents.planner.planner import plan_many
 from agents.planner.recheck import recheck
-from agents.planner.request import Intruder, check_request, in_wind
+from agents.planner.request.options import Options
+from agents.planner.request.request import Intruder, check_request, in_wind
 from agents.policy.inference import Policy
 from envs.aircraft import new_aircraft
 from envs.kinematics import Limits, VehicleState

@@ -16,7 +16,7 @@ from agents.assurance.single import reasons
 from agents.assurance.state import State
 from agents.assurance.thresholds import Cause
 from agents.planner import AdvisoryCode, plan
-from agents.planner.options import Options
+from agents.planner.request.options import Options
 from agents.policy import novelty
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER, new_aircraft

@@ -11,9 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from agents.assurance.asking import tries
+from agents.planner.judge.validator import Findings
 from agents.planner.planner import Plans, plan_many
-from agents.planner.request import Options
-from agents.planner.validator import Findings
+from agents.planner.request.request import Options
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.encounters import Encounter, scenario

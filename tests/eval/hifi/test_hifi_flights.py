@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from agents.config.load import load, validate
-from agents.planner.request import Options
-from agents.planner.traffic import Traffic as Known
+from agents.kernel.traffic import Traffic as Known
+from agents.planner.request.request import Options
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.c208.conditions import Conditions

@@ -21,7 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.config.load import ConfigError
-from agents.planner.options import Options
+from agents.planner.request.options import Options
 from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.kinematics import VehicleState

@@ -5,16 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from agents.kernel.areas import Counted, label, relevant
+from agents.kernel.levels import Altitude
 from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
-from agents.planner.areas import Counted, label, relevant
-from agents.planner.detours import Place, airspace
-from agents.planner.fields import sequence
-from agents.planner.goals import next_goals
-from agents.planner.levels import Altitude
-from agents.planner.options import Narrowed, Options
-from agents.planner.out_of_the_way import SPEED_TOLERANCE
-from agents.planner.remarks import assumed_climb
-from agents.planner.request import BEYOND, Request, drift_points, latest_end
+from agents.planner.request.advisories import assumed_climb
+from agents.planner.request.fields import sequence
+from agents.planner.request.options import Narrowed, Options
+from agents.planner.request.pruning import SPEED_TOLERANCE
+from agents.planner.request.request import BEYOND, Request, drift_points, latest_end
+from agents.planner.search.detours import Place, airspace
+from agents.planner.search.goals import next_goals
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Keep, in_air
 from envs.arrays import Array

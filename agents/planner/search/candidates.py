@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.areas import judge
-from agents.planner.completion import complete
-from agents.planner.options import Narrowed, Options, task_of
-from agents.planner.request import Request
-from agents.planner.rollout import Rollout
-from agents.planner.validator import CHECKS, Findings, validate
+from agents.kernel.areas import judge
+from agents.planner.judge.validator import CHECKS, Findings, validate
+from agents.planner.request.options import Narrowed, Options, task_of
+from agents.planner.request.request import Request
+from agents.planner.search.completion import complete
+from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.trees import first_of_each, scatter, take

@@ -10,11 +10,11 @@ from typing import Any, Generic, NamedTuple, cast
 
 import numpy as np
 
+from agents.kernel.levels import ALWAYS, Altitude, window
+from agents.kernel.traffic import Traffic, Window
 from agents.planner.answer import Field, RequestError
-from agents.planner.fields import part_value, quote
-from agents.planner.levels import ALWAYS, Altitude, window
-from agents.planner.options import L, Options
-from agents.planner.traffic import Traffic, Window
+from agents.planner.request.fields import part_value, quote
+from agents.planner.request.options import L, Options
 from envs.arrays import Array
 from envs.frames import Air, F, Ground
 from envs.kinematics import FASTEST, VehicleState

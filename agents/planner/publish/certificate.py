@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
+from agents.kernel.levels import Altitude, Heights, apart, vertical_gap, worst
+from agents.kernel.separation import FINE
+from agents.kernel.traffic import advance_reports
 from agents.planner.answer import UNKNOWN_FLIGHT, Apart, Excluded, Flight
-from agents.planner.levels import Altitude, Heights, apart, vertical_gap, worst
-from agents.planner.options import Narrowed, Options
-from agents.planner.reports import Intruder, arrays_of_reports, report_in_air, windows
-from agents.planner.request import in_wind
-from agents.planner.separation import FINE
-from agents.planner.traffic import advance_reports
-from agents.planner.validator import validate
+from agents.planner.judge.validator import validate
+from agents.planner.request.options import Narrowed, Options
+from agents.planner.request.reports import Intruder, arrays_of_reports, report_in_air, windows
+from agents.planner.request.request import in_wind
 from envs import waypoints
 from envs.areas import Area, Circle
 from envs.frames import Air, Ground

@@ -15,8 +15,10 @@ import numpy as np
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre
 from agents.manoeuvres.escape_search import COARSE, ELITES, STAGES, concatenate, offspring, scale
 from agents.manoeuvres.simulator import Effort
-from agents.planner.budget import Budget
-from agents.planner.candidates import (
+from agents.planner.request.options import Narrowed, Options, aggressive_limits
+from agents.planner.request.request import Request
+from agents.planner.search.budget import Budget
+from agents.planner.search.candidates import (
     REVERSAL_WEIGHT,
     TIME_WEIGHT,
     Proposals,
@@ -24,9 +26,7 @@ from agents.planner.candidates import (
     evaluate,
     keep_best,
 )
-from agents.planner.fallback_flight import fly_out
-from agents.planner.options import Narrowed, Options, aggressive_limits
-from agents.planner.request import Request
+from agents.planner.search.fallback_flight import fly_out
 from envs.arrays import Array
 from envs.trees import take
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Generic, Self
 
 import numpy as np
 
+from agents.kernel.separation import LONGEST
+from agents.kernel.traffic import Requirement
 from agents.manoeuvres.direct_to_goal import EVERY, DirectTask
 from agents.planner.answer import WAYPOINTS, RequestError
-from agents.planner.fields import quote, real
-from agents.planner.traffic import Requirement
-from agents.planner.validator import LONGEST
+from agents.planner.request.fields import quote, real
 from envs.aircraft import Aircraft, AircraftError, new_aircraft
 from envs.arrays import Array
 from envs.kinematics import FASTEST, Limits, intersection
@@ -215,7 +215,7 @@ class Options(Generic[L]):
         goes straight for the route's longest leg, or what extends the route, at the lowest speed
         over the ground, which counts as a quarter of the lowest airspeed at least, and that as a
         hundredth of the greatest: an aircraft that hovers never arrives. A manoeuvre that would
-        last longer is no plan (:mod:`agents.planner.completion`).
+        last longer is no plan (:mod:`agents.planner.search.completion`).
 
         Args:
             own_speed: of the ownship at the request, m/s, ``[...]``; it may be below the limits, as

@@ -7,10 +7,10 @@ they are apart. What is unknown counts as the worst that is plausible.
 import math
 from collections.abc import Sequence
 
+from agents.kernel.levels import Altitude, vertical_gap
 from agents.planner.answer import Apart, Excluded, Kind, Reason
-from agents.planner.levels import Altitude, vertical_gap
-from agents.planner.options import Narrowed, Options
-from agents.planner.reports import Intruder
+from agents.planner.request.options import Narrowed, Options
+from agents.planner.request.reports import Intruder
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, end_speed, turn_onto
-from agents.planner.options import Narrowed, Options, task_of
-from agents.planner.request import Request, drift_points, latest_end
-from agents.planner.rollout import Rollout
+from agents.planner.request.options import Narrowed, Options, task_of
+from agents.planner.request.request import Request, drift_points, latest_end
+from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air
@@ -26,7 +26,7 @@ _SAME_PLACE = 1e-6  # m by which it may be missed
 
 
 class Completed(NamedTuple):
-    """Whole plans, as in :class:`agents.planner.candidates.Proposals`; fields ``[N]``."""
+    """Whole plans, as in :class:`agents.planner.search.candidates.Proposals`; fields ``[N]``."""
 
     plan_states: PlanStates
     last: Array

@@ -9,7 +9,7 @@ those that lie in its way, and they move as other intruders do. A nearest point 
 jump along the edge, and a disc about all of a long polygon would hold the ownship.
 
 Holes are not seen, and areas to be kept in are left out. What flies is judged by the areas as they
-are (:mod:`agents.planner.areas`).
+are (:mod:`agents.kernel.areas`).
 """
 
 import math
@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.areas import Counted
+from agents.kernel.areas import Counted
 from envs.areas import Circle, Keep, Place, Polygon
 from envs.arrays import Array
 from envs.frames import Air

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.kernel.traffic import Traffic, Window, predict, requirement_of
 from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, clear, direct, keeps_clear
-from agents.planner.beyond import CROWD, RouteBeyond, route_beyond
-from agents.planner.budget import Budget
-from agents.planner.options import Narrowed, Options, task_of
-from agents.planner.request import Request, drift_points
-from agents.planner.sight import shares, visible
-from agents.planner.traffic import Traffic, Window, predict, requirement_of
+from agents.planner.request.observation import shares, visible
+from agents.planner.request.options import Narrowed, Options, task_of
+from agents.planner.request.request import Request, drift_points
+from agents.planner.search.budget import Budget
+from agents.planner.search.continuation import CROWD, RouteBeyond, route_beyond
 from agents.policy.inference import Policy
 from envs.arrays import Array
 from envs.backend import FLOATS

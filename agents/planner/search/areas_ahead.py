@@ -1,14 +1,14 @@
 """Estimates of what a search keeps from areas: on strides of manoeuvres, and on the direct route.
 
-:mod:`agents.planner.areas` judges the plans.
+:mod:`agents.kernel.areas` judges the plans.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
+from agents.kernel.areas import Counted
 from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, direct
-from agents.planner.areas import Counted
 from envs.area_geometry import Parts, chord_distances, gain, own_frame
 from envs.arrays import Array
 from envs.frames import Air

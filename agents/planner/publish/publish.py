@@ -11,6 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from agents.kernel.areas import Counted, label
+from agents.kernel.traffic import separations, within_window
 from agents.planner.answer import (
     Advisory,
     AdvisoryCode,
@@ -22,15 +24,13 @@ from agents.planner.answer import (
     Source,
     Status,
 )
-from agents.planner.areas import Counted, label
-from agents.planner.audit import audit
-from agents.planner.candidates import Plans, Proposals
-from agents.planner.goals import next_goals
-from agents.planner.options import Narrowed, Options
-from agents.planner.out_of_the_way import unproven_exclusions
-from agents.planner.request import BEYOND, Request
-from agents.planner.traffic import separations, within_window
-from agents.planner.validator import CHECKS, Findings
+from agents.planner.judge.audit import audit
+from agents.planner.judge.validator import CHECKS, Findings
+from agents.planner.request.options import Narrowed, Options
+from agents.planner.request.pruning import unproven_exclusions
+from agents.planner.request.request import BEYOND, Request
+from agents.planner.search.candidates import Plans, Proposals
+from agents.planner.search.goals import next_goals
 from envs.area_geometry import signed_distance
 from envs.areas import Keep
 from envs.arrays import Array

@@ -1,10 +1,10 @@
 """Whether plans keep the clearance from areas: every curve, while the area counts.
 
 An area counts while it is valid and the ownship may be level with it. As with the separation
-(:mod:`agents.planner.separation`), a part of a leg of length h leaves its chord by at most a h^2 /
+(:mod:`agents.kernel.separation`), a part of a leg of length h leaves its chord by at most a h^2 /
 8, so what :mod:`envs.area_geometry` says of the chord bounds the signed distance of the whole part
 (theorem ``area_part_safe`` of proofs/Safe.v). Parts that are not clear are cut into
-:data:`~agents.planner.separation.FINE`.
+:data:`~agents.kernel.separation.FINE`.
 """
 
 import math
@@ -13,9 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.levels import Altitude
-from agents.planner.separation import FINE, Arcs, along, arcs_of, position_error_bound
-from agents.planner.validator import CLOSE, ROUNDING
+from agents.kernel.levels import Altitude
+from agents.kernel.separation import (
+    CLOSE,
+    FINE,
+    ROUNDING,
+    Arcs,
+    along,
+    arcs_of,
+    position_error_bound,
+)
 from envs.area_geometry import (
     Parts,
     box_distance,

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from agents.kernel.levels import Altitude
 from agents.planner.answer import Advisory, AdvisoryCode, Field, Subject
-from agents.planner.levels import Altitude
-from agents.planner.options import L, Narrowed, Options
-from agents.planner.reports import Intruder
-from agents.planner.request import BEYOND, Request, drift_points
-from agents.planner.sight import shares
+from agents.planner.request.observation import shares
+from agents.planner.request.options import L, Narrowed, Options
+from agents.planner.request.reports import Intruder
+from agents.planner.request.request import BEYOND, Request, drift_points
 from agents.policy.domain import departures
 from agents.policy.inference import Policy
 from envs.frames import Air, Ground

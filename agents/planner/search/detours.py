@@ -1,6 +1,6 @@
 """Ways round areas, from point to point of a route: the shortest over rings about the areas.
 
-Nothing here decides whether a plan keeps clear; :mod:`agents.planner.areas` does. Everything moves
+Nothing here decides whether a plan keeps clear; :mod:`agents.kernel.areas` does. Everything moves
 on straight lines in the air mass: the points of the route with their drift, the rings with their
 areas. A way is a row of straight flights at the present airspeed, each to where its end will be.
 """
@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.areas import Counted, required_distances
+from agents.kernel.areas import Counted, required_distances
 from envs.area_geometry import Parts, box_distance, chord_distances, gain, own_frame
 from envs.areas import Circle, Keep, Polygon
 from envs.arrays import Array

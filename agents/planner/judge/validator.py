@@ -12,8 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.separation import (
+from agents.kernel.separation import (
+    CLOSE,
     FINE,
+    LONGEST,
+    ROUNDING,
     Arcs,
     along,
     arcs_of,
@@ -22,7 +25,7 @@ from agents.planner.separation import (
     growth,
     position_error_bound,
 )
-from agents.planner.traffic import Requirement, Traffic, requirement_of, separations, within_window
+from agents.kernel.traffic import Requirement, Traffic, requirement_of, separations, within_window
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
@@ -32,24 +35,12 @@ from envs.waypoints import ARCS, CLOSED, Legs, PlanStates, legs
 TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
 """By how much limits may be passed for rounding's sake (m/s, m/s^2, rad/s)."""
 
-CLOSE = 1e-3
-"""How much of the margin may be missing, m: a start inside it must keep its own distance exactly,
-and the bound of a part that begins there may be smaller by the part's sagitta."""
-
-ROUNDING = 1e-6
-"""How much of the separation itself may be missing, m."""
-
 _FEW = 4  # intruders whom it costs more to leave out than to look at
 _BOUND_ERROR = 0.01  # m by which the bounds that leave legs out may be off: tolerance and rounding
 
-LONGEST = 16_384.0
-"""Time of a plan's last waypoint at most, s: so far the rounding of positions is bounded
-(proofs/Rounding.g).
-"""
-
 CHECKS = ("not_finite", "times", "leg", "speed", "acceleration", "turn_rate", "separation", "area")
 """What is checked, in the order of the findings' last axis; names of
-:class:`agents.planner.answer.Kind`. Areas are judged in :mod:`agents.planner.areas`.
+:class:`agents.planner.answer.Kind`. Areas are judged in :mod:`agents.kernel.areas`.
 """
 
 _SEPARATION = CHECKS.index("separation")

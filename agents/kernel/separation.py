@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planner.traffic import Requirement, Traffic
+from agents.kernel.traffic import Requirement, Traffic
 from envs.arrays import Array
 from envs.trees import column, map_leaves
 from envs.waypoints import ARCS, Legs
@@ -15,6 +15,18 @@ from envs.waypoints import ARCS, Legs
 FINE = 32
 """Parts into which an arc of a leg is cut where it matters: 0.06 s of a leg of 20 s, 4 mm of
 uncertainty.
+"""
+
+CLOSE = 1e-3
+"""How much of the margin may be missing, m: a start inside it must keep its own distance exactly,
+and the bound of a part that begins there may be smaller by the part's sagitta."""
+
+ROUNDING = 1e-6
+"""How much of the separation itself may be missing, m."""
+
+LONGEST = 16_384.0
+"""Time of a plan's last waypoint at most, s: so far the rounding of positions is bounded
+(proofs/Rounding.g).
 """
 
 # Gauss-Legendre's rule of four points over [0, 1], [4, 1, 1]: the nodes lead.

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agents.kernel.traffic import Traffic, predict, uncertainty
 from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, arrival, direct
-from agents.planner.options import Narrowed, Options, task_of
-from agents.planner.request import Request
-from agents.planner.traffic import Traffic, predict, uncertainty
+from agents.planner.request.options import Narrowed, Options, task_of
+from agents.planner.request.request import Request
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState, velocity

@@ -6,16 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agents.kernel.areas import required_distances
+from agents.kernel.traffic import predict, requirement_of, uncertainty, within_window
 from agents.manoeuvres.direct_to_goal import EVERY, clear
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre
 from agents.manoeuvres.simulator import Departure, Effort, Landed, fly_until_clear
-from agents.planner import areas_ahead
-from agents.planner.areas import required_distances
-from agents.planner.beyond import CROWD, route_beyond
-from agents.planner.options import Narrowed, Options, task_of
-from agents.planner.request import Request, drift_points
-from agents.planner.rollout import Rollout
-from agents.planner.traffic import predict, requirement_of, uncertainty, within_window
+from agents.planner.request.options import Narrowed, Options, task_of
+from agents.planner.request.request import Request, drift_points
+from agents.planner.search import areas_ahead
+from agents.planner.search.continuation import CROWD, route_beyond
+from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air

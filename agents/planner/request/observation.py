@@ -6,7 +6,7 @@ kept. One that is above or below for a while is shown while it counts. Plans are
 the intruders as they are. Why so: docs/explanation/planner.md.
 """
 
-from agents.planner.traffic import Requirement, Traffic, Window, separations
+from agents.kernel.traffic import Requirement, Traffic, Window, separations
 from envs.arrays import Array
 
 

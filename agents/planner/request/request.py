@@ -10,13 +10,15 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from agents.kernel.areas import Counted
+from agents.kernel.levels import Altitude
+from agents.kernel.separation import same_flight
+from agents.kernel.traffic import Traffic, advance_reports
 from agents.planner.answer import Excluded, Field, RequestError, Subject
-from agents.planner.areas import Counted
-from agents.planner.fields import part_value, quote, real, sequence
-from agents.planner.levels import Altitude
-from agents.planner.options import Narrowed, Options, speed_range
-from agents.planner.out_of_the_way import find_excluded
-from agents.planner.reports import (
+from agents.planner.request.fields import part_value, quote, real, sequence
+from agents.planner.request.options import Narrowed, Options, speed_range
+from agents.planner.request.pruning import find_excluded
+from agents.planner.request.reports import (
     FARTHEST,
     Intruder,
     arrays_of_reports,
@@ -26,8 +28,6 @@ from agents.planner.reports import (
     report_in_air,
     windows,
 )
-from agents.planner.separation import same_flight
-from agents.planner.traffic import Traffic, advance_reports
 from envs.arrays import Array
 from envs.frames import Air, Ground
 from envs.kinematics import FASTEST, VehicleState
@@ -71,7 +71,7 @@ def check_request(
     own_altitude: Altitude | None = None,
     wind: Wind | None = None,
 ) -> tuple[Request, tuple[Excluded, ...], list[int]]:
-    """Check one request, whose options are (:func:`agents.planner.options.check`).
+    """Check one request, whose options are (:func:`agents.planner.request.options.check`).
 
     Returns:
         The request as arrays with N = 1, the intruders that are left out, and the numbers of those

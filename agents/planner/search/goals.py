@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from agents.planner.options import Narrowed, Options
-from agents.planner.request import BEYOND, Request, drift_points
+from agents.planner.request.options import Narrowed, Options
+from agents.planner.request.request import BEYOND, Request, drift_points
 from envs.arrays import Array
 
 _STRAIGHT = 1e-3  # of a leg's length, by which the way along it may be longer

@@ -1,0 +1,1 @@
+"""What is wrong with plans and with what is published of them."""

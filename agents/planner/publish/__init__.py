@@ -1,0 +1,1 @@
+"""What is answered: waypoints, reasons and the certificate."""
