@@ -1,6 +1,6 @@
 """``python -m agents.export_onnx``: see :mod:`agents.learning.onnx`."""
 
-from envs.edge.command import run_cli
+from commands.command import run_cli
 
 if __name__ == "__main__":
     run_cli("agents.learning.onnx:main")

@@ -22,9 +22,9 @@ from agents.policy.inference import Policy
 from benchmarks.measure import percentiles_ms, report, request_options, show
 from benchmarks.questions import Question, time_plan
 from benchmarks.sampling_planner import Task, is_right, require, solve
+from commands.command import Parser, real, run_cli
 from envs.aircraft import Aircraft
 from envs.areas import Area
-from envs.edge.command import Parser, real, run_cli
 from envs.encounters import scenario
 from envs.frames import Ground
 from envs.kinematics import VehicleState

@@ -20,8 +20,8 @@ from agents.assurance.inputs import no_areas
 from agents.kernel.areas import Counted
 from agents.kernel.traffic import Requirement, Traffic
 from benchmarks.measure import hold_to_one_core, report
+from commands.command import Parser, run_cli, whole
 from envs.areas import Area, Circle, Polygon
-from envs.edge.command import Parser, run_cli, whole
 from envs.frames import Air
 from envs.kinematics import C208_PUBLISHED, VehicleState
 

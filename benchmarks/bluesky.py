@@ -26,8 +26,8 @@ import numpy as np
 
 from agents.inference import Policy
 from benchmarks.measure import report
-from envs.edge.command import Parser, require, run_cli, whole
-from envs.edge.json_text import parse_json
+from commands.command import Parser, require, run_cli, whole
+from commands.json_text import parse_json
 from eval.stats.intervals import clopper_pearson
 
 if TYPE_CHECKING:

@@ -23,6 +23,7 @@ from agents.planner.planner import plan_many
 from agents.planner.request.request import Options, in_wind
 from agents.policy.inference import Policy
 from benchmarks.measure import hold_to_one_core, report, show
+from commands.command import InputError, Parser, run_cli, whole
 from envs import follower
 from envs.aircraft import PAPER
 from envs.c208.conditions import CALM, NOMINAL, Conditions, Loading
@@ -32,7 +33,6 @@ from envs.c208.guidance import follow
 from envs.c208.gymnasium_env import C208Env
 from envs.c208.point_mass import PointMassVehicle
 from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle, FlightError, StartError
-from envs.edge.command import InputError, Parser, run_cli, whole
 from envs.encounters import scenario
 from envs.follower import PERIOD, deviation, offset
 from envs.frames import Air, Ground

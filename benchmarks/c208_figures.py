@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from commands.command import Parser, run_cli
+from commands.figures import save_figure
 from envs.c208.conditions import Conditions, Loading
 from envs.c208.facts import GRAVITY, POINTS, value
 from envs.c208.validate import envelope, measure
 from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle
-from envs.edge.command import Parser, run_cli
-from envs.edge.figures import save_figure
 from envs.follower import PERIOD
 from envs.frames import Ground
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState

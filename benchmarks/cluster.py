@@ -15,8 +15,8 @@ from distributed import LocalCluster
 
 from agents.policy.inference import Policy
 from benchmarks.measure import report
+from commands.command import Parser, run_cli, whole
 from envs.aircraft import PAPER
-from envs.edge.command import Parser, run_cli, whole
 from envs.encounters import scenario
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.runner.cluster import Cluster, connect_scheduler

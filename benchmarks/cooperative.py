@@ -14,8 +14,8 @@ import numpy as np
 from agents.baselines.baselines import Baseline, Sight
 from agents.policy.inference import Policy
 from benchmarks.measure import report, request_options, show
+from commands.command import Parser, run_cli
 from envs.aircraft import Aircraft
-from envs.edge.command import Parser, run_cli
 from envs.frames import Air
 from envs.kinematics import VehicleState, advance, commands
 from envs.relative import distance, leg_separation

@@ -24,11 +24,11 @@ from agents.policy.inference import Policy
 from benchmarks.measure import report
 from benchmarks.planner import question
 from benchmarks.questions import Question, time_plan
+from commands.command import InputError, Parser, require, run_cli, whole
+from commands.figures import save_figure
+from commands.files import write_file
+from commands.json_text import parse_json
 from envs.aircraft import PAPER
-from envs.edge.command import InputError, Parser, require, run_cli, whole
-from envs.edge.figures import save_figure
-from envs.edge.files import write_file
-from envs.edge.json_text import parse_json
 from envs.encounters import scenario
 from envs.starts import encounters_of_seed
 from eval.flights.plan_flight import request_of

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from agents.config.load import load
 from benchmarks.measure import report
-from envs.edge.command import InputError, Parser, run_cli, whole
+from commands.command import InputError, Parser, run_cli, whole
 from rlcas_jax import metrics
 from rlcas_jax.config import TrainConfig
 

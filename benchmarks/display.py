@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.measure import find_chromium, processor_time, report
 from benchmarks.ros.graph import own_domain
-from envs.edge.command import Parser, real, run_cli, whole
+from commands.command import Parser, real, run_cli, whole
 from ros_bridge.transport.children import FLAG, stop
 
 if TYPE_CHECKING:

@@ -29,8 +29,8 @@ from benchmarks.measure import (
     usual_options,
 )
 from benchmarks.questions import Question, Timed, time_plan
+from commands.command import Parser, run_cli
 from envs.aircraft import Aircraft
-from envs.edge.command import Parser, run_cli
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint

@@ -15,8 +15,8 @@ import numpy as np
 
 from agents.planner import Options
 from agents.policy.inference import Policy
-from envs.edge.command import ConfigError, InputError, Parser, real, require, whole
-from envs.edge.json_text import parse_json
+from commands.command import ConfigError, InputError, Parser, real, require, whole
+from commands.json_text import parse_json
 
 __all__ = [
     "Kind",

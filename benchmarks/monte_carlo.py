@@ -19,8 +19,8 @@ from threadpoolctl import threadpool_limits
 from agents.policy.inference import Policy
 from agents.resolvability.classify import classify
 from benchmarks.measure import layers, report, seconds
+from commands.command import Parser, run_cli, whole
 from envs.aircraft import PAPER
-from envs.edge.command import Parser, run_cli, whole
 from envs.encounters import scenario
 from envs.starts import encounters_of_seed
 from eval.config import MonteCarloConfig

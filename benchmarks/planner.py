@@ -28,8 +28,8 @@ from benchmarks.measure import (
     show,
 )
 from benchmarks.questions import Question
+from commands.command import Parser, run_cli
 from envs.aircraft import PAPER
-from envs.edge.command import Parser, run_cli
 from envs.encounters import Encounter, scenario
 from envs.frames import Ground
 from envs.kinematics import VehicleState

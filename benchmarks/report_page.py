@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.measure import find_chromium, report
-from envs.edge.command import Parser, run_cli, whole
+from commands.command import Parser, run_cli, whole
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser

@@ -22,8 +22,8 @@ from agents.kernel.traffic import Requirement
 from agents.planner import Options
 from benchmarks.safety import sky
 from benchmarks.safety.resimulation import CLOSE, Flown
+from commands.command import InputError
 from envs.areas import Area, Circle
-from envs.edge.command import InputError
 from envs.frames import Ground
 from envs.kinematics import Limits, VehicleState
 from envs.waypoints import RoutePoint

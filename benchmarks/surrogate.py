@@ -18,9 +18,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from benchmarks.measure import report, seconds
+from commands.command import Parser, run_cli, whole
 from envs import encounters, intruder, kinematics, observation, perception, relative, surrogate
 from envs.aircraft import PAPER
-from envs.edge.command import Parser, run_cli, whole
 from envs.outcome import RULES
 
 WORLD = surrogate.World(RULES, PAPER)

@@ -26,8 +26,8 @@ from benchmarks.measure import (
     usual_options,
 )
 from benchmarks.questions import Question, Timed, time_plan
+from commands.command import ConfigError, Parser, real, run_cli, whole
 from envs.aircraft import Aircraft
-from envs.edge.command import ConfigError, Parser, real, run_cli, whole
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint

@@ -34,8 +34,8 @@ from benchmarks import gemm
 from benchmarks.learning import sb3 as sb3_task
 from benchmarks.learning.sb3 import Cell
 from benchmarks.measure import config_options, machine, report
+from commands.command import run_cli, whole
 from envs import observation
-from envs.edge.command import run_cli, whole
 from rlcas_jax import task
 from rlcas_jax.algorithm import ppo_settings
 from rlcas_jax.config import TrainConfig

@@ -27,8 +27,8 @@ from agents.policy import candidate_manoeuvres
 from benchmarks import gemm
 from benchmarks.measure import config_options, report
 from benchmarks.training import Training
+from commands.command import real, run_cli
 from envs import surrogate
-from envs.edge.command import real, run_cli
 from envs.encounters import Scenario
 from rlcas_jax import starts, task
 from rlcas_jax.collect import Environment, collect

@@ -21,9 +21,9 @@ from agents.manoeuvres.escape_search import Found
 from agents.resolvability.classify import replay
 from agents.resolvability.witness import least_cost
 from benchmarks.measure import report, show
+from commands.command import Parser, run_cli, whole
 from envs.aircraft import PAPER
 from envs.angles import wrap
-from envs.edge.command import Parser, run_cli, whole
 from envs.encounters import Encounter, scenario
 from envs.frames import Air
 from envs.kinematics import SURROGATE, VehicleState, advance, commands

@@ -32,7 +32,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-PACKAGES = ("envs", "agents", "rlcas_jax", "eval", "ros_bridge")
+PACKAGES = ("commands", "envs", "agents", "rlcas_jax", "eval", "ros_bridge")
 OUTSIDE = "repository"
 """Folder of the site for what lies outside ``docs/``."""
 ALWAYS_OUTSIDE = ("CHANGELOG.md", "CONTRIBUTING.md", "README.md")
@@ -52,7 +52,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, name, content=text))
     weights = runpy.run_path(str(docs / "fly" / "make.py"))["weights"]()
     files.append(File.generated(config, "fly/weights.js", content=weights))
-    drawing = (docs.parent / "envs" / "edge" / "airmap.js").read_text(encoding="utf-8")
+    drawing = (docs.parent / "commands" / "airmap.js").read_text(encoding="utf-8")
     files.append(File.generated(config, "fly/airmap.js", content=drawing))
     waiting = [docs.parent / name for name in ALWAYS_OUTSIDE]
     for file in files.documentation_pages():

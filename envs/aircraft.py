@@ -9,8 +9,8 @@ a scenario or an observation needs as a number follows from here.
 import math
 from typing import NamedTuple
 
+from commands.command import InputError
 from envs.arrays import Array
-from envs.edge.command import InputError
 from envs.kinematics import FASTEST, Limits
 from envs.outcome import Rules
 

@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from envs.edge.command import InputError
+from commands.command import InputError
 from envs.wind import Wind
 
 MOST_POINTS = 1_024

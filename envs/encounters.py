@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+from commands.command import InputError
+from commands.extension import failure, is_extension
+from commands.registry import Registry
 from envs.aircraft import Aircraft
 from envs.angles import sincos, wrap
 from envs.arrays import Array, ArrayModule
-from envs.edge.command import InputError
-from envs.edge.extension import failure, is_extension
-from envs.edge.registry import Registry
 from envs.frames import Air
 from envs.intruder import Intent
 from envs.kinematics import VehicleState

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from commands.command import InputError
+from commands.extension import failure
+from commands.registry import Registry
 from envs.aircraft import Aircraft
 from envs.arrays import Array, ArrayModule
-from envs.edge.command import InputError
-from envs.edge.extension import failure
-from envs.edge.registry import Registry
 from envs.encounters import Encounter
 from envs.frames import Air
 from envs.kinematics import VehicleState

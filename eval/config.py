@@ -14,8 +14,8 @@ from agents.kernel.traffic import Requirement
 from agents.planner.answer import RequestError
 from agents.planner.request.options import Options, check
 from agents.policy.inference import Policy
+from commands.command import require
 from envs.aircraft import Aircraft
-from envs.edge.command import require
 from envs.encounters import SAMPLERS, SCENARIOS, EncounterError, Scenario, sampler_of
 from envs.random_areas import MOST
 

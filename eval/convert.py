@@ -8,8 +8,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from envs.edge.command import ConfigError, Parser, run_cli
-from envs.edge.files import write_whole
+from commands.command import ConfigError, Parser, run_cli
+from commands.files import write_whole
 from envs.encounters import EncounterError
 from envs.formats import encounter_file
 from envs.formats.encounter_exchange import (
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from envs.edge.command import real, whole
+    from commands.command import real, whole
 
     parser = Parser(prog="python -m eval.convert", description=_DESCRIPTION, epilog=_EPILOG)
     add = parser.add_argument

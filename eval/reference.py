@@ -1,6 +1,6 @@
 """Writes the tables of every key of an evaluation: ``python -m eval.reference docs/reference``."""
 
-from envs.edge.command import run_cli
+from commands.command import run_cli
 
 
 def tables() -> dict[str, list[str]]:

@@ -6,9 +6,9 @@ from agents.config.load import ConfigError
 from agents.learning.algorithm import Algorithm, Setup
 from agents.learning.networks import Actor, Critic
 from agents.learning.ppo import PpoSettings, ppo
-from envs.edge.command import InputError
-from envs.edge.extension import failure, is_extension
-from envs.edge.registry import Registry
+from commands.command import InputError
+from commands.extension import failure, is_extension
+from commands.registry import Registry
 from rlcas_jax.config import PPO, NetworkConfig, TrainConfig
 
 JAX = "jax.numpy"

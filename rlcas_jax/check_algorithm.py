@@ -6,8 +6,8 @@ from typing import Any
 import jax
 
 from agents.config.load import ConfigError
-from envs.edge.command import InputError
-from envs.edge.extension import failure
+from commands.command import InputError
+from commands.extension import failure
 from rlcas_jax.algorithm import JAX
 from rlcas_jax.config import PPO, TrainConfig
 from rlcas_jax.task import CompiledTask

@@ -17,9 +17,9 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save as save_tensors
 
-from envs.edge.command import InputError
-from envs.edge.files import check_regular, write_file
-from envs.edge.json_text import parse_json
+from commands.command import InputError
+from commands.files import check_regular, write_file
+from commands.json_text import parse_json
 
 SCHEMA = "rlcas-checkpoint-1"
 _KEPT = 3  # newest checkpoints that stay

@@ -11,9 +11,9 @@ from typing import Any
 
 from agents.config.keys import help_text
 from agents.config.load import ConfigError, Parser, check_once, dump, load
-from envs.edge.command import whole
-from envs.edge.files import write_file
-from envs.edge.folder_lock import is_unused
+from commands.command import whole
+from commands.files import write_file
+from commands.folder_lock import is_unused
 from rlcas_jax.config import SEED_END, TrainConfig
 
 NAMES = "best, paper, quick, sprint"

@@ -11,9 +11,9 @@ from agents.config.load import ConfigError, Strict, validate
 from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig
 from agents.policy.inputs import resolve
 from agents.policy.set_features import InputTable, table
+from commands.command import InputError
+from commands.extension import is_extension
 from envs.aircraft import PAPER
-from envs.edge.command import InputError
-from envs.edge.extension import is_extension
 from envs.encounters import SAMPLERS, EncounterError, Scenario
 from envs.outcome import Rules
 from envs.rewards import REWARD_TERMS, TASK, TERMS, RewardError, Rewards, Term, with_scores

@@ -19,7 +19,7 @@ from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from agents.config.load import ConfigError
-from envs.edge.compiled import local_devices
+from commands.compiled import local_devices
 from rlcas_jax.cli import Processes
 
 AXIS = "encounters"  # name of the mesh's one axis

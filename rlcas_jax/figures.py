@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from envs.edge.command import ConfigError, Parser, run_cli
+from commands.command import ConfigError, Parser, run_cli
 from rlcas_jax.metrics import read
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
     """
     import matplotlib as mpl
 
-    from envs.edge.figures import save_figure
+    from commands.figures import save_figure
 
     logs = [log for log in map(read, runs) if "step" in log]
     if not logs:

@@ -14,8 +14,8 @@ from agents.learning.export import to_policy_file
 from agents.policy import file as policy_file
 from agents.policy.schema import SetOf, new_metadata
 from agents.resolvability.classify import Verdict, classify
+from commands.files import write_file
 from envs.aircraft import Ratios, ratios
-from envs.edge.files import write_file
 from envs.encounters import scenario
 from envs.starts import encounters_of_seed
 from rlcas_jax.config import FamilyConfig, TrainConfig

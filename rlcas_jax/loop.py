@@ -19,9 +19,9 @@ import numpy as np
 
 from agents.config.load import ConfigError, dump
 from agents.policy.inputs import evaluate_input, resolve, trial_scenes
+from commands.files import write_file
+from commands.installation import versions
 from envs.draws import uniforms
-from envs.edge.files import write_file
-from envs.edge.installation import versions
 from envs.encounters import Encounter, sample, scenario
 from envs.outcome import Outcome, Rules, reward
 from envs.rewards import TERMS, RewardError, shaping_of_first_step

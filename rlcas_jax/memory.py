@@ -6,7 +6,7 @@ import jax
 
 from agents.config.load import ConfigError
 from agents.policy.features import size
-from envs.edge.compiled import local_devices
+from commands.compiled import local_devices
 from envs.observation import SIZE
 from rlcas_jax.config import TrainConfig
 

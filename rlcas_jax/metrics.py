@@ -11,7 +11,7 @@ from typing import IO, Any, Self
 
 import numpy as np
 
-from envs.edge.json_text import parse_json
+from commands.json_text import parse_json
 
 FILE = "metrics.jsonl"
 

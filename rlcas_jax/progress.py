@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Self, TextIO
 
-from envs.edge.progress import Progress, group_digits
+from commands.progress import Progress, group_digits
 
 
 class Reporter(Progress):
@@ -19,7 +19,7 @@ class Reporter(Progress):
         stream: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Prepare; arguments as of :class:`envs.edge.progress.Progress`.
+        """Prepare; arguments as of :class:`commands.progress.Progress`.
 
         Args:
             name: of the training among others, such as ``trial 3``; leads the figures.

@@ -2,7 +2,7 @@
 docs/reference``.
 """
 
-from envs.edge.command import run_cli
+from commands.command import run_cli
 from rlcas_jax.metrics import METRICS
 
 

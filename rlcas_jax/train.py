@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from envs.edge.command import run_cli
-from envs.edge.compiled import keep_compiled
+from commands.command import run_cli
+from commands.compiled import keep_compiled
 from rlcas_jax.interrupt import INTERRUPTED, Interrupt
 
 if TYPE_CHECKING:

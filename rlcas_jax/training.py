@@ -15,9 +15,9 @@ from agents.config.load import ConfigError, load, validate
 from agents.learning.algorithm import Algorithm
 from agents.policy import inputs as own_inputs
 from agents.policy.inputs import Input
+from commands.folder_lock import is_unused, lock
 from envs import rewards as own_rewards
 from envs import scenarios as own_scenarios
-from envs.edge.folder_lock import is_unused, lock
 from envs.encounters import Sampler
 from envs.rewards import Term
 from rlcas_jax import algorithm as own_algorithm

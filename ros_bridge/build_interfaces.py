@@ -14,7 +14,7 @@ import sysconfig
 from collections.abc import Sequence
 from pathlib import Path
 
-from envs.edge.command import InputError, Parser, run_cli
+from commands.command import InputError, Parser, run_cli
 
 _SOURCE = Path(__file__).resolve().parent / "rlcas_msgs"
 

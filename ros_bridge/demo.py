@@ -23,9 +23,9 @@ from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from commands.command import InputError, Parser, require, run_cli
 from envs.aircraft import Aircraft
 from envs.areas import Area
-from envs.edge.command import InputError, Parser, require, run_cli
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.random_areas import MOST, random_areas

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from agents.planner.search import budget
-from envs.edge.command import InputError
-from envs.edge.compiled import keep_compiled
+from commands.command import InputError
+from commands.compiled import keep_compiled
 
 _COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("repeatable", derandomize=True, max_examples=30, **_COMMON)

@@ -32,7 +32,7 @@ from envs.waypoints import RoutePoint
 
 ROOT = Path(__file__).resolve().parent.parent
 BLOCK = re.compile(r"(<!-- not run: [^>]+ -->\s+)?```(python|text)\n(.*?)```", re.DOTALL)
-OURS = ("envs", "agents", "rlcas_jax", "eval", "ros_bridge")
+OURS = ("commands", "envs", "agents", "rlcas_jax", "eval", "ros_bridge")
 SLOW = ("docs/explanation/resolvability.md",)
 LIBRARIES = {
     "docs/tutorial/first-report.md": ("gymnasium",),
@@ -172,7 +172,7 @@ def test_code_that_is_not_run_imports_names_that_exist(page: str) -> None:
 NAME = re.compile(rf"`((?:{'|'.join(OURS)}|benchmarks)(?:\.\w+)+)")
 COMMAND = re.compile(r"python -m ((?:\w+\.)*\w+)")
 FILE = re.compile(
-    r"`((?:agents|benchmarks|configs|docs|envs|eval|rlcas_jax|ros_bridge|tests)/[\w./-]+\.\w+)`"
+    r"`((?:agents|benchmarks|commands|configs|docs|envs|eval|rlcas_jax|ros_bridge|tests)/[\w./-]+\.\w+)`"
 )
 IN_FILE = re.compile(r"`([\w/]+\.py)` \(((?:`\w+`(?:, )?)+)\)")
 

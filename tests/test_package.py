@@ -22,7 +22,7 @@ from rlcas_jax.config import TrainConfig
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 NAMES = {kind: sorted((ROOT / "configs").glob(kind)) for kind in ("*.yaml", AIRCRAFT, VEHICLES)}
-COPIED = ("agents", "envs", "eval", "rlcas_jax", "ros_bridge", "configs")
+COPIED = ("agents", "commands", "envs", "eval", "rlcas_jax", "ros_bridge", "configs")
 FLIGHT_PATH = next(
     c for c in PROJECT["tool"]["importlinter"]["contracts"] if c["id"] == "flight-path"
 )
@@ -81,7 +81,7 @@ def test_every_console_command_leads_to_a_main_function() -> None:
     for name, target in PROJECT["project"]["scripts"].items():
         module, _, attribute = target.partition(":")
         command = getattr(import_module(module), attribute)
-        if module == "envs.edge.command":
+        if module == "commands.command":
             module, _, attribute = command.args[0].partition(":")
             assert attribute == "main"
             assert callable(import_module(module).main), name

@@ -15,10 +15,10 @@ from safetensors.numpy import save_file
 from agents.config.load import load
 from agents.config.world import AircraftConfig
 from agents.policy.file import PolicyFileError, parse
-from envs.edge.json_text import RepeatedKeyError, parse_json
-from envs.edge.text_file import json_of
-from envs.edge.yaml import YamlError, check_distinct
-from envs.edge.yaml import read as read_yaml
+from commands.json_text import RepeatedKeyError, parse_json
+from commands.text_file import json_of
+from commands.yaml import YamlError, check_distinct
+from commands.yaml import read as read_yaml
 from envs.formats.areas import read_areas
 from envs.formats.local_frame import LocalFrame
 from envs.traffic.tracks import TrackError
@@ -172,8 +172,8 @@ def test_keys_that_stand_once_in_each_object_are_read():
 def test_no_other_code_reads_json_or_yaml():
     """Only the two helpers do, and the checker, which shares no code with what it checks."""
     allowed = {
-        "envs/edge/json_text.py",
-        "envs/edge/yaml.py",
+        "commands/json_text.py",
+        "commands/yaml.py",
         "agents/check.py",
         # Run by another program's Python, without ours; what it reads is written beside it.
         "benchmarks/icarous/inside.py",
@@ -183,7 +183,15 @@ def test_no_other_code_reads_json_or_yaml():
     readers = ("json.load", "yaml.safe_load", "yaml.load", "yaml.full_load")
     strays = [
         name
-        for folder in ("agents", "benchmarks", "envs", "eval", "rlcas_jax", "ros_bridge")
+        for folder in (
+            "agents",
+            "benchmarks",
+            "commands",
+            "envs",
+            "eval",
+            "rlcas_jax",
+            "ros_bridge",
+        )
         for path in sorted((ROOT / folder).rglob("*.py"))
         if (name := path.relative_to(ROOT).as_posix()) not in allowed
         and any(reader in path.read_text(encoding="utf-8") for reader in readers)

@@ -24,10 +24,10 @@ from pathlib import Path
 import numpy as np
 
 from agents.baselines.baselines import Sight, check_sight, course_to_goal, may_return, steer
+from commands.command import InputError
+from commands.files import check_regular
 from envs.aircraft import Aircraft
 from envs.angles import wrap
-from envs.edge.command import InputError
-from envs.edge.files import check_regular
 from envs.observation import most_critical
 
 ADVISORIES = ("clear of conflict", "weak left", "weak right", "strong left", "strong right")

@@ -2,7 +2,7 @@
 
 from agents.config.load import ConfigError, Parser, Strict, dump, load
 from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig
-from envs.edge.command import run_cli
+from commands.command import run_cli
 
 __all__ = [
     "AircraftConfig",

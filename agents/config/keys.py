@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from envs.edge.extension import is_extension
+from commands.extension import is_extension
 
 _KINDS = {
     int: "a whole number",

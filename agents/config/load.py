@@ -10,9 +10,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
 from agents.config.keys import expectation, field_at, nested_model, quote
-from envs.edge.command import ConfigError, Parser
-from envs.edge.names import nearest, one_of
-from envs.edge.yaml import YamlError, coerce, read, write
+from commands.command import ConfigError, Parser
+from commands.names import nearest, one_of
+from commands.yaml import YamlError, coerce, read, write
 
 __all__ = [
     "AIRCRAFT",

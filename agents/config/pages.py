@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from agents.config.load import ConfigError, Parser
-from envs.edge.files import write_file
+from commands.files import write_file
 
 _TABLE = re.compile(r"^\|.*\n\|---.*\n(?:\|.*\n)*", re.MULTILINE)
 

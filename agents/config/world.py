@@ -13,8 +13,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, ValidationInfo, field_validator, model_serializer, model_validator
 
 from agents.config.load import AIRCRAFT, VEHICLES, ConfigError, Strict, file_of, load
+from commands.extension import is_extension
 from envs.aircraft import PAPER, Aircraft, new_aircraft
-from envs.edge.extension import is_extension
 from envs.encounters import SAMPLERS, SCENARIOS, EncounterError, Scenario, scenario
 from envs.kinematics import FASTEST, SURROGATE, Limits
 

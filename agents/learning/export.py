@@ -17,7 +17,7 @@ from agents.policy.inference import Policy, input_table
 from agents.policy.inputs import Input
 from agents.policy.scene import random_scenes, unpack_rows
 from agents.policy.set_features import InputTable, set_inputs
-from envs.edge.installation import versions
+from commands.installation import versions
 from envs.observation import SIZE
 
 _RANDOM_VECTORS = 64

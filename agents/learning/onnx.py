@@ -33,10 +33,10 @@ from agents.policy.scene import (
 )
 from agents.policy.set_features import set_inputs
 from agents.policy.set_network import check_one_layer
+from commands.command import InputError, Parser
+from commands.files import write_file
+from commands.installation import versions
 from envs.aircraft import Aircraft
-from envs.edge.command import InputError, Parser
-from envs.edge.files import write_file
-from envs.edge.installation import versions
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.observation import SIZE, rank_motion

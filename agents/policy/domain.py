@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.policy.file import PolicyFile
+from commands.command import InputError
 from envs.aircraft import Aircraft, ratios
 from envs.arrays import Array
-from envs.edge.command import InputError
 from envs.own_separations import GREATEST, LEAST
 
 TRAFFIC_SPEED = (0.4, 1.3)

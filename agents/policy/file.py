@@ -28,9 +28,9 @@ from agents.policy.schema import (
     check_values,
     tensor_shapes,
 )
+from commands.files import check_regular, write_file
+from commands.json_text import parse_json
 from envs.aircraft import PAPER, Aircraft
-from envs.edge.files import check_regular, write_file
-from envs.edge.json_text import parse_json
 from envs.kinematics import Limits
 
 MAX_BYTES = 64 * 1024 * 1024

@@ -16,10 +16,10 @@ from agents.policy.file import PolicyFile, PolicyFileError, parse, read
 from agents.policy.inputs import INPUTS, Input, extension_for
 from agents.policy.set_features import TABLE, InputTable, table
 from agents.policy.set_network import SetNetwork
+from commands.command import InputError
 from envs.aircraft import Aircraft
 from envs.arrays import Array
 from envs.backend import FLOATS
-from envs.edge.command import InputError
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.observation import NAMES, SIZE, beside, urgent

@@ -19,11 +19,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.policy.scene import Scene, mirror, random_scenes, unpack_rows
+from commands.command import InputError
+from commands.extension import failure
+from commands.registry import Registry
 from envs.aircraft import Ratios
 from envs.arrays import Array, ArrayModule
-from envs.edge.command import InputError
-from envs.edge.extension import failure
-from envs.edge.registry import Registry
 
 __all__ = ["INTRUDER", "OWNSHIP", "Input", "Number", "register", "resolve"]
 

@@ -16,8 +16,8 @@ from agents.policy.domain import Departure
 from agents.policy.inputs import Number
 from agents.policy.scene import scene
 from agents.policy.set_features import InputTable, SetInputs, set_inputs
+from commands.json_text import parse_json
 from envs.aircraft import Aircraft
-from envs.edge.json_text import parse_json
 from envs.frames import Air
 from envs.kinematics import VehicleState
 

@@ -16,9 +16,9 @@ from agents.policy.features import FEATURE_SETS, size
 from agents.policy.inputs import INTRUDER, OWNSHIP, Input
 from agents.policy.scene import width as parity_width
 from agents.policy.set_features import TABLE
+from commands.command import InputError
+from commands.json_text import parse_json
 from envs.aircraft import Aircraft, AircraftError, Ratios, new_aircraft
-from envs.edge.command import InputError
-from envs.edge.json_text import parse_json
 from envs.kinematics import FASTEST, Limits
 from envs.observation import NAMES, SIZE
 

@@ -14,9 +14,9 @@ import numpy as np
 from agents.policy import candidate_manoeuvres
 from agents.policy.inputs import INTRUDER, OWNSHIP, Input, Number, check_input, evaluate_input
 from agents.policy.scene import NOWHERE, Scene, mirror
+from commands.command import InputError
 from envs.arrays import Array, ArrayModule
 from envs.backend import FLOATS
-from envs.edge.command import InputError
 from envs.relative import distance
 
 SEPARATION_UNIT = 0.03

@@ -16,10 +16,10 @@ from agents.policy.candidate_manoeuvres import MinSeparationOfOne
 from agents.policy.file import PolicyFile
 from agents.policy.scene import Scene, mirror_one, scene, scene_of_one, unpack_rows
 from agents.policy.set_features import InputTable, SetInputs, set_inputs, set_inputs_of_one
+from commands.command import InputError
 from envs.aircraft import Aircraft, ratios
 from envs.angles import atan2
 from envs.arrays import Array, ArrayModule
-from envs.edge.command import InputError
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.observation import decode

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from benchmarks.ardupilot.relay import Keep, Relay
 from benchmarks.measure import parse_names, report
-from envs.edge.command import InputError, Parser
+from commands.command import InputError, Parser
 from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, fly
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.sitl import Sitl, SitlError, folder
@@ -207,6 +207,6 @@ def _try(name: str, fault: Fault) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    from envs.edge.command import run_cli
+    from commands.command import run_cli
 
     run_cli("benchmarks.ardupilot.faults:main")

@@ -23,7 +23,7 @@ from benchmarks.ardupilot.chaser import Chaser
 from benchmarks.ardupilot.encounters import encounter
 from benchmarks.ardupilot.reach import Ground, flight, program_process, wait
 from benchmarks.measure import processor_time, report
-from envs.edge.command import Parser, real, whole
+from commands.command import Parser, real, whole
 from ros_bridge.mavlink.flight import fly
 from ros_bridge.mavlink.messages import Mode
 
@@ -103,6 +103,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from envs.edge.command import run_cli
+    from commands.command import run_cli
 
     run_cli("benchmarks.ardupilot.load:main")

@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.ardupilot.encounters import encounter, ground_speed
 from benchmarks.ardupilot.run import fly_encounter
 from benchmarks.measure import parse_names, report
-from envs.edge.command import Parser, whole
+from commands.command import Parser, whole
 from ros_bridge.mavlink.flight import Encounter, Result
 from ros_bridge.mavlink.sitl import folder
 
@@ -97,6 +97,6 @@ def _fly(air: Air, encounters: int) -> list[tuple[float, float]]:
 
 
 if __name__ == "__main__":
-    from envs.edge.command import run_cli
+    from commands.command import run_cli
 
     run_cli("benchmarks.ardupilot.margin:main")

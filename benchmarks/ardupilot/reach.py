@@ -31,7 +31,7 @@ import numpy as np
 from benchmarks.ardupilot.chaser import Chaser
 from benchmarks.ardupilot.relay import Relay
 from benchmarks.measure import parse_names, report
-from envs.edge.command import Parser, whole
+from commands.command import Parser, whole
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.mavlink.control import Phase
 from ros_bridge.mavlink.flight import KNOWN, SEPARATION, Row, advance, program_beside
@@ -337,6 +337,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from envs.edge.command import run_cli
+    from commands.command import run_cli
 
     run_cli("benchmarks.ardupilot.reach:main")

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any
 
 from benchmarks.ardupilot.encounters import encounter
 from benchmarks.measure import Kind, read_done, report
-from envs.edge.command import Parser, real, whole
-from envs.edge.json_text import parse_json
+from commands.command import Parser, real, whole
+from commands.json_text import parse_json
 from eval.runner.workers import processes
 from ros_bridge.mavlink.flight import AVOIDANCES, BEGIN, OURS, SEPARATION, Encounter, Result, fly
 from ros_bridge.mavlink.sitl import LAST_INSTANCE, SitlError, folder

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from benchmarks.ardupilot.encounters import GOAL
 from benchmarks.measure import parse_names, report
-from envs.edge.command import Parser, require
+from commands.command import Parser, require
 from eval.plots.style import legend, sample
 from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, apart, fly, place_of
 from ros_bridge.mavlink.flight_picture import draw
@@ -180,6 +180,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from envs.edge.command import run_cli
+    from commands.command import run_cli
 
     run_cli("benchmarks.ardupilot.situations:main")

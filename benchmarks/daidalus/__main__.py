@@ -1,5 +1,5 @@
 """``python -m benchmarks.daidalus``."""
 
-from envs.edge.command import run_cli
+from commands.command import run_cli
 
 run_cli("benchmarks.daidalus.run:main")

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.assurance.alerts import Alerting
-from envs.edge.command import InputError
+from commands.command import InputError
 from envs.traffic.tracks import Track
 
 VARIABLE = "DAIDALUS_BATCH"

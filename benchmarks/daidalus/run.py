@@ -30,9 +30,9 @@ from benchmarks.daidalus.program import (
 )
 from benchmarks.daidalus.sides import Flight, Ours, Sides
 from benchmarks.measure import report
+from commands.command import InputError, Parser, require
 from envs.aircraft import PAPER
 from envs.arrays import Array
-from envs.edge.command import InputError, Parser, require
 from envs.formats.track_files import read_daidalus
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState

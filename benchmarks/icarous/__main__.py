@@ -1,5 +1,5 @@
 """``python -m benchmarks.icarous``."""
 
-from envs.edge.command import run_cli
+from commands.command import run_cli
 
 run_cli("benchmarks.icarous.run:main")

@@ -21,10 +21,10 @@ from benchmarks.icarous import inside
 from benchmarks.icarous.flights import Flight
 from benchmarks.icarous.judge import Track
 from benchmarks.icarous.missions import CLEARANCE, CRUISE, Mission
+from commands.command import InputError
+from commands.json_text import parse_json
 from envs.aircraft import Aircraft
 from envs.areas import Keep, Polygon
-from envs.edge.command import InputError
-from envs.edge.json_text import parse_json
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.wind import Wind

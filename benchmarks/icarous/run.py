@@ -25,10 +25,10 @@ from benchmarks.icarous.flights import Flight
 from benchmarks.icarous.judge import Verdict, judge
 from benchmarks.icarous.missions import Mission, aircraft, mission
 from benchmarks.measure import Kind, parse_names, read_done, report
+from commands.command import Parser, require, whole
+from commands.figures import save_figure
+from commands.progress import Progress
 from envs.aircraft import Aircraft
-from envs.edge.command import Parser, require, whole
-from envs.edge.figures import save_figure
-from envs.edge.progress import Progress
 
 SIDES = "icarous", "ours"
 _FILE = "flights.jsonl"

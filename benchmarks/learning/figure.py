@@ -9,7 +9,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from benchmarks.learning.curves import CONFIDENCE, Axis, Point, t_mean
-from envs.edge.figures import save_figure
+from commands.figures import save_figure
 from rlcas_jax.figures import STYLE
 
 if TYPE_CHECKING:

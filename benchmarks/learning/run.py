@@ -29,8 +29,8 @@ from benchmarks.learning.sides import LEARNERS, PACKAGES, available, check
 from benchmarks.learning.training import Log
 from benchmarks.learning.trials import Trial, best, describe, settings, with_setting
 from benchmarks.measure import config_options, machine, report
-from envs.edge.command import real, whole
-from envs.edge.files import write_file
+from commands.command import real, whole
+from commands.files import write_file
 from eval.stats.intervals import Interval
 from rlcas_jax.config import SEED_END, TrainConfig
 

@@ -25,9 +25,9 @@ from benchmarks.learning.sides import (
     side,
     updates,
 )
-from envs.edge.command import real, run_cli
-from envs.edge.installation import versions
-from envs.edge.json_text import parse_json
+from commands.command import real, run_cli
+from commands.installation import versions
+from commands.json_text import parse_json
 from rlcas_jax.config import TrainConfig
 
 __all__ = ["Log", "main", "read", "train"]

@@ -37,8 +37,8 @@ from benchmarks.ros.graph import (
     start,
 )
 from benchmarks.traffic import question
+from commands.command import Parser, real, run_cli, whole
 from envs.areas import Area
-from envs.edge.command import Parser, real, run_cli, whole
 from envs.random_areas import random_areas
 from ros_bridge.transport.children import stop
 

@@ -38,8 +38,8 @@ from benchmarks.ros.graph import (
     scheduling,
     start,
 )
+from commands.command import Parser, run_cli, whole
 from envs.aircraft import PAPER
-from envs.edge.command import Parser, run_cli, whole
 from envs.encounters import scenario
 from envs.frames import Ground
 from envs.kinematics import VehicleState

@@ -32,8 +32,8 @@ from benchmarks.ros.graph import (
     route_message,
     start,
 )
+from commands.command import Parser, real, run_cli, whole
 from envs.angles import wrap
-from envs.edge.command import Parser, real, run_cli, whole
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 

@@ -31,10 +31,10 @@ from benchmarks.safety.adversary import (
 )
 from benchmarks.safety.reflight import refly
 from benchmarks.safety.resimulation import CHECKS, Flown, Route, fly, resimulate
+from commands.json_text import parse_json
 from envs import draws
 from envs.aircraft import PAPER, Aircraft
 from envs.arrays import Array
-from envs.edge.json_text import parse_json
 from envs.kinematics import Limits
 from envs.trees import map_leaves, take
 from envs.waypoints import ARCS, PlanStates, legs

@@ -39,11 +39,11 @@ from benchmarks.measure import report
 from benchmarks.safety import adversary, published
 from benchmarks.safety.judgement import wrong
 from benchmarks.safety.mutation import mutate
+from commands.command import InputError, Parser, run_cli
+from commands.command import whole as whole_number
+from commands.json_text import parse_json
 from envs.aircraft import Aircraft
 from envs.arrays import Array
-from envs.edge.command import InputError, Parser, run_cli
-from envs.edge.command import whole as whole_number
-from envs.edge.json_text import parse_json
 from envs.trees import map_leaves, take
 from envs.waypoints import Waypoint
 from eval.runner.workers import cores

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.safety.judgement import apart, controls, flights, offset
-from envs.edge.json_text import parse_json
+from commands.json_text import parse_json
 from envs.waypoints import ARCS
 
 __all__ = ["approach", "mutate"]

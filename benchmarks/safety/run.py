@@ -24,8 +24,8 @@ from agents.policy.inference import Policy
 from benchmarks.measure import read_done, report, request_options
 from benchmarks.safety.adversary import FAMILIES
 from benchmarks.safety.attack import HUNDRED, Batch, Tally, attack, tasks
-from envs.edge.command import Parser, whole
-from envs.edge.progress import Progress
+from commands.command import Parser, whole
+from commands.progress import Progress
 from eval.runner.workers import cores, processes
 
 __all__ = ["BLOCK", "main"]

@@ -19,7 +19,7 @@ from agents.config.load import load
 from agents.config.world import AircraftConfig
 from agents.policy.domain import check_domain
 from agents.policy.file import PolicyFileError, read
-from envs.edge.command import Parser, run_cli
+from commands.command import Parser, run_cli
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
@@ -81,7 +81,7 @@ def write(folder: Path, path: Path = SHIPPED) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     for name in ("index.html", "fly.js", "policy.js", "search.js", "areas.js"):
         shutil.copyfile(HERE / name, folder / name)
-    shutil.copyfile(ROOT / "envs" / "edge" / "airmap.js", folder / "airmap.js")
+    shutil.copyfile(ROOT / "commands" / "airmap.js", folder / "airmap.js")
     (folder / "weights.js").write_text(script, encoding="utf-8")
     return folder / "index.html"
 

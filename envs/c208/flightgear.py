@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from commands.command import ConfigError
 from envs.c208.fdm import STEP
-from envs.edge.command import ConfigError
 from envs.formats.local_frame import geocentric
 from envs.frames import Ground
 from envs.kinematics import VehicleState

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
+from commands.command import Parser, run_cli
+from commands.files import write_file
 from envs.c208 import propulsion
 from envs.c208.conditions import NOMINAL, Loading, check_loading
 from envs.c208.facts import DATA, FACTS, FOOT, POUND, SLUG_PER_FT3, VARIANTS, Variant, value
-from envs.edge.command import Parser, run_cli
-from envs.edge.files import write_file
 
 _WRITTEN = "Written by python -m envs.c208.model: change the facts or the template, not this file."
 

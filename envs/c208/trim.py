@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from commands.command import Parser, run_cli
+from commands.files import write_file
 from envs.c208.facts import DATA, FOOT, POUND, value
 from envs.c208.fdm import Fdm
 from envs.c208.model import stall_angle
 from envs.c208.propulsion import Curve
-from envs.edge.command import Parser, run_cli
-from envs.edge.files import write_file
 
 REFERENCE_ALTITUDE = 2500.0  # of the stored equilibria and of flights, m
 REFERENCE_WEIGHT = 8807.0 * POUND  # of the stored equilibria, N

@@ -14,12 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from commands.command import Parser, run_cli
 from envs.c208.conditions import NOMINAL, Loading
 from envs.c208.facts import FOOT, GRAVITY, POINTS, POUND, SLUG_PER_FT3, VARIANTS, Point
 from envs.c208.fdm import STEP, Fdm
 from envs.c208.propulsion import DENSITY_0, HORSEPOWER, idle_thrust, maximum_thrust, thrust
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve
-from envs.edge.command import Parser, run_cli
 
 KNOT = 0.514444  # m/s
 

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
-from envs.edge.text_file import json_of, text_of
+from commands.text_file import json_of, text_of
 from envs.formats.track_rows import Reading, Rows, flights_of
 from envs.traffic.ground import ROLL_MAX, flies
 from envs.traffic.track_units import FOOT, KNOT, Range

@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from commands.files import write_whole
+from commands.text_file import number_of, text_of
 from envs.aircraft import Aircraft
 from envs.angles import wrap
-from envs.edge.files import write_whole
-from envs.edge.text_file import number_of, text_of
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError
 from envs.frames import Air
 from envs.intruder import Intent

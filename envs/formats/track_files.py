@@ -11,7 +11,7 @@ import os
 import re
 from typing import NamedTuple
 
-from envs.edge.text_file import lines_of, number_of
+from commands.text_file import lines_of, number_of
 from envs.formats.track_rows import Reading, Rows, track_file
 from envs.traffic.track_units import DEGREES, FAMILIES, FOOT, KNOT, Range, si
 from envs.traffic.tracks import DISTANT, TrackError, TrackFile

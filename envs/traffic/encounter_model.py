@@ -37,7 +37,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.edge.text_file import lines_of, number_of
+from commands.text_file import lines_of, number_of
 from envs.encounters import EncounterError
 
 SPEED, ACCELERATION, CLIMB, TURN = "v", r"\dot v", r"\dot h", r"\dot \psi"

@@ -11,9 +11,9 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
 from agents.config.load import ConfigError, Parser
+from commands.command import real
+from commands.figures import save_figure
 from envs.areas import Area, AreaError, Circle, Keep
-from envs.edge.command import real
-from envs.edge.figures import save_figure
 from envs.formats.areas import read_near_areas
 from envs.formats.local_frame import LocalFrame
 from eval.areas.config import AreasConfig

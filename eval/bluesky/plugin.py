@@ -18,9 +18,9 @@ from agents.inference import Policy
 from agents.planner import RequestError, plan
 from agents.planner.request.options import Options
 from agents.planner.request.request import Altitude
+from commands.command import InputError
 from envs.aircraft import new_aircraft
 from envs.areas import Area, AreaError, Circle, Level, Polygon
-from envs.edge.command import InputError
 from envs.frames import Ground
 from envs.kinematics import Limits, VehicleState, commands
 from envs.trees import map_leaves, take

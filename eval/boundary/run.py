@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from agents.config.load import AIRCRAFT, ConfigError, Parser, file_of
+from commands.command import real
+from commands.json_text import parse_json
 from envs.aircraft import PAPER, Aircraft
-from envs.edge.command import real
-from envs.edge.json_text import parse_json
 from eval.boundary.config import BoundaryConfig
 from eval.boundary.figure import boundary_figure
 from eval.boundary.grid import Solution, edge_value, make_grid, solve

@@ -13,8 +13,8 @@ from agents.config.load import ConfigError
 from agents.planner.request.options import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
+from commands.names import one_of
 from envs.aircraft import PAPER, Aircraft
-from envs.edge.names import one_of
 from envs.encounters import Encounter
 from envs.frames import Air
 from envs.kinematics import Limits

@@ -15,10 +15,10 @@ import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from agents.config.load import Parser
-from envs.edge.command import whole
-from envs.edge.figures import save_figure
-from envs.edge.files import check_space, write_whole
-from envs.edge.installation import versions
+from commands.command import whole
+from commands.figures import save_figure
+from commands.files import check_space, write_whole
+from commands.installation import versions
 from envs.traffic.replay import Replay
 from eval.compare.config import CompareConfig
 from eval.compare.resolvers import (

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from envs.edge.progress import group_digits
+from commands.progress import group_digits
 from eval.evidence.listed import Evidence
 from eval.evidence.tables import cells_of
 from eval.metrics.summary import print_table

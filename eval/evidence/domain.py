@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.edge.files import write_whole
+from commands.files import write_whole
 from eval.evidence.listed import Evidence
 from eval.plots.cells import COURSES, RATIOS, cells_figure
 from eval.runner.outputs import read_table

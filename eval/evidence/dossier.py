@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from pydantic import Field
 
 from agents.config.load import ConfigError, Strict
-from envs.edge.names import nearest
+from commands.names import nearest
 from eval.evidence.listed import Evidence
 from eval.evidence.tables import cells_of
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from agents.config.load import ConfigError, load
-from envs.edge.files import write_file
-from envs.edge.installation import versions
-from envs.edge.json_text import parse_json
+from commands.files import write_file
+from commands.installation import versions
+from commands.json_text import parse_json
 from eval.evidence.dossier import Assessment, Case, Goal, Item, Outcome, assess, file_of
 from eval.evidence.listed import Evidence
 from eval.report.page import Filled, asset, figure

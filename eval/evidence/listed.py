@@ -11,7 +11,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from agents.config.load import ConfigError, Strict
-from envs.edge.json_text import RepeatedKeyError, parse_json
+from commands.json_text import RepeatedKeyError, parse_json
 
 
 class Entry(Strict):

@@ -23,11 +23,11 @@ from agents.policy import novelty
 from agents.policy.domain import excess, traffic
 from agents.policy.inference import Policy
 from agents.policy.set_features import SetInputs
+from commands.command import Parser, run_cli
+from commands.files import write_file
 from envs.aircraft import Aircraft, Ratios, new_aircraft
 from envs.angles import wrap
 from envs.draws import normals
-from envs.edge.command import Parser, run_cli
-from envs.edge.files import write_file
 from envs.encounters import Encounter, pad, scenario
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
@@ -412,7 +412,7 @@ def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure the rates, or make the box anew, and print what was found as JSON."""
-    from envs.edge.command import whole
+    from commands.command import whole
     from eval.runner.options import extension_option, load_extensions
 
     parser = Parser(prog="python -m eval.evidence.outside", description=__doc__)

@@ -19,9 +19,9 @@ from typing import Any
 
 from agents.config.load import Parser, load
 from agents.policy.inference import Policy
-from envs.edge.command import real, require
-from envs.edge.files import write_file
-from envs.edge.json_text import parse_json
+from commands.command import real, require
+from commands.files import write_file
+from commands.json_text import parse_json
 from eval.evidence.closing import show_closing
 from eval.evidence.domain import cells
 from eval.evidence.dossier_page import write

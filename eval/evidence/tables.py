@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.config.load import ConfigError
-from envs.edge.files import write_file
+from commands.files import write_file
 from eval.evidence.domain import PICTURE, draw, rows_of_cells
 from eval.evidence.listed import Entry, Evidence, Table
 

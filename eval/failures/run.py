@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from agents.config.load import ConfigError, Parser
-from envs.edge.command import whole
-from envs.edge.files import write_whole
+from commands.command import whole
+from commands.files import write_whole
 from envs.formats import encounter_file
 from envs.intruder import Intent
 from envs.outcome import Rules

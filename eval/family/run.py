@@ -13,9 +13,9 @@ import numpy as np
 from agents.config.load import Parser, dump
 from agents.config.world import AircraftConfig
 from agents.policy.domain import TRAFFIC_SPEED
+from commands.command import whole
+from commands.files import write_file
 from envs.aircraft import ratios
-from envs.edge.command import whole
-from envs.edge.files import write_file
 from envs.scenarios import resolve
 from eval.family.aircraft import draw_aircraft
 from eval.family.config import FamilyConfig

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from agents.policy.inference import OutsideDomainError, Policy
+from commands.command import ConfigError
 from envs.aircraft import Aircraft, new_aircraft
-from envs.edge.command import ConfigError
 from envs.kinematics import Limits
 
 _TASK = ("separation", "goal_radius", "traffic_speed_max", "dt", "t_max")

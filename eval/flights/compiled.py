@@ -13,10 +13,10 @@ from agents.policy.inference import Policy
 from agents.policy.scene import OWN_NUMBERS, scene, unpack_rows, width
 from agents.policy.set_features import set_inputs
 from agents.policy.set_network import actions
+from commands.command import InputError
+from commands.compiled import keep_compiled, local_devices
 from envs.aircraft import Ratios, ratios
 from envs.arrays import Array
-from envs.edge.command import InputError
-from envs.edge.compiled import keep_compiled, local_devices
 from envs.trees import map_leaves, take
 
 _TILE = 256

@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from commands.command import visible
 from envs.aircraft import Aircraft
-from envs.edge.command import visible
 from envs.encounters import Encounter, EncounterError, Scenario
 from envs.formats import encounter_file
 from envs.formats.adsb_file import is_adsb

@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from threadpoolctl import threadpool_limits
 
 from agents.policy.inference import Policy
-from envs.edge.figures import save_figure
+from commands.figures import save_figure
 from envs.follower import PERIOD
 from envs.frames import Air
 from envs.kinematics import VehicleState

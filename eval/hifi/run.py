@@ -8,9 +8,9 @@ from typing import Any
 
 from agents.config.load import ConfigError, Parser
 from agents.planner.answer import RequestError
+from commands.command import require, whole
+from commands.progress import group_digits
 from envs.c208.flightgear import flightgear_at
-from envs.edge.command import require, whole
-from envs.edge.progress import group_digits
 from envs.wind import Wind
 from eval.hifi.config import HifiConfig
 from eval.hifi.flights import Campaign, prepare

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.edge.progress import group_digits
+from commands.progress import group_digits
 from eval.hifi.rows import ERRORS, HIFI_OUTCOMES
 from eval.metrics.summary import BROKEN, NOT_PROMISED
 from eval.stats.intervals import quantiles, share

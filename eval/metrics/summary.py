@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.edge.progress import group_digits
+from commands.progress import group_digits
 from eval.metrics.weighted import rates_of, ratio, summarise_weighted, to_json
 from eval.stats.intervals import ends, mean_interval, number, quantiles, share
 

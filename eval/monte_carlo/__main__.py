@@ -1,6 +1,6 @@
 """``python -m eval.monte_carlo``."""
 
-from envs.edge.command import run_cli
+from commands.command import run_cli
 
 if __name__ == "__main__":
     run_cli("eval.monte_carlo.run:main")

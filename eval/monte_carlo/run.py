@@ -12,8 +12,8 @@ import numpy as np
 
 from agents.config.load import Parser, load
 from agents.policy.domain import excess
-from envs.edge.command import real, whole
-from envs.edge.progress import group_digits
+from commands.command import real, whole
+from commands.progress import group_digits
 from envs.kinematics import Limits
 from eval.config import MonteCarloConfig
 from eval.flights.aircraft import format_limits

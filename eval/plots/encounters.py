@@ -13,8 +13,8 @@ from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from threadpoolctl import threadpool_limits
 
-from envs.edge.figures import save_figure
-from envs.edge.progress import group_digits
+from commands.figures import save_figure
+from commands.progress import group_digits
 from eval.flights.chunks import Evaluation, ReadyEvaluation
 from eval.flights.recorded import fly_recorded
 from eval.plots.flight_sheet import choose_encounters, trajectory_sheet

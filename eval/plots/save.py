@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.config.load import ConfigError, Strict, dump
-from envs.edge.figures import save_figure
-from envs.edge.files import check_space, write_file
+from commands.figures import save_figure
+from commands.files import check_space, write_file
 from eval.runner.outputs import check_unused
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """``python -m eval.policy_map``."""
 
-from envs.edge.command import run_cli
+from commands.command import run_cli
 
 if __name__ == "__main__":
     run_cli("eval.policy_map.run:main")

@@ -13,8 +13,8 @@ import numpy as np
 
 from agents.policy.inference import Policy
 from agents.policy.set_network import check_one_layer
-from envs.edge.command import Parser, run_cli
-from envs.edge.files import write_file
+from commands.command import Parser, run_cli
+from commands.files import write_file
 from eval.plots.cells import COURSES, RATIOS, cells_figure
 from eval.policy_map.proof import Scenes, answers, box_of, decide
 from eval.stats.intervals import share

@@ -11,8 +11,8 @@ from threadpoolctl import threadpool_limits
 
 from agents.config.load import ConfigError, Parser
 from agents.policy.inference import Policy
-from envs.edge.command import real, whole
-from envs.edge.installation import versions
+from commands.command import real, whole
+from commands.installation import versions
 from eval.plots import save as picture_folder
 from eval.policy_map.advisory import FixedStates, advise, chatter
 from eval.policy_map.config import MOST_MAPS, PolicyMapConfig

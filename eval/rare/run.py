@@ -13,9 +13,9 @@ from scipy.special import stdtrit
 from threadpoolctl import threadpool_limits
 
 from agents.config.load import Parser
-from envs.edge.command import real, whole
-from envs.edge.figures import save_figure
-from envs.edge.installation import versions
+from commands.command import real, whole
+from commands.figures import save_figure
+from commands.installation import versions
 from envs.formats import encounter_file
 from eval.flights.aircraft import describe, lines_about
 from eval.flights.chunks import ReadyEvaluation

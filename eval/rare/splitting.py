@@ -16,7 +16,7 @@ from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
-from envs.edge.command import InputError
+from commands.command import InputError
 
 _MOST_LEVELS = 60
 _WANTED_ACCEPTANCE = 0.3

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from commands.command import visible
 from envs.areas import Area
-from envs.edge.command import visible
 from eval.flights.among_areas import outlines
 from eval.plots.style import BREACH, MARKERS, spread
 from eval.report.bands import TRACKS, bands_data, wind_data

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.config.load import ConfigError, load
-from envs.edge.json_text import parse_json
+from commands.json_text import parse_json
 from envs.outcome import Rules
 from eval.config import MonteCarloConfig
 from eval.flights.aircraft import aircraft_of

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.edge.command import visible
-from envs.edge.progress import group_digits
+from commands.command import visible
+from commands.progress import group_digits
 from eval.flights.aircraft import lines_about
 from eval.metrics.summary import Line, headline
 from eval.plots.style import BREACH, MARKERS
@@ -41,7 +41,7 @@ class Filled(Template):
 def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -> str:
     """Return the page's HTML, with data for its script and what made it, with its version."""
     library, script, style = (asset(name) for name in ("echarts.min.js", "report.js", "report.css"))
-    drawing = (files("envs.edge") / "airmap.js").read_text(encoding="utf-8")
+    drawing = (files("commands") / "airmap.js").read_text(encoding="utf-8")
     allowed = " ".join(f"'sha256-{_digest(code)}'" for code in (library, drawing, script))
     summary = run.summary
     lines = headline(summary, _lost_causes(run))

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from agents.config.load import ConfigError, Parser
-from envs.edge.command import whole
-from envs.edge.files import write_file, write_whole
-from envs.edge.installation import versions
-from envs.edge.progress import Progress
+from commands.command import whole
+from commands.files import write_file, write_whole
+from commands.installation import versions
+from commands.progress import Progress
 from eval.flights.among_areas import outlines
 from eval.flights.chunks import Evaluation
 from eval.report.bands import encounter_data, wind_data

@@ -24,8 +24,8 @@ from distributed import Client, Future, KilledWorker
 from distributed.comm.core import connect
 
 from agents.config.load import ConfigError
-from envs.edge.command import InputError
-from envs.edge.installation import versions
+from commands.command import InputError
+from commands.installation import versions
 from eval.runner.payload import Chunk, Work, WorkerError, differences, fly, pack, unpack
 
 _ANSWER_S = 5.0  # time in which a scheduler must answer

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
 from agents.config.keys import help_text
 from agents.config.load import ConfigError
-from envs.edge.command import require
-from envs.edge.files import check_space, write_file
-from envs.edge.folder_lock import lock
-from envs.edge.installation import versions
-from envs.edge.progress import Progress, group_digits
+from commands.command import require
+from commands.files import check_space, write_file
+from commands.folder_lock import lock
+from commands.installation import versions
+from commands.progress import Progress, group_digits
 from eval.config import MonteCarloConfig
 from eval.flights.aircraft import describe, lines_about
 from eval.runner.options import default_folder, load_config, named_policy

@@ -12,11 +12,11 @@ from typing import Any, TypeVar
 from agents.config.load import AIRCRAFT, ConfigError, Strict, check_once, file_of, load
 from agents.policy import inputs
 from agents.policy.inference import Policy
+from commands.command import real, visible, whole
+from commands.extension import is_extension, load_extension
 from envs import scenarios
 from envs.aircraft import Aircraft
 from envs.areas import Area, AreaError
-from envs.edge.command import real, visible, whole
-from envs.edge.extension import is_extension, load_extension
 from envs.encounters import EncounterError, Sampler
 from envs.formats.areas import read_near_areas
 from envs.formats.local_frame import LocalFrame

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.config.load import ConfigError, Strict, dump, load
-from envs.edge.files import write_file, write_whole
-from envs.edge.folder_lock import is_unused
-from envs.edge.installation import versions
+from commands.files import write_file, write_whole
+from commands.folder_lock import is_unused
+from commands.installation import versions
 from eval.config import EncountersConfig, MonteCarloConfig
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from agents.config.load import Strict
-from envs.edge.files import write_whole
+from commands.files import write_whole
 from eval.runner.outputs import ResumableFolder
 
 _IDENTITY = "identity of the run"  # name of an array that no part has

@@ -19,8 +19,8 @@ from threadpoolctl import threadpool_limits
 from agents.policy.file import PolicyFileError, locate, parse
 from agents.policy.inference import Policy, input_table
 from agents.policy.inputs import Input
-from envs.edge.command import InputError
-from envs.edge.installation import versions
+from commands.command import InputError
+from commands.installation import versions
 
 DECISIVE = ("rlcas-toolkit", "numpy")
 """Packages that must have one version everywhere, because rows depend on it."""

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.config.load import ConfigError
+from commands.json_text import parse_json
 from envs.aircraft import Aircraft
-from envs.edge.json_text import parse_json
 from eval.flights.aircraft import aircraft_of
 from eval.runner.outputs import read_table
 from eval.stats.intervals import share

@@ -12,10 +12,10 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from agents.config.load import ConfigError, Parser
-from envs.edge.command import whole
-from envs.edge.figures import save_figure
-from envs.edge.installation import versions
-from envs.edge.progress import group_digits
+from commands.command import whole
+from commands.figures import save_figure
+from commands.installation import versions
+from commands.progress import group_digits
 from eval.plots import save as picture_folder
 from eval.plots.style import scenario_title
 from eval.runner.command import UnfinishedError

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.config.load import ConfigError
+from commands.command import real
+from commands.names import one_of
 from envs.aircraft import PAPER
-from envs.edge.command import real
-from envs.edge.names import one_of
 from envs.encounters import scenario
 from eval.monte_carlo.run import evaluate
 from eval.sensitivity.bins import rates, read_run, successes

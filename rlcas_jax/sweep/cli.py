@@ -11,9 +11,9 @@ from typing import Any
 from pydantic import Field
 
 from agents.config.load import ConfigError, Parser, Strict, file_of, load, validate
-from envs.edge.command import whole
-from envs.edge.folder_lock import is_unused
-from envs.edge.yaml import YamlError, read
+from commands.command import whole
+from commands.folder_lock import is_unused
+from commands.yaml import YamlError, read
 from rlcas_jax.cli import add_configuration, is_named, overrides_of
 from rlcas_jax.config import SEED_END, TrainConfig
 from rlcas_jax.sweep.space import Space, check

@@ -11,7 +11,7 @@ from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 from optuna.study import Study
 from optuna.trial import FrozenTrial, TrialState
 
-from envs.edge.figures import save_figure
+from commands.figures import save_figure
 from rlcas_jax.figures import STYLE
 
 if TYPE_CHECKING:

@@ -21,9 +21,9 @@ from optuna.study import Study
 from optuna.trial import FrozenTrial, Trial, TrialState
 
 from agents.config.load import ConfigError, dump, load
-from envs.edge.compiled import keep_compiled
-from envs.edge.files import write_file
-from envs.edge.folder_lock import lock
+from commands.compiled import keep_compiled
+from commands.files import write_file
+from commands.folder_lock import lock
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.interrupt import INTERRUPTED, Interrupt
 from rlcas_jax.progress import Reporter

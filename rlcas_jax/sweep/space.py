@@ -20,7 +20,7 @@ from pydantic.fields import FieldInfo
 
 from agents.config.keys import expectation, field_at, keys, quote
 from agents.config.load import ConfigError
-from envs.edge.names import nearest
+from commands.names import nearest
 from rlcas_jax.config import TrainConfig
 
 Space = Mapping[str, BaseDistribution]

@@ -14,7 +14,7 @@ from enum import IntEnum
 from typing import Any, TypeVar
 
 from agents.planner.request.request import Altitude
-from envs.edge.json_text import RepeatedKeyError, parse_json
+from commands.json_text import RepeatedKeyError, parse_json
 from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core.categories import number_of
 from ros_bridge.core.conversions import report

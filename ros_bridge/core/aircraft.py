@@ -8,8 +8,8 @@ from pathlib import Path
 from agents.policy.file import PolicyFileError
 from agents.policy.inference import Policy
 from agents.policy.inputs import resolve
+from commands.command import InputError
 from envs.aircraft import Aircraft
-from envs.edge.command import InputError
 
 
 def load_extensions(names: str) -> None:

@@ -9,7 +9,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from envs.edge.command import InputError
+from commands.command import InputError
 from ros_bridge.display.scene import INPUTS, take
 from ros_bridge.display.server import Board
 from ros_bridge.transport import topics

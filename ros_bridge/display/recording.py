@@ -13,8 +13,8 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from envs.edge.command import InputError
-from envs.edge.json_text import RepeatedKeyError, parse_json
+from commands.command import InputError
+from commands.json_text import RepeatedKeyError, parse_json
 from ros_bridge.core.fields import SECOND
 from ros_bridge.display.picture import VERSION, Document, advice, picture
 from ros_bridge.display.scene import INPUTS, Scene, clock_of, note, take

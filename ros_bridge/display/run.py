@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 
-from envs.edge.command import InputError, Parser, visible
+from commands.command import InputError, Parser, visible
 from ros_bridge.display.recording import read
 from ros_bridge.display.server import Board, Recording, Screen, bind_socket
 from ros_bridge.transport.adsb_receiver import check_source

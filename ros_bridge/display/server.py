@@ -30,7 +30,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from envs.edge.json_text import parse_json
+from commands.json_text import parse_json
 from ros_bridge.core.failures import Failures
 from ros_bridge.display.connections import Connections
 from ros_bridge.display.picture import VERSION, Document, empty, picture
@@ -42,7 +42,7 @@ _FILES = {
     "/": ("ros_bridge.display", "page/index.html", "text/html"),
     "/display.js": ("ros_bridge.display", "page/display.js", "text/javascript"),
     "/display.css": ("ros_bridge.display", "page/display.css", "text/css"),
-    "/airmap.js": ("envs.edge", "airmap.js", "text/javascript"),
+    "/airmap.js": ("commands", "airmap.js", "text/javascript"),
 }
 _MOST_CLIENTS = 32
 _QUEUE = 2  # pictures that wait for a client

@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from envs.edge.command import InputError, Parser, require, run_cli
+from commands.command import InputError, Parser, require, run_cli
 from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, fly
 from ros_bridge.mavlink.flight_picture import draw
 from ros_bridge.mavlink.messages import Mode

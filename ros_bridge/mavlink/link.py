@@ -12,7 +12,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from envs.edge.command import InputError
+from commands.command import InputError
 from ros_bridge.core.fields import SECOND
 from ros_bridge.mavlink import messages
 from ros_bridge.mavlink.download import Download, accept

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from agents.policy.domain import OutsideDomainError
 from agents.policy.inference import Policy
-from envs.edge.command import InputError, Parser, require, whole
+from commands.command import InputError, Parser, require, whole
 from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.categories import Categories, separations_of
 from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD, Unknown

@@ -27,8 +27,8 @@ from typing import Any, NamedTuple
 
 from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Cause
-from envs.edge.command import InputError, run_cli
-from envs.edge.files import write_file
+from commands.command import InputError, run_cli
+from commands.files import write_file
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.adsb_live import OWN_TRACES

@@ -10,7 +10,7 @@ from queue import SimpleQueue
 from typing import Self
 
 from agents.assurance.state import FlyMode, State
-from envs.edge.command import InputError, visible
+from commands.command import InputError, visible
 from ros_bridge.core.areas import AreaReport
 from ros_bridge.core.conversions import Station
 from ros_bridge.core.guidance import blank

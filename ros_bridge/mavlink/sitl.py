@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from envs.edge.command import InputError
+from commands.command import InputError
 
 HOME = (47.4, 8.5, 520.0)
 """Latitude, longitude, degrees, and height, m, of the simulated airfield."""

@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
+from commands.command import InputError
 from envs.aircraft import Aircraft, AircraftError, new_aircraft
-from envs.edge.command import InputError
 from envs.kinematics import Limits
 
 GRAVITY = 9.80665  # m/s^2

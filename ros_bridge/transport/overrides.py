@@ -13,8 +13,8 @@ from typing import Any
 
 import yaml
 
-from envs.edge.text_file import text_of
-from envs.edge.yaml import YamlError, check_distinct
+from commands.text_file import text_of
+from commands.yaml import YamlError, check_distinct
 
 _OURS = "rlcas_"
 

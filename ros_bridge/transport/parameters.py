@@ -7,8 +7,8 @@ its time step. A default that is a word is what the aircraft has of that name.
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+from commands.command import Parser, run_cli
 from envs.aircraft import Aircraft
-from envs.edge.command import Parser, run_cli
 from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
 from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD
 

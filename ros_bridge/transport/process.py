@@ -17,7 +17,7 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
-from envs.edge.command import InputError, Parser
+from commands.command import InputError, Parser
 from ros_bridge.transport import parameters
 from ros_bridge.transport.children import FLAG, end_with_parent
 from ros_bridge.transport.discovery import configure_dds, reserve_ports

@@ -19,7 +19,7 @@ def run_node(module: str) -> NoReturn:
     end_in_order_from_now_on()
     # Whatever is imported stays; looking for what does not takes an eighth of the time.
     gc.disable()
-    from envs.edge.command import run_cli
+    from commands.command import run_cli
 
     run_cli(f"ros_bridge.nodes.{module}:main")
 

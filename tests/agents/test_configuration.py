@@ -14,9 +14,9 @@ from pydantic import Field, ValidationError, model_validator
 from agents.config.keys import help_text, keys, markdown
 from agents.config.load import ConfigError, Parser, Strict, dump, load
 from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig, VehicleConfig
+from commands.command import run_cli
+from commands.yaml import read, write
 from envs.aircraft import PAPER, new_aircraft
-from envs.edge.command import run_cli
-from envs.edge.yaml import read, write
 from envs.encounters import SAMPLERS, SCENARIOS, Scenario, scenario
 from envs.kinematics import SURROGATE
 
@@ -363,7 +363,7 @@ def test_bad_arguments_are_one_sentence():
 
 
 def test_a_reader_that_stops_early_sees_no_traceback() -> None:
-    program = "from envs.edge.command import run_cli; run_cli(lambda: print('x' * 200_000))"
+    program = "from commands.command import run_cli; run_cli(lambda: print('x' * 200_000))"
     with subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:

@@ -31,8 +31,8 @@ from agents.policy.inference import Policy
 from agents.policy.scene import scene
 from agents.policy.schema import SetOf, new_metadata
 from agents.policy.set_features import set_inputs
+from commands.command import run_cli
 from envs.aircraft import PAPER, Ratios
-from envs.edge.command import run_cli
 from envs.encounters import scenario
 from envs.starts import encounters_of_seed
 

@@ -18,7 +18,7 @@ from agents.policy.digest import canonical, digest
 from agents.policy.features import size
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read, serialise, write
 from agents.policy.schema import OBSERVATION, new_metadata
-from envs.edge.command import run_cli
+from commands.command import run_cli
 from envs.kinematics import SURROGATE
 from eval.monte_carlo import run as monte_carlo
 from rlcas_jax import train

@@ -11,8 +11,8 @@ pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
 from benchmarks.ardupilot import load, margin, reach, run
 from benchmarks.ardupilot.chaser import Chaser
 from benchmarks.ardupilot.encounters import encounter
-from envs.edge.command import ConfigError
-from envs.edge.json_text import parse_json
+from commands.command import ConfigError
+from commands.json_text import parse_json
 from ros_bridge.mavlink.flight import BEGIN, Row, place_of
 
 

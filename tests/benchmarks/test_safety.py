@@ -23,9 +23,9 @@ from benchmarks.safety.adversary import draw_requests, scale, variants
 from benchmarks.safety.attack import Batch, Tally, tasks
 from benchmarks.safety.reflight import refly
 from benchmarks.safety.resimulation import CHECKS, Route, fly, resimulate
+from commands.command import ConfigError
 from envs.aircraft import PAPER
 from envs.areas import Area, Circle, Keep, Level, Polygon
-from envs.edge.command import ConfigError
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed

@@ -11,9 +11,9 @@ from agents.planner import Options
 from benchmarks import areas, sampling_planner
 from benchmarks.areas import Asked, Sampled
 from benchmarks.sampling_planner import Step, Task, fly, is_right
+from commands.command import InputError
 from envs.aircraft import PAPER
 from envs.areas import Area, Circle
-from envs.edge.command import InputError
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
 

@@ -12,8 +12,8 @@ import pytest
 
 from agents.config.load import ConfigError, load
 from agents.resolvability.classify import Verdict
+from commands.command import run_cli
 from envs.aircraft import PAPER
-from envs.edge.command import run_cli
 from envs.kinematics import Limits
 from eval.boundary import run as boundary
 from eval.boundary.config import BoundaryConfig

@@ -22,8 +22,8 @@ from agents.policy import file as policy_file
 from agents.policy.inference import OutsideDomainError
 from agents.resolvability.classify import Verdict, replay
 from agents.resolvability.witness import least_cost
+from commands.command import InputError
 from envs.aircraft import PAPER
-from envs.edge.command import InputError
 from envs.encounters import Encounter, EncounterError, scenario
 from envs.formats import encounter_file
 from envs.intruder import Recording

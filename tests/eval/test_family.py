@@ -12,8 +12,8 @@ import pytest
 from agents.config.load import load
 from agents.config.world import AircraftConfig
 from agents.policy.inference import OutsideDomainError, Policy
+from commands.command import InputError
 from envs.aircraft import PAPER, Aircraft, Ratios, new_aircraft, ratios
-from envs.edge.command import InputError
 from envs.encounters import scenario
 from envs.kinematics import Limits
 from eval.family import run as family

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 
 from agents.config.load import ConfigError
 from agents.policy.inference import Policy
+from commands.command import InputError, run_cli
 from envs.aircraft import PAPER
-from envs.edge.command import InputError, run_cli
 from envs.kinematics import VehicleState
 from eval.failures.run import HOW, failures, group_failures, main, representatives
 from eval.monte_carlo import run as monte_carlo

@@ -13,9 +13,9 @@ from scipy.stats import genpareto
 
 from agents.config.load import ConfigError
 from agents.planner.request.options import Options
+from commands.command import run_cli
 from envs.aircraft import PAPER
 from envs.draws import uniforms
-from envs.edge.command import run_cli
 from envs.encounters import EncounterError, sample, scenario
 from envs.formats import encounter_file
 from envs.outcome import RULES

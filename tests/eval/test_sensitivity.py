@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.config.load import ConfigError
+from commands.command import run_cli
 from envs.aircraft import PAPER, new_aircraft
-from envs.edge.command import run_cli
 from eval.flights.aircraft import describe
 from eval.runner.command import UnfinishedError
 from eval.sensitivity import run as sensitivity

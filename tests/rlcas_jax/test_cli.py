@@ -13,7 +13,7 @@ import pytest
 
 from agents.config.keys import keys
 from agents.config.load import ConfigError, load
-from envs.edge.progress import duration
+from commands.progress import duration
 from rlcas_jax import metrics
 from rlcas_jax.cli import Options, parse, write_configurations
 from rlcas_jax.config import TrainConfig

@@ -167,9 +167,7 @@ def test_a_platform_without_devices_is_refused_with_those_that_there_are(tmp_pat
         f"'--trials', '1', '--out', {str(tmp_path / 'sweep')!r}])",
     )
     for code in programs:
-        guarded = (
-            f"from envs.edge.command import run_cli\ndef main(): exec({code!r})\nrun_cli(main)"
-        )
+        guarded = f"from commands.command import run_cli\ndef main(): exec({code!r})\nrun_cli(main)"
         done = subprocess.run(
             [sys.executable, "-c", guarded],
             cwd=Path(__file__).resolve().parents[2],

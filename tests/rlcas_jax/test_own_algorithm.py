@@ -17,7 +17,7 @@ from agents.config.load import ConfigError, dump, load, validate
 from agents.learning.algorithm import Setup
 from agents.learning.networks import Actor, Critic
 from agents.policy import file as policy_file
-from envs.edge.command import InputError
+from commands.command import InputError
 from envs.encounters import SHIPPED
 from envs.rewards import Term
 from rlcas_jax import algorithm as own_algorithm

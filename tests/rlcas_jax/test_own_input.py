@@ -20,8 +20,8 @@ from agents.policy.novelty import box_of, departures
 from agents.policy.scene import random_scenes, unpack_rows
 from agents.policy.schema import EXTENDED_SCHEMA, SetOf, new_metadata
 from agents.policy.set_features import TABLE, set_inputs, table
+from commands.command import InputError
 from envs.aircraft import PAPER, Ratios
-from envs.edge.command import InputError
 from envs.encounters import scenario
 from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from agents.config.load import ConfigError, load
+from commands.extension import load_extension
 from envs import surrogate
 from envs.aircraft import PAPER
-from envs.edge.extension import load_extension
 from envs.encounters import SAMPLERS, EncounterError, Sampler, sample, scenario
 from envs.scenarios import register, resolve
 from envs.starts import encounters_of_seed

@@ -21,7 +21,7 @@ import pytest
 from optuna.distributions import CategoricalDistribution
 
 from agents.config.load import ConfigError, dump, load
-from envs.edge.yaml import read
+from commands.yaml import read
 from rlcas_jax import finish, loop
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.sweep import run as sweep

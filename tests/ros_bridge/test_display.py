@@ -22,7 +22,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from agents.assurance.thresholds import Cause
-from envs.edge.command import InputError
+from commands.command import InputError
 from envs.formats.local_frame import LocalFrame, distance, fly_straight
 from ros_bridge.core.categories import BY_CATEGORY
 from ros_bridge.core.fields import FieldError

@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
 
 from agents.policy.inference import Policy
+from commands.command import ConfigError, InputError
 from envs.areas import Keep
-from envs.edge.command import ConfigError, InputError
 from envs.formats.local_frame import distance
 from ros_bridge.core.categories import Categories
 from ros_bridge.core.fields import SECOND, FieldError

@@ -17,7 +17,7 @@ pytest.importorskip("websockets", reason="websockets is not installed")
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from envs.edge.command import InputError
+from commands.command import InputError
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.aircraft import load_policy

@@ -17,7 +17,7 @@ import pytest
 pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
 
 from benchmarks.ardupilot.relay import Relay
-from envs.edge.command import InputError
+from commands.command import InputError
 from envs.formats.local_frame import LocalFrame
 from envs.traffic.track_units import KNOT
 from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, fly

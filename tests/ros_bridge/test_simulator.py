@@ -31,8 +31,8 @@ from rlcas_msgs.msg import AssuranceStatus, Trajectory, Waypoint
 
 from agents.planner.request.request import Altitude
 from agents.policy.inference import Policy
+from commands.command import InputError
 from envs.aircraft import PAPER
-from envs.edge.command import InputError
 from envs.encounters import scenario
 from envs.kinematics import C208_PUBLISHED
 from envs.starts import encounters_of_seed

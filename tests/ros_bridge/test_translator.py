@@ -30,7 +30,7 @@ from rlcas_msgs.srv import GenerateTrajectory
 from sensor_msgs.msg import NavSatFix
 
 from agents.planner.answer import AdvisoryCode
-from envs.edge.command import InputError
+from commands.command import InputError
 from ros_bridge.core import adapters
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.situation import Code

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from commands.files import write_file
 from envs.areas import Area, AreaError, Circle, Keep, Level, Ring
-from envs.edge.files import write_file
 from envs.formats.areas.geodetic import (
     OFF,
     GeodeticArea,

@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterator
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
+from commands.text_file import json_of, text_of
 from envs.areas import Area, AreaError
-from envs.edge.text_file import json_of, text_of
 from envs.formats.areas import geojson
 from envs.formats.areas.fences import areas_of_icarous, areas_of_plan
 from envs.formats.areas.geodetic import Reading
@@ -138,7 +138,7 @@ def _is_wgs84(crs: Any) -> bool:
 
 
 def _yaml_of(text: str, source: str) -> Any:
-    from envs.edge import yaml  # the flight path has no PyYAML
+    from commands import yaml  # the flight path has no PyYAML
 
     if text.lstrip().startswith("<"):
         raise AreaError(f"{source}: is XML such as KML, which is not read; expected {FORMATS}")

@@ -17,6 +17,7 @@ from agents.config.load import load
 from agents.config.world import VehicleConfig
 from benchmarks import c208_figures
 from benchmarks.c208 import judge, plans_of, within_power
+from commands.command import ConfigError
 from envs import follower
 from envs.c208 import validate
 from envs.c208.conditions import CALM, Conditions, Loading
@@ -29,7 +30,6 @@ from envs.c208.point_mass import PointMassVehicle
 from envs.c208.propulsion import idle_thrust, maximum_thrust, thrust
 from envs.c208.trim import TrimError, level_table, load_stored, solve
 from envs.c208.vehicle import C208Vehicle
-from envs.edge.command import ConfigError
 from envs.follower import PERIOD, deviation
 from envs.kinematics import SURROGATE, VehicleState, advance
 from envs.waypoints import Legs, PlanStates, at, legs

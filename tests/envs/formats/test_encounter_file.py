@@ -15,9 +15,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from commands.text_file import json_of, lines_of, text_of
 from envs.aircraft import PAPER
 from envs.draws import uniforms
-from envs.edge.text_file import json_of, lines_of, text_of
 from envs.encounters import SCENARIOS, Encounter, EncounterError, sample, scenario
 from envs.formats import encounter_file
 from envs.formats.encounter_file import COLUMNS, MOST_INTRUDERS, read, write

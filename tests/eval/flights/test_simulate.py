@@ -13,9 +13,9 @@ import pytest
 
 from agents.baselines.baselines import Baseline, Sight
 from agents.policy.inference import Policy
+from commands.command import InputError
 from envs import surrogate
 from envs.aircraft import PAPER
-from envs.edge.command import InputError
 from envs.encounters import Encounter, scenario
 from envs.intruder import Intent
 from envs.kinematics import VehicleState

@@ -22,12 +22,12 @@ from agents.config.load import load, validate
 from agents.kernel.traffic import Traffic as Known
 from agents.planner.request.request import Options
 from agents.policy.inference import Policy
+from commands.command import ConfigError
 from envs.aircraft import PAPER
 from envs.c208.conditions import Conditions
 from envs.c208.flightgear import FlightGear, flightgear_at
 from envs.c208.guidance import Path as Track
 from envs.c208.vehicle import FlightError
-from envs.edge.command import ConfigError
 from envs.encounters import scenario
 from envs.follower import PERIOD
 from envs.formats.local_frame import geocentric

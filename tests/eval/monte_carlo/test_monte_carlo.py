@@ -21,9 +21,9 @@ import yaml
 from agents.baselines.baselines import BASELINES
 from agents.config.load import ConfigError
 from agents.policy.inference import Policy
+from commands.command import run_cli
+from commands.folder_lock import lock
 from envs.aircraft import PAPER
-from envs.edge.command import run_cli
-from envs.edge.folder_lock import lock
 from envs.encounters import scenario
 from envs.formats import encounter_file
 from envs.kinematics import SURROGATE

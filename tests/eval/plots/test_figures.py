@@ -10,8 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from agents.policy.inference import Policy
+from commands.figures import save_figure
 from envs.aircraft import PAPER
-from envs.edge.figures import save_figure
 from envs.encounters import scenario
 from envs.outcome import RULES
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
@@ -198,8 +198,8 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_half_figure(tmp_path: Path):
     program = f"""
 import resource
 from pathlib import Path
-from envs.edge.figures import save_figure
-from envs.edge.command import run_cli
+from commands.figures import save_figure
+from commands.command import run_cli
 from tests.eval.plots.test_figures import draw_figure
 
 def main():

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from envs.edge.command import visible
+from commands.command import visible
 from eval.report.data import choose, page_data
 from eval.report.folder import read_run
 from eval.report.page import page

@@ -20,8 +20,8 @@ import pytest
 
 from agents.config.load import ConfigError
 from agents.policy.file import PolicyFileError
+from commands.installation import versions
 from envs.aircraft import PAPER
-from envs.edge.installation import versions
 from envs.encounters import scenario
 from eval.hifi import run as hifi
 from eval.monte_carlo import run as monte_carlo

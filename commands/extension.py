@@ -11,7 +11,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from envs.edge.command import InputError
+from commands.command import InputError
 
 __all__ = ["failure", "is_extension", "load_extension"]
 
@@ -24,8 +24,10 @@ _TRACED = {
 }
 """What errors of JAX mean in a function that is compiled, by their class."""
 
-_ROOT = Path(__file__).resolve().parents[2]
-_OURS = tuple(str(_ROOT / name) for name in ("agents", "envs", "eval", "rlcas_jax", "ros_bridge"))
+_ROOT = Path(__file__).resolve().parents[1]
+_OURS = tuple(
+    str(_ROOT / name) for name in ("agents", "commands", "envs", "eval", "rlcas_jax", "ros_bridge")
+)
 
 
 def is_extension(name: str) -> bool:

@@ -18,11 +18,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs.edge import compiled
-from envs.edge.command import ConfigError, InputError, Parser, run_cli, visible
-from envs.edge.files import check_regular, check_space, write_file, write_whole
-from envs.edge.folder_lock import LOCK, is_unused, lock
-from envs.edge.installation import PACKAGES, extra_of
+from commands import compiled
+from commands.command import ConfigError, InputError, Parser, run_cli, visible
+from commands.files import check_regular, check_space, write_file, write_whole
+from commands.folder_lock import LOCK, is_unused, lock
+from commands.installation import PACKAGES, extra_of
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCKER = """
@@ -56,7 +56,7 @@ def program(
     body: str, *arguments: str, before: str = "", **environment: str
 ) -> subprocess.CompletedProcess[str]:
     text = (
-        f"from pathlib import Path\nfrom envs.edge.command import *\n{before}\ndef main():\n   "
+        f"from pathlib import Path\nfrom commands.command import *\n{before}\ndef main():\n   "
         f" {body}\nrun_cli(main)"
     )
     command = [sys.executable, "-c", text, *arguments]
@@ -114,8 +114,7 @@ def test_an_option_may_be_given_once_in_every_parse():
             "error: x.csv: no",
         ),
         (
-            "from envs.edge.files import check_space; check_space(Path('/tmp/x'), 10**18, 'a "
-            "file')",
+            "from commands.files import check_space; check_space(Path('/tmp/x'), 10**18, 'a file')",
             1,
             "error: --out /tmp/x: ",
         ),
@@ -132,7 +131,7 @@ def test_what_a_user_can_cause_is_one_sentence(body: str, status: int, start: st
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 def test_a_full_disk_under_the_output_is_one_sentence():
-    text = "from envs.edge.command import run_cli; run_cli(lambda: print('x' * 10_000))"
+    text = "from commands.command import run_cli; run_cli(lambda: print('x' * 10_000))"
     with Path("/dev/full").open("w") as full:
         command = [sys.executable, "-c", text]
         result = subprocess.run(
@@ -368,7 +367,7 @@ def test_an_error_shows_a_reversing_character_as_its_code(
 HOLD = """
 import sys, time
 from pathlib import Path
-from envs.edge.folder_lock import lock
+from commands.folder_lock import lock
 with lock(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

@@ -20,7 +20,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, NoReturn
 
-from envs.edge.installation import extra_of, foreign
+from commands.installation import extra_of, foreign
 
 _HIDDEN = {"Cc", "Cf", "Zl", "Zp"}
 
@@ -250,7 +250,7 @@ def _purpose(main: Callable[[], int | None] | str) -> str:
     if not isinstance(main, str):
         return (sys.modules["__main__"].__doc__ or "").strip()
     module = main.partition(":")[0]
-    path = Path(__file__).resolve().parents[2].joinpath(*module.split(".")).with_suffix(".py")
+    path = Path(__file__).resolve().parents[1].joinpath(*module.split(".")).with_suffix(".py")
     return (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or module).strip()
 
 
@@ -277,7 +277,7 @@ def _say(sentence: str, status: int) -> int:
 
 def _place(problem: BaseException) -> str:
     """Return the innermost line of the toolkit in a traceback."""
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[1]
     frames = traceback.extract_tb(problem.__traceback__)
     ours = [frame for frame in frames if Path(frame.filename).is_relative_to(root)]
     last = (ours or frames)[-1]

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from envs.edge.files import write_whole
+from commands.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 import yaml
 
-from envs.edge.text_file import text_of
+from commands.text_file import text_of
 
 
 class YamlError(ValueError):

@@ -9,7 +9,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-from envs.edge.command import ConfigError
+from commands.command import ConfigError
 
 
 @contextmanager

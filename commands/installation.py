@@ -7,7 +7,7 @@ import platform
 from importlib import metadata
 from pathlib import Path
 
-PACKAGES = ("rlcas_jax", "envs", "agents", "eval", "ros_bridge")
+PACKAGES = ("rlcas_jax", "commands", "envs", "agents", "eval", "ros_bridge")
 
 EXTRAS = {
     "report": (
@@ -73,7 +73,7 @@ def foreign() -> str:
     """Return why the toolkit's packages cannot be used: another one of the same, common name hides
     one; or "".
     """
-    home = Path(__file__).resolve().parents[2]
+    home = Path(__file__).resolve().parents[1]
     for name in PACKAGES:
         spec = importlib.util.find_spec(name)
         at = None if spec is None or spec.origin is None else Path(spec.origin).resolve().parent

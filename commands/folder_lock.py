@@ -7,7 +7,7 @@ from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from envs.edge.command import ConfigError
+from commands.command import ConfigError
 
 LOCK = ".lock"
 """Name of the lock's file; it stays in the folder and says which process had it last."""

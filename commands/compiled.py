@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from envs.edge.command import ConfigError
+from commands.command import ConfigError
 
 _LARGE = 1 << 30
 """Size of all folders, bytes, from which on they are emptied."""

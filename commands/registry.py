@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
-from envs.edge.command import InputError
-from envs.edge.extension import is_extension, load_extension
-from envs.edge.names import one_of
+from commands.command import InputError
+from commands.extension import is_extension, load_extension
+from commands.names import one_of
 
 Thing = TypeVar("Thing")
 

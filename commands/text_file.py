@@ -8,8 +8,8 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-from envs.edge.files import check_regular
-from envs.edge.json_text import parse_json
+from commands.files import check_regular
+from commands.json_text import parse_json
 
 _MOST_BYTES = 128 * 2**20  # of the text, after unpacking
 _MOST_LINES = 2_000_000

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from envs.edge.command import InputError
-from envs.edge.extension import is_extension, load_extension
+from commands.command import InputError
+from commands.extension import is_extension, load_extension
 
 
 @pytest.fixture

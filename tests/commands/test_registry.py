@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from envs.edge.command import InputError
-from envs.edge.registry import Registry
+from commands.command import InputError
+from commands.registry import Registry
 
 
 class NoNumberError(InputError):
