@@ -49,6 +49,10 @@ C208_PUBLISHED = Limits(31.0, 100.0, -0.8, 0.5, math.radians(5.0))
 """The true Cessna 208's limits as the paper states them (same table)."""
 
 
+UNLIMITED = Limits(-math.inf, math.inf, -math.inf, math.inf, math.inf)
+"""No limits, where controls respect them already."""
+
+
 def within(inner: Limits, outer: Limits) -> bool:
     """Return whether all that inner limits allow is allowed by outer ones, too; floats."""
     return (

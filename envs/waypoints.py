@@ -168,7 +168,7 @@ def legs(plan_states: PlanStates) -> Legs:
         part = left if left.size < step.size else slice(None)  # a view while nothing is finished
         seconds, control = step[part, None], controls[:, part]
         moving = start[2:4, part, None] + _before(control * seconds)
-        arcs = _displacement(*moving, *control, seconds)
+        arcs = displacement(*moving, *control, seconds)
         ends = arcs.cumsum(axis=-1)
         off = target[:, part] - ends[..., -1]
         distance = np.hypot(*off)
@@ -243,7 +243,7 @@ def at(legs: Legs, time: Array, wind: Wind | None = None) -> VehicleState[Any]:
     arcs = (field.reshape(every) for field in legs[3:])
     now = _Arc(*(np.take_along_axis(field, flat[..., None], -1)[..., 0] for field in arcs))
     t = seconds - arc * (duration / ARCS)
-    dx, dy = _displacement(now.heading, now.speed, now.yaw_rate, now.acceleration, t)
+    dx, dy = displacement(now.heading, now.speed, now.yaw_rate, now.acceleration, t)
     state: VehicleState[Air] = VehicleState(
         now.x + dx,
         now.y + dy,
@@ -253,7 +253,7 @@ def at(legs: Legs, time: Array, wind: Wind | None = None) -> VehicleState[Any]:
     return state if wind is None else over_ground(state, wind, time)
 
 
-def _displacement(
+def displacement(
     heading: Array, speed: Array, yaw_rate: Array, acceleration: Array, duration: Array
 ) -> Array:
     """Return the displacement of an arc, m, ``[2, ...]``: its velocity integrated by

@@ -5,7 +5,7 @@ proofs/Constants.v``.
 from fractions import Fraction
 
 from agents.kernel.areas import NEARER
-from agents.kernel.separation import CLOSE, ROUNDING
+from agents.kernel.clearance import CLOSE, ROUNDING
 
 CONSTANTS = {"CLOSE": CLOSE, "ROUNDING": ROUNDING, "NEARER": NEARER}
 

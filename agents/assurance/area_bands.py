@@ -5,12 +5,14 @@ manoeuvre must keep what is required of plans that begin there
 (:func:`agents.kernel.areas.required_distances`).
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from agents.assurance.inputs import no_areas
-from agents.kernel.areas import Counted, in_reach, judge
+from agents.kernel.areas import Counted, area_clearance, in_reach
+from agents.kernel.clearance import clearance
+from agents.kernel.trajectory import Trajectory, trajectory
 from agents.manoeuvres.direct_to_goal import arc_end
 from envs.arrays import Array
 from envs.frames import Air
@@ -60,11 +62,15 @@ def judge_manoeuvres(
         near = _within_reach(areas[n], take(own, n), take(steering, n), look_ahead, margin)
         if not near:
             continue
-        states, curves = _curves(take(own, n), take(steering, n), look_ahead)
-        judged = judge(states, curves, near, margin)
-        found.loss[n] = np.where(judged.wrong, np.maximum(judged.time, 0.0), np.inf)
-        found.until[n] = np.where(judged.wrong, np.minimum(judged.until, look_ahead), -np.inf)
-        found.area[n], found.clearance[n] = judged.area, judged.clearance
+        flown = _manoeuvres(take(own, n), take(steering, n), look_ahead)
+        begin = flown.states.x[:, 0], flown.states.y[:, 0]
+        kept = clearance(flown, area_clearance(near, *begin, margin))
+        first = np.argmin(kept.loss, axis=1)
+        found.loss[n] = np.take_along_axis(kept.loss, first[:, None], 1)[:, 0]
+        found.until[n] = np.minimum(kept.until.max(axis=1), look_ahead)
+        numbers = np.array([one.number for one in near])
+        found.area[n] = np.where(np.isfinite(found.loss[n]), numbers[first], -1)
+        found.clearance[n] = kept.margin.min(axis=1)
     return found
 
 
@@ -74,13 +80,12 @@ def area_losses(
     """Return when an ownship ``[1]`` that flies straight on loses what it must keep of each area, s
     from now; inf: not within the look-ahead.
     """
-    still = Steering(*np.zeros((3, 1, 1)))
-    losses = []
-    for one in areas:
-        alone = no_areas(1)
-        alone[0] = (one,)
-        losses.append(float(judge_manoeuvres(own, still, alone, margin, look_ahead).loss[0, 0]))
-    return losses
+    still = Steering(*np.zeros((3, 1)))
+    near = _within_reach(areas, take(own, 0), still, look_ahead, margin)
+    flown = _manoeuvres(take(own, 0), still, look_ahead)
+    kept = clearance(flown, area_clearance(near, own.x, own.y, margin))
+    losses = {area.number: float(loss) for area, loss in zip(near, kept.loss[0], strict=True)}
+    return [losses.get(area.number, math.inf) for area in areas]
 
 
 def _within_reach(
@@ -103,10 +108,8 @@ def _within_reach(
     ]
 
 
-def _curves(
-    own: VehicleState[Air], steering: Steering, look_ahead: float
-) -> tuple[PlanStates, Legs]:
-    """Return the manoeuvres of one ownship as plan states ``[B, HOLDS + 2]`` and their legs."""
+def _manoeuvres(own: VehicleState[Air], steering: Steering, look_ahead: float) -> Trajectory:
+    """Return the manoeuvres of one ownship, ``[B]``, as ``HOLDS + 1`` legs each."""
     share = np.linspace(0.0, 1.0, HOLDS + 1)
     held = steering.reached[:, None] * (1.0 - share) + look_ahead * share
     time = np.concatenate([np.zeros((len(held), 1)), held], axis=1)
@@ -121,7 +124,7 @@ def _curves(
         for each in (steering.yaw_rate, steering.acceleration)
     )
     curves = Legs(time[:, :-1], duration, 0.0 * duration, x, y, heading, speed, *controls)
-    return PlanStates(*_states(own, steering, time), time), curves
+    return trajectory(PlanStates(*_states(own, steering, time), time), curves)
 
 
 def _states(own: VehicleState[Air], steering: Steering, time: Array) -> VehicleState[Air]:

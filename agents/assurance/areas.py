@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.assurance.lookahead import Course
 from agents.assurance.thresholds import Thresholds
-from agents.kernel.areas import NEARER, Counted, judge, label, relevant
+from agents.kernel.areas import AreaClearance, Counted, area_clearance, label, relevant
+from agents.kernel.clearance import Clearance, clearance
+from agents.kernel.trajectory import Trajectory, trajectory
 from agents.planner.request.options import L, Narrowed
 from agents.planner.request.request import Altitude
 from envs.area_geometry import signed_distance
@@ -20,7 +21,7 @@ from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import take
-from envs.waypoints import ARCS, Legs, PlanStates, at
+from envs.waypoints import Legs, PlanStates, at
 
 _KEPT = 0.5
 """Share of the margin planned with that must be left: frames of runner and monitor bend edges
@@ -76,7 +77,7 @@ def may_be_met(
 
 
 def rest(
-    plan: Course, since: Array, areas: Array, off: Array, thresholds: Thresholds[Narrowed]
+    plan: Trajectory, since: Array, areas: Array, off: Array, thresholds: Thresholds[Narrowed]
 ) -> Rest:
     """Return what the rest of plans ``[N]`` keeps.
 
@@ -96,16 +97,14 @@ def rest(
         if not areas[n]:
             continue
         row = slice(n, n + 1)
-        plan_states, curves, now = take((plan.plan_states, plan.legs, since), row)
-        margin = np.maximum(_KEPT * thresholds.requirement.margin, off[row])
-        required = [_required_of_rest(one, curves, now, margin) for one in areas[n]]
-        ahead = plan_states._replace(time=plan_states.time - now[:, None])
-        curves = curves._replace(time=curves.time - now[:, None])
-        judged = judge(ahead, curves, areas[n], required=required)
-        if judged.wrong[0]:
-            found.lost[n], found.deficit[n] = True, -judged.clearance[0]
-            found.loss[n] = max(judged.time[0], 0.0)
-            found.area[n] = _called(areas[n], judged.area[0])
+        flown, now = take((plan, since), row)
+        margin = max(_KEPT * thresholds.requirement.margin, float(off[n]))
+        here = at(flown.legs, now)
+        kept = clearance(flown.since(now), area_clearance(areas[n], here.x, here.y, margin))
+        if np.isfinite(kept.loss).any():
+            found.lost[n], found.deficit[n] = True, -kept.margin.min()
+            found.loss[n] = kept.loss.min()
+            found.area[n] = _first_lost(areas[n], kept)[0]
     return found
 
 
@@ -127,15 +126,14 @@ def judge_backups(
             continue
         rows = np.flatnonzero(of == n)
         states, lines = take((plan_states, curves), rows)
-        judged = judge(states, lines, areas[n], thresholds.requirement.margin)
-        found.clearance[rows] = np.where(
-            judged.wrong, judged.clearance, np.maximum(judged.clearance, 0.0)
-        )
-        enters = judge(states, lines, areas[n], required=[np.zeros(rows.size)] * len(areas[n]))
+        flown, margin = trajectory(states, lines), thresholds.requirement.margin
+        keeping = area_clearance(areas[n], states.x[:, 0], states.y[:, 0], margin)
+        found.clearance[rows] = clearance(flown, keeping).margin.min(axis=1)
+        inside = clearance(flown, AreaClearance(areas[n], np.zeros((rows.size, len(areas[n])))))
+        enters = np.flatnonzero(np.isfinite(inside.loss).any(axis=1))
         depth = np.maximum(_mean_depth(states, areas[n]), _GRAZING)
-        found.depth[rows] = np.where(enters.wrong, depth, 0.0)
-        for row in np.flatnonzero(enters.wrong):
-            found.area[rows[row]] = _called(areas[n], enters.area[row])
+        found.depth[rows[enters]] = depth[enters]
+        found.area[rows[enters]] = _first_lost(areas[n], take(inside, enters))
     return found
 
 
@@ -144,26 +142,9 @@ def nameless(count: int) -> Array:
     return np.full(count, "", dtype=object)
 
 
-def _called(areas: tuple[Counted, ...], number: Array) -> str:
-    """Return what messages call the area of a number."""
-    return next(label(one) for one in areas if one.number == number)
-
-
-def _required_of_rest(one: Counted, curves: Legs, since: Array, margin: Array) -> Array:
-    """Return the distance that the rest of a plan must keep, m, ``[1]``; one that is inside the
-    clearance must not come nearer than it is.
-    """
-    required = one.area.clearance + margin
-    if one.begin > 0.0:
-        return required
-    # The arc under way is judged as a whole: what has been flown of it may have been nearer.
-    arc = curves.duration.max() / ARCS
-    places = [at(curves, np.maximum(since - ago, 0.0)) for ago in (0.0, arc)]
-    away = [
-        signed_distance(one.area, place.x, place.y, -np.minimum(since, ago))
-        for place, ago in zip(places, (0.0, arc), strict=True)
-    ]
-    return np.clip(np.minimum(*away) - NEARER, 0.0, required)
+def _first_lost(areas: tuple[Counted, ...], kept: Clearance) -> list[str]:
+    """Return what messages call the area that each of some rows loses first."""
+    return [label(areas[k]) for k in np.argmin(kept.loss, axis=1)]
 
 
 def _mean_depth(plan_states: PlanStates, areas: tuple[Counted, ...]) -> Array:

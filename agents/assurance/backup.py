@@ -13,16 +13,15 @@ import numpy as np
 
 from agents.assurance.areas import judge_backups, nameless
 from agents.assurance.inputs import no_areas
-from agents.assurance.lookahead import ANY, growth
 from agents.assurance.thresholds import Thresholds
-from agents.kernel.traffic import Traffic, predict, requirement_of, within_window
+from agents.kernel.traffic import Traffic, growth, predict, requirement_of, within_window
 from agents.manoeuvres.simulator import integrate
 from agents.planner.judge.validator import validate
 from agents.planner.request.options import L, Narrowed
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air
-from envs.kinematics import Limits, VehicleState, advance
+from envs.kinematics import UNLIMITED, Limits, VehicleState, advance
 from envs.relative import chord
 from envs.trees import column, map_leaves, scatter, take
 from envs.waypoints import Legs, PlanStates, legs
@@ -91,7 +90,7 @@ def backup_states(
     to_turn = wrap(course - own.heading, np)
     for duration in _durations(thresholds):
         turn, gain = _controls(to_turn, speed - state.speed, duration, limits)
-        state = advance(state, gain / duration, turn / duration, duration, ANY, np)
+        state = advance(state, gain / duration, turn / duration, duration, UNLIMITED, np)
         to_turn = to_turn - turn
         states.append(state)
     times = np.cumsum((0.0, *_durations(thresholds)))
@@ -213,7 +212,7 @@ def _judge(
     """
     plan_states = backup_states(take(own, turns.of), turns.course, turns.speed, thresholds)
     curves, others = legs(plan_states), take(traffic, turns.of)
-    found = validate(plan_states, others, thresholds.requirement, thresholds.limits, curves)
+    found = validate(plan_states, others, thresholds.requirement, thresholds.limits, curves=curves)
     from_areas = judge_backups(plan_states, curves, areas, turns.of, thresholds)
     clearance = np.where(np.isnan(found.clearance), -np.inf, found.clearance)
     avoids = clearance >= -thresholds.resolution
@@ -260,7 +259,7 @@ def _estimate(
         shape = (round(duration / stride), own.x.size)
         acceleration = np.broadcast_to(gain / duration, shape)
         yaw_rate = np.broadcast_to(turn / duration, shape)
-        flown, own = integrate(own, acceleration, yaw_rate, stride, ANY)
+        flown, own = integrate(own, acceleration, yaw_rate, stride, UNLIMITED)
         to_turn = to_turn - turn
         x0, y0 = _relative(flown, tracks, step, 0)
         for sample in range(1, len(flown.x)):

@@ -6,10 +6,12 @@ import numpy as np
 
 from agents.assurance.areas import rest
 from agents.assurance.inputs import Memory
-from agents.assurance.lookahead import Course, outlook
 from agents.assurance.state import Monitor, State
 from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
+from agents.kernel.clearance import clearance
+from agents.kernel.separation import Separation
 from agents.kernel.traffic import Traffic, predict, requirement_of, separations, uncertainty
+from agents.kernel.trajectory import Trajectory
 from agents.planner.request.options import Narrowed
 from envs.arrays import Array
 from envs.follower import Deviation, deviation
@@ -29,13 +31,15 @@ def has(causes: Array, any_of: Cause) -> Array:
     return (causes & int(any_of)) != 0
 
 
-def required_separations(plan: Course, traffic: Traffic, thresholds: Thresholds[Narrowed]) -> Array:
+def required_separations(
+    plan: Trajectory, traffic: Traffic, thresholds: Thresholds[Narrowed]
+) -> Array:
     """Return the separations that plans made against some intruders were required to keep, m, ``[N,
     K]``.
     """
     return requirement_of(
         traffic,
-        VehicleState(*(field[:, 0] for field in plan.plan_states[:4])),
+        VehicleState(*(field[:, 0] for field in plan.states[:4])),
         thresholds.requirement,
     )
 
@@ -106,7 +110,7 @@ def judge(
     latch = _Latch(monitor.causes, on, thresholds.leave)
     off = deviation(monitor.plan.legs, own, since)
     sums, of_errors = _judge_errors(monitor, memory, off, ~has(causes, BLIND), latch, thresholds)
-    left = monitor.plan.plan_states.time[:, -1] - since
+    left = monitor.plan.end - since
     of_end = latch.bits(thresholds.plan_ending - left, 0.0, Cause.PLAN_ENDING)
 
     offset = np.hypot(off.cross_track, off.along_track)
@@ -209,10 +213,13 @@ def _outlook(
     edge = np.where(had, least + thresholds.separation_band, least - thresholds.resolution)
     edge = np.maximum(edge, separations(traffic, requirement) - thresholds.resolution + off)
     # A plan that is not flown needs no closer look.
-    level = np.where(follows_plan(monitor)[:, None], edge, -np.inf)
-    ahead = outlook(monitor.plan, since, traffic, level, requirement.sigmas)
-    close = (ahead.separation < edge) & traffic.mask
-    return ahead.separation, np.min(ahead.loss, axis=-1, initial=np.inf), close
+    level = np.where(follows_plan(monitor)[:, None], 0.0, -np.inf)
+    kept = clearance(
+        monitor.plan.since(since), Separation(traffic, edge, None, requirement.sigmas), level
+    )
+    close = (kept.margin < 0.0) & traffic.mask
+    loss = np.min(np.where(np.isfinite(level), kept.loss, np.inf), axis=-1, initial=np.inf)
+    return np.where(traffic.mask, edge + kept.margin, np.inf), loss, close
 
 
 class _Deviations(NamedTuple):

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.assurance.lookahead import growth
-from agents.kernel.separation import CLOSE, ROUNDING
+from agents.kernel.clearance import CLOSE, ROUNDING
 from agents.kernel.traffic import (
     Requirement,
     Traffic,
+    growth,
     predict,
     requirement_of,
     separations,

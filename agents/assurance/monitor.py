@@ -15,17 +15,19 @@ from agents.assurance.areas import rest
 from agents.assurance.backup import Backup, refresh
 from agents.assurance.conformance import floor, has, judge, required_separations
 from agents.assurance.inputs import Inputs, Memory, advance, update
-from agents.assurance.lookahead import Course, course, outlook
 from agents.assurance.state import Decision, FlyMode, Monitor, State
 from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, UNSAFE, WANTING, Cause, Thresholds
+from agents.kernel.clearance import clearance
+from agents.kernel.separation import Separation
 from agents.kernel.traffic import Traffic, whole
+from agents.kernel.trajectory import Trajectory, trajectory
 from agents.planner.judge.validator import validate
 from agents.planner.request.options import Narrowed
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, scatter, take
-from envs.waypoints import PlanStates, at, legs
+from envs.waypoints import PlanStates, at
 
 
 def activate(
@@ -78,7 +80,7 @@ def step(
     urgent = measured.loss <= thresholds.urgent
     at_once = has(causes, UNSAFE) & (asked.hopeless | (asked.held_up & urgent))
     # Of a plan that has ended nothing is left to fly.
-    ended = now - monitor.started >= monitor.plan.plan_states.time[:, -1]
+    ended = now - monitor.started >= monitor.plan.end
     on_backup = (monitor.on_backup | ((at_once | ended) & ~blind)) & ~idle
     state = _state(idle, on_backup, causes, unanswered=asked.refused | asked.silent)
     replan = asked.may_ask & (has(causes, WANTING) | on_backup)
@@ -201,11 +203,11 @@ def answer(
         floor(required_separations(plan, known, thresholds), known, thresholds)
         - thresholds.resolution
     )
-    near = outlook(
-        plan, memory.time - when, traffic, least, thresholds.requirement.sigmas
-    ).separation
-    amid = rest(plan, memory.time - when, memory.areas, np.zeros(when.size), thresholds)
-    good = (near >= least).all(axis=-1) & ~amid.lost
+    since = memory.time - when
+    keeping = Separation(traffic, least, None, thresholds.requirement.sigmas)
+    kept = clearance(plan.since(since), keeping)
+    amid = rest(plan, since, memory.areas, np.zeros(when.size), thresholds)
+    good = (kept.margin >= 0.0).all(axis=-1) & ~amid.lost
     usable = usable[good]
 
     result = _install(monitor, rows[usable], *take((plan, when, known), good))
@@ -240,7 +242,7 @@ def references(monitor: Monitor, time: Array, dt: float, count: int) -> VehicleS
 
 def _usable(
     plan_states: PlanStates, wanted: Array, thresholds: Thresholds[Narrowed]
-) -> tuple[Array, Course]:
+) -> tuple[Array, Trajectory]:
     """Return the numbers of the plans ``[M]`` that are wanted and can be flown, and these as
     courses.
     """
@@ -250,11 +252,11 @@ def _usable(
         validate(take(plan_states, rows), nobody, thresholds.requirement, thresholds.limits).safe
     ]
     plan = take(plan_states, rows)
-    return rows, course(plan, legs(plan))
+    return rows, trajectory(plan)
 
 
 def _install(
-    monitor: Monitor, rows: Array, plan: Course, started: Array, expected: Traffic
+    monitor: Monitor, rows: Array, plan: Trajectory, started: Array, expected: Traffic
 ) -> Monitor:
     what = {"plan": plan, "started": started, "expected": expected, "sums": 0.0}
     causes = monitor.causes[rows] & int(Cause.BACKUP_UNSAFE | Cause.BACKUP_IN_AREA)

@@ -208,7 +208,7 @@ def _areas_met(
     """Return the areas that plan or backup may meet, in the monitor's air mass, object ``[1]``."""
     found = no_areas(1)
     if areas:
-        ends = watch.monitor.plan.plan_states.time[0, -1] + watch.monitor.started[0] - time
+        ends = watch.monitor.plan.end[0] + watch.monitor.started[0] - time
         seen = [watch.frame.area(one, time) for one in areas]
         found[0] = may_be_met(seen, own, own_altitude, float(ends), watch.thresholds)
     return found

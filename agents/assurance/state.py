@@ -7,14 +7,13 @@ import numpy as np
 
 from agents.assurance.backup import Backup, resting, straight_east
 from agents.assurance.inputs import Memory, blank
-from agents.assurance.lookahead import Course, course
 from agents.assurance.thresholds import Thresholds
 from agents.kernel.traffic import Traffic, whole
+from agents.kernel.trajectory import Trajectory, trajectory
 from agents.planner.request.options import L
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState
-from envs.waypoints import legs
 
 
 class State(IntEnum):
@@ -42,7 +41,7 @@ class Monitor(NamedTuple):
     on_backup: Array  # whether the backup is flown, bool; kept while nothing can be seen
     causes: Array  # bits of Cause, int32
     memory: Memory
-    plan: Course  # the active plan; a placeholder where there is none
+    plan: Trajectory  # the active plan; a placeholder where there is none
     started: Array  # when the active plan was requested, s
     expected: Traffic  # the intruders that the active plan was made with, [N, K]
     sums: Array  # leaky sums of cross-track (m s), along-track (m s) and time error (s s), [N, 3]
@@ -98,7 +97,7 @@ def start(count: int, intruders: int, thresholds: Thresholds[L]) -> Monitor:
         on_backup=no.copy(),
         causes=np.zeros(count, dtype=np.int32),
         memory=blank(count, intruders, straight.speed[:, 0]),
-        plan=course(straight, legs(straight)),
+        plan=trajectory(straight),
         started=zero.copy(),
         expected=no_traffic,
         sums=np.zeros((count, 3)),

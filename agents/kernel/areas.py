@@ -1,10 +1,9 @@
-"""Whether plans keep the clearance from areas: every curve, while the area counts.
+"""The clearance from areas as a constraint: every curve, while the area counts.
 
 An area counts while it is valid and the ownship may be level with it. As with the separation
-(:mod:`agents.kernel.separation`), a part of a leg of length h leaves its chord by at most a h^2 /
-8, so what :mod:`envs.area_geometry` says of the chord bounds the signed distance of the whole part
-(theorem ``area_part_safe`` of proofs/Safe.v). Parts that are not clear are cut into
-:data:`~agents.kernel.separation.FINE`.
+(:mod:`agents.kernel.separation`), a piece of a trajectory of length h leaves its chord by at most
+a h^2 / 8, so what :mod:`envs.area_geometry` says of the chord bounds the signed distance of the
+whole piece (theorem ``area_part_safe`` of proofs/Safe.v).
 """
 
 import math
@@ -13,16 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agents.kernel.clearance import CLOSE, ROUNDING, Bounds, Clearance, Near
 from agents.kernel.levels import Altitude
-from agents.kernel.separation import (
-    CLOSE,
-    FINE,
-    ROUNDING,
-    Arcs,
-    along,
-    arcs_of,
-    position_error_bound,
-)
+from agents.kernel.trajectory import Pieces, Trajectory, pieces
 from envs.area_geometry import (
     Parts,
     box_distance,
@@ -35,8 +27,7 @@ from envs.areas import Area, Keep, Level
 from envs.arrays import Array
 from envs.frames import F
 from envs.kinematics import VehicleState
-from envs.trees import first_of_each, map_leaves, take
-from envs.waypoints import ARCS, Legs, PlanStates
+from envs.trees import take
 
 NEARER = 0.01
 """By how much a plan that begins inside the clearance may come nearer than it is, m: the first part
@@ -53,52 +44,64 @@ class Counted(NamedTuple):
     end: float  # until when
 
 
-class AreaFindings(NamedTuple):
-    """What plans keep of the clearance from areas; fields ``[N]``."""
+class AreaClearance(NamedTuple):
+    """What is kept from areas."""
 
-    wrong: Array  # whether the clearance from some area is lost, bool
-    area: Array  # number of the area of which it is lost first; -1 where it is kept
-    leg: Array  # number of the leg on which that is; -1
-    time: Array  # when it begins to be lost, s; nan
-    until: Array  # from when on it is kept again, good to the length of an arc, s; nan
-    x: Array  # where that is, m
-    y: Array
-    # Smallest signed distance less the required one, m; inf where no area counts. Never too large,
-    # and negative exactly where something is wrong; elsewhere it may be too small by as much as
-    # arcs and the area's rectangle are long.
-    clearance: Array
-    nearest: Array  # number of the area of which that is; -1
-    time_of_clearance: Array  # when its part begins, s; nan
+    areas: Sequence[Counted]  # K of them
+    required: Array  # signed distance, m, [N, K]
 
-    @classmethod
-    def blank(cls, count: int) -> "AreaFindings":
-        """Return that no area counts, ``[count]``."""
-        none, nan = np.full(count, -1), np.full(count, np.nan)
-        return cls(
-            wrong=np.zeros(count, dtype=bool),
-            area=none,
-            leg=none.copy(),
-            time=nan,
-            until=nan.copy(),
-            x=nan.copy(),
-            y=nan.copy(),
-            clearance=np.full(count, np.inf),
-            nearest=none.copy(),
-            time_of_clearance=nan.copy(),
-        )
+    @property
+    def size(self) -> int:
+        """How many areas there are, K."""
+        return len(self.areas)
+
+    @property
+    def cuts_once(self) -> bool:
+        """Whether arcs that surely lose the clearance are cut only to tell when it is lost first:
+        an area may have thousands of edges.
+        """
+        return True
+
+    def near(self, flown: Trajectory, level: Array, found: Clearance, *, closest: bool) -> Near:
+        """Return the legs that come near an area, and note the bounds of all others: what the
+        rectangle about the area tells.
+        """
+        rows, legs = flown.legs.time.shape
+        row, leg = np.divmod(np.arange(rows * legs), legs)
+        arcs = pieces(flown, row, leg)
+        near = np.zeros((rows * legs, self.size), dtype=bool)
+        for k, one in enumerate(self.areas):
+            counts = _counts(one, arcs)
+            if one.area.keep is Keep.IN:
+                near[:, k] = counts.any(axis=1)
+                continue
+            margin = _far_bound(one.area, arcs) - self.required[row, k, None]
+            clear = margin > np.broadcast_to(level, found.margin.shape)[row, k, None]
+            near[:, k] = (counts & ~clear).any(axis=1)
+            far = np.where(counts & ~near[:, k, None], margin, np.inf).reshape(rows, -1)
+            np.minimum(found.margin[:, k], far.min(axis=1), out=found.margin[:, k])
+        m, which = np.nonzero(near)
+        return Near(row[m], leg[m], which)
+
+    def bounds(self, given: Pieces, which: Array) -> Bounds:
+        """Return what pieces keep of an area each, by their numbers ``[M]``."""
+        shape = given.begin.shape
+        bound, attained = np.full((2, *shape), np.inf)
+        counts = np.zeros(shape, dtype=bool)
+        required = np.broadcast_to(self.required[given.row, which][:, None], shape)
+        for k in np.unique(which):
+            rows = np.flatnonzero(which == k)
+            _bound_area(self.areas[k], take(given, rows), required[rows], rows, bound, attained)
+            counts[rows] = _counts(self.areas[k], take(given, rows))
+        return Bounds(bound, required, _less_tolerance(required), attained, counts)
 
 
-class _Chords(NamedTuple):
-    """The arcs of plans in a row, or parts of them, as their chords; fields ``[N, A]``."""
-
-    begin: Array  # s after the request
-    end: Array
-    x0: Array  # where they begin, m
-    y0: Array
-    x1: Array  # where they end, m
-    y1: Array
-    acceleration: Array  # the largest on each, m/s^2
-    error: Array  # of the positions, m
+def area_clearance(areas: Sequence[Counted], x: Array, y: Array, margin: float) -> AreaClearance:
+    """Return what trajectories that begin at places ``[N]``, m, keep from areas; the margin, m, is
+    added to their clearances.
+    """
+    required = [required_distances(one, x, y, margin) for one in areas]
+    return AreaClearance(areas, np.stack(required, axis=-1) if areas else np.zeros((len(x), 0)))
 
 
 def relevant(
@@ -180,39 +183,6 @@ def _beyond(
     return (-math.inf, gap / -rate) if gap >= 0.0 else (math.inf, -math.inf)
 
 
-def judge(
-    plan_states: PlanStates,
-    curves: Legs,
-    areas: Sequence[Counted],
-    margin: float = 0.0,
-    required: Sequence[Array] | None = None,
-) -> AreaFindings:
-    """Return whether every curve of plans keeps the clearance from every area that counts.
-
-    A plan that begins nearer to an area than its clearance must not come nearer than it is, but for
-    :data:`NEARER`; one that begins inside of what is forbidden keeps nothing.
-
-    Args:
-        plan_states: state at the request and published waypoints, ``[N, W]``, finite, in order of
-            time.
-        curves: their legs.
-        areas: what counts.
-        margin: what the follower leaves of the plan, m; added to the clearance.
-        required: signed distances to be kept instead, from each area, m, ``[N]``.
-    """
-    found = AreaFindings.blank(len(plan_states.time))
-    if not areas:
-        return found
-    arcs = _chords(plan_states, curves)
-    for number, one in enumerate(areas):
-        if required is None:
-            need = required_distances(one, arcs.x0[:, 0], arcs.y0[:, 0], margin)
-        else:
-            need = required[number]
-        _judge_area(found, one, arcs, curves, need)
-    return found
-
-
 def required_distances(one: Counted, x: Array, y: Array, margin: float) -> Array:
     """Return the signed distance that plans which begin at places ``[N]`` must keep, m."""
     wanted = np.full(np.shape(x), one.area.clearance + margin)
@@ -221,168 +191,86 @@ def required_distances(one: Counted, x: Array, y: Array, margin: float) -> Array
     return np.clip(signed_distance(one.area, x, y) - NEARER, 0.0, wanted)
 
 
-def _chords(plan_states: PlanStates, curves: Legs) -> _Chords:
-    """Return the chords of all arcs of plans, ``[N, A]``."""
-    rows = len(plan_states.time)
-    step = curves.duration[..., None] / ARCS
-    arcs = rows, curves.time.shape[1] * ARCS
-    begin = (curves.time[..., None] + np.arange(ARCS) * step).reshape(arcs)
-    x, y = curves.x.reshape(arcs), curves.y.reshape(arcs)
-    quickest = np.maximum(curves.speed, curves.speed + curves.acceleration * step)
-    acceleration = np.hypot(curves.acceleration, quickest * curves.yaw_rate)
-    return _Chords(
-        begin=begin,
-        # The curve ends where its last waypoint stands, but for less than CLOSED.
-        end=np.concatenate([begin[:, 1:], plan_states.time[:, -1:]], axis=1),
-        x0=x,
-        y0=y,
-        x1=np.concatenate([x[:, 1:], plan_states.x[:, -1:]], axis=1),
-        y1=np.concatenate([y[:, 1:], plan_states.y[:, -1:]], axis=1),
-        acceleration=acceleration.reshape(arcs),
-        error=np.repeat(curves.miss + position_error_bound(curves), ARCS, axis=1),
-    )
+def _counts(one: Counted, given: Pieces) -> Array:
+    """Return in which pieces an area counts, bool ``[M, P]``."""
+    return (given.end > 0.0) & (given.end >= one.begin) & (given.begin <= one.end)
 
 
-def _judge_area(
-    found: AreaFindings, one: Counted, arcs: _Chords, curves: Legs, need: Array
+def _bound_area(
+    one: Counted, given: Pieces, required: Array, rows: Array, bound: Array, attained: Array
 ) -> None:
-    """Judge all plans against one area, from which they must keep distances, m, ``[N]``."""
-    near = (arcs.end >= one.begin) & (arcs.begin <= one.end)
+    """Write what pieces ``[m, P]``, numbered ``rows``, keep of an area; only those that the
+    rectangle about it does not tell to be far are set against its edges.
+    """
+    counts = _counts(one, given)
     if one.area.keep is Keep.OUT:
-        near = _judge_far_arcs(found, one, arcs, near, need)
-    n, a = np.nonzero(near)
-    if n.size == 0:
-        return
-    near_arcs, needed = take(arcs, (n, a)), need[n]
-    bound, attained = _bounds(one.area, near_arcs, needed)
-    # An arc with an end that is too near loses the clearance. To cut it would only tell the time
-    # better, which matters for the first of each plan alone. Where the area counts for a part of an
-    # arc only, its ends decide nothing.
-    whole = (near_arcs.begin >= one.begin) & (near_arcs.end <= one.end)
-    lost = np.flatnonzero(~(attained >= _required_less_tolerance(needed)) & whole)
-    fine = ~(bound >= needed)
-    fine[lost] = False
-    fine[lost[np.unique(n[lost], return_index=True)[1]]] = True
-    coarse = np.flatnonzero(~fine)
-    begin = near_arcs.begin[coarse]
-    _note_least(found, one, n[coarse], (bound - needed)[coarse], begin)
-    late = lost[~fine[lost]]
-    _note_lost(found, one, n[late], a[late] // ARCS, take(near_arcs, late))
-    if fine.any():
-        _judge_finely(found, one, arcs, curves, need, n[fine], a[fine])
-
-
-def _judge_far_arcs(
-    found: AreaFindings, one: Counted, arcs: _Chords, counts: Array, need: Array
-) -> Array:
-    """Note the clearance of arcs that the rectangle about an area tells to be far enough; return
-    which of those that count it does not, bool ``[N, A]``.
-    """
-    away = box_distance(one.area, _in_frame(one.area, arcs))
-    # Within the rectangle it says nothing: signed distances there may be negative.
-    away = np.where(away > 0.0, away, -np.inf)
-    far = away + _least_gain(one.area, arcs) - _chord_error(arcs)
-    near = counts & ~(far > need[:, None])
-    clearance = np.where(counts & ~near, far - need[:, None], np.inf)
-    rows, least = np.arange(len(need)), np.argmin(clearance, axis=1)
-    _note_least(found, one, rows, clearance[rows, least], arcs.begin[rows, least])
-    return near
-
-
-def _judge_finely(
-    found: AreaFindings,
-    one: Counted,
-    arcs: _Chords,
-    curves: Legs,
-    need: Array,
-    n: Array,
-    a: Array,
-) -> None:
-    """Judge the parts of the arcs ``a`` of plans ``n``, ``[m]`` each, that were not clear as a
-    whole.
-    """
-    duration = (arcs.end - arcs.begin)[n, a, None]
-    flown = (field.reshape(len(need), -1)[n, a][:, None] for field in arcs_of(curves))
-    x, y = along(Arcs(*flown), duration / FINE)
-    time = arcs.begin[n, a, None] + np.arange(FINE + 1) * (duration / FINE)
-    every = _Chords(
-        begin=time[:, :-1],
-        end=time[:, 1:],
-        x0=x[:, :-1],
-        y0=y[:, :-1],
-        x1=x[:, 1:],
-        y1=y[:, 1:],
-        acceleration=arcs.acceleration[n, a, None],
-        error=arcs.error[n, a, None],
+        far = _far_bound(one.area, given)
+        bound[rows] = far
+        counts = counts & ~(far > required)
+    m, p = np.nonzero(counts)
+    chord = Chords(
+        *(np.broadcast_to(field, counts.shape)[m, p] for field in given[2:8]),
+        *(np.broadcast_to(field, counts.shape)[m, p] for field in (given.bend, given.error)),
     )
-    counts = (every.end >= one.begin) & (every.begin <= one.end)
-    parts, rows, legs = map_leaves(
-        lambda field: np.broadcast_to(field, counts.shape)[counts],
-        (every, n[:, None], a[:, None] // ARCS),
-    )
-    needed = _required_less_tolerance(need[rows])
-    bound, _ = _bounds(one.area, parts, needed)
-    _note_least(found, one, rows, bound - needed, parts.begin)
-    bad = np.flatnonzero(~(bound >= needed))
-    _note_lost(found, one, rows[bad], legs[bad], take(parts, bad))
+    least, ends = bounds_of_chords(one.area, chord, required[m, p])
+    bound[rows[m], p] = least
+    # Where the area counts for a part of a piece only, its ends decide nothing.
+    whole = (chord.begin >= one.begin) & (chord.end <= one.end)
+    attained[rows[m], p] = np.where(whole, ends, np.inf)
 
 
-def _required_less_tolerance(need: Array) -> Array:
-    """Return the required distance less the tolerance, which is for the clearance: the area itself
-    is kept but for rounding.
+class Chords(NamedTuple):
+    """Pieces of trajectories as their chords; fields ``[M]``."""
+
+    begin: Array  # s
+    end: Array
+    x0: Array  # where they begin, m
+    y0: Array
+    x1: Array  # where they end, m
+    y1: Array
+    bend: Array  # a bound of the acceleration, m/s^2
+    error: Array  # of the positions, m
+
+
+def bounds_of_chords(area: Area, given: Chords, enough: Array) -> tuple[Array, Array]:
+    """Return a lower bound of the signed distance on whole pieces ``[M]``, and the least of its
+    values at their ends, m; bounds that are ``enough``, m, need not be better.
     """
-    return np.maximum(need - CLOSE, -ROUNDING)
-
-
-def _bounds(area: Area, arcs: _Chords, need: Array) -> tuple[Array, Array]:
-    """Return a lower bound of the signed distance on whole arcs ``[M]``, and the least of its
-    values at their ends, m.
-    """
-    grown, lost, rate = _least_gain(area, arcs), _chord_error(arcs), gain(area)
-    chord = chord_distances(area, _in_frame(area, arcs), need + lost - grown)
-    ends = chord.begin + rate * arcs.begin, chord.end + rate * arcs.end
+    grown, lost, rate = _least_gain(area, given), _chord_error(given), gain(area)
+    chord = chord_distances(area, _in_frame(area, given), enough + lost - grown)
+    ends = chord.begin + rate * given.begin, chord.end + rate * given.end
     return chord.bound + grown - lost, np.minimum(*ends)
 
 
-def _in_frame(area: Area, arcs: _Chords) -> Parts:
+def _less_tolerance(required: Array) -> Array:
+    """Return the required distance less the tolerance, which is for the clearance: the area itself
+    is kept but for rounding.
+    """
+    return np.maximum(required - CLOSE, -ROUNDING)
+
+
+def _far_bound(area: Area, given: Pieces | Chords) -> Array:
+    """Return a lower bound of the signed distance in pieces by the rectangle about an area to be
+    kept out of, m; -inf where they may meet it: signed distances within it may be negative.
+    """
+    away = box_distance(area, _in_frame(area, given))
+    away = np.where(away > 0.0, away, -np.inf)
+    return away + _least_gain(area, given) - _chord_error(given)
+
+
+def _in_frame(area: Area, given: Pieces | Chords) -> Parts:
     """Return chords where the area stands still."""
     return Parts(
-        *own_frame(area, arcs.x0, arcs.y0, arcs.begin), *own_frame(area, arcs.x1, arcs.y1, arcs.end)
+        *own_frame(area, given.x0, given.y0, given.begin),
+        *own_frame(area, given.x1, given.y1, given.end),
     )
 
 
-def _least_gain(area: Area, arcs: _Chords) -> Array:
-    """Return the least that the area's growth adds to signed distances within arcs, m."""
-    return np.minimum(gain(area) * arcs.begin, gain(area) * arcs.end)
+def _least_gain(area: Area, given: Pieces | Chords) -> Array:
+    """Return the least that the area's growth adds to signed distances within pieces, m."""
+    return np.minimum(gain(area) * given.begin, gain(area) * given.end)
 
 
-def _chord_error(arcs: _Chords) -> Array:
+def _chord_error(given: Pieces | Chords) -> Array:
     """Return by how much the curve may be nearer than its chord as it is computed, m."""
-    return 0.125 * arcs.acceleration * (arcs.end - arcs.begin) ** 2 + arcs.error
-
-
-def _note_least(
-    found: AreaFindings, one: Counted, rows: Array, clearance: Array, begin: Array
-) -> None:
-    """Note the smallest clearance of parts ``[M]`` of plans numbered ``rows``, m, and when it is,
-    s.
-    """
-    row, best = first_of_each(rows, clearance)
-    less = clearance[best] < found.clearance[row]
-    row, best = row[less], best[less]
-    found.clearance[row], found.nearest[row] = clearance[best], one.number
-    found.time_of_clearance[row] = begin[best]
-
-
-def _note_lost(found: AreaFindings, one: Counted, rows: Array, legs: Array, parts: _Chords) -> None:
-    """Note the first and the last of parts ``[M]`` of plans numbered ``rows`` that lose the
-    clearance.
-    """
-    row, last = first_of_each(rows, -parts.end)
-    found.until[row] = np.fmax(found.until[row], parts.end[last])
-    row, first = first_of_each(rows, parts.begin)
-    earlier = ~(found.time[row] <= parts.begin[first])
-    row, first = row[earlier], first[earlier]
-    found.wrong[row], found.area[row], found.leg[row] = True, one.number, legs[first]
-    found.time[row] = parts.begin[first]
-    found.x[row], found.y[row] = parts.x0[first], parts.y0[first]
+    return 0.125 * given.bend * (given.end - given.begin) ** 2 + given.error

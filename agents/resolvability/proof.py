@@ -30,7 +30,7 @@ from envs.arrays import Array
 from envs.encounters import Encounter
 from envs.frames import Air
 from envs.intruder import start, step
-from envs.kinematics import Limits, VehicleState, advance
+from envs.kinematics import UNLIMITED, Limits, VehicleState, advance
 from envs.outcome import Rules
 from envs.relative import distance
 from envs.trees import map_leaves, take
@@ -59,9 +59,6 @@ LEAST_SHARE = 0.1
 
 BLOCK = 25
 """Funnels looked at together against up to 8 intruders (fewer against more): some 150 MB."""
-
-
-_ANY = Limits(-math.inf, math.inf, -math.inf, math.inf, math.inf)
 
 
 class Ahead(NamedTuple):
@@ -130,7 +127,7 @@ def _places(encounter: Encounter, times: Array, rules: Rules) -> tuple[Array, Ar
         seconds = (times[within] - index * rules.dt)[:, None, None]
         # The controller holds its turn rate over a step.
         turn_rate = wrap(after.vehicle.heading - flown.vehicle.heading, np) / rules.dt
-        places.append(advance(flown.vehicle, 0.0 * turn_rate, turn_rate, seconds, _ANY, np))
+        places.append(advance(flown.vehicle, 0.0 * turn_rate, turn_rate, seconds, UNLIMITED, np))
         times, flown, index = times[~within], after, index + 1
     return (
         np.concatenate([place.x for place in places]),

@@ -124,7 +124,7 @@ class _Resolver:
             self._watch, flown = single.answer(self._watch, verdict.ask.number, made)
             self._take_up(made, flown=flown)
         monitor = self._watch.monitor
-        ends = float(monitor.started[0] + monitor.plan.plan_states.time[0, -1])
+        ends = float(monitor.started[0] + monitor.plan.end[0])
         on_plan = int(monitor.state[0]) in _ON_PLAN and not bool(monitor.on_backup[0])
         self._promised = on_plan and now + self._given.aircraft.dt <= ends
 

@@ -186,7 +186,7 @@ def _areas_met(
     found = np.empty(len(areas), dtype=object)
     for n, some in enumerate(areas):
         own: VehicleState[Air] = VehicleState(*(float(field[n]) for field in state.own))
-        ends = float(monitor.plan.plan_states.time[n, -1] + monitor.started[n]) - time
+        ends = float(monitor.plan.end[n] + monitor.started[n]) - time
         found[n] = may_be_met(some, own, None, ends, thresholds)
     return found
 

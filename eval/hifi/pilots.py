@@ -205,7 +205,7 @@ class Assured:
     def _areas_met(self, time: float, own: VehicleState[Air]) -> tuple[Counted, ...]:
         """Return the areas that an ownship in the air mass may meet, s after the start."""
         amid, monitor = in_air_mass(self._areas, self._frame, time), self._monitor
-        ends = float(monitor.plan.plan_states.time[0, -1] + monitor.started[0]) - time
+        ends = float(monitor.plan.end[0] + monitor.started[0]) - time
         here: VehicleState[Air] = VehicleState(*(float(field) for field in own))
         return may_be_met(amid, here, None, ends, self._thresholds)
 

@@ -13,10 +13,17 @@ import numpy as np
 import pytest
 
 from agents import check
-from agents.kernel import areas, separation
+from agents.kernel import areas, clearance, separation, trajectory
 from agents.kernel.areas import Counted
 from agents.kernel.levels import Altitude
-from agents.kernel.traffic import Requirement, Traffic, advance_reports, requirement_of
+from agents.kernel.traffic import (
+    Requirement,
+    Traffic,
+    advance_reports,
+    growth,
+    positions,
+    requirement_of,
+)
 from agents.planner.judge import validator
 from envs import area_geometry, waypoints
 from envs.areas import Area, Circle, Keep, Level, Polygon
@@ -153,7 +160,7 @@ def test_constants_are_the_codes() -> None:
     assert runpy.run_path(str(PROOFS / "constants.py"))["text"]() == (
         PROOFS / "Constants.v"
     ).read_text(encoding="utf-8")
-    assert (COQ["CLOSE"], COQ["ROUNDING"]) == (validator.CLOSE, validator.ROUNDING)
+    assert (COQ["CLOSE"], COQ["ROUNDING"]) == (clearance.CLOSE, clearance.ROUNDING)
     assert COQ["NEARER"] == areas.NEARER == check._NEARER
 
 
@@ -173,19 +180,23 @@ def test_validators_bound_is_the_proven_one() -> None:
     at, sagittas = ends(rng, 2_000), 10.0 ** rng.uniform(-10.0, 2.0, 2_000)
     zero = np.zeros((1, 1))
     still = Traffic.straight(VehicleState(zero, zero, zero, zero))
-    found, _ = separation.chords(
-        zero + np.zeros((1, 2_000)),
-        np.ones((1, 2_000)),
-        (-at[None, :, 0], -at[None, :, 1]),
-        (-at[None, :, 2], -at[None, :, 3]),
-        still,
-        8.0 * sagittas[None, :, None],
+    none, second = np.zeros((1, 2_000)), np.ones((1, 2_000))
+    pieces = trajectory.Pieces(
+        np.zeros(1, dtype=int),
+        np.zeros(1, dtype=int),
+        none,
+        second,
+        *(-at.T[:, None]),
+        *(none,) * 4,
+        8.0 * sagittas[None],
+        zero,
     )
+    found, _ = separation.chords(pieces, still)
     proven = [
         COQ["bound"](*row, sagitta)
         for row, sagitta in zip(at.tolist(), sagittas.tolist(), strict=True)
     ]
-    assert found[0, :, 0] == pytest.approx(np.array(proven), rel=1e-9, abs=1e-6)
+    assert found[0] == pytest.approx(np.array(proven), rel=1e-9, abs=1e-6)
 
 
 ARROW = Polygon(((0.0, 0.0), (4e3, -2e3), (1e3, 0.0), (3e3, 3e3)))
@@ -275,8 +286,8 @@ def test_bounds_of_parts_of_plans_are_the_proven_ones(circle: bool) -> None:
         at, begin = rng.uniform(-5e3, 5e3, (2, rows)), rng.uniform(0.0, 300.0, rows)
         length, bend, error = rng.uniform(0.1, 5.0, rows), rng.uniform(0.0, 9.0, rows), 1e-3
         step = rng.normal(0.0, 100.0, (2, rows))
-        arcs = areas._Chords(begin, begin + length, *at, *(at + step), bend, np.full(rows, error))
-        bound, attained = areas._bounds(area, arcs, np.full(rows, np.inf))
+        arcs = areas.Chords(begin, begin + length, *at, *(at + step), bend, np.full(rows, error))
+        bound, attained = areas.bounds_of_chords(area, arcs, np.full(rows, np.inf))
         own = area_geometry.Parts(
             *(at - np.outer(area.velocity, begin)),
             *(at + step - np.outer(area.velocity, begin + length)),
@@ -304,7 +315,7 @@ def test_what_plans_must_keep_of_areas_is_the_proven_need() -> None:
         need = areas.required_distances(Counted(0, area, first, 400.0), *place, margin)
         proven = COQ["area_need"](area.clearance + margin, away, first)
         assert need.item() == pytest.approx(proven, abs=1e-9)
-        less = areas._required_less_tolerance(need).item()
+        less = areas._less_tolerance(need).item()
         assert less == pytest.approx(COQ["area_need_with_tolerance"](proven), abs=1e-12)
         inside += 0.0 < proven < area.clearance + margin
     assert inside > 10
@@ -413,7 +424,7 @@ def test_requirement_is_the_proven_one() -> None:
         assert requirement_of(
             traffic, VehicleState(*np.full((4, 1), away / math.sqrt(2.0))), asked
         )[0, 0] == pytest.approx(base)
-        grown = separation.growth(traffic, np.array([[time]]), asked)
+        grown = growth(traffic, np.array([[time]]), asked.sigmas)
         assert grown.item() == pytest.approx(
             COQ["growth"](asked.sigmas, std, vstd, age, time), abs=1e-9
         )
@@ -437,7 +448,7 @@ def test_intruders_fly_the_proven_closed_form() -> None:
         row = [np.full((1, 1), value) for value in (0.0, 0.0, psi, v, w, lasts, 0.0, 0.0, 0.0)]
         traffic = Traffic(VehicleState(*row[:4]), np.ones((1, 1), dtype=bool), *row[4:])
         now = advance_reports(traffic, np.full((1, 1), age))
-        place = separation._positions(now, np.array([[time]]))
+        place = positions(now, np.array([[time]]))
         assert (place[0].item(), place[1].item()) == pytest.approx((x, y), abs=1e-6)
         report = check.Report(0.0, 0.0, psi, v, age, w, lasts, 0.0, 0.0, 1.0)
         ball = check.track(report, check.Wind(0.0, 0.0, 0.0)).place_at(check.ball(time))
@@ -455,9 +466,16 @@ def test_positions_along_an_arc_are_the_proven_sum() -> None:
             COQ["gauss"](lambda t, part=part: COQ[part](psi, v, w, a, t), h)  # noqa: B023
             for part in ("own_vx", "own_vy")
         ]
-        assert waypoints._displacement(psi, v, w, a, h) == pytest.approx(proven, abs=1e-9)
-        one = (np.array([[value]]) for value in (0.0, 0.0, psi, v, w, a))
-        x, y = separation.along(separation.Arcs(*one), np.array([[h / separation.FINE]]))
+        assert waypoints.displacement(psi, v, w, a, h) == pytest.approx(proven, abs=1e-9)
+        none = np.zeros((1, 1))
+        arc = trajectory.Pieces(
+            *(np.zeros(1, dtype=int),) * 2,
+            *(none,) * 6,
+            *(none + value for value in (psi, v, w, a)),
+            none,
+            none,
+        )
+        x, y = trajectory.along(arc, none + h / trajectory.FINE)
         assert (x[0, -1], y[0, -1]) == pytest.approx(proven, abs=1e-9)
 
 
@@ -469,7 +487,7 @@ def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -
     arcs = [
         field.ravel().tolist() for field in (curves.yaw_rate, curves.acceleration, curves.speed)
     ]
-    error = separation.position_error_bound(curves).item()
+    error = trajectory.position_error_bound(curves).item()
     assert error == pytest.approx(
         sum(COQ["position_error_bound"](w, a, v, 60.0) for w, a, v in zip(*arcs, strict=True)),
         rel=1e-9,
@@ -480,7 +498,7 @@ def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -
         t = 30.0 * (1.0 + nodes)
         place += np.sum(30.0 * weights * (v + a * t) * np.exp(1j * (psi + w * t)))
     last = curves.x[0, 0, -1] + 1j * curves.y[0, 0, -1]
-    last += complex(*waypoints._displacement(*(field[0, 0, -1] for field in curves[5:]), 60.0))
+    last += complex(*waypoints.displacement(*(field[0, 0, -1] for field in curves[5:]), 60.0))
     assert 1e-7 < abs(place - last) < error < 1e-3
 
     one = np.ones((1, 1))
@@ -489,7 +507,7 @@ def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -
         plan_states, traffic, Requirement(1_000.0), C208_PUBLISHED
     ).min_separation
     monkeypatch.setattr(
-        validator, "position_error_bound", lambda curves: 1.0 + 0.0 * curves.duration
+        trajectory, "position_error_bound", lambda curves: 1.0 + 0.0 * curves.duration
     )
     less = validator.validate(
         plan_states, traffic, Requirement(1_000.0), C208_PUBLISHED
@@ -505,7 +523,7 @@ def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> N
         seen.append(given)
         return chords(*given)
 
-    monkeypatch.setattr(validator, "chords", spy)
+    monkeypatch.setattr(separation, "chords", spy)
     plan_states = waypoints.PlanStates(
         *(
             np.array([row])
@@ -529,7 +547,9 @@ def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> N
         0.0 * one,
     )
     validator.validate(plan_states, traffic, Requirement(1_000.0), C208_PUBLISHED)
-    relative_acceleration = seen[0][5].ravel()  # of both legs
+    arcs, intruder = seen[0]  # of both legs
+    turn = intruder.state.speed * intruder.turn_rate
+    relative_acceleration = (arcs.bend + turn).ravel()
     curves = waypoints.legs(plan_states)
     expected = [
         COQ["own_acceleration"](v, w, p, 2.0) + COQ["other_acceleration"](90.0, 0.02, 10.0)

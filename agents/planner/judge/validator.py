@@ -1,49 +1,36 @@
-"""The validator: whether a plan, as published, keeps the limits and the separation.
+"""The validator: whether a plan, as published, keeps the limits, the separation and the clearance
+from areas.
 
-It knows the published waypoints, the intruders and the requirement; it shares with the modules that
-make plans nothing but the contract of the leg's curve (:mod:`envs.waypoints`). Its separation is a
-proven lower bound: where two aircraft move on curves, the relative motion leaves the chord between
-two times h apart by at most a h^2 / 8, a being the largest relative acceleration; parts of a leg
-whose bound is not clear are cut into :data:`FINE`.
+It knows the published waypoints, the intruders, the areas and the requirement. How close the plan
+comes is asked of :mod:`agents.kernel.clearance`; limits are judged here, arc by arc.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.separation import (
-    CLOSE,
-    FINE,
-    LONGEST,
-    ROUNDING,
-    Arcs,
-    along,
-    arcs_of,
-    chords,
-    distances,
-    growth,
-    position_error_bound,
-)
-from agents.kernel.traffic import Requirement, Traffic, requirement_of, separations, within_window
+from agents.kernel.areas import Counted, area_clearance
+from agents.kernel.clearance import LONGEST, Clearance, clearance
+from agents.kernel.separation import separation
+from agents.kernel.traffic import Requirement, Traffic
+from agents.kernel.trajectory import trajectory
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
-from envs.trees import column, first_of_each, map_leaves, take
+from envs.trees import map_leaves, take
 from envs.waypoints import ARCS, CLOSED, Legs, PlanStates, legs
 
 TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
 """By how much limits may be passed for rounding's sake (m/s, m/s^2, rad/s)."""
 
-_FEW = 4  # intruders whom it costs more to leave out than to look at
-_BOUND_ERROR = 0.01  # m by which the bounds that leave legs out may be off: tolerance and rounding
-
 CHECKS = ("not_finite", "times", "leg", "speed", "acceleration", "turn_rate", "separation", "area")
 """What is checked, in the order of the findings' last axis; names of
-:class:`agents.planner.answer.Kind`. Areas are judged in :mod:`agents.kernel.areas`.
+:class:`agents.planner.answer.Kind`.
 """
 
-_SEPARATION = CHECKS.index("separation")
+_SEPARATION, _AREA = CHECKS.index("separation"), CHECKS.index("area")
 _OF_FLIGHT = _SEPARATION  # so many checks are of the flight alone
 
 
@@ -108,6 +95,7 @@ def validate(
     traffic: Traffic,
     requirement: Requirement,
     limits: Limits,
+    areas: Sequence[Counted] = (),
     curves: Legs | None = None,
 ) -> Findings:
     """Return what is wrong with plans; one whose states are not finite or not in order of time is
@@ -116,6 +104,9 @@ def validate(
     Args:
         plan_states: state at the request and published waypoints, ``[N, W]``.
         traffic: the intruders at the request, ``[N, K]``.
+        requirement: what is kept from them, and the margin that areas are kept, too.
+        limits: of the flight.
+        areas: that count.
         curves: the legs of the plan states, if they are known already.
     """
     plan_states = PlanStates(*(np.asarray(field, dtype=float) for field in plan_states))
@@ -141,7 +132,20 @@ def validate(
                 field[rows, leg] for field in (plan_states.time, plan_states.x, plan_states.y)
             )
             _note_wrong(found, check, rows, leg, time, x, y)
-    _judge_separation(found, plan_states, curves, traffic, requirement, sound)
+    found.min_separation[~sound], found.clearance[~sound] = np.nan, -np.inf
+    rows = np.flatnonzero(sound)
+    if rows.size == 0:
+        return found
+    states, seen = plan_states, traffic
+    if rows.size < count:
+        states, curves, seen = take((states, curves, seen), rows)
+    flown = trajectory(states, curves)
+    own: VehicleState[Air] = VehicleState(*(field[:, 0] for field in states[:4]))
+    kept = clearance(flown, separation(seen, own, requirement), closest=True)
+    _note_separation(found, rows, kept)
+    if areas:
+        kept = clearance(flown, area_clearance(areas, own.x, own.y, requirement.margin))
+        _note_lost(found, _AREA, rows, kept, found.area, [one.number for one in areas])
     return found
 
 
@@ -180,251 +184,33 @@ def _note_wrong(
     found.time[rows, check], found.x[rows, check], found.y[rows, check] = time, x, y
 
 
-def _judge_separation(
+def _note_separation(found: Findings, rows: Array, kept: Clearance) -> None:
+    """Note of plans numbered ``rows`` what they keep from intruders."""
+    count = kept.distance.shape[1]
+    if count == 0:
+        return
+    nearest = np.argmin(kept.distance, axis=1)[:, None]
+    found.min_separation[rows] = np.take_along_axis(kept.distance, nearest, 1)[:, 0]
+    found.time_of_min_separation[rows] = np.take_along_axis(kept.distance_time, nearest, 1)[:, 0]
+    _note_lost(found, _SEPARATION, rows, kept, found.intruder, range(count))
+
+
+def _note_lost(
     found: Findings,
-    plan_states: PlanStates,
-    curves: Legs,
-    traffic: Traffic,
-    requirement: Requirement,
-    sound: Array,
+    check: int,
+    rows: Array,
+    kept: Clearance,
+    names: Array,
+    numbers: Sequence[int],
 ) -> None:
-    """Judge the separation from all intruders over the whole of those plans that are sound.
-
-    First which legs come near which intruders, then their arcs by one chord each, then the parts of
-    those arcs that are not clear.
+    """Note of plans numbered ``rows`` the smallest clearance, and where it is lost first; into
+    ``names`` the number of the intruder or area of which that is.
     """
-    rows = np.flatnonzero(sound)
-    found.min_separation[~sound], found.clearance[~sound] = np.nan, -np.inf
-    if rows.size == 0 or traffic.mask.shape[-1] == 0:
-        return
-    own, seen = (curves, traffic) if sound.all() else take((curves, traffic), rows)
-    starts: VehicleState[Air] = VehicleState(*(field[rows, 0] for field in plan_states[:4]))
-    wanted = requirement_of(seen, starts, requirement)
-    last = plan_states.x[rows, -1:], plan_states.y[rows, -1:]
-    near = _near_legs(own, last, seen, wanted, requirement)
-    if near is None:
-        return
-    unclear = _judge_arcs(found, rows, near, requirement)
-    pair, arc = np.nonzero(unclear)
-    if pair.size:
-        _judge_parts(found, rows, near, pair, arc, requirement)
-
-
-class _Near(NamedTuple):
-    """Legs that come near an intruder, ``[p]``; fields of their arcs ``[p, ARCS]``."""
-
-    n: Array  # number of the plan among those that are judged, [p]
-    leg: Array  # number of the leg, [p]
-    k: Array  # number of the intruder, [p]
-    flown: Legs
-    end_x: Array  # where each arc ends, m
-    end_y: Array
-    other: Traffic  # the intruder, [p, 1]
-    begin: Array  # of each arc, s
-    length: Array  # of each arc, s
-    relative_acceleration: Array  # a bound in each arc, m/s^2
-    error: Array  # by which positions may be off, m, [p, 1]
-    wanted: Array  # distance before uncertainty grows, m, [p, 1]
-
-
-def _near_legs(
-    own: Legs, last: tuple[Array, Array], seen: Traffic, wanted: Array, requirement: Requirement
-) -> _Near | None:
-    """Return the legs of plans ``[n, L]`` that must be set against an intruder; None: there is no
-    such leg.
-
-    Args:
-        own: the legs.
-        last: where each plan's last waypoint stands, m, ``[n, 1]`` each.
-        seen: the intruders, ``[n, K]``.
-        wanted: distance from each before uncertainty grows, m, ``[n, K]``.
-        requirement: how that grows.
-    """
-    # The joints of the legs are up to their miss apart, and positions are known but for the rule's
-    # error.
-    position_error = own.miss + position_error_bound(own)
-    own_acceleration = _own_acceleration(own)
-    must = _must_be_judged(own, seen, wanted, requirement, position_error, own_acceleration)
-    n, leg, k = np.nonzero(must & seen.mask[:, None])
-    if n.size == 0:
-        return None
-    flown = take(own, (n, leg))
-    step = flown.duration / ARCS
-    begin = flown.time[:, None] + np.arange(ARCS) * step[:, None]
-    # The curve ends where its last waypoint stands, but for less than CLOSED.
-    leg_end_x, leg_end_y = (
-        np.concatenate([start[:, 1:, 0], end], axis=1)
-        for start, end in zip((own.x, own.y), last, strict=True)
-    )
-    return _Near(
-        n=n,
-        leg=leg,
-        k=k,
-        flown=flown,
-        end_x=np.concatenate([flown.x[:, 1:], leg_end_x[n, leg, None]], axis=1),
-        end_y=np.concatenate([flown.y[:, 1:], leg_end_y[n, leg, None]], axis=1),
-        other=column(take(seen, (n, k))),
-        begin=begin,
-        length=np.broadcast_to(step[:, None], begin.shape),
-        relative_acceleration=own_acceleration[n, leg] + _acceleration(seen)[n, k, None],
-        error=position_error[n, leg, None],
-        wanted=wanted[n, k, None],
-    )
-
-
-def _judge_arcs(found: Findings, rows: Array, near: _Near, requirement: Requirement) -> Array:
-    """Note the clearance of arcs, judged by their chords, that are clear; return which are not,
-    bool ``[p, ARCS]``.
-    """
-    after = near.begin + near.length
-    bound, upper = chords(
-        near.begin,
-        near.length,
-        (near.flown.x, near.flown.y),
-        (near.end_x, near.end_y),
-        near.other,
-        near.relative_acceleration[..., None],
-    )
-    bound, upper = bound[..., 0] - near.error, upper[..., 0]
-    need = near.wanted + growth(near.other, after, requirement)[..., 0]
-    counts = _counts(near.other, near.begin, after)
-    if near.other.window is not None:
-        upper = np.where(_inside(near.other, near.begin, after), upper, np.inf)
-    # What could be too close, or the closest of all, is looked at more closely.
-    nearest = np.full(rows.size, np.inf)
-    np.minimum.at(nearest, near.n, upper.min(axis=1))
-    unclear = (~(bound >= need) | (bound <= nearest[near.n, None])) & counts
-    clearance = np.where(unclear | ~counts, np.inf, bound - need)
-    np.minimum.at(found.clearance, rows[near.n], clearance.min(axis=1))
-    return unclear
-
-
-def _judge_parts(
-    found: Findings, rows: Array, near: _Near, pair: Array, arc: Array, requirement: Requirement
-) -> None:
-    """Judge the parts of some arcs of near legs, ``[q]``, each by its chord."""
-    # In the order of time, so that of equals the first is told.
-    order = np.lexsort((near.k[pair], arc, near.leg[pair], near.n[pair]))
-    pair, arc = pair[order], arc[order]
-    fine = near.length[pair, arc] / FINE
-    began = near.begin[pair, arc, None] + np.arange(FINE) * fine[:, None]
-    arcs = Arcs(*(field[pair, arc, None] for field in arcs_of(near.flown)))
-    at_x, at_y = along(arcs, fine[:, None])
-    one = take(near.other, pair)
-    finer = np.broadcast_to(fine[:, None], began.shape)
-    begins, ends = (at_x[:, :-1], at_y[:, :-1]), (at_x[:, 1:], at_y[:, 1:])
-    relative_acceleration = near.relative_acceleration[pair, arc, None, None]
-    close, _ = chords(began, finer, begins, ends, one, relative_acceleration)
-    close = close[..., 0] - near.error[pair]
-    close = np.where(_counts(one, began, began + finer), close, np.inf)
-    required = near.wanted[pair] + growth(one, began + finer, requirement)[..., 0]
-    # The tolerance is for the margin; the separation itself is kept but for rounding.
-    separation = separations(one, requirement)
-    required = np.maximum(required - CLOSE, separation - ROUNDING)
-    parts = _Parts(near.n[pair], near.leg[pair], near.k[pair], began, *begins, close, required)
-    _note_parts(found, rows, parts)
-
-
-def _counts(one: Traffic, begin: Array, end: Array) -> Array:
-    """Return in which parts ``[p, A]`` an intruder each, ``[p, 1]``, may count, bool."""
-    return np.broadcast_to(within_window(one, begin, end), np.shape(begin))
-
-
-def _inside(one: Traffic, begin: Array, end: Array) -> Array:
-    """Return in which parts ``[p, A]`` an intruder each, ``[p, 1]``, counts all the time, bool."""
-    assert one.window is not None
-    return (begin >= one.window.begin) & (end <= one.window.end)
-
-
-def _own_acceleration(own: Legs) -> Array:
-    """Return a bound of the acceleration in each arc, m/s^2, ``[n, L, ARCS]``."""
-    step = own.duration[..., None] / ARCS
-    quickest = np.maximum(own.speed, own.speed + own.acceleration * step)
-    return np.hypot(own.acceleration, quickest * own.yaw_rate)
-
-
-def _acceleration(seen: Traffic) -> Array:
-    """Return a bound of the accelerations of intruders, m/s^2, ``[n, K]``."""
-    return np.where(seen.turn_time > 0.0, np.abs(seen.state.speed * seen.turn_rate), 0.0)
-
-
-def _must_be_judged(
-    own: Legs,
-    seen: Traffic,
-    wanted: Array,
-    requirement: Requirement,
-    position_error: Array,
-    own_acceleration: Array,
-) -> Array:
-    """Return which intruders the arcs of a leg must be set against, bool, ``[n, L, K]``; arguments
-    are as of :func:`_near_legs`.
-
-    In a leg two aircraft come nearer by what both fly at most (theorem ``left_out_soundly`` of
-    proofs/Safe.v, arc by arc). A leg is left out only where that leaves more than what is required
-    and more than the smallest distance and clearance of the plan, so that no finding depends on it.
-    """
-    counts, told = True, True
-    if seen.window is not None:
-        wide, begin = map_leaves(lambda field: field[:, None], seen), own.time[..., None]
-        counts = within_window(wide, begin, begin + own.duration[..., None])
-        told = within_window(wide, begin, begin)
-    if seen.mask.shape[-1] <= _FEW:
-        every = np.ones((*own.time.shape, seen.mask.shape[-1]), dtype=bool)
-        return every & counts
-    away = distances(own.time, own.x[..., 0], own.y[..., 0], seen)
-    away = np.where(seen.mask[:, None], away, np.inf)
-    quickest = np.maximum(own.speed, own.speed + own.acceleration * own.duration[..., None] / ARCS)
-    both = quickest.max(axis=-1)[..., None] + seen.state.speed[:, None]
-    bend = own_acceleration.max(axis=-1)[..., None] + _acceleration(seen)[:, None]
-    step = own.duration[..., None]
-    left = (
-        away
-        - both * step
-        - 0.125 * bend * (step / ARCS) ** 2
-        - position_error[..., None]
-        - _BOUND_ERROR
-    )
-    now = wanted[:, None] + growth(seen, own.time, requirement)
-    later = wanted[:, None] + growth(seen, own.time + own.duration, requirement)
-    # Where an intruder does not count at the beginning of a leg, its distance there is no finding.
-    away = np.where(told, away, np.inf)
-    least, clearance = (np.min(each, axis=(1, 2), keepdims=True) for each in (away, away - now))
-    return (
-        (left <= np.maximum(later, least)) | (left - later <= clearance + _BOUND_ERROR)
-    ) & counts
-
-
-class _Parts(NamedTuple):
-    """Parts of arcs that were not clear, ``[m, FINE]``."""
-
-    n: Array  # number of the plan among those that are judged, [m]
-    leg: Array  # number of the leg, [m]
-    k: Array  # number of the intruder, [m]
-    began: Array  # s
-    x: Array  # of the ownship then, m
-    y: Array
-    close: Array  # least distance in the part, m
-    required: Array  # m
-
-
-def _note_parts(found: Findings, rows: Array, parts: _Parts) -> None:
-    """Note of each plan the smallest distance, the smallest clearance, and the first part in which
-    that is negative.
-    """
-    n, clearance = parts.n, parts.close - parts.required
-    least = np.argmin(parts.close, axis=1)
-    np.minimum.at(found.clearance, rows[n], clearance.min(axis=1))
-    value = np.take_along_axis(parts.close, least[:, None], 1)[:, 0]
-    when = np.take_along_axis(parts.began, least[:, None], 1)[:, 0]
-    owner, best = first_of_each(n, when, value)
-    found.min_separation[rows[owner]] = value[best]
-    found.time_of_min_separation[rows[owner]] = when[best]
-
-    bad = np.flatnonzero(~(clearance >= 0.0).all(axis=1))
-    if bad.size:
-        part = np.argmax(~(clearance[bad] >= 0.0), axis=1)
-        when, x, y = (field[bad, part] for field in (parts.began, parts.x, parts.y))
-        owner, first = first_of_each(n[bad], when)
-        row, leg = rows[owner], parts.leg[bad][first]
-        _note_wrong(found, _SEPARATION, row, leg, when[first], x[first], y[first])
-        found.intruder[row] = parts.k[bad][first]
+    found.clearance[rows] = np.minimum(found.clearance[rows], kept.margin.min(axis=1))
+    first = np.argmin(kept.loss, axis=1)
+    lost = np.flatnonzero(np.isfinite(kept.loss[np.arange(rows.size), first]))
+    if lost.size:
+        which = lost, first[lost]
+        leg, time, x, y = (field[which] for field in (kept.leg, kept.loss, kept.x, kept.y))
+        _note_wrong(found, check, rows[lost], leg, time, x, y)
+        names[rows[lost]] = np.asarray(numbers)[first[lost]]

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from agents.kernel.levels import Altitude, Heights, apart, vertical_gap, worst
-from agents.kernel.separation import FINE
 from agents.kernel.traffic import advance_reports
+from agents.kernel.trajectory import FINE
 from agents.planner.answer import UNKNOWN_FLIGHT, Apart, Excluded, Flight
 from agents.planner.judge.validator import validate
 from agents.planner.request.options import Narrowed, Options

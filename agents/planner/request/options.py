@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, Self
 
 import numpy as np
 
-from agents.kernel.separation import LONGEST
+from agents.kernel.clearance import LONGEST
 from agents.kernel.traffic import Requirement
 from agents.manoeuvres.direct_to_goal import EVERY, DirectTask
 from agents.planner.answer import WAYPOINTS, RequestError

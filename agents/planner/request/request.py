@@ -12,8 +12,7 @@ import numpy as np
 
 from agents.kernel.areas import Counted
 from agents.kernel.levels import Altitude
-from agents.kernel.separation import same_flight
-from agents.kernel.traffic import Traffic, advance_reports
+from agents.kernel.traffic import Traffic, advance_reports, same_flight
 from agents.planner.answer import Excluded, Field, RequestError, Subject
 from agents.planner.request.fields import part_value, quote, real, sequence
 from agents.planner.request.options import Narrowed, Options, speed_range

@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.areas import judge
-from agents.planner.judge.validator import CHECKS, Findings, validate
+from agents.planner.judge.validator import Findings, validate
 from agents.planner.request.options import Narrowed, Options, task_of
 from agents.planner.request.request import Request
 from agents.planner.search.completion import complete
@@ -15,7 +14,7 @@ from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.trees import first_of_each, scatter, take
-from envs.waypoints import PlanStates, legs
+from envs.waypoints import PlanStates
 from envs.wind import aim_point
 
 TIME_WEIGHT = 0.25
@@ -23,9 +22,6 @@ TIME_WEIGHT = 0.25
 
 REVERSAL_WEIGHT = 0.1
 """Cost of a change of the turn's side, separations."""
-
-_AREA = CHECKS.index("area")
-_ORDER = CHECKS.index("leg")  # so many checks are of finite numbers and of the order of times
 
 
 class Proposals(NamedTuple):
@@ -83,26 +79,9 @@ def empty(count: int, waypoints: int) -> Proposals:
 
 
 def find_faults(plan_states: PlanStates, request: Request, options: Options[Narrowed]) -> Findings:
-    """Return what is wrong with plans ``[N]`` of requests: what the validator finds, and what they
-    do not keep of the clearance from areas.
-    """
-    if request.areas is None:
-        return validate(plan_states, request.traffic, options.requirement, options.limits)
-    times = np.diff(plan_states.time, axis=-1)
-    sound = np.isfinite(np.stack(plan_states)).all() and bool(np.all(times > 0.0))
-    curves = legs(plan_states) if sound else None
-    found = validate(plan_states, request.traffic, options.requirement, options.limits, curves)
-    # Plans that are none are not judged further.
-    rows = np.flatnonzero(~found.wrong[:, :_ORDER].any(axis=-1))
-    some = take(plan_states, rows)
-    part = curves if curves is not None and rows.size == len(plan_states.time) else legs(some)
-    of_areas = judge(some, part, request.areas.value, options.requirement.margin)
-    found.wrong[rows, _AREA], found.leg[rows, _AREA] = of_areas.wrong, of_areas.leg
-    found.time[rows, _AREA] = of_areas.time
-    found.x[rows, _AREA], found.y[rows, _AREA] = of_areas.x, of_areas.y
-    found.area[rows] = of_areas.area
-    found.clearance[rows] = np.minimum(found.clearance[rows], of_areas.clearance)
-    return found
+    """Return what is wrong with plans ``[N]`` of requests."""
+    areas = () if request.areas is None else request.areas.value
+    return validate(plan_states, request.traffic, options.requirement, options.limits, areas)
 
 
 def evaluate(

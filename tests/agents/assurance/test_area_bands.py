@@ -24,7 +24,7 @@ from envs.random_areas import random_areas
 from envs.trees import take
 from envs.waypoints import ARCS, RoutePoint, at, legs, plan_states
 from tests.agents.assurance.test_bands import GOOD, path_of
-from tests.agents.planner.test_areas import random_area
+from tests.agents.kernel.test_areas import random_area
 from tests.envs.test_area_geometry import truth
 from tests.support import one, random_states
 

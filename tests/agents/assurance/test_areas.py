@@ -11,12 +11,12 @@ from agents.assurance import single
 from agents.assurance.areas import rest
 from agents.assurance.backup import backup_states, search
 from agents.assurance.inputs import no_areas
-from agents.assurance.lookahead import course
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import State
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.kernel.areas import Counted
 from agents.kernel.traffic import Requirement
+from agents.kernel.trajectory import trajectory
 from agents.planner.recheck import reconstruct
 from agents.planner.request.options import Options
 from agents.planner.request.request import Altitude
@@ -28,7 +28,7 @@ from envs.trees import take
 from envs.waypoints import Legs, PlanStates, Waypoint, at, legs
 from envs.wind import NO_WIND, Wind, over_ground
 from tests.agents.assurance.test_backup import turning, winding
-from tests.agents.planner.test_areas import random_area
+from tests.agents.kernel.test_areas import random_area
 from tests.support import random_states
 
 MARGIN = 40.0
@@ -64,7 +64,7 @@ def test_the_rest_of_a_plan_is_lost_exactly_where_it_comes_too_near() -> None:
     rng = np.random.default_rng(2)
     count = 24
     plan_states = winding(rng, count)
-    plan = course(plan_states, legs(plan_states))
+    plan = trajectory(plan_states)
     since = rng.uniform(0.0, 150.0, count)
     areas = no_areas(count)
     for n in range(count):

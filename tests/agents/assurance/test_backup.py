@@ -10,9 +10,11 @@ import pytest
 
 from agents.assurance import single as watching
 from agents.assurance.backup import STEPS, backup_states, refresh, resting, search
-from agents.assurance.lookahead import course, outlook
 from agents.assurance.monitor import Cause, FlyMode, State, Thresholds
+from agents.kernel.clearance import Clearance, clearance
+from agents.kernel.separation import Separation
 from agents.kernel.traffic import Requirement, Traffic, predict
+from agents.kernel.trajectory import trajectory
 from agents.planner.answer import Plan, Status
 from agents.planner.judge.validator import validate
 from agents.planner.planner import plan
@@ -54,6 +56,16 @@ def winding(generator: np.random.Generator, count: int) -> PlanStates:
     )
 
 
+def ahead_of(
+    plan_states: PlanStates, since: np.ndarray, traffic: Traffic, level: float
+) -> Clearance:
+    """Return what the rest of plans keeps of 1000 m, exactly where the margin is below a level."""
+    required = np.full(traffic.mask.shape, 1_000.0)
+    return clearance(
+        trajectory(plan_states).since(since), Separation(traffic, required, None, 2.0), level
+    )
+
+
 def test_the_outlook_is_a_sharp_lower_bound_of_the_rest() -> None:
     generator = np.random.default_rng(3)
     count = 60
@@ -61,22 +73,21 @@ def test_the_outlook_is_a_sharp_lower_bound_of_the_rest() -> None:
     curves = legs(plan_states)
     since = generator.uniform(0.0, 150.0, count)
     traffic = turning(generator, count)
-    ahead = outlook(
-        course(plan_states, curves), since, traffic, np.full(traffic.mask.shape, 1e9), 2.0
-    )
+    ahead = ahead_of(plan_states, since, traffic, 1e9)
     end = plan_states.time[:, -1] - since
     least = np.full(traffic.mask.shape, np.inf)
     for share in np.linspace(0.0, 1.0, 6_001):
         own, there = at(curves, since + share * end), predict(traffic, (share * end)[:, None])
         least = np.minimum(least, np.hypot(there.x - own.x[:, None], there.y - own.y[:, None]))
     mask = traffic.mask
-    assert np.isinf(ahead.separation[~mask]).all()
-    assert (ahead.separation[mask] <= least[mask] + 1e-6).all()
-    assert (ahead.separation[mask] >= least[mask] - 0.02).all()
-    coarse = outlook(course(plan_states, curves), since, traffic, np.full(mask.shape, 1_000.0), 2.0)
-    assert (coarse.separation[mask] <= least[mask] + 1e-6).all()
-    close = mask & (least < 1_000.0)
-    np.testing.assert_allclose(coarse.separation[close], ahead.separation[close], atol=1e-9)
+    least -= 1_000.0
+    assert np.isinf(ahead.margin[~mask]).all()
+    assert (ahead.margin[mask] <= least[mask] + 1e-6).all()
+    assert (ahead.margin[mask] >= least[mask] - 0.02).all()
+    coarse = ahead_of(plan_states, since, traffic, 0.0)
+    assert (coarse.margin[mask] <= least[mask] + 1e-6).all()
+    close = mask & (least < 0.0)
+    np.testing.assert_allclose(coarse.margin[close], ahead.margin[close], atol=1e-9)
     assert (
         close.any()
         and np.isfinite(coarse.loss[close]).all()
@@ -91,14 +102,8 @@ def test_the_past_of_a_plan_does_not_count() -> None:
     # The intruder stands at 500 m on the way: at 7 s and more it lies behind.
     standing = Traffic.straight(other(500.0, 0.0, 0.0, 0.0))
     for now in (7.0, 13.3, 47.0):
-        ahead = outlook(
-            course(plan_states, legs(plan_states)),
-            np.array([now]),
-            standing,
-            np.full((1, 1), 1e9),
-            2.0,
-        )
-        assert ahead.separation[0, 0] == pytest.approx(abs(75.0 * now - 500.0), abs=0.01)
+        ahead = ahead_of(plan_states, np.array([now]), standing, 1e9)
+        assert ahead.distance[0, 0] == pytest.approx(abs(75.0 * now - 500.0), abs=0.01)
 
 
 def test_backups_are_flyable_and_their_legs_are_exact() -> None:

@@ -11,7 +11,6 @@ import pytest
 from agents.assurance.alerts import Alerting, Region, regions
 from agents.assurance.bands import Bands, heading_bands, recovery, speed_bands, stretches
 from agents.assurance.inputs import no_areas
-from agents.assurance.lookahead import ANY
 from agents.kernel.areas import Counted
 from agents.kernel.traffic import Requirement, Traffic, predict, requirement_of, uncertainty
 from agents.planner.judge.validator import CHECKS, validate
@@ -22,7 +21,7 @@ from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.areas import Area, Circle
 from envs.encounters import scenario
-from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, advance
+from envs.kinematics import C208_PUBLISHED, UNLIMITED, Limits, VehicleState, advance
 from envs.starts import encounters_of_seed
 from envs.trees import column, map_leaves, take
 from envs.waypoints import PlanStates, at, legs
@@ -66,10 +65,10 @@ def manoeuvre(own: VehicleState, bands: Bands, number: int, kind: str) -> PlanSt
         turn, gain = wrap(target - own.heading, np) / parts, (target - own.speed) / parts
         step = reached / parts
         yaw_rate, acceleration = (turn / step, 0.0) if kind == "heading" else (0.0, gain / step)
-        states.append(advance(states[-1], acceleration, yaw_rate + 0.0 * step, step, ANY, np))
+        states.append(advance(states[-1], acceleration, yaw_rate + 0.0 * step, step, UNLIMITED, np))
     for _ in range(parts):
         hold = (LOOK_AHEAD - reached) / parts
-        states.append(advance(states[-1], 0.0 * hold, 0.0 * hold, hold, ANY, np))
+        states.append(advance(states[-1], 0.0 * hold, 0.0 * hold, hold, UNLIMITED, np))
     times = [reached * share for share in np.linspace(0.0, 1.0, parts + 1)]
     times += [
         reached + (LOOK_AHEAD - reached) * share for share in np.linspace(0, 1, parts + 1)[1:]
@@ -121,8 +120,8 @@ def path_of(
     turning = np.minimum(np.abs(turn) / limits.yaw_rate_max, time)
     rate, state = np.sign(turn) * limits.yaw_rate_max, own
     for _ in range(4):  # less than a radian each
-        state = advance(state, 0.0 * rate, rate, 0.25 * turning, ANY, np)
-    return advance(state, 0.0 * rate, 0.0 * rate, time - turning, ANY, np)
+        state = advance(state, 0.0 * rate, rate, 0.25 * turning, UNLIMITED, np)
+    return advance(state, 0.0 * rate, 0.0 * rate, time - turning, UNLIMITED, np)
 
 
 @pytest.mark.parametrize("name", ["circle", "maneuvering", "multi"])

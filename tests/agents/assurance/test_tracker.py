@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 from agents.assurance import single
 from agents.assurance.tracker import Tracks, begin, follow
-from agents.kernel.separation import growth, same_flight
 from agents.kernel.traffic import (
     Requirement,
     advance_reports,
+    growth,
     predict,
     requirement_of,
+    same_flight,
     uncertainty,
     whole,
 )
@@ -276,9 +277,8 @@ def test_one_velocity_error_counts_from_the_report_on(report: Intruder, time: fl
     whole = math.hypot(40.0, 3.0 * (abs(report.age) + time))
     assert uncertainty(now, time).item() == pytest.approx(whole)
     asked = Requirement(1_000.0, 0.0, 2.0)
-    need = (
-        requirement_of(now, VehicleState(*np.full((4, 1), 1e7)), asked)
-        + growth(now, np.array([[time]]), asked)[0]
+    need = requirement_of(now, VehicleState(*np.full((4, 1), 1e7)), asked) + growth(
+        now, np.float64(time), asked.sigmas
     )
     assert need.item() == pytest.approx(1_000.0 + 2.0 * whole)
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from agents import check
-from agents.kernel.areas import Counted, judge, required_distances
+from agents.kernel.areas import Counted, required_distances
 from agents.planner.planner import plan
 from agents.planner.publish.certificate import certificate
 from agents.planner.request.request import Altitude
 from envs.areas import Area, Circle, Keep, Level, Polygon
-from envs.waypoints import PlanStates, legs, plan_states
+from envs.waypoints import PlanStates, plan_states
 from envs.wind import Wind
+from tests.agents.kernel.test_areas import kept_by, random_area, sample, wrong
 from tests.agents.planner.test_airspace import CROSSING, OPTIONS, OWN, POLICY, ROUTE, least
-from tests.agents.planner.test_areas import random_area, sample
 
 CORNERS = ((20e3, -6e3), (21e3, -6e3), (21e3, 4e3), (20e3, 2e3))
 
@@ -95,15 +95,15 @@ def beside(rng: np.random.Generator) -> Area:
 def test_what_the_validator_keeps_is_accepted_and_what_is_accepted_is_kept(count: int) -> None:
     answer = plan(OWN, [CROSSING], ROUTE, POLICY, OPTIONS)
     states = PlanStates(*(np.asarray(field)[None] for field in plan_states(OWN, answer.waypoints)))
-    curves, margin = legs(states), OPTIONS.requirement.margin
+    margin = OPTIONS.requirement.margin
     asked = OWN, [CROSSING], answer.waypoints, answer.excluded, None, OPTIONS, None
     rng, kinds = np.random.default_rng(count), set[tuple[bool, bool]]()
     for _ in range(count):
         area = beside(rng)
         one = Counted(0, area, area.valid_from, float(states.time[0, -1]))
-        wrong = bool(judge(states, curves, [one], margin).wrong[0])
+        lost = bool(wrong(kept_by(states, [one], margin))[0])
         accepted = is_accepted(json.loads(certificate(*asked, [area])))
-        assert accepted or wrong
+        assert accepted or lost
         need = required_distances(one, states.x[:, 0], states.y[:, 0], margin)
         short = sample(states, one)[1].min() - need[0] < -0.002
         assert not (accepted and short)

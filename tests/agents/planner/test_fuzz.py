@@ -13,7 +13,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from agents.kernel.separation import CLOSE
+from agents.kernel.clearance import CLOSE
 from agents.kernel.traffic import Requirement, Traffic
 from agents.planner.answer import Plan, RequestError
 from agents.planner.planner import plan

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from agents.kernel import separation
 from agents.kernel.traffic import Requirement, Traffic, predict, requirement_of
 from agents.planner.answer import WAYPOINTS, Kind, Status
-from agents.planner.judge import validator
 from agents.planner.judge.audit import audit
 from agents.planner.judge.validator import CHECKS, validate
 from agents.planner.planner import plan
@@ -92,16 +92,16 @@ def test_legs_far_from_an_intruder_are_left_out_without_a_trace(
         lambda *both: np.concatenate(both, axis=1), near, far._replace(state=away)
     )._replace(velocity_std=np.full((30, 40), velocity_std))
     looked_at: list[float] = []
-    must_be_judged = validator._must_be_judged
+    near = separation.Separation.near
 
-    def count_and_look(*given: Any) -> Any:
-        found = must_be_judged(*given)
-        looked_at.append(found.mean())
+    def count_and_look(*given: Any, **more: Any) -> Any:
+        found = near(*given, **more)
+        looked_at.append(found.row.size / (plan_states.time[:, 1:].size * 40))
         return found
 
-    monkeypatch.setattr(validator, "_must_be_judged", count_and_look)
+    monkeypatch.setattr(separation.Separation, "near", count_and_look)
     found = validate(plan_states, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
-    monkeypatch.setattr(validator, "_FEW", 40)
+    monkeypatch.setattr(separation, "_FEW", 40)
     every = validate(plan_states, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
     for one, other in zip(found, every, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -205,15 +205,15 @@ def test_rounding_does_not_add_up_beyond_a_limit(speed: float, sign: float) -> N
     creeping = np.full_like(curves.acceleration, sign * 0.4e-6 / 2.0)  # 0.4 um/s an arc of 2 s
     gained = np.arange(curves.speed.size).reshape(curves.speed.shape) * sign * 0.4e-6
     intruders, check = traffic(1, 0, 0), CHECKS.index("speed")
-    assert not validate(plan_states, intruders, Requirement(1_000.0), C208_PUBLISHED, curves).wrong[
-        0, check
-    ]
+    assert not validate(
+        plan_states, intruders, Requirement(1_000.0), C208_PUBLISHED, curves=curves
+    ).wrong[0, check]
     found = validate(
         plan_states,
         intruders,
         Requirement(1_000.0),
         C208_PUBLISHED,
-        curves._replace(acceleration=creeping, speed=speed + gained),
+        curves=curves._replace(acceleration=creeping, speed=speed + gained),
     )
     assert found.wrong[0, check] and found.leg[0, check] == 0
 

@@ -3,6 +3,7 @@ and shapely.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,16 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.kernel.areas import NEARER, Counted, judge, relevant, required_distances, window
+from agents.kernel.areas import (
+    NEARER,
+    Counted,
+    area_clearance,
+    relevant,
+    required_distances,
+    window,
+)
+from agents.kernel.clearance import Clearance, clearance
+from agents.kernel.trajectory import trajectory
 from agents.planner.request.request import Altitude
 from envs.area_geometry import gain
 from envs.areas import Area, Circle, Keep, Level, Polygon
@@ -47,6 +57,19 @@ def random_area(rng: np.random.Generator) -> Area:
     )
 
 
+def kept_by(
+    plan_states: PlanStates, areas: Sequence[Counted], margin: float = 0.0, level: float = 0.0
+) -> Clearance:
+    """Return what plans keep of areas, ``[N, K]``."""
+    begin = plan_states.x[:, 0], plan_states.y[:, 0]
+    return clearance(trajectory(plan_states), area_clearance(areas, *begin, margin), level)
+
+
+def wrong(kept: Clearance) -> np.ndarray:
+    """Return which plans lose the clearance of some area, bool ``[N]``."""
+    return np.isfinite(kept.loss).any(axis=1)
+
+
 def sample(plan_states: PlanStates, one: Counted) -> tuple[np.ndarray, np.ndarray]:
     """Return times and the signed distances of plans then, ``[T, N]``, while the area counts."""
     curves, area = legs(plan_states), one.area
@@ -65,31 +88,33 @@ def sample(plan_states: PlanStates, one: Counted) -> tuple[np.ndarray, np.ndarra
 def test_a_plan_keeps_its_clearance_exactly_if_it_is_said_to(seed: int) -> None:
     rng = np.random.default_rng(seed)
     plan_states = plans(12, seed)
-    curves = legs(plan_states)
     kept, lost = 0, 0
     for _ in range(6):
         begin, end = sorted(rng.uniform(0.0, END, 2)) if rng.random() < 0.4 else (0.0, END)
         one = Counted(3, random_area(rng), float(begin), float(end))
         margin = float(rng.choice([0.0, 0.02]))
-        found = judge(plan_states, curves, [one], margin)
+        found = kept_by(plan_states, [one], margin)
+        fails, margins, loss, leg, x, y = (
+            wrong(found),
+            *(field[:, 0] for field in (found.margin, found.loss, found.leg, found.x, found.y)),
+        )
         times, away = sample(plan_states, one)
         need = required_distances(one, plan_states.x[:, 0], plan_states.y[:, 0], margin)
         least = away.min(axis=0) - need
         # Samples miss the nearest point by 1 m at 100 m/s at most, beside an edge by far less.
-        assert np.all(found.wrong[least < -0.002])
-        assert not np.any(found.wrong[least > 0.05])
-        assert np.all(found.clearance <= least + 0.0021)
-        np.testing.assert_array_equal(found.wrong, found.clearance < 0.0)
-        kept, lost = kept + np.count_nonzero(~found.wrong), lost + np.count_nonzero(found.wrong)
-        for n in np.flatnonzero(found.wrong):
+        assert np.all(fails[least < -0.002])
+        assert not np.any(fails[least > 0.05])
+        assert np.all(margins <= least + 0.0021)
+        np.testing.assert_array_equal(fails, margins < 0.0)
+        kept, lost = kept + np.count_nonzero(~fails), lost + np.count_nonzero(fails)
+        for n in np.flatnonzero(fails):
             when = times[np.argmax(away[:, n] < need[n] - 0.002)]
-            assert found.area[n] == found.nearest[n] == 3
             # The part that is noted begins before the clearance is lost; an arc at most.
-            assert when - 2.1 <= found.time[n] <= when + STEP
-            state = at(legs(PlanStates(*(field[n] for field in plan_states))), found.time[n])
-            assert math.hypot(state.x - found.x[n], state.y - found.y[n]) < 0.01
-            assert plan_states.time[n, found.leg[n]] <= found.time[n] + 1e-9
-            assert found.time[n] <= plan_states.time[n, found.leg[n] + 1]
+            assert when - 2.1 <= loss[n] <= when + STEP
+            state = at(legs(PlanStates(*(field[n] for field in plan_states))), loss[n])
+            assert math.hypot(state.x - x[n], state.y - y[n]) < 0.01
+            assert plan_states.time[n, leg[n]] <= loss[n] + 1e-9
+            assert loss[n] <= plan_states.time[n, leg[n] + 1]
     assert kept > 10
     assert lost > 10
 
@@ -101,18 +126,19 @@ def test_the_first_and_the_nearest_of_several_areas_are_named() -> None:
     )
     late, early, beside = Circle(3e3, 0.0, 200.0), Circle(1e3, 100.0, 150.0), Circle(2e3, 5e2, 3e2)
     areas = [Counted(n, Area(disc), 0.0, 40.0) for n, disc in ((4, late), (7, early), (9, beside))]
-    found = judge(straight, legs(straight), areas)
-    assert (found.wrong[0], found.area[0], found.leg[0]) == (True, 7, 0)
+    found = kept_by(straight, areas)
+    first = np.argmin(found.loss[0])
+    assert (wrong(found)[0], areas[first].number, found.leg[0, first]) == (True, 7, 0)
     # The chord of the early disc begins at 1000 - sqrt(150^2 - 100^2).
-    assert found.time[0] == pytest.approx(8.88, abs=0.07)
-    assert (found.x[0], found.y[0]) == pytest.approx((888.0, 0.0), abs=7.0)
-    assert found.nearest[0] == 4
-    assert found.clearance[0] == pytest.approx(-200.0, abs=200.0)
-    found = judge(straight, legs(straight), areas[2:])
-    assert not found.wrong[0]
-    assert found.clearance[0] == pytest.approx(200.0, abs=0.01)
-    assert found.nearest[0] == 9
-    assert found.time_of_clearance[0] == pytest.approx(20.0, abs=4.1)
+    assert found.loss[0, first] == pytest.approx(8.88, abs=0.07)
+    assert (found.x[0, first], found.y[0, first]) == pytest.approx((888.0, 0.0), abs=7.0)
+    assert areas[np.argmin(found.margin[0])].number == 4
+    assert found.margin.min() == pytest.approx(-200.0, abs=200.0)
+    assert not wrong(kept_by(straight, areas[2:]))[0]
+    assert found.margin[0, 2] == pytest.approx(200.0, abs=0.01)
+    closely = kept_by(straight, areas[2:], level=math.inf)
+    assert closely.margin[0, 0] == pytest.approx(200.0, abs=0.01)
+    assert closely.margin_time[0, 0] == pytest.approx(20.0, abs=0.1)
 
 
 def test_a_plan_that_begins_inside_the_clearance_must_not_come_nearer() -> None:
@@ -123,9 +149,9 @@ def test_a_plan_that_begins_inside_the_clearance_must_not_come_nearer() -> None:
         return PlanStates(*(field[None] for field in (x, y, *rest)))
 
     one = Counted(0, Area(Circle(0.0, 0.0, 500.0), clearance=300.0), 0.0, 40.0)
-    for heading, wrong in ((0.0, False), (math.pi / 2.0, False), (math.pi / 2.0 + 0.05, True)):
+    for heading, lost in ((0.0, False), (math.pi / 2.0, False), (math.pi / 2.0 + 0.05, True)):
         plan_states = way(heading)
-        assert judge(plan_states, legs(plan_states), [one]).wrong[0] == wrong, heading
+        assert wrong(kept_by(plan_states, [one]))[0] == lost, heading
     assert required_distances(one, 600.0, 0.0, 0.02) == pytest.approx(100.0 - NEARER)
     assert required_distances(one, 400.0, 0.0, 0.02) == 0.0
     assert required_distances(one._replace(begin=1.0), 400.0, 0.0, 0.02) == pytest.approx(300.02)
@@ -135,26 +161,25 @@ def test_a_plan_that_begins_inside_keeps_nothing() -> None:
     plan_states = plans(20, 3)
     for keep, size in ((Keep.OUT, 9e3), (Keep.IN, 10.0)):
         one = Counted(0, Area(Circle(0.0, 0.0, size), keep), 0.0, END)
-        found = judge(plan_states, legs(plan_states), [one])
-        assert found.wrong.all()
-        np.testing.assert_array_equal(found.time, 0.0)
+        found = kept_by(plan_states, [one])
+        assert wrong(found).all()
+        np.testing.assert_array_equal(found.loss, 0.0)
 
 
 def test_without_areas_nothing_is_wrong() -> None:
     plan_states = plans(4, 1)
-    found = judge(plan_states, legs(plan_states), [])
-    assert not found.wrong.any()
-    np.testing.assert_array_equal(found.clearance, np.inf)
+    found = kept_by(plan_states, [])
+    assert found.margin.shape == (4, 0) and not wrong(found).any()
 
 
 def test_a_plan_is_judged_as_if_it_were_alone() -> None:
     rng = np.random.default_rng(8)
     plan_states = plans(20, 5)
     areas = [Counted(n, random_area(rng), 0.0, END) for n in range(5)]
-    together = judge(plan_states, legs(plan_states), areas)
+    together = kept_by(plan_states, areas)
     for n in range(20):
         alone = PlanStates(*(field[n : n + 1] for field in plan_states))
-        for whole, part in zip(together, judge(alone, legs(alone), areas), strict=True):
+        for whole, part in zip(together, kept_by(alone, areas), strict=True):
             np.testing.assert_array_equal(whole[n : n + 1], part)
 
 
@@ -213,19 +238,18 @@ def test_what_cannot_be_reached_or_does_not_count_is_left_out() -> None:
 
 def test_nothing_that_is_left_out_can_be_met() -> None:
     plan_states = plans(200, 9)
-    curves = legs(plan_states)
     rng = np.random.default_rng(10)
     met = 0
     for _ in range(40):
         area = random_area(rng)
         one = Counted(0, area, 0.0, END)
-        wrong = judge(plan_states, curves, [one], margin=600.0).wrong
+        lost = wrong(kept_by(plan_states, [one], margin=600.0))
         for n in range(0, 200, 10):
             own = VehicleState(*(float(field[n, 0]) for field in plan_states[:4]))
             settings = {"fastest": 100.0, "horizon": END, "unknown_climb": 9.0}
             out = not relevant([area], own, None, margin=600.0, **settings)
-            assert not (out and wrong[n])
-            met += wrong[n]
+            assert not (out and lost[n])
+            met += lost[n]
     assert met > 20
 
 
@@ -235,12 +259,11 @@ def test_nothing_that_is_left_out_can_be_met() -> None:
 def test_an_area_that_shrinks_is_not_flown_through(shape: Polygon | Circle) -> None:
     ends = ([-3e3, 3e3], [0.0, 0.0], [0.0, 0.0], [100.0, 100.0], [0.0, 60.0])
     plan_states = PlanStates(*(np.array([row]) for row in ends))
-    curves = legs(plan_states)
-    for growth, wrong in ((0.0, True), (-0.3, True), (-60.0, False)):
+    for growth, lost in ((0.0, True), (-0.3, True), (-60.0, False)):
         area = Area(shape, growth=growth, clearance=1.0)
-        found = judge(plan_states, curves, [Counted(0, area, 0.0, 60.0)])
-        assert found.wrong[0] == wrong
-        assert (found.clearance[0] < 0.0) == wrong
+        found = kept_by(plan_states, [Counted(0, area, 0.0, 60.0)])
+        assert wrong(found)[0] == lost
+        assert (found.margin[0, 0] < 0.0) == lost
 
 
 def test_second_opinion_on_a_corner() -> None:
@@ -249,10 +272,8 @@ def test_second_opinion_on_a_corner() -> None:
         *(np.array([row]) for row in ([-50.0] * 2, [-2e3, 2e3], [math.pi / 2.0] * 2, [100.0] * 2)),
         time=np.array([[0.0, 40.0]]),
     )
-    found = judge(
-        plan_states, legs(plan_states), [Counted(0, Area(corner, clearance=49.9), 0.0, 40.0)]
-    )
+    found = kept_by(plan_states, [Counted(0, Area(corner, clearance=49.9), 0.0, 40.0)])
     line = shapely.LineString([(-50.0, -2e3), (-50.0, 2e3)])
     least = shapely.distance(line, shapely.Polygon(corner.outer))
-    assert found.clearance[0] == pytest.approx(least - 49.9, abs=0.003)
-    assert not found.wrong[0]
+    assert found.margin[0, 0] == pytest.approx(least - 49.9, abs=0.003)
+    assert not wrong(found)[0]
