@@ -245,8 +245,8 @@ QUESTIONS = {
     ),
     "where SAFE is decided": (
         "agents/planner/publish/publish.py",
-        "agents/planner/search/candidates.py",
         "agents/planner/judge/validator.py",
+        "agents/planner/judge/audit.py",
     ),
 }
 """Questions that the table of architecture.md answers, and files that belong to the answer."""

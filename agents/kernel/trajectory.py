@@ -93,6 +93,33 @@ def trajectory(states: PlanStates, curves: Legs | None = None) -> Trajectory:
     return Trajectory(states, curves, bend, curves.miss + position_error_bound(curves))
 
 
+def straight(x: Array, y: Array, time: Array) -> Trajectory:
+    """Return uniform motion from place to place, m, at times, s, in ascending order, ``[N, W]``
+    each; at a place the velocity may change at once, as where a mission has its corners.
+    """
+    dx, dy, duration = np.diff(x), np.diff(y), np.diff(time)
+    heading, speed = np.arctan2(dy, dx), np.hypot(dx, dy) / duration
+    share = np.arange(ARCS) / ARCS
+
+    def of_arcs(field: Array) -> Array:
+        return np.repeat(field[..., None], ARCS, axis=-1)
+
+    still = np.zeros((*duration.shape, ARCS))
+    curves = Legs(
+        time[:, :-1],
+        duration,
+        np.zeros(duration.shape),
+        x[:, :-1, None] + dx[..., None] * share,
+        y[:, :-1, None] + dy[..., None] * share,
+        of_arcs(heading),
+        of_arcs(speed),
+        still,
+        still,
+    )
+    last = (np.concatenate([field, field[:, -1:]], axis=1) for field in (heading, speed))
+    return trajectory(PlanStates(x, y, *last, time), curves)
+
+
 def pieces(flown: Trajectory, row: Array, leg: Array) -> Pieces:
     """Return the arcs of legs, by numbers of trajectories and of their legs ``[M]``, with P =
     ``ARCS``.

@@ -14,8 +14,11 @@ from agents.assurance.alerts import Alerting
 from agents.assurance.single import Verdict
 from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Thresholds
-from agents.kernel.areas import relevant
-from agents.kernel.traffic import Requirement, predict, separations, uncertainty
+from agents.kernel.areas import area_clearance, relevant
+from agents.kernel.clearance import clearance
+from agents.kernel.separation import separation
+from agents.kernel.traffic import Requirement, growth
+from agents.kernel.trajectory import straight
 from agents.planner.answer import Advisory, AdvisoryCode, Field, Plan, RequestError
 from agents.planner.request.options import Options
 from agents.planner.request.request import check_request, in_wind
@@ -26,6 +29,7 @@ from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.trees import take
 from envs.waypoints import Legs, RoutePoint, Waypoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.assurance import (
@@ -62,12 +66,12 @@ _SIGMAS = 2.0
 _BEHIND = 2.0  # separations beyond the loss before which no leg is rejoined
 _GOALS = 12  # of the mission's points, the nearest first, at which a plan may rejoin
 _ROUNDED = 1.0  # m by which a plan may be farther from a point when it has rejoined there
-_SAMPLES = 0.5  # of a time step, between two looks along the mission
+_SHORT = 1e-6  # m, or m/s: of two places that are one
 
 
 class Conflict(NamedTuple):
-    """The first loss of the required separation, or entry into an area, where the mission is flown
-    on.
+    """The first loss of the distance from an intruder or an area that a plan would have to keep,
+    where the mission is flown on.
     """
 
     name: str  # of the intruder or the area
@@ -232,7 +236,7 @@ def supervise(
 
 
 def conflict(wanted: PlanTask, look_ahead: float) -> Conflict | None:
-    """Return the first loss of the required separation, or the first entry into an area, within
+    """Return the first loss of what a plan would have to keep from an intruder or an area, within
     some seconds where the ownship flies its route at its speed over the ground; None: none.
     """
     course = _along_route(wanted, look_ahead)
@@ -253,30 +257,38 @@ def _points(wanted: PlanTask, route: Route) -> tuple[RoutePoint, ...]:
 
 
 class _Course(NamedTuple):
-    """Where the ownship is to be on its route, over the ground; fields ``[T]``."""
+    """Where the ownship is to be on its route, over the ground; fields ``[1, W]``, in between it
+    moves uniformly.
+    """
 
-    time: Array  # s
     x: Array  # m
     y: Array
+    time: Array  # s
 
 
 def _along_route(wanted: PlanTask, look_ahead: float) -> _Course:
     """Return the course along the route at the present speed, straight on behind its end."""
     own, points = wanted.own, wanted.points
-    times = np.arange(0.0, look_ahead, _SAMPLES * wanted.options.aircraft.dt)
     x = np.array([own.x, *(point.x for point in points)])
     y = np.array([own.y, *(point.y for point in points)])
-    flown = own.speed * times
-    length = math.hypot(x[-1] - x[-2], y[-1] - y[-2])
-    on = 1.0 + flown[-1] / max(length, 1e-6)
-    x = np.append(x, x[-2] + on * (x[-1] - x[-2]))
-    y = np.append(y, y[-2] + on * (y[-1] - y[-2]))
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    return _Course(times, np.interp(flown, way, x), np.interp(flown, way, y))
+    flown = float(own.speed) * look_ahead
+    length = max(way[-1] - way[-2], _SHORT)
+    on = 1.0 + max(flown - way[-1], 0.0) / length
+    end = (field[-2] + on * (field[-1] - field[-2]) for field in (x, y))
+    x, y, way = np.append(x[:-1], next(end)), np.append(y[:-1], next(end)), way.copy()
+    way[-1] = way[-2] + on * length
+    # The corners that are reached, each once, and where the ownship is at the end.
+    corners = np.flatnonzero(np.diff(way, prepend=-np.inf) > _SHORT)
+    ways = np.append(way[corners][way[corners] < flown - _SHORT], flown)
+    time = ways / max(float(own.speed), _SHORT)
+    return _Course(
+        *(field[None] for field in (np.interp(ways, way, x), np.interp(ways, way, y), time))
+    )
 
 
 def _first_intruder(wanted: PlanTask, course: _Course) -> Conflict | None:
-    """Return the first loss of a separation; ownship and intruders are compared in the air mass."""
+    """Return the first loss of what a plan would have to keep from an intruder, in the air mass."""
     try:
         in_air = in_wind(wanted.options, wanted.wind)
         request, _, counted = check_request(
@@ -286,46 +298,48 @@ def _first_intruder(wanted: PlanTask, course: _Course) -> Conflict | None:
         raise refusal_of(error, wanted) from error
     if not counted:
         return None
-    times, wind = course.time[:, None], wanted.wind
-    others = predict(request.traffic, times)
-    away = np.hypot(
-        others.x - (course.x[:, None] - wind.east * times),
-        others.y - (course.y[:, None] - wind.north * times),
-    )
-    keep = wanted.options.requirement
-    spread = keep.sigmas * uncertainty(request.traffic, times)
-    need = separations(request.traffic, keep) + keep.margin + spread
-    lost = away < need
-    if not lost.any():
+    (x, y, time), wind, keep = course, wanted.wind, wanted.options.requirement
+    flown = straight(x - wind.east * time, y - wind.north * time, time)
+    keeping = separation(request.traffic, request.own, keep)
+    kept = clearance(flown, keeping)
+    first = int(np.argmin(kept.loss[0]))
+    loss = float(kept.loss[0, first])
+    if not math.isfinite(loss):
         return None
-    row = int(np.argmax(lost.any(axis=1)))
-    column = int(np.argmax(lost[row]))
-    name = wanted.identifiers[counted[column]]
-    return Conflict(name, float(course.time[row]), float(need[row, column]))
+    grown = growth(take(request.traffic, (0, slice(first, first + 1))), np.array(loss), keep.sigmas)
+    need = keeping.required[0, first] + np.max(grown)
+    return Conflict(wanted.identifiers[counted[first]], loss, float(need))
 
 
 def _first_area(wanted: PlanTask, course: _Course) -> Conflict | None:
-    """Return the first entry into an area; one that the ownship is in already is none."""
-    margin, last = wanted.options.requirement.margin, float(course.time[-1])
-    found = None
-    for one in relevant(
+    """Return the first loss of what a plan would have to keep from an area; one that the ownship is
+    in already is none, since no plan is SAFE there.
+    """
+    margin, (x, y, time) = wanted.options.requirement.margin, course
+    areas = relevant(
         wanted.areas,
         wanted.own,
         wanted.own_altitude,
         fastest=float(wanted.own.speed),
-        horizon=last,
+        horizon=float(time[0, -1]),
         unknown_climb=wanted.options.unknown_climb,
         margin=margin,
-    ):
-        away = signed_distance(one.area, course.x, course.y, course.time)
-        entered = (away < 0.0) & (course.time >= one.begin) & (course.time <= one.end)
-        first = int(np.argmax(entered))
-        if away[0] < 0.0 or not entered[first]:
-            continue
-        if found is None or course.time[first] < found.time:
-            name = one.area.name or f"areas[{one.number}]"
-            found = Conflict(name, float(course.time[first]), one.area.clearance + margin)
-    return found
+    )
+    outside = [
+        area
+        for area in areas
+        if area.begin > 0.0 or signed_distance(area.area, wanted.own.x, wanted.own.y) >= 0.0
+    ]
+    if not outside:
+        return None
+    kept = clearance(straight(x, y, time), area_clearance(outside, x[:, 0], y[:, 0], margin))
+    first = int(np.argmin(kept.loss[0]))
+    loss = float(kept.loss[0, first])
+    if not math.isfinite(loss):
+        return None
+    area = outside[first]
+    name = area.area.name or f"areas[{area.number}]"
+    return Conflict(name, loss, area.area.clearance + margin)
 
 
 def publish(answer: Plan, wanted: PlanTask, revision: int) -> Published:

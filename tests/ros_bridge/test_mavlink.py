@@ -10,6 +10,7 @@ import socket
 import time
 import tty
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -354,6 +355,25 @@ def test_an_emitter_category_is_kept_its_own_separation(wire: Any) -> None:
         required.append(judged.conflict and judged.conflict.required)
     assert required[0] is not None and required[0] > 625.0
     assert required[2] is None
+
+
+def test_a_way_beside_a_fence_within_its_clearance_is_a_conflict(wire: Any) -> None:
+    """Eastward, past a circle whose edge is 60 m beside the way, 1.4 km ahead."""
+    flown = vehicle.vehicle_of(PARAMETERS, 200.0)
+    circle = Item(0, 5004, 47.4 + 160.0 / 111_200.0, 8.52, 0.0, 100.0)
+    route = mission.route((47.4, 8.5), [waypoint(1, 3.0)], 1_000.0)
+    received, now = Received(), 12_345 * SECOND // 1_000
+    own = position(wire, vx=0, vy=2_000, lat=474_000_000, lon=85_000_000)
+    for message in (own, wire("WIND", direction=0.0, speed=0.0, speed_z=0.0)):
+        received = take(received, message, now, READING)
+    unknown = Unknown(5.0, 0.2, 0.0, 0.0)
+    policy = Policy.load().for_aircraft(flown.aircraft)
+    kept = rules(flown.aircraft, policy, margin=25.0, vertical=100.0, unknown=unknown, deadline=5.0)
+    for clearance, time in ((100.0, 66.0), (30.0, None)):
+        fenced = replace(received.situation, fixed_areas=mission.fence([circle], clearance))
+        judged = watch(Judgement(kept.begin()), fenced, route, now, kept)
+        assert judged.problem == ""
+        assert (judged.conflict and judged.conflict.time) == (time and pytest.approx(time, abs=6.0))
 
 
 def test_a_mission_without_a_waypoint_left_is_said_so() -> None:
