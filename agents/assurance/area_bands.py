@@ -1,51 +1,28 @@
-"""What areas leave of bands and of the present course: manoeuvres as legs, judged as plans are.
+"""What areas leave of bands and of the present course.
 
-:mod:`agents.kernel.areas` judges the curves. Every row has areas of its own, as they are now; a
-manoeuvre must keep what is required of plans that begin there
-(:func:`agents.kernel.areas.required_distances`).
+Every row has areas of its own, as they are now; a manoeuvre must keep what is required of plans
+that begin there (:func:`agents.kernel.areas.required_distances`).
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
+from agents.assurance.held import Kept
 from agents.kernel.areas import Counted, area_clearance, in_reach
-from agents.kernel.clearance import clearance
-from agents.kernel.trajectory import Trajectory, trajectory
-from agents.manoeuvres.direct_to_goal import arc_end
+from agents.kernel.clearance import Clearance, clearance
+from agents.kernel.trajectory import Steering, manoeuvres
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState
-from envs.trees import column, take
-from envs.waypoints import ARCS, Legs, PlanStates
-
-HOLDS = 3
-"""Legs of what is held after the target is reached."""
-
-
-class Steering(NamedTuple):
-    """Manoeuvres of constant controls until a target is reached; fields ``[N, B]``."""
-
-    yaw_rate: Array  # rad/s
-    acceleration: Array  # m/s^2
-    reached: Array  # when, s, within the look-ahead
-
-
-class FromAreas(NamedTuple):
-    """What manoeuvres keep of the distances required from areas; fields ``[N, B]``."""
-
-    loss: Array  # when it is lost first, s from now; inf where it is kept
-    until: Array  # from when on it is kept again, s; -inf where it is never lost
-    area: Array  # number of the area of which it is lost first; -1 where it is kept
-    # smallest distance less the required one, m; a lower bound; inf: no area is met
-    clearance: Array
+from envs.trees import take
 
 
 def judge_manoeuvres(
     own: VehicleState[Air], steering: Steering, areas: Array, margin: float, look_ahead: float
-) -> FromAreas:
-    """Return what manoeuvres ``[N, B]`` of ownships ``[N]`` keep of areas.
+) -> tuple[Kept, Array]:
+    """Return what manoeuvres ``[N, B]`` of ownships ``[N]`` keep of areas, and the number of the
+    area of which it is lost first, -1: of none.
 
     Args:
         own: states now.
@@ -55,23 +32,33 @@ def judge_manoeuvres(
         look_ahead: for how long each manoeuvre is looked at, s.
     """
     shape = steering.reached.shape
-    found = FromAreas(
-        np.full(shape, np.inf), np.full(shape, -np.inf), np.full(shape, -1), np.full(shape, np.inf)
-    )
+    kept = Kept(np.full(shape, np.inf), np.full(shape, -np.inf), np.full(shape, np.inf))
+    area = np.full(shape, -1)
     for n in range(shape[0]):
         near = _within_reach(areas[n], take(own, n), take(steering, n), look_ahead, margin)
         if not near:
             continue
-        flown = _manoeuvres(take(own, n), take(steering, n), look_ahead)
-        begin = flown.states.x[:, 0], flown.states.y[:, 0]
-        kept = clearance(flown, area_clearance(near, *begin, margin))
-        first = np.argmin(kept.loss, axis=1)
-        found.loss[n] = np.take_along_axis(kept.loss, first[:, None], 1)[:, 0]
-        found.until[n] = np.minimum(kept.until.max(axis=1), look_ahead)
-        numbers = np.array([one.number for one in near])
-        found.area[n] = np.where(np.isfinite(found.loss[n]), numbers[first], -1)
-        found.clearance[n] = kept.margin.min(axis=1)
-    return found
+        each = _keep(take(own, n), take(steering, n), near, margin, look_ahead)
+        first = np.argmin(each.loss, axis=1)
+        kept.loss[n] = np.take_along_axis(each.loss, first[:, None], 1)[:, 0]
+        kept.until[n] = np.minimum(each.until.max(axis=1), look_ahead)
+        kept.clearance[n] = each.margin.min(axis=1)
+        numbers = np.array([active.number for active in near])
+        area[n] = np.where(np.isfinite(kept.loss[n]), numbers[first], -1)
+    return kept, area
+
+
+def _keep(
+    own: VehicleState[Air],
+    steering: Steering,
+    areas: list[Counted],
+    margin: float,
+    look_ahead: float,
+) -> Clearance:
+    """Return what manoeuvres ``[B]`` of one ownship keep of areas, ``[B, K]``."""
+    flown = manoeuvres(own, steering, look_ahead)
+    begin = flown.states.x[:, 0], flown.states.y[:, 0]
+    return clearance(flown, area_clearance(areas, *begin, margin))
 
 
 def area_losses(
@@ -82,8 +69,7 @@ def area_losses(
     """
     still = Steering(*np.zeros((3, 1)))
     near = _within_reach(areas, take(own, 0), still, look_ahead, margin)
-    flown = _manoeuvres(take(own, 0), still, look_ahead)
-    kept = clearance(flown, area_clearance(near, own.x, own.y, margin))
+    kept = _keep(take(own, 0), still, near, margin, look_ahead)
     losses = {area.number: float(loss) for area, loss in zip(near, kept.loss[0], strict=True)}
     return [losses.get(area.number, math.inf) for area in areas]
 
@@ -106,34 +92,3 @@ def _within_reach(
         if one.begin <= look_ahead
         and in_reach(one.area, own.x, own.y, far, min(one.end, look_ahead), margin)
     ]
-
-
-def _manoeuvres(own: VehicleState[Air], steering: Steering, look_ahead: float) -> Trajectory:
-    """Return the manoeuvres of one ownship, ``[B]``, as ``HOLDS + 1`` legs each."""
-    share = np.linspace(0.0, 1.0, HOLDS + 1)
-    held = steering.reached[:, None] * (1.0 - share) + look_ahead * share
-    time = np.concatenate([np.zeros((len(held), 1)), held], axis=1)
-    duration = np.diff(time, axis=1)
-    arcs = time[:, :-1, None] + duration[..., None] * (np.arange(ARCS) / ARCS)
-    state = _states(own, steering, arcs.reshape(len(held), (HOLDS + 1) * ARCS))
-    x, y, heading, speed = (field.reshape(arcs.shape) for field in state)
-    controls = (
-        np.concatenate(
-            [np.broadcast_to(each[:, None, None], (len(held), 1, ARCS)), 0.0 * arcs[:, 1:]], axis=1
-        )
-        for each in (steering.yaw_rate, steering.acceleration)
-    )
-    curves = Legs(time[:, :-1], duration, 0.0 * duration, x, y, heading, speed, *controls)
-    return trajectory(PlanStates(*_states(own, steering, time), time), curves)
-
-
-def _states(own: VehicleState[Air], steering: Steering, time: Array) -> VehicleState[Air]:
-    """Return one ownship on its manoeuvres at times ``[B, T]``, s, the heading not wrapped."""
-    yaw_rate, acceleration, reached = column(steering)
-    steered = np.minimum(time, reached)
-    turn, speed = yaw_rate * steered, own.speed + acceleration * steered
-    x, y = arc_end(own, turn, 0.5 * (own.speed + speed) * steered)
-    heading, straight = own.heading + turn, speed * (time - steered)
-    return VehicleState(
-        x + straight * np.cos(heading), y + straight * np.sin(heading), heading, speed
-    )

@@ -40,7 +40,7 @@ class Rest(NamedTuple):
     area: Array  # what messages call the area of which it is lost first; "" where none is, object
 
 
-class FromAreas(NamedTuple):
+class BackupsKeep(NamedTuple):
     """What backups keep of the distances required from areas; fields ``[M]``."""
 
     clearance: Array  # smallest distance less the required one, m; inf where there are no areas
@@ -110,7 +110,7 @@ def rest(
 
 def judge_backups(
     plan_states: PlanStates, curves: Legs, areas: Array, of: Array, thresholds: Thresholds[Narrowed]
-) -> FromAreas:
+) -> BackupsKeep:
     """Return what backups ``[M]`` from the present on keep.
 
     Args:
@@ -120,7 +120,7 @@ def judge_backups(
         of: whose backups they are, ``[M]``.
         thresholds: of the monitor.
     """
-    found = FromAreas(np.full(len(of), np.inf), np.zeros(len(of)), nameless(len(of)))
+    found = BackupsKeep(np.full(len(of), np.inf), np.zeros(len(of)), nameless(len(of)))
     for n in np.unique(of):
         if not areas[n]:
             continue

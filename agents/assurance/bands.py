@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.assurance.area_bands import Steering, judge_manoeuvres
+from agents.assurance.area_bands import judge_manoeuvres
 from agents.assurance.between import free_runs, prove_between
 from agents.assurance.held import (
     ARC,
@@ -33,6 +33,7 @@ from agents.assurance.held import (
 )
 from agents.assurance.inputs import no_areas
 from agents.kernel.traffic import Requirement, Traffic
+from agents.kernel.trajectory import Steering
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air
@@ -258,13 +259,13 @@ def _judge(
     reached = np.minimum(ramp.reached, look_ahead)
     kept, intruder = judge_traffic(own, ramp, reached, against, look_ahead)
     steering = Steering(ramp.yaw_rate[ramp.side], ramp.acceleration[ramp.side], reached)
-    amid = judge_manoeuvres(own, steering, areas, against.requirement.margin, look_ahead)
+    amid, area = judge_manoeuvres(own, steering, areas, against.requirement.margin, look_ahead)
     by_area = amid.loss < kept.loss
     return _Judged(
         np.minimum(kept.loss, amid.loss),
         np.maximum(kept.until, amid.until),
         np.where(by_area, -1, intruder),
-        np.where(by_area, amid.area, -1),
+        np.where(by_area, area, -1),
         kept.clearance,
         amid.clearance,
     )

@@ -20,7 +20,7 @@ from agents.kernel.traffic import (
     separations,
     within_window,
 )
-from agents.manoeuvres.direct_to_goal import arc_end
+from agents.kernel.trajectory import Steering, steered
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState
@@ -63,11 +63,13 @@ class Spread(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What a part of a manoeuvre holds; fields ``[N, B]`` or ``[N, B, K]``."""
+    """What manoeuvres, or parts of them, keep of what is required; fields ``[N, B]`` or
+    ``[N, B, K]``.
+    """
 
-    loss: Array
-    until: Array  # when the required distance is missing last, s; -inf where never
-    clearance: Array
+    loss: Array  # when it is lost first, s from now; inf where it is kept
+    until: Array  # when it is missing last, s; -inf where never
+    clearance: Array  # smallest distance less the required one, m; inf where nothing is near
 
 
 class Against(NamedTuple):
@@ -172,27 +174,16 @@ def _combine(*parts: Kept) -> Kept:
     return first
 
 
-def _state(
-    own: VehicleState[Air], yaw_rate: Array, acceleration: Array, time: Array
-) -> VehicleState[Air]:
-    """Return where a turn at constant speed, or a straight acceleration, leads; arguments
-    broadcast.
-    """
-    turn, speed = yaw_rate * time, own.speed + acceleration * time
-    x, y = arc_end(own, turn, 0.5 * (own.speed + speed) * time)
-    return VehicleState(x, y, own.heading + turn, speed)
-
-
 def _ramp_end(own: VehicleState[Air], ramp: Ramp, time: Array) -> VehicleState[Air]:
     """Return the ownship on its way to each target at some times, ``[N, B]``."""
-    return _state(column(own), ramp.yaw_rate[ramp.side], ramp.acceleration[ramp.side], time)
+    rates = ramp.yaw_rate[ramp.side], ramp.acceleration[ramp.side]
+    return steered(column(own), Steering(*rates, np.inf), time)
 
 
 def _straight_on(own: VehicleState[Air], seconds: Array) -> VehicleState[Air]:
     """Return ownships ``[...]`` after some seconds of straight flight, ``[..., S]``."""
-    x, y, heading, speed = (field[..., None] for field in own)
-    far = speed * seconds
-    return VehicleState(x + far * np.cos(heading), y + far * np.sin(heading), heading, speed)
+    still = Steering(*np.zeros(3))
+    return steered(map_leaves(lambda field: field[..., None], own), still, seconds)
 
 
 def _relative(own: VehicleState[Air], other: VehicleState[Air]) -> RelativeMotion:
@@ -272,7 +263,7 @@ def _judge_ramp(
     there, need = against.intruders_at(times), against.required_distance(times)
     paths = []
     for yaw_rate, acceleration in zip(ramp.yaw_rate, ramp.acceleration, strict=True):
-        moving = _state(column(own), yaw_rate, acceleration, nodes)
+        moving = steered(column(own), Steering(yaw_rate, acceleration, np.inf), nodes)
         paths.append(_relative(VehicleState(*(field[..., None] for field in moving)), there))
     path = RelativeMotion(*(np.stack(pair, axis=1) for pair in zip(*paths, strict=True)))
     both = np.broadcast_to(need[:, None], path.x.shape)

@@ -8,14 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agents.manoeuvres.direct_to_goal import arc_end
 from envs.arrays import Array
-from envs.trees import take
+from envs.frames import F
+from envs.kinematics import VehicleState
+from envs.trees import column, map_leaves, take
 from envs.waypoints import ARCS, Legs, PlanStates, displacement, legs
 
 FINE = 32
 """Parts into which an arc of a leg is cut where it matters: 0.06 s of a leg of 20 s, 4 mm of
 uncertainty.
 """
+
+HOLDS = 3
+"""Legs of what is held after a manoeuvre has reached its target."""
 
 # Gauss-Legendre's rule of four points over [0, 1], [4, 1, 1]: the nodes lead.
 _NODES, _FACTORS = (part[:, None, None] for part in np.polynomial.legendre.leggauss(4))
@@ -55,6 +61,16 @@ class Trajectory(NamedTuple):
         step = self.legs.duration / ARCS
         within_arcs = 0.125 * self.bend.max(axis=-1) * step * step
         return np.sqrt((x * x + y * y).max(axis=-1)) + within_arcs + self.error
+
+
+class Steering(NamedTuple):
+    """Manoeuvres: a turn at constant speed, or a straight change of speed, until a target is
+    reached, which is then held; fields ``[...]``.
+    """
+
+    yaw_rate: Array  # rad/s
+    acceleration: Array  # m/s^2
+    reached: Array  # when, s
 
 
 class Pieces(NamedTuple):
@@ -118,6 +134,40 @@ def straight(x: Array, y: Array, time: Array) -> Trajectory:
     )
     last = (np.concatenate([field, field[:, -1:]], axis=1) for field in (heading, speed))
     return trajectory(PlanStates(x, y, *last, time), curves)
+
+
+def steered(own: VehicleState[F], steering: Steering, time: Array) -> VehicleState[F]:
+    """Return aircraft on their manoeuvres at times, s, the headings not wrapped; all arguments
+    broadcast.
+    """
+    steers = np.minimum(time, steering.reached)
+    turn, speed = steering.yaw_rate * steers, own.speed + steering.acceleration * steers
+    x, y = arc_end(own, turn, 0.5 * (own.speed + speed) * steers)
+    heading, far = own.heading + turn, speed * (time - steers)
+    return VehicleState(x + far * np.cos(heading), y + far * np.sin(heading), heading, speed)
+
+
+def manoeuvres(own: VehicleState[F], steering: Steering, until: float) -> Trajectory:
+    """Return manoeuvres ``[B]`` of one aircraft until a time, s, as ``HOLDS + 1`` legs each, of
+    which the first leads to the target.
+    """
+    share = np.linspace(0.0, 1.0, HOLDS + 1)
+    held = steering.reached[:, None] * (1.0 - share) + until * share
+    time = np.concatenate([np.zeros((len(held), 1)), held], axis=1)
+    duration = np.diff(time, axis=1)
+    arcs = time[:, :-1, None] + duration[..., None] * (np.arange(ARCS) / ARCS)
+    x, y, heading, speed = steered(
+        own, map_leaves(lambda field: field[:, None, None], steering), arcs
+    )
+    yaw_rate, acceleration = (
+        np.concatenate(
+            [np.broadcast_to(rate[:, None, None], arcs[:, :1].shape), 0.0 * arcs[:, 1:]], axis=1
+        )
+        for rate in (steering.yaw_rate, steering.acceleration)
+    )
+    none = np.zeros(duration.shape)
+    curves = Legs(time[:, :-1], duration, none, x, y, heading, speed, yaw_rate, acceleration)
+    return trajectory(PlanStates(*steered(own, column(steering), time), time), curves)
 
 
 def pieces(flown: Trajectory, row: Array, leg: Array) -> Pieces:

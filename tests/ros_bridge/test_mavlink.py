@@ -369,11 +369,11 @@ def test_a_way_beside_a_fence_within_its_clearance_is_a_conflict(wire: Any) -> N
     unknown = Unknown(5.0, 0.2, 0.0, 0.0)
     policy = Policy.load().for_aircraft(flown.aircraft)
     kept = rules(flown.aircraft, policy, margin=25.0, vertical=100.0, unknown=unknown, deadline=5.0)
-    for clearance, time in ((100.0, 66.0), (30.0, None)):
+    for clearance, loss in ((100.0, 66.0), (30.0, None)):
         fenced = replace(received.situation, fixed_areas=mission.fence([circle], clearance))
         judged = watch(Judgement(kept.begin()), fenced, route, now, kept)
         assert judged.problem == ""
-        assert (judged.conflict and judged.conflict.time) == (time and pytest.approx(time, abs=6.0))
+        assert (judged.conflict and judged.conflict.time) == (loss and pytest.approx(loss, abs=6.0))
 
 
 def test_a_mission_without_a_waypoint_left_is_said_so() -> None:

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from agents.assurance.alerts import Alerting, Region, regions
-from agents.assurance.area_bands import HOLDS, area_losses
+from agents.assurance.area_bands import area_losses
 from agents.assurance.bands import Bands, heading_bands, recovery, speed_bands
 from agents.assurance.inputs import no_areas
 from agents.kernel.areas import Counted, required_distances
 from agents.kernel.traffic import Requirement, Traffic
+from agents.kernel.trajectory import HOLDS
 from agents.planner import Options, plan
 from agents.planner.recheck import reconstruct
 from agents.policy.inference import Policy
