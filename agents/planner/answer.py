@@ -1,9 +1,8 @@
 """A plan: what the planner answers, safe or not, and why."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from envs.waypoints import Waypoint
 from envs.wind import Wind
@@ -190,6 +189,14 @@ class Flight(NamedTuple):
 UNKNOWN_FLIGHT = Flight(None, None, None, None)
 
 
+class Evidence(Protocol):
+    """All that a certificate is made of."""
+
+    def certificate(self, flight: Flight) -> bytes:
+        """Return the certificate of the plan as it was made, as of a flight."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Plan:
     """The answer to a request."""
@@ -230,8 +237,8 @@ class Plan:
     """Of the policy that was asked."""
     wind: Wind | None = None
     """That the legs between the waypoints are flown in (:mod:`envs.waypoints`); None: still air."""
-    certify: Callable[[Flight], bytes] | None = field(default=None, repr=False, compare=False)
-    """Makes the certificate of a SAFE plan as it was made from its request; None otherwise."""
+    evidence: Evidence | None = field(default=None, repr=False, compare=False)
+    """What a SAFE plan can be proven from anew; None of any other."""
 
     @property
     def safe(self) -> bool:
@@ -251,6 +258,8 @@ class Plan:
         """Return the certificate with the time of the request, ns since 1970, and the place of the
         local frame's origin, degrees north and east; None unless the plan is SAFE.
         """
-        if not self.safe or self.certify is None:
+        if not self.safe or self.evidence is None:
             return None
-        return self.certify(Flight(self.policy_sha256, time_ns, *(origin or (None, None))))
+        return self.evidence.certificate(
+            Flight(self.policy_sha256, time_ns, *(origin or (None, None)))
+        )

@@ -16,7 +16,7 @@ import numpy as np
 
 from agents.kernel.levels import Altitude
 from agents.planner.answer import Plan
-from agents.planner.publish.certificate import certificate
+from agents.planner.publish.certificate import Evidence
 from agents.planner.publish.publish import publish
 from agents.planner.request.advisories import (
     assumed_climbs,
@@ -101,8 +101,7 @@ def plan(
         if answer.safe
         else []
     )
-    certify = partial(
-        certificate,
+    evidence = Evidence(
         over_ground(start, NO_WIND, 0.0) if wind is None else VehicleState(*map(float, own)),
         tuple(intruders),
         answer.waypoints,
@@ -123,7 +122,7 @@ def plan(
         ),
         policy_sha256=policy.sha256,
         wind=wind,
-        certify=certify if answer.safe else None,
+        evidence=evidence if answer.safe else None,
     )
 
 

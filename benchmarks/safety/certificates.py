@@ -31,7 +31,7 @@ from agents import check
 from agents.kernel.traffic import whole
 from agents.planner.answer import Excluded, RequestError
 from agents.planner.planner import plan_many
-from agents.planner.publish.certificate import certificate
+from agents.planner.publish.certificate import Evidence
 from agents.planner.request.options import Options
 from agents.planner.request.options import check as check_options
 from agents.planner.request.request import Request, check_request, in_wind
@@ -89,10 +89,10 @@ def certify(seed: int, block: int) -> list[Certified]:
         if any(points[-1].time > one.until for one in each.excluded):
             continue  # ``plan`` does not publish it
         question = each.question
-        file = certificate(
+        evidence = Evidence(
             question.own, question.intruders, points, each.excluded, question.altitude, options
         )
-        found.append(Certified(each.number, file))
+        found.append(Certified(each.number, evidence.certificate()))
     return found
 
 

@@ -10,7 +10,7 @@ from agents.assurance.state import Monitor
 from agents.assurance.thresholds import Thresholds
 from agents.kernel.traffic import Traffic
 from agents.planner.planner import plan, plan_many
-from agents.planner.publish.certificate import certificate
+from agents.planner.publish.certificate import Evidence
 from agents.planner.request.options import Narrowed, Options
 from agents.planner.request.reports import Intruder, arrays_of_reports, report_in_air
 from agents.planner.request.request import Request, check_request, in_wind
@@ -44,7 +44,7 @@ def limits(options: Options, own: VehicleState[Ground], policy: Policy, wind: Wi
     in_air: Options[Narrowed] = in_wind(options, wind)
     plan(own, [], ROUTE, policy, replace(options, goals=1), wind=wind)
     check_request(own, [], ROUTE, replace(in_air, goals=1), None, wind)
-    certificate(own, [], [], [], None, options, wind)
+    Evidence(own, [], [], [], None, options, wind)
 
 
 def search(request: Request, policy: Policy):

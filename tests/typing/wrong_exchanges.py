@@ -10,7 +10,7 @@ from agents.assurance.state import Monitor
 from agents.assurance.thresholds import Thresholds
 from agents.kernel.traffic import Traffic
 from agents.planner.planner import plan, plan_many
-from agents.planner.publish.certificate import certificate
+from agents.planner.publish.certificate import Evidence
 from agents.planner.request.options import Narrowed, Options
 from agents.planner.request.reports import Intruder, arrays_of_reports
 from agents.planner.request.request import Request, check_request, in_wind
@@ -48,7 +48,7 @@ def limits(options: Options, in_air: Options[Narrowed], own: VehicleState[Ground
     plan(own, [], ROUTE, policy, replace(in_air, goals=1))  # error
     in_wind(in_air, None)  # error
     check_request(own, [], ROUTE, options)  # error
-    certificate(own, [], [], [], None, in_air)  # error
+    Evidence(own, [], [], [], None, in_air)  # error
 
 
 def search(request: Request, policy: Policy, options: Options):

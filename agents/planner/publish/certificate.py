@@ -10,6 +10,7 @@ in rad, times in s after the request (docs/explanation/safe-theorem.md lists the
 import json
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,52 +37,66 @@ _BEYOND = 1.0  # s by which the times in which an intruder is apart go on after 
 _STEP = 1e-5  # to whose multiples the bounds of distances are rounded down, m
 
 
-def certificate(  # noqa: PLR0913, PLR0917 - all of a request
-    own: VehicleState[Ground],
-    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]],
-    published: Sequence[Waypoint],
-    excluded: Sequence[Excluded],
-    own_altitude: Altitude | None,
-    options: Options,
-    wind: Wind | None = None,
-    areas: Sequence[Area] = (),
-    flight: Flight = UNKNOWN_FLIGHT,
-) -> bytes:
-    """Return the certificate of a plan for a state of floats and reports.
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """A plan and the request that it was made for."""
 
-    Intruders that stay above or below stand there by their altitudes, as do the times in which
-    others do; those that are out of reach are proven like all others.
-    """
-    out = {one.number for one in excluded if one.apart is Apart.VERTICALLY}
-    reports = [one if isinstance(one, Intruder) else Intruder(one) for one in intruders]
-    counted = [report for number, report in enumerate(reports) if number not in out]
-    plan_states = waypoints.plan_states(own, published, wind=wind)
-    in_air, seen = in_wind(options, wind), [report_in_air(one, wind) for one in counted]
-    curves = waypoints.legs(plan_states)
-    data = {
-        "format": FORMAT,
-        "request": flight._asdict(),
-        "own": list(own),
-        "waypoints": [
-            [point.x, point.y, point.heading, point.speed, point.time] for point in published
-        ],
-        "controls": np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1).tolist(),
-        "intruders": [_report(one, options.requirement.separation) for one in counted],
-        "excluded": [_heights(own_altitude, reports[number], options) for number in sorted(out)],
-        "apart": [
-            row
-            for number, report in enumerate(counted)
-            for row in _apart(number, own_altitude, report, published[-1].time + _BEYOND, options)
-        ],
-        "requirement": options.requirement._asdict(),
-        "limits": {name: float(limit) for name, limit in options.limits._asdict().items()},
-        "wind": {name: float(value) for name, value in (wind or NO_WIND)._asdict().items()},
-        "areas": [_area(one, own_altitude) for one in areas],
-        "levels": _levels(own_altitude, options.unknown_climb),
-        "parts": FINE,
-        "bounds": _bounds(plan_states, seen, own_altitude, in_air),
-    }
-    return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
+    own: VehicleState[Ground]  # at the request, in floats
+    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]]  # as they were reported
+    published: Sequence[Waypoint]
+    excluded: Sequence[Excluded]
+    own_altitude: Altitude | None
+    options: Options
+    wind: Wind | None = None
+    areas: Sequence[Area] = ()
+
+    def certificate(self, flight: Flight = UNKNOWN_FLIGHT) -> bytes:
+        """Return the certificate.
+
+        Intruders that stay above or below stand there by their altitudes, as do the times in which
+        others do; those that are out of reach are proven like all others.
+        """
+        options, altitude = self.options, self.own_altitude
+        out = {report.number for report in self.excluded if report.apart is Apart.VERTICALLY}
+        reports = [
+            report if isinstance(report, Intruder) else Intruder(report)
+            for report in self.intruders
+        ]
+        counted = [report for number, report in enumerate(reports) if number not in out]
+        plan_states = waypoints.plan_states(self.own, self.published, wind=self.wind)
+        curves, end = waypoints.legs(plan_states), self.published[-1].time + _BEYOND
+        data = {
+            "format": FORMAT,
+            "request": flight._asdict(),
+            "own": list(self.own),
+            "waypoints": [
+                [point.x, point.y, point.heading, point.speed, point.time]
+                for point in self.published
+            ],
+            "controls": np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1).tolist(),
+            "intruders": [_report(report, options.requirement.separation) for report in counted],
+            "excluded": [_heights(altitude, reports[number], options) for number in sorted(out)],
+            "apart": [
+                row
+                for number, report in enumerate(counted)
+                for row in _apart(number, altitude, report, end, options)
+            ],
+            "requirement": options.requirement._asdict(),
+            "limits": {name: float(limit) for name, limit in options.limits._asdict().items()},
+            "wind": {
+                name: float(value) for name, value in (self.wind or NO_WIND)._asdict().items()
+            },
+            "areas": [_area(area, altitude) for area in self.areas],
+            "levels": _levels(altitude, options.unknown_climb),
+            "parts": FINE,
+            "bounds": _bounds(
+                plan_states,
+                [report_in_air(report, self.wind) for report in counted],
+                altitude,
+                in_wind(options, self.wind),
+            ),
+        }
+        return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
 
 
 def _report(one: Intruder[Ground], usual: float) -> list[float]:

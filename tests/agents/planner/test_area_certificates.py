@@ -11,7 +11,7 @@ import pytest
 from agents import check
 from agents.kernel.areas import Counted, required_distances
 from agents.planner.planner import plan
-from agents.planner.publish.certificate import certificate
+from agents.planner.publish.certificate import Evidence
 from agents.planner.request.request import Altitude
 from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.waypoints import PlanStates, plan_states
@@ -102,7 +102,7 @@ def test_what_the_validator_keeps_is_accepted_and_what_is_accepted_is_kept(count
         area = beside(rng)
         one = Counted(0, area, area.valid_from, float(states.time[0, -1]))
         lost = bool(wrong(kept_by(states, [one], margin))[0])
-        accepted = is_accepted(json.loads(certificate(*asked, [area])))
+        accepted = is_accepted(json.loads(Evidence(*asked, [area]).certificate()))
         assert accepted or lost
         need = required_distances(one, states.x[:, 0], states.y[:, 0], margin)
         short = sample(states, one)[1].min() - need[0] < -0.002
