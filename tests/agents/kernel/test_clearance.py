@@ -1,0 +1,166 @@
+"""What is flown, and how close it comes: a lower bound, sharp where it matters, whatever is flown."""
+
+import numpy as np
+import pytest
+
+from agents.kernel.clearance import Clearance, clearance
+from agents.kernel.separation import Separation, separation
+from agents.kernel.traffic import Requirement, Traffic, positions
+from agents.kernel.trajectory import Steering, Trajectory, manoeuvres, steered, straight, trajectory
+from envs.kinematics import VehicleState
+from envs.trees import column, map_leaves, take
+from envs.waypoints import at
+from tests.agents.planner.test_validator import plans, traffic
+from tests.support import random_states
+
+REQUIRED, SAMPLES = 1_000.0, 4_001
+
+
+def mission(seed: int, count: int) -> Trajectory:
+    """Return missions of four minutes with corners, at another speed on each leg."""
+    rng = np.random.default_rng(seed)
+    lasts = rng.uniform(5.0, 60.0, (count, 6))
+    lasts *= 240.0 / lasts.sum(axis=1, keepdims=True)
+    way, course = lasts * rng.uniform(50.0, 100.0, (count, 6)), rng.uniform(-3.0, 3.0, (count, 6))
+    corners = np.cumsum([lasts, way * np.cos(course), way * np.sin(course)], axis=-1)
+    time, x, y = np.concatenate([np.zeros((3, count, 1)), corners], axis=-1)
+    return straight(x, y, time)
+
+
+def manoeuvre(seed: int, count: int) -> Trajectory:
+    """Return turns and changes of speed of one aircraft, which are held then."""
+    rng = np.random.default_rng(seed)
+    turns = rng.random(count) < 0.7
+    steering = Steering(
+        np.where(turns, rng.choice([-0.05, 0.05], count), 0.0),
+        np.where(turns, 0.0, rng.choice([-0.5, 0.5], count)),
+        rng.uniform(0.0, 40.0, count),
+    )
+    return manoeuvres(VehicleState(0.0, 0.0, 0.3, 75.0), steering, 120.0)
+
+
+FLOWN = {
+    "plan": lambda seed, count: trajectory(plans(count, seed)),
+    "mission": mission,
+    "manoeuvre": manoeuvre,
+}
+
+
+def sampled(
+    flown: Trajectory, others: Traffic, since: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and distances, m, ``[T, N, K]``, from a moment to the end of them all."""
+    times = np.linspace(since, flown.end[0], SAMPLES)
+    rows = np.broadcast_to(times[:, None], (SAMPLES, len(flown.end)))
+    curves = map_leaves(lambda field: np.broadcast_to(field, (SAMPLES, *field.shape)), flown.legs)
+    own = at(curves, rows)
+    x, y = positions(map_leaves(lambda field: field[None], others), times[:, None, None])
+    return times, np.hypot(x - own.x[..., None], y - own.y[..., None])
+
+
+def kept(flown: Trajectory, others: Traffic, level: float = 0.0) -> Clearance:
+    """Return what is kept of 1000 m."""
+    required = np.full(others.mask.shape, REQUIRED)
+    return clearance(flown, Separation(others, required, None, 2.0), level)
+
+
+@pytest.mark.parametrize("kind", FLOWN)
+@pytest.mark.parametrize("count", [3, 12])  # with few intruders no leg is left out
+def test_the_bound_is_never_too_large_and_sharp_below_the_level(kind: str, count: int) -> None:
+    flown = FLOWN[kind](2, 8)
+    others = traffic(8, count, 3, turning=True)
+    _, away = sampled(flown, others)
+    found, least = kept(flown, others), away.min(axis=0) - REQUIRED
+    there = others.mask
+    assert np.isinf(found.margin[~there]).all()
+    assert np.all(found.margin[there] <= least[there] + 1e-6)
+    close = there & (least < -1.0) & (least > 100.0 - REQUIRED)  # samples are 10 m apart
+    assert close.any()
+    assert np.all(found.margin[close] >= least[close] - 0.15)
+    np.testing.assert_array_equal(found.margin < 0.0, np.isfinite(found.loss))
+    np.testing.assert_array_equal(np.isfinite(found.loss), found.leg >= 0)
+
+
+def test_the_first_loss_is_where_it_is_lost_and_until_when_it_is_kept_again() -> None:
+    flown, others = mission(5, 12), traffic(12, 4, 7)
+    times, away = sampled(flown, others)
+    found = kept(flown, others)
+    below = (away < REQUIRED) & others.mask
+    for n, k in np.argwhere(below.any(axis=0) & (found.until < flown.end[:, None])):
+        first, last = times[np.flatnonzero(below[:, n, k])[[0, -1]]]
+        assert found.loss[n, k] == pytest.approx(first, abs=0.3)
+        assert found.until[n, k] == pytest.approx(last, abs=0.3)
+        here = at(take(flown.legs, [n]), found.loss[n, k : k + 1])
+        assert (found.x[n, k], found.y[n, k]) == pytest.approx((here.x[0], here.y[0]), abs=1e-6)
+        began = flown.states.time[n, found.leg[n, k]]
+        assert began - 1e-9 <= found.loss[n, k] <= flown.states.time[n, found.leg[n, k] + 1]
+
+
+@pytest.mark.parametrize("kind", FLOWN)
+def test_a_row_depends_on_no_other(kind: str) -> None:
+    flown, others = FLOWN[kind](9, 6), traffic(6, 12, 8, turning=True)
+    together = kept(flown, others)
+    for n in range(6):
+        alone = kept(take(flown, slice(n, n + 1)), take(others, slice(n, n + 1)))
+        for whole, part in zip(together, alone, strict=True):
+            np.testing.assert_array_equal(whole[n : n + 1], part)
+
+
+def test_what_has_been_flown_does_not_count() -> None:
+    flown, others = trajectory(plans(10, 4)), traffic(10, 3, 5)
+    since = np.random.default_rng(1).uniform(1.0, 150.0, 10)
+    x, y = positions(others, since[:, None])
+    later = others._replace(state=others.state._replace(x=x, y=y))
+    found = kept(flown.since(since), later, level=np.inf)
+    for n in range(10):
+        row = slice(n, n + 1)
+        _, away = sampled(take(flown, row), take(others, row), since=float(since[n]))
+        least = away.min(axis=0)[0] - REQUIRED
+        mask = others.mask[n]
+        assert np.all(found.margin[n][mask] <= least[mask] + 1e-6)
+        assert found.margin[n][mask] == pytest.approx(least[mask], abs=0.3)
+
+
+def test_over_the_ground_and_through_the_air_it_is_the_same() -> None:
+    rng = np.random.default_rng(6)
+    own = random_states(rng, 5, extent=3_000.0)
+    x, y = rng.uniform(-4_000.0, 4_000.0, (2, 5, 6))
+    time = np.broadcast_to(np.arange(6) * 30.0, (5, 6))
+    others = traffic(5, 6, 7)
+    east, north = 7.0, -4.0
+    heading = np.arctan2(
+        others.state.speed * np.sin(others.state.heading) - north,
+        others.state.speed * np.cos(others.state.heading) - east,
+    )
+    speed = np.hypot(
+        others.state.speed * np.sin(others.state.heading) - north,
+        others.state.speed * np.cos(others.state.heading) - east,
+    )
+    in_air = others._replace(state=others.state._replace(heading=heading, speed=speed))
+    start = own._replace(x=x[:, 0], y=y[:, 0])
+    keep = Requirement(REQUIRED, 50.0)
+    ground = clearance(straight(x, y, time), separation(others, start, keep))
+    air = clearance(
+        straight(x - east * time, y - north * time, time), separation(in_air, start, keep)
+    )
+    lost = np.isfinite(ground.loss)
+    assert lost.any() and not lost.all()
+    np.testing.assert_array_equal(np.isfinite(air.loss), lost)
+    np.testing.assert_allclose(air.margin[lost], ground.margin[lost], atol=1e-6)
+    np.testing.assert_allclose(air.loss[lost], ground.loss[lost], atol=1e-6)
+
+
+def test_a_manoeuvre_is_flown_as_its_legs_say() -> None:
+    steering = Steering(
+        np.array([0.05, 0.0, 0.0]), np.array([0.0, -0.5, 0.0]), np.array([30.0, 20.0, 0.0])
+    )
+    own = VehicleState(10.0, -5.0, 0.3, 75.0)
+    flown = manoeuvres(own, steering, 120.0)
+    for time in np.linspace(0.0, 120.0, 41):
+        here, there = (
+            at(flown.legs, np.full(3, time)),
+            steered(own, column(steering), np.full((3, 1), time)),
+        )
+        assert here.x == pytest.approx(there.x[:, 0], abs=1e-6)
+        assert here.y == pytest.approx(there.y[:, 0], abs=1e-6)
+        assert here.speed == pytest.approx(there.speed[:, 0])
