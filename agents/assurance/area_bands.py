@@ -4,8 +4,6 @@ Every row has areas of its own, as they are now; a manoeuvre must keep what is r
 that begin there (:func:`agents.kernel.areas.required_distances`).
 """
 
-import math
-
 import numpy as np
 
 from agents.assurance.held import Kept
@@ -59,19 +57,6 @@ def _keep(
     flown = manoeuvres(own, steering, look_ahead)
     begin = flown.states.x[:, 0], flown.states.y[:, 0]
     return clearance(flown, area_clearance(areas, *begin, margin))
-
-
-def area_losses(
-    own: VehicleState[Air], areas: tuple[Counted, ...], margin: float, look_ahead: float
-) -> list[float]:
-    """Return when an ownship ``[1]`` that flies straight on loses what it must keep of each area, s
-    from now; inf: not within the look-ahead.
-    """
-    still = Steering(*np.zeros((3, 1)))
-    near = _within_reach(areas, take(own, 0), still, look_ahead, margin)
-    kept = _keep(take(own, 0), still, near, margin, look_ahead)
-    losses = {area.number: float(loss) for area, loss in zip(near, kept.loss[0], strict=True)}
-    return [losses.get(area.number, math.inf) for area in areas]
 
 
 def _within_reach(

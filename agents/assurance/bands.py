@@ -29,11 +29,13 @@ from agents.assurance.held import (
     Spread,
     against_traffic,
     judge_traffic,
-    losses_straight_on,
 )
 from agents.assurance.inputs import no_areas
+from agents.kernel.areas import Counted, area_clearance
+from agents.kernel.clearance import clearance
+from agents.kernel.separation import separation
 from agents.kernel.traffic import Requirement, Traffic
-from agents.kernel.trajectory import Steering
+from agents.kernel.trajectory import Steering, straight_on
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air
@@ -173,7 +175,18 @@ def losses_on_course(
     """Return when each intruder comes closer than required if the ownship flies straight on, s from
     now, ``[N, K]``; inf: not within the look-ahead.
     """
-    return losses_straight_on(own, against_traffic(own, traffic, requirement), look_ahead)
+    flown = straight_on(own, look_ahead)
+    return clearance(flown, separation(traffic, own, requirement)).loss
+
+
+def area_losses(
+    own: VehicleState[Air], areas: tuple[Counted, ...], margin: float, look_ahead: float
+) -> list[float]:
+    """Return when an ownship ``[1]`` that flies straight on loses what it must keep of each area, s
+    from now; inf: not within the look-ahead.
+    """
+    flown = straight_on(own, look_ahead)
+    return clearance(flown, area_clearance(areas, own.x, own.y, margin)).loss[0].tolist()
 
 
 def recovery(bands: Bands, separation: float) -> Recovery:

@@ -128,18 +128,6 @@ def against_traffic(own: VehicleState[Air], traffic: Traffic, requirement: Requi
     return Against(column(traffic), base[:, None], requirement)
 
 
-def losses_straight_on(own: VehicleState[Air], against: Against, look_ahead: float) -> Array:
-    """Return when the required distance from each intruder is lost by flying straight on, s from
-    now, ``[N, K]``; inf: not within the look-ahead.
-    """
-    mask = against.traffic.mask[:, 0]
-    if mask.size == 0:
-        return np.full(mask.shape, np.inf)
-    now = np.zeros((own.x.size, 1))
-    kept = _combine(*_judge_hold(column(own), now, against, look_ahead))
-    return np.where(mask, kept.loss[:, 0], np.inf)
-
-
 def judge_traffic(
     own: VehicleState[Air], ramp: Ramp, reached: Array, against: Against, look_ahead: float
 ) -> tuple[Kept, Array]:

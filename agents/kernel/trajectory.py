@@ -136,6 +136,17 @@ def straight(x: Array, y: Array, time: Array) -> Trajectory:
     return trajectory(PlanStates(x, y, *last, time), curves)
 
 
+def straight_on(own: VehicleState[F], until: float) -> Trajectory:
+    """Return aircraft ``[N]`` that fly straight on until a time, s."""
+    time = np.broadcast_to(np.linspace(0.0, until, HOLDS + 2), (own.x.size, HOLDS + 2))
+    far = own.speed[:, None] * time
+    x, y = (
+        start[:, None] + far * part(own.heading)[:, None]
+        for start, part in ((own.x, np.cos), (own.y, np.sin))
+    )
+    return straight(x, y, time)
+
+
 def steered(own: VehicleState[F], steering: Steering, time: Array) -> VehicleState[F]:
     """Return aircraft on their manoeuvres at times, s, the headings not wrapped; all arguments
     broadcast.

@@ -19,10 +19,10 @@ from agents.assurance.alerts import (
     shown_losses,
     update,
 )
-from agents.assurance.area_bands import area_losses
 from agents.assurance.bands import (
     HEADINGS,
     Bands,
+    area_losses,
     heading_bands,
     losses_on_course,
     recovery,

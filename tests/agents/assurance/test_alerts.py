@@ -116,7 +116,7 @@ def test_an_alert_follows_its_intruder_to_another_place() -> None:
     assert after.level.tolist() == [[Level.CORRECTIVE, Level.NONE, Level.WARNING]]
 
 
-def test_the_loss_on_the_present_course_is_that_of_the_present_heading_and_exact() -> None:
+def test_the_loss_on_the_present_course_is_that_of_the_present_heading() -> None:
     generator = np.random.default_rng(6)
     own, state = random_states(generator, 50, extent=1_000.0), random_states(generator, 50, 4)
     rate = generator.choice([0.0, 0.05], (50, 4))
@@ -127,11 +127,14 @@ def test_the_loss_on_the_present_course_is_that_of_the_present_heading_and_exact
     requirement = Requirement(1_000.0)
     losses = losses_on_course(own, traffic, requirement, 120.0)
     bands = heading_bands(own, traffic, requirement, C208_PUBLISHED, 120.0, own.heading[:, None])
-    np.testing.assert_allclose(losses.min(axis=1), bands.loss[:, 0])
+    # A 1280th of the look-ahead early at most.
+    np.testing.assert_allclose(losses.min(axis=1), bands.loss[:, 0], atol=0.1)
+    lost = np.isfinite(bands.loss[:, 0])
+    assert np.all(losses.min(axis=1)[lost] <= bands.loss[lost, 0] + 1e-9)
     assert np.isinf(losses[~traffic.mask]).all() and np.isfinite(losses).any()
     head_on = Traffic.straight(VehicleState(*(np.array([[v]]) for v in (9e3, 0.0, math.pi, 70.0))))
     found = losses_on_course(one(0.0, 0.0, 0.0, 80.0), head_on, requirement, 120.0)
-    assert found[0, 0] == pytest.approx(8_000.0 / 150.0)
+    assert found[0, 0] == pytest.approx(8_000.0 / 150.0, abs=0.1)
 
 
 def test_regions_are_the_levels_of_bands_and_the_way_out() -> None:

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from agents.assurance.alerts import Alerting, Region, regions
-from agents.assurance.area_bands import area_losses
-from agents.assurance.bands import Bands, heading_bands, recovery, speed_bands
+from agents.assurance.bands import Bands, area_losses, heading_bands, recovery, speed_bands
 from agents.assurance.inputs import no_areas
 from agents.kernel.areas import Counted, required_distances
 from agents.kernel.traffic import Requirement, Traffic

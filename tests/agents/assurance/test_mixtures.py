@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from agents import assurance
 from agents.assurance import single
 from agents.assurance.alerts import Alerting, Region, no_alerts, regions, update
-from agents.assurance.area_bands import area_losses
 from agents.assurance.backup import search
 from agents.assurance.bands import (
     Bands,
+    area_losses,
     heading_bands,
     losses_on_course,
     recovery,
