@@ -6,41 +6,31 @@ heading that it has, and holds what it has reached until the end of the look-ahe
 *closed* if this manoeuvre comes closer to an intruder than is required of plans
 (:func:`agents.kernel.traffic.requirement_of`, its growth with uncertainty, and the tolerance of
 :mod:`agents.planner.judge.validator`), the intruders flying as the planner predicts them, or closer
-to an area (:mod:`agents.assurance.area_bands`). So a band says what becomes of one manoeuvre that
-is held. A plan may begin towards a closed band and turn away in time; it never holds one until its
-loss (docs/explanation/alerts.md).
+to an area. So a band says what becomes of one manoeuvre that is held. A plan may begin towards a
+closed band and turn away in time; it never holds one until its loss (docs/explanation/alerts.md).
 
-Clearances are good to 2 cm, and to 0.5 m where an intruder turns or its velocity is uncertain.
-Times of loss are good to a second while the ownship turns or an intruder does, and exact after
-that. All motion is relative to one mass of air: with wind, intruders' velocities are given less the
-wind, and so are those of areas.
+Clearances are good to 2 cm below a fifth of the separation. Times of loss are exact where both fly
+straight, and early by a 320th of the way to the target, or of a leg that is held, at most where one
+turns. All motion is relative to one mass of air: with wind, intruders' velocities are given less
+the wind, and so are those of areas.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from agents.assurance.area_bands import judge_manoeuvres
 from agents.assurance.between import free_runs, prove_between
-from agents.assurance.held import (
-    ARC,
-    Against,
-    Ramp,
-    Spread,
-    against_traffic,
-    judge_traffic,
-)
 from agents.assurance.inputs import no_areas
 from agents.kernel.areas import Counted, area_clearance
-from agents.kernel.clearance import clearance
+from agents.kernel.clearance import Clearance, clearance
 from agents.kernel.separation import separation
 from agents.kernel.traffic import Requirement, Traffic
-from agents.kernel.trajectory import Steering, straight_on
+from agents.kernel.trajectory import Steering, Trajectory, manoeuvres, straight_on
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
-from envs.trees import take
+from envs.trees import map_leaves, take
 
 HEADINGS = 72
 """Headings that are looked at where none are asked for: one every 5 degrees."""
@@ -48,7 +38,7 @@ HEADINGS = 72
 SPEEDS = 21
 """Speeds likewise, from the lowest to the highest."""
 
-_RAMP = 30  # steps of a change of speed over the whole range
+_INTEREST = 0.2  # separations of clearance beyond which a lower bound of it will do
 _NO_RATE = 1e-9  # rad/s or m/s^2, of what cannot turn or change its speed
 _ALIKE = 0.1  # separations by which a way may come closer than the best and open sooner
 _BLOCK = 1_000_000  # distances at once
@@ -66,7 +56,7 @@ class Bands(NamedTuple):
     # number of the area (agents.kernel.areas.Counted) of which it is lost first; -1 likewise
     area: Array
     # Smallest distance less the required one, m; a lower bound where it is more than a fifth of the
-    # separation, and of areas, too small by the way of 2 s at most; inf without any of them.
+    # separation; inf without any of them.
     clearance: Array
     # from when on the required distance is kept until the look-ahead's end, s; 0 where always, inf
     # where never
@@ -125,16 +115,17 @@ def heading_bands(
     if targets is None:
         targets = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS) - np.pi
     targets = np.broadcast_to(targets, (own.x.size, np.shape(targets)[-1]))
-    turn = wrap(targets - own.heading[:, None], np)
     rate = max(limits.yaw_rate_max, _NO_RATE)
-    ramp = Ramp(
-        yaw_rate=np.array([rate, -rate]),
-        acceleration=np.zeros(2),
-        step=min(ARC / rate, look_ahead / _RAMP),
-        change=turn,
+    kind = _Kind(
+        own,
+        target=wrap(targets, np),
+        change=wrap(targets - own.heading[:, None], np),
+        yaw_rate=rate,
+        acceleration=(0.0, 0.0),
+        velocity=own.speed,
+        circle=True,
     )
-    against = against_traffic(own, traffic, requirement)
-    return _bands(_Kind(own, wrap(targets, np), own.speed, True), ramp, against, look_ahead, areas)
+    return _bands(kind, _Sky(traffic, requirement, areas), look_ahead)
 
 
 def speed_bands(
@@ -153,20 +144,19 @@ def speed_bands(
     if targets is None:
         targets = np.linspace(limits.speed_min, limits.speed_max, SPEEDS)
     targets = np.broadcast_to(targets, (own.x.size, np.shape(targets)[-1]))
-    gain = targets - own.speed[:, None]
-    rates = np.array(
-        [max(limits.acceleration_max, _NO_RATE), min(limits.acceleration_min, -_NO_RATE)]
+    kind = _Kind(
+        own,
+        target=targets,
+        change=targets - own.speed[:, None],
+        yaw_rate=0.0,
+        acceleration=(
+            max(limits.acceleration_max, _NO_RATE),
+            min(limits.acceleration_min, -_NO_RATE),
+        ),
+        velocity=np.ones(own.x.shape),
+        circle=False,
     )
-    fastest = np.abs(gain / np.where(gain < 0.0, rates[1], rates[0])).max(initial=0.0)
-    ramp = Ramp(
-        yaw_rate=np.zeros(2),
-        acceleration=rates,
-        step=max(min(float(fastest), look_ahead) / _RAMP, 1e-3),
-        change=gain,
-    )
-    against = against_traffic(own, traffic, requirement)
-    kind = _Kind(own, targets, np.ones(own.x.shape), False)
-    return _bands(kind, ramp, against, look_ahead, areas)
+    return _bands(kind, _Sky(traffic, requirement, areas), look_ahead)
 
 
 def losses_on_course(
@@ -230,96 +220,136 @@ def stretches(bands: Bands, row: int = 0, *, circle: bool = True) -> list[Stretc
 
 
 class _Kind(NamedTuple):
-    """Ownships ``[N]`` whose manoeuvres of one kind are looked at."""
+    """Manoeuvres of one kind of ownships ``[N]``."""
 
     own: VehicleState[Air]
     target: Array  # [N, B]
-    change: Array  # of the velocity by a unit of change, m/s, [N]
+    # of the heading, rad, or of the speed, m/s, by which a target is reached, [N, B]
+    change: Array
+    yaw_rate: float  # to the left, the opposite to the right, rad/s
+    acceleration: tuple[float, float]  # upwards and downwards, m/s^2
+    velocity: Array  # by how much the velocity differs where the change does by one, m/s, [N]
     circle: bool
 
+    def steering(self, change: Array, look_ahead: float) -> Steering:
+        """Return the manoeuvres that make some changes, ``[...]``."""
+        rises = change >= 0.0
+        yaw_rate = np.where(rises, self.yaw_rate, -self.yaw_rate)
+        acceleration = np.where(rises, *self.acceleration)
+        reached = np.minimum(change / (yaw_rate + acceleration), look_ahead)
+        return Steering(yaw_rate, acceleration, reached)
 
-def _bands(kind: _Kind, ramp: Ramp, against: Against, look_ahead: float, areas: Array) -> Bands:
+
+class _Sky(NamedTuple):
+    """What is kept clear of: intruders ``[N, K]``, and areas, object ``[N]``; None: none."""
+
+    traffic: Traffic
+    requirement: Requirement
+    areas: Array
+
+
+def _bands(kind: _Kind, sky: _Sky, look_ahead: float) -> Bands:
     """Return the bands of one kind, of so many rows at once as memory allows."""
-    count, size = kind.own.x.size, against.base.shape[-1] * ramp.change.shape[-1]
+    count, size = kind.own.x.size, sky.traffic.mask.shape[-1] * kind.change.shape[-1]
     rows = max(_BLOCK // max(size, 1), 1)
-    areas = no_areas(count) if areas is None else areas
+    sky = sky if sky.areas is not None else sky._replace(areas=no_areas(count))
     parts = []
     for first in range(0, max(count, 1), rows):
         part = slice(first, first + rows)
-        some = kind._replace(
-            own=take(kind.own, part), target=kind.target[part], change=kind.change[part]
+        own, target, change, velocity = take(
+            (kind.own, kind.target, kind.change, kind.velocity), part
         )
-        turns = ramp._replace(change=ramp.change[part])
-        parts.append(_block(some, turns, against.rows(part), look_ahead, areas[part]))
+        some = kind._replace(own=own, target=target, change=change, velocity=velocity)
+        around = sky._replace(traffic=take(sky.traffic, part), areas=sky.areas[part])
+        parts.append(_block(some, around, look_ahead))
     return parts[0] if len(parts) == 1 else Bands(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-class _Judged(NamedTuple):
-    """What manoeuvres keep of traffic and areas; fields ``[N, B]`` as those of bands."""
-
-    loss: Array
-    until: Array
-    intruder: Array
-    area: Array
-    traffic_clearance: Array
-    area_clearance: Array
-
-
-def _judge(
-    own: VehicleState[Air], ramp: Ramp, against: Against, look_ahead: float, areas: Array
-) -> _Judged:
-    """Judge manoeuvres against all that they may meet."""
-    reached = np.minimum(ramp.reached, look_ahead)
-    kept, intruder = judge_traffic(own, ramp, reached, against, look_ahead)
-    steering = Steering(ramp.yaw_rate[ramp.side], ramp.acceleration[ramp.side], reached)
-    amid, area = judge_manoeuvres(own, steering, areas, against.requirement.margin, look_ahead)
-    by_area = amid.loss < kept.loss
-    return _Judged(
-        np.minimum(kept.loss, amid.loss),
-        np.maximum(kept.until, amid.until),
-        np.where(by_area, -1, intruder),
-        np.where(by_area, area, -1),
-        kept.clearance,
-        amid.clearance,
-    )
-
-
-def _block(kind: _Kind, ramp: Ramp, against: Against, look_ahead: float, areas: Array) -> Bands:
-    own = kind.own
-    judged = _judge(own, ramp, against, look_ahead, areas)
+def _block(kind: _Kind, sky: _Sky, look_ahead: float) -> Bands:
+    everyone = np.arange(kind.own.x.size)
+    steering = kind.steering(kind.change, look_ahead)
+    flown = _fly(kind.own, everyone, steering, look_ahead)
+    shape = kind.change.shape
+    level = _INTEREST * sky.requirement.separation
+    kept = _Kept(*(field.reshape(shape) for field in _keep(flown, kind.own, everyone, sky, level)))
 
     def judge(rows: Array, low: Array, high: Array) -> tuple[Array, Array]:
         """Judge intervals by the manoeuvre in their middle, which the others leave by their
         differences of velocity at most, from when the first of them has reached its target.
         """
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        ends = (ramp._replace(change=end).reached for end in (low, high))
-        since = np.where(low * high <= 0.0, 0.0, np.minimum(*ends))
-        since = np.minimum(since, look_ahead)
-        inner = ramp._replace(change=middle)
-        reached = np.minimum(inner.reached, look_ahead)
-        rate = half * kind.change[rows, None]
-        wider = against.rows(rows)._replace(
-            allowance=float((rate * (reached - since)).max()),
-            spread=Spread(rate[..., None], reached[..., None]),
-        )
-        found = _judge(take(own, rows), inner, wider, look_ahead, areas[rows])
-        clearance = np.minimum(
-            found.traffic_clearance, found.area_clearance - rate * (look_ahead - since)
-        )
-        return clearance >= 0.0, np.minimum(found.loss, look_ahead)
+        reached = [kind.steering(end, look_ahead).reached for end in (low, high)]
+        since = np.where(low * high <= 0.0, 0.0, np.minimum(*reached))
+        rate = 0.5 * (high - low) * kind.velocity[rows, None]
+        middle = kind.steering(0.5 * (low + high), look_ahead)
+        flown = _fly(kind.own, rows, middle, look_ahead)
+        found = _keep(flown.widened(rate.ravel(), since.ravel()), kind.own, rows, sky, 0.0)
+        proven, loss = found.clearance >= 0.0, np.minimum(found.loss, look_ahead)
+        return proven.reshape(low.shape), loss.reshape(low.shape)
 
-    closed = np.isfinite(judged.loss)
-    between = prove_between(ramp.change, closed, judge, circle=kind.circle)
+    between = prove_between(kind.change, np.isfinite(kept.loss), judge, circle=kind.circle)
     return Bands(
         kind.target,
-        np.minimum(ramp.reached, look_ahead),
-        judged.loss,
-        judged.intruder,
-        judged.area,
-        np.minimum(judged.traffic_clearance, judged.area_clearance),
-        np.where(judged.until >= look_ahead, np.inf, np.maximum(judged.until, 0.0)),
-        kind.target + (between.low - ramp.change),
-        kind.target + (between.high - ramp.change),
+        steering.reached,
+        kept.loss,
+        kept.intruder,
+        kept.area,
+        kept.clearance,
+        np.where(kept.until >= look_ahead, np.inf, np.maximum(kept.until, 0.0)),
+        kind.target + (between.low - kind.change),
+        kind.target + (between.high - kind.change),
         between.nearby,
     )
+
+
+def _fly(own: VehicleState[Air], rows: Array, steering: Steering, look_ahead: float) -> Trajectory:
+    """Return manoeuvres ``[R, B]`` of ownships numbered ``rows`` as trajectories ``[R * B]``."""
+    each = np.repeat(rows, steering.reached.shape[1])
+    return manoeuvres(take(own, each), map_leaves(np.ravel, steering), look_ahead)
+
+
+class _Kept(NamedTuple):
+    """What manoeuvres keep; fields ``[M]``, as those of bands."""
+
+    loss: Array
+    until: Array
+    clearance: Array
+    intruder: Array
+    area: Array
+
+
+def _keep(flown: Trajectory, own: VehicleState[Air], rows: Array, sky: _Sky, level: float) -> _Kept:
+    """Return what manoeuvres ``[R * B]`` of ownships numbered ``rows`` keep of all that they may
+    meet; clearances above a level, m, are lower bounds.
+    """
+    size = flown.end.size // max(rows.size, 1)
+    keeping = separation(sky.traffic, own, sky.requirement).rows(np.repeat(rows, size))
+    loss, until, clear, intruder = _of_all(clearance(flown, keeping, level))
+    kept = _Kept(loss, until, clear, intruder, np.full(loss.shape, -1))
+    for r, n in enumerate(rows):
+        if not sky.areas[n]:
+            continue
+        part, begin = slice(r * size, (r + 1) * size), (own.x[[n]], own.y[[n]])
+        keeping = area_clearance(sky.areas[n], *begin, sky.requirement.margin)
+        keeping = keeping._replace(required=np.repeat(keeping.required, size, axis=0))
+        loss, until, clear, which = _of_all(clearance(take(flown, part), keeping, level))
+        earlier = loss < kept.loss[part]
+        numbers = np.array([active.number for active in sky.areas[n]])
+        kept.intruder[part] = np.where(earlier, -1, kept.intruder[part])
+        kept.area[part] = np.where(earlier, numbers[which], -1)
+        np.minimum(kept.loss[part], loss, out=kept.loss[part])
+        np.maximum(kept.until[part], until, out=kept.until[part])
+        np.minimum(kept.clearance[part], clear, out=kept.clearance[part])
+    return kept
+
+
+def _of_all(kept: Clearance) -> tuple[Array, Array, Array, Array]:
+    """Return when manoeuvres ``[M]`` lose what is required of some intruder or area first and until
+    when, the smallest clearance, m, and with which it is lost first, -1: with none.
+    """
+    if kept.loss.shape[1] == 0:
+        none = np.full(len(kept.loss), np.inf)
+        return none, -none, none.copy(), np.full(len(kept.loss), -1)
+    first = np.argmin(kept.loss, axis=1)
+    loss = np.take_along_axis(kept.loss, first[:, None], 1)[:, 0]
+    which = np.where(np.isfinite(loss), first, -1)
+    return loss, kept.until.max(axis=1), kept.margin.min(axis=1), which

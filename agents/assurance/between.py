@@ -17,7 +17,7 @@ Judge = Callable[[Array, Array, Array], tuple[Array, Array]]
 changes: whether each is proven free, and when something in it may be lost first, s.
 """
 
-_CUTS, _ROUNDS = 4, 3  # of an interval that is not proven
+_CUTS, _ROUNDS = 8, 2  # of an interval that is not proven
 _SAME = 1e-9  # rad or m/s
 
 

@@ -93,7 +93,19 @@ class AreaClearance(NamedTuple):
             rows = np.flatnonzero(which == k)
             _bound_area(self.areas[k], take(given, rows), required[rows], rows, bound, attained)
             counts[rows] = _counts(self.areas[k], take(given, rows))
-        return Bounds(bound, required, _less_tolerance(required), attained, counts)
+        tolerated = _less_tolerance(required)
+        return Bounds(
+            distance=bound,
+            nearest=given.begin,
+            margin=bound - required,
+            tolerant=bound - tolerated,
+            attained=attained,
+            counts=counts,
+            exact=np.zeros(shape, dtype=bool),
+            surely_lost=attained < tolerated,
+            lost_from=given.begin,
+            lost_until=given.end,
+        )
 
 
 def area_clearance(areas: Sequence[Counted], x: Array, y: Array, margin: float) -> AreaClearance:

@@ -11,9 +11,17 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from agents.kernel.trajectory import Pieces, Trajectory, cut, pieces, rest_of
+from agents.kernel.trajectory import (
+    STRAIGHT,
+    Pieces,
+    Trajectory,
+    cut,
+    pieces,
+    rest_of,
+    whole_legs,
+)
 from envs.arrays import Array
-from envs.trees import first_of_each
+from envs.trees import first_of_each, take
 
 CLOSE = 1e-3
 """How much of the margin may be missing, m: a start inside it must keep its own distance exactly,
@@ -34,7 +42,6 @@ class Clearance(NamedTuple):
     # smallest distance less the required one, m; inf where nothing counts. Never too large, and
     # negative exactly where something is lost
     margin: Array
-    margin_time: Array  # when that is, s; nan where only a bound is known
     loss: Array  # when the required distance is lost first, s; inf where it is kept
     until: Array  # from when on it is kept again, s; -inf where it is never lost
     leg: Array  # number of the leg on which it is lost first; -1
@@ -51,11 +58,10 @@ class Clearance(NamedTuple):
         inf, nan = np.full((2, rows, count), [[[np.inf]], [[np.nan]]])
         return cls(
             margin=inf,
-            margin_time=nan,
             loss=inf.copy(),
             until=-inf,
             leg=np.full((rows, count), -1),
-            x=nan.copy(),
+            x=nan,
             y=nan.copy(),
             distance=inf.copy(),
             distance_time=nan.copy(),
@@ -71,13 +77,18 @@ class Near(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """What pieces ``[M, P]`` keep, each row of one intruder or area."""
+    """What pieces keep, each row of one intruder or area; fields ``[M, P]``."""
 
-    bound: Array  # the distance is nowhere smaller, m
-    required: Array  # m
-    tolerated: Array  # what is required of parts, m: less by the tolerance
+    distance: Array  # a lower bound, m
+    nearest: Array  # when it is the smallest, s; the beginning where that is not known better
+    margin: Array  # a lower bound of the distance less the required one, m
+    tolerant: Array  # the same of what is left of the required one by the tolerance
     attained: Array  # a distance that occurs, m; inf where it says nothing
     counts: Array  # whether it counts then, bool
+    exact: Array  # whether parts would tell no more, bool
+    surely_lost: Array  # whether an end has less than what is tolerated, bool
+    lost_from: Array  # where less than what is tolerated is left: from when on, s
+    lost_until: Array  # until when, s
 
 
 class Constraint(Protocol):
@@ -119,37 +130,62 @@ def clearance(
     found = Clearance.blank(rows, constraint.size)
     if found.margin.size == 0:
         return found
+    levels = np.broadcast_to(level, found.margin.shape)
     near = constraint.near(flown, level, found, closest=closest)
+    near = _judge_straight_legs(found, flown, constraint, near, levels, closest=closest)
     if near.row.size == 0:
         return found
-    arcs, pair = rest_of(pieces(flown, near.row, near.leg)), (near.row, near.which)
+    arcs = rest_of(pieces(flown, near.row, near.leg))
     bounds = constraint.bounds(arcs, near.which)
-    margin = bounds.bound - bounds.required
-    unclear = bounds.counts & ~(margin >= np.broadcast_to(level, found.margin.shape)[pair][:, None])
+    unclear = bounds.counts & ~(bounds.margin >= levels[near.row, near.which][:, None])
     if closest:
-        nearest = np.full(rows, np.inf)
+        nearest = found.distance.min(axis=1)
         np.minimum.at(nearest, near.row, bounds.attained.min(axis=1))
-        unclear |= bounds.counts & (bounds.bound <= nearest[near.row, None])
+        unclear |= bounds.counts & (bounds.distance <= nearest[near.row, None])
+    unclear &= ~bounds.exact
     if constraint.cuts_once:
         unclear &= ~_lost_later(near, constraint.size, arcs, bounds)
-    decided = bounds.counts & ~unclear
-    margin, distance = (np.where(decided, field, np.inf) for field in (margin, bounds.bound))
-    _note(found, arcs, near.which, margin, distance)
+    margin = np.where(bounds.exact, bounds.tolerant, bounds.margin)
+    _note(found, arcs, near.which, margin, bounds._replace(counts=bounds.counts & ~unclear))
     m, p = np.nonzero(unclear)
     if m.size:
         parts, which = cut(arcs, m, p), near.which[m]
         bounds = constraint.bounds(parts, which)
-        both = bounds.bound - bounds.tolerated, bounds.bound
-        margin, distance = (np.where(bounds.counts, field, np.inf) for field in both)
-        _note(found, parts, which, margin, distance)
+        _note(found, parts, which, bounds.tolerant, bounds)
     return found
+
+
+def _judge_straight_legs(
+    found: Clearance,
+    flown: Trajectory,
+    constraint: Constraint,
+    near: Near,
+    levels: Array,
+    *,
+    closest: bool,
+) -> Near:
+    """Note what legs of uniform motion keep where that decides; return the legs that are left."""
+    straight = np.flatnonzero(flown.sagitta[near.row, near.leg] <= STRAIGHT)
+    if straight.size == 0:
+        return near
+    legs = take(near, straight)
+    whole = rest_of(whole_legs(flown, legs.row, legs.leg))
+    bounds = constraint.bounds(whole, legs.which)
+    decided = bounds.exact
+    if not closest:
+        decided = decided | (bounds.margin >= levels[legs.row, legs.which][:, None])
+    margin = np.where(bounds.exact, bounds.tolerant, bounds.margin)
+    _note(found, whole, legs.which, margin, bounds._replace(counts=bounds.counts & decided))
+    left = np.ones(near.row.size, dtype=bool)
+    left[straight] = (bounds.counts & ~decided)[:, 0]
+    return take(near, left)
 
 
 def _lost_later(near: Near, count: int, arcs: Pieces, bounds: Bounds) -> Array:
     """Return which arcs surely lose the required distance, but for the first of each row and
     intruder or area, bool ``[M, P]``.
     """
-    lost = bounds.counts & ~(bounds.attained >= bounds.tolerated)
+    lost = bounds.counts & bounds.surely_lost
     m, p = np.nonzero(lost)
     owner = near.row[m] * count + near.which[m]
     _, first = first_of_each(owner, arcs.begin[m, p])
@@ -157,35 +193,46 @@ def _lost_later(near: Near, count: int, arcs: Pieces, bounds: Bounds) -> Array:
     return lost
 
 
-def _note(found: Clearance, given: Pieces, which: Array, margin: Array, distance: Array) -> None:
-    """Note what pieces ``[M, P]`` keep: the smallest margin and distance, m, and the first and the
-    last loss, of each row and intruder or area; both are inf where nothing counts.
+def _note(found: Clearance, given: Pieces, which: Array, margin: Array, bounds: Bounds) -> None:
+    """Note what pieces ``[M, P]`` keep where it counts: the smallest margin and distance, m, and
+    the first and the last loss, of each row and intruder or area.
     """
     owner = given.row * found.margin.shape[1] + which
     flat = Clearance(*(field.reshape(-1) for field in found))  # views: its arrays are contiguous
-    _note_least(flat.margin, flat.margin_time, owner, margin, given.begin)
-    _note_least(flat.distance, flat.distance_time, owner, distance, given.begin)
+    margin, distance = (
+        np.where(bounds.counts, field, np.inf) for field in (margin, bounds.distance)
+    )
+    row, m, p = _least(owner, margin)
+    flat.margin[row] = np.minimum(flat.margin[row], margin[m, p])
+    row, m, p = _least(owner, distance)
+    nearer = distance[m, p] < flat.distance[row]
+    row, m, p = row[nearer], m[nearer], p[nearer]
+    flat.distance[row], flat.distance_time[row] = distance[m, p], bounds.nearest[m, p]
 
     lost = ~(margin >= 0.0)
     m = np.flatnonzero(lost.any(axis=1))
     if m.size == 0:
         return
     p = np.argmax(lost[m], axis=1)
-    row, first = first_of_each(owner[m], given.begin[m, p])
+    row, first = first_of_each(owner[m], bounds.lost_from[m, p])
     m_first, p_first = m[first], p[first]
-    earlier = given.begin[m_first, p_first] < flat.loss[row]
-    row, m_first, p_first = row[earlier], m_first[earlier], p_first[earlier]
-    flat.loss[row], flat.leg[row] = given.begin[m_first, p_first], given.leg[m_first]
-    flat.x[row], flat.y[row] = given.x0[m_first, p_first], given.y0[m_first, p_first]
-    ends = np.where(lost[m], given.end[m], -np.inf).max(axis=1)
+    earlier = bounds.lost_from[m_first, p_first] < flat.loss[row]
+    row, piece = row[earlier], (m_first[earlier], p_first[earlier])
+    flat.loss[row], flat.leg[row] = bounds.lost_from[piece], given.leg[piece[0]]
+    begin, end = given.begin[piece], given.end[piece]
+    share = (flat.loss[row] - begin) / np.maximum(end - begin, 1e-9)
+    for place, (first_end, last_end) in zip(
+        (flat.x, flat.y), ((given.x0, given.x1), (given.y0, given.y1)), strict=True
+    ):
+        place[row] = first_end[piece] + share * (last_end[piece] - first_end[piece])
+    ends = np.where(lost[m], bounds.lost_until[m], -np.inf).max(axis=1)
     np.maximum.at(flat.until, owner[m], ends)
 
 
-def _note_least(least: Array, when: Array, owner: Array, values: Array, begin: Array) -> None:
-    """Note the least values of pieces ``[M, P]`` of some owners, and when they first are."""
-    part = np.argmin(values, axis=1)[:, None]
-    value, time = (np.take_along_axis(field, part, 1)[:, 0] for field in (values, begin))
-    row, best = first_of_each(owner, time, value)
-    less = value[best] < least[row]
-    row, best = row[less], best[less]
-    least[row], when[row] = value[best], time[best]
+def _least(owner: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Return the owners of pieces ``[M, P]``, each once, and the numbers of the piece of each that
+    has the least value, and of those the first.
+    """
+    part = np.argmin(values, axis=1)
+    row, best = first_of_each(owner, values[np.arange(part.size), part])
+    return row, best, part[best]

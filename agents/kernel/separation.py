@@ -19,7 +19,7 @@ from agents.kernel.traffic import (
     separations,
     within_window,
 )
-from agents.kernel.trajectory import Pieces, Trajectory
+from agents.kernel.trajectory import STRAIGHT, Pieces, Trajectory
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState
@@ -27,6 +27,7 @@ from envs.relative import chord
 from envs.trees import column, map_leaves, take
 
 _FEW = 4  # intruders whom it costs more to leave out than to look at
+_SECANT = 0.02  # m by which a secant may be more than what is required
 _BOUND_ERROR = 0.01  # m by which bounds that leave legs out may be off: tolerance and rounding
 
 
@@ -50,6 +51,11 @@ class Separation(NamedTuple):
         """
         return False
 
+    def rows(self, which: Array) -> "Separation":
+        """Return what some trajectories keep, by their numbers."""
+        traffic, required, least = take((self.traffic, self.required, self.least), which)
+        return Separation(traffic, required, least, self.sigmas)
+
     def near(self, flown: Trajectory, level: Array, found: Clearance, *, closest: bool) -> Near:
         """Return the legs that must be judged piece by piece, and note the bounds of all others.
 
@@ -66,7 +72,9 @@ class Separation(NamedTuple):
         x, y = x - flown.states.x[..., None], y - flown.states.y[..., None]
         turn = np.where(begin < wide.turn_time, np.abs(wide.state.speed * wide.turn_rate), 0.0)
         bound = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - (
-            flown.sagitta()[..., None] + 0.125 * turn * (end - begin) ** 2 + _BOUND_ERROR
+            (flown.sagitta + flown.error)[..., None]
+            + 0.125 * turn * (end - begin) ** 2
+            + _BOUND_ERROR
         )
         required = self.required[:, None]
         margin = bound - (required + growth(wide, np.maximum(end, 0.0), self.sigmas))
@@ -96,17 +104,48 @@ class Separation(NamedTuple):
         """
         pair = given.row, which
         traffic = column(take(self.traffic, pair))
-        bound, attained = chords(given, traffic)
-        required = self.required[pair][:, None] + growth(traffic, given.end, self.sigmas)
-        required = tolerated = np.broadcast_to(required, bound.shape)
-        if self.least is not None:
-            least = np.broadcast_to(self.least, self.required.shape)[pair][:, None]
-            tolerated = np.maximum(required - CLOSE, least - ROUNDING)
+        chord = chords(given, traffic)
         counts = (given.end > 0.0) & within_window(traffic, given.begin, given.end)
+        attained, straight = chord.attained, chord.sagitta <= STRAIGHT
         if traffic.window is not None:
             inside = (given.begin >= traffic.window.begin) & (given.end <= traffic.window.end)
-            attained = np.where(inside, attained, np.inf)
-        return Bounds(bound, required, tolerated, attained, counts)
+            attained, straight = np.where(inside, attained, np.inf), straight & inside
+        # Before, half-way and after; what grows is convex, so that its secant is never less.
+        times = np.stack([given.begin, 0.5 * (given.begin + given.end), given.end])
+        required = self.required[pair][:, None] + growth(traffic, times, self.sigmas)
+        required = tolerated = np.broadcast_to(required, (3, *counts.shape))
+        if self.least is not None:
+            tolerated = np.maximum(required - CLOSE, self.least[pair][:, None] - ROUNDING)
+        margin, tolerant = (chord.distance - each[2] for each in (required, tolerated))
+        enters, leaves = (np.array(field) for field in (given.begin, given.end))
+        some = np.nonzero(straight & counts)
+        if some[0].size:
+            line, length = take(chord, some), (given.end - given.begin)[some]
+            begin, end = (
+                each[some] + np.broadcast_to(error, counts.shape)[some] + line.sagitta
+                for each, error in ((tolerated[0], given.error_begin), (tolerated[2], given.error))
+            )
+            tolerant[some] = line.least_margin(begin, end)
+            slack = np.minimum(required - tolerated, CLOSE).max(axis=0)[some]
+            margin[some] = tolerant[some] - slack
+            first, last = line.within(begin, end)
+            enters[some] = given.begin[some] + first * length
+            leaves[some] = given.begin[some] + last * length
+        exact = straight & (0.5 * (tolerated[0] + tolerated[2]) - tolerated[1] <= _SECANT)
+        return Bounds(
+            distance=chord.distance,
+            nearest=np.where(
+                straight, given.begin + chord.share * (given.end - given.begin), given.begin
+            ),
+            margin=margin,
+            tolerant=tolerant,
+            attained=attained,
+            counts=counts,
+            exact=exact,
+            surely_lost=attained < tolerated[0],
+            lost_from=enters,
+            lost_until=leaves,
+        )
 
 
 def separation(traffic: Traffic, own: VehicleState[Air], requirement: Requirement) -> Separation:
@@ -114,14 +153,54 @@ def separation(traffic: Traffic, own: VehicleState[Air], requirement: Requiremen
     return Separation(
         traffic,
         requirement_of(traffic, own, requirement),
-        separations(traffic, requirement),
+        np.broadcast_to(separations(traffic, requirement), traffic.mask.shape),
         requirement.sigmas,
     )
 
 
-def chords(given: Pieces, traffic: Traffic) -> tuple[Array, Array]:
-    """Return a lower bound and an attained value of the distance from an intruder each, ``[M, 1]``,
-    in pieces ``[M, P]``, m.
+class Chord(NamedTuple):
+    """Pieces of motion relative to an intruder each, as their chords; fields ``[M, P]``."""
+
+    distance: Array  # a lower bound of it, m
+    attained: Array  # the smaller distance of both ends, m
+    sagitta: Array  # by how much the motion may leave the chord, m
+    x: Array  # where the chord begins, m
+    y: Array
+    dx: Array  # from there to its end, m
+    dy: Array
+    share: Array  # of the chord at which it is nearest, 0 to 1
+
+    def least_margin(self, begin: Array, end: Array) -> Array:
+        """Return the smallest distance on the chords less what is required, m, which changes evenly
+        from one value to another, the second the greater one.
+        """
+        grows, square = end - begin, np.maximum(self.dx * self.dx + self.dy * self.dy, 1e-12)
+        nearest = -(self.x * self.dx + self.y * self.dy) / square
+        passing = np.hypot(self.x + nearest * self.dx, self.y + nearest * self.dy)
+        # Nearest to what is required: where the range opens as fast as that grows.
+        faster = square > grows * grows
+        after = passing * grows / np.sqrt(square * np.where(faster, square - grows * grows, 1.0))
+        share = np.clip(np.where(faster, nearest + after, 1.0), 0.0, 1.0)
+        distance = np.hypot(self.x + share * self.dx, self.y + share * self.dy)
+        return distance - (begin + share * grows)
+
+    def within(self, begin: Array, end: Array) -> tuple[Array, Array]:
+        """Return from which share of the chords to which less than the required distance is left,
+        which changes as for :meth:`least_margin`; of chords on which it is.
+        """
+        grows = end - begin
+        a = self.dx * self.dx + self.dy * self.dy - grows * grows
+        b = self.x * self.dx + self.y * self.dy - begin * grows
+        c = self.x * self.x + self.y * self.y - begin * begin
+        root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+        enters = np.where(c < 0.0, 0.0, c / np.where(root > b, root - b, np.inf))
+        leaves = np.where(a > 0.0, (root - b) / np.where(a > 0.0, a, 1.0), 1.0)
+        return np.clip(enters, 0.0, 1.0), np.clip(leaves, 0.0, 1.0)
+
+
+def chords(given: Pieces, traffic: Traffic) -> Chord:
+    """Return pieces ``[M, P]`` relative to an intruder each, ``[M, 1]``, with what is known of the
+    distance.
     """
     # Beginnings and ends in one array, [2, M, P]: half the calls, the same bits.
     times = np.stack([given.begin, given.end])
@@ -138,10 +217,12 @@ def chords(given: Pieces, traffic: Traffic) -> tuple[Array, Array]:
     # A share s of the piece from its beginning, the motion leaves the chord by at most
     # 4 sagitta s (1 - s). Where the chord is nearest at an end, from which the range opens by at
     # least g s, the distance is smaller than there by at most (4 sagitta - g)^2 / (16 sagitta).
-    turn = np.where(traffic.turn_time > 0.0, np.abs(traffic.state.speed * traffic.turn_rate), 0.0)
+    turns = (traffic.turn_time > 0.0) & (given.begin < traffic.turn_time)
+    turn = np.where(turns, np.abs(traffic.state.speed * traffic.turn_rate), 0.0)
     length = given.end - given.begin
     sagitta = np.maximum((given.bend + turn) * (0.125 * length**2), 1e-12)
     opening = np.where(s <= 0.0, (x0 * dx + y0 * dy) / np.maximum(first, 1e-9), 0.0)
     opening = np.where(s >= 1.0, -(x1 * dx + y1 * dy) / np.maximum(last, 1e-9), opening)
     loss = np.maximum(4.0 * sagitta - np.maximum(opening, 0.0), 0.0) ** 2 / (16.0 * sagitta)
-    return near - loss - given.error, np.minimum(first, last)
+    distance = near - loss - given.error
+    return Chord(distance, np.minimum(first, last), sagitta, x0, y0, dx, dy, s)

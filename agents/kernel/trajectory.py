@@ -12,8 +12,11 @@ from agents.manoeuvres.direct_to_goal import arc_end
 from envs.arrays import Array
 from envs.frames import F
 from envs.kinematics import VehicleState
-from envs.trees import column, map_leaves, take
+from envs.trees import column, take
 from envs.waypoints import ARCS, Legs, PlanStates, displacement, legs
+
+STRAIGHT = 1e-4
+"""A leg that leaves uniform motion by no more than this, m, is judged as a whole."""
 
 FINE = 32
 """Parts into which an arc of a leg is cut where it matters: 0.06 s of a leg of 20 s, 4 mm of
@@ -34,7 +37,11 @@ class Trajectory(NamedTuple):
     states: PlanStates  # where legs begin and end, [N, L + 1]
     legs: Legs
     bend: Array  # a bound of the acceleration in each arc, along and across, m/s^2
-    error: Array  # by which positions may be off: what a leg misses its end by, and rounding, m
+    sagitta: Array  # a bound of the distance of each leg from uniform motion along its chord, m
+    # By which positions may be off, m: what a leg misses its end by, and rounding; it grows evenly
+    # from where a leg begins, and is greatest where it ends.
+    error_begin: Array
+    error: Array
 
     @property
     def end(self) -> Array:
@@ -49,18 +56,14 @@ class Trajectory(NamedTuple):
             legs=self.legs._replace(time=self.legs.time - shift),
         )
 
-    def sagitta(self) -> Array:
-        """Return the largest distance of each leg from uniform motion along its chord, m,
-        ``[N, L]``; an upper bound.
+    def widened(self, rate: Array, since: Array) -> "Trajectory":
+        """Return the same for all that leaves it by so much more in a second, m/s, from a moment
+        on, s, ``[N]`` each.
         """
-        share = np.arange(ARCS) / ARCS
-        x, y = (
-            place - (ends[:, :-1, None] * (1.0 - share) + ends[:, 1:, None] * share)
-            for place, ends in ((self.legs.x, self.states.x), (self.legs.y, self.states.y))
+        more = rate[:, None] * np.maximum(self.states.time - since[:, None], 0.0)
+        return self._replace(
+            error_begin=self.error_begin + more[:, :-1], error=self.error + more[:, 1:]
         )
-        step = self.legs.duration / ARCS
-        within_arcs = 0.125 * self.bend.max(axis=-1) * step * step
-        return np.sqrt((x * x + y * y).max(axis=-1)) + within_arcs + self.error
 
 
 class Steering(NamedTuple):
@@ -89,7 +92,8 @@ class Pieces(NamedTuple):
     yaw_rate: Array  # rad/s
     acceleration: Array  # m/s^2
     bend: Array  # a bound of the acceleration, m/s^2
-    error: Array  # by which positions may be off, m, [M, 1]
+    error_begin: Array  # by which positions may be off at the beginning of the leg, m, [M, 1]
+    error: Array  # by which they may be off at most, m, [M, 1]
 
     @property
     def sagitta(self) -> Array:
@@ -106,7 +110,15 @@ def trajectory(states: PlanStates, curves: Legs | None = None) -> Trajectory:
     step = curves.duration[..., None] / ARCS
     quickest = np.maximum(curves.speed, curves.speed + curves.acceleration * step)
     bend = np.hypot(curves.acceleration, quickest * curves.yaw_rate)
-    return Trajectory(states, curves, bend, curves.miss + position_error_bound(curves))
+    share = np.arange(ARCS) / ARCS
+    x, y = (
+        place - (ends[:, :-1, None] * (1.0 - share) + ends[:, 1:, None] * share)
+        for place, ends in ((curves.x, states.x), (curves.y, states.y))
+    )
+    within_arcs = 0.125 * bend.max(axis=-1) * step[..., 0] ** 2
+    sagitta = np.sqrt((x * x + y * y).max(axis=-1)) + within_arcs
+    error = curves.miss + position_error_bound(curves)
+    return Trajectory(states, curves, bend, sagitta, error, error)
 
 
 def straight(x: Array, y: Array, time: Array) -> Trajectory:
@@ -132,8 +144,8 @@ def straight(x: Array, y: Array, time: Array) -> Trajectory:
         still,
         still,
     )
-    last = (np.concatenate([field, field[:, -1:]], axis=1) for field in (heading, speed))
-    return trajectory(PlanStates(x, y, *last, time), curves)
+    heading, speed = (np.concatenate([field, field[:, -1:]], axis=1) for field in (heading, speed))
+    return trajectory(PlanStates(x, y, heading, speed, time), curves)
 
 
 def straight_on(own: VehicleState[F], until: float) -> Trajectory:
@@ -159,26 +171,30 @@ def steered(own: VehicleState[F], steering: Steering, time: Array) -> VehicleSta
 
 
 def manoeuvres(own: VehicleState[F], steering: Steering, until: float) -> Trajectory:
-    """Return manoeuvres ``[B]`` of one aircraft until a time, s, as ``HOLDS + 1`` legs each, of
-    which the first leads to the target.
+    """Return manoeuvres of aircraft ``[N]`` until a time, s: a leg that leads to the target, and
+    :data:`HOLDS` in which it is held.
     """
     share = np.linspace(0.0, 1.0, HOLDS + 1)
     held = steering.reached[:, None] * (1.0 - share) + until * share
     time = np.concatenate([np.zeros((len(held), 1)), held], axis=1)
-    duration = np.diff(time, axis=1)
-    arcs = time[:, :-1, None] + duration[..., None] * (np.arange(ARCS) / ARCS)
-    x, y, heading, speed = steered(
-        own, map_leaves(lambda field: field[:, None, None], steering), arcs
-    )
-    yaw_rate, acceleration = (
-        np.concatenate(
-            [np.broadcast_to(rate[:, None, None], arcs[:, :1].shape), 0.0 * arcs[:, 1:]], axis=1
+    duration, share = np.diff(time, axis=1), np.arange(ARCS) / ARCS
+    states = steered(*column((own, steering)), time)
+    # The way to the target, and what is held.
+    ramp = steered(*column((own, steering)), duration[:, :1] * share)
+    x, y, heading, speed = (
+        np.concatenate([part[:, None], field[:, 1:-1, None] + change * share], axis=1)
+        for part, field, change in zip(
+            ramp,
+            states,
+            (np.diff(states.x)[:, 1:, None], np.diff(states.y)[:, 1:, None], 0.0, 0.0),
+            strict=True,
         )
-        for rate in (steering.yaw_rate, steering.acceleration)
     )
+    controls = np.zeros((2, *x.shape))
+    controls[:, :, 0] = np.stack([steering.yaw_rate, steering.acceleration])[..., None]
     none = np.zeros(duration.shape)
-    curves = Legs(time[:, :-1], duration, none, x, y, heading, speed, yaw_rate, acceleration)
-    return trajectory(PlanStates(*steered(own, column(steering), time), time), curves)
+    curves = Legs(time[:, :-1], duration, none, x, y, heading, speed, *controls)
+    return trajectory(PlanStates(*states, time), curves)
 
 
 def pieces(flown: Trajectory, row: Array, leg: Array) -> Pieces:
@@ -207,6 +223,34 @@ def pieces(flown: Trajectory, row: Array, leg: Array) -> Pieces:
         yaw_rate=curves.yaw_rate,
         acceleration=curves.acceleration,
         bend=flown.bend[row, leg],
+        error_begin=flown.error[row, leg, None],
+        error=flown.error[row, leg, None],
+    )
+
+
+def whole_legs(flown: Trajectory, row: Array, leg: Array) -> Pieces:
+    """Return legs of uniform motion as a piece each, by numbers of trajectories and of their legs
+    ``[M]``, with P = 1.
+    """
+    x, y, time = flown.states.x, flown.states.y, flown.states.time
+    length = np.maximum(time[row, leg + 1] - time[row, leg], 1e-9)
+    first = (row, leg, slice(0, 1))
+    legs = flown.legs
+    return Pieces(
+        row=row,
+        leg=leg,
+        begin=time[row, leg, None],
+        end=time[row, leg + 1, None],
+        x0=x[row, leg, None],
+        y0=y[row, leg, None],
+        x1=x[row, leg + 1, None],
+        y1=y[row, leg + 1, None],
+        heading=legs.heading[first],
+        speed=legs.speed[first],
+        yaw_rate=legs.yaw_rate[first],
+        acceleration=legs.acceleration[first],
+        bend=(8.0 * flown.sagitta[row, leg] / length**2)[:, None],
+        error_begin=flown.error_begin[row, leg, None],
         error=flown.error[row, leg, None],
     )
 
@@ -231,15 +275,16 @@ def rest_of(arcs: Pieces) -> Pieces:
     copies = {name: np.array(getattr(arcs, name)) for name in now}
     for name, values in now.items():
         copies[name][m, p] = values
-    return arcs._replace(**copies)
+    return arcs._replace(**copies, error_begin=arcs.error)
 
 
 def cut(arcs: Pieces, m: Array, p: Array) -> Pieces:
     """Return the parts, P = ``FINE``, of some arcs, by their numbers ``[Q]``: their row and their
     place in it.
     """
-    of_arc = {name: getattr(arcs, name)[m, p, None] for name in Pieces._fields[2:-1]}
-    arc = arcs._replace(row=arcs.row[m], leg=arcs.leg[m], error=arcs.error[m], **of_arc)
+    of_arc = {name: getattr(arcs, name)[m, p, None] for name in Pieces._fields[2:-2]}
+    error = arcs.error[m]
+    arc = arcs._replace(row=arcs.row[m], leg=arcs.leg[m], error_begin=error, error=error, **of_arc)
     part = (arc.end - arc.begin) / FINE
     time = arc.begin + np.arange(FINE + 1) * part
     x, y = along(arc, part)
@@ -277,9 +322,12 @@ def position_error_bound(curves: Legs) -> Array:
     Proven in proofs/Quadrature.v (``position_error_bound_sound``): below 1 nm on legs of 20 s,
     1 micrometre on those of a minute.
     """
-    half = 0.5 * curves.duration[..., None] / ARCS
-    turn, gain = np.abs(curves.yaw_rate * half), np.abs(curves.acceleration) * half
-    quickest = np.maximum(curves.speed, curves.speed + 2.0 * half * curves.acceleration)
+    bound = np.zeros(curves.duration.shape)
+    turns = np.nonzero((curves.yaw_rate != 0.0).any(axis=-1))
+    legs = take(curves, turns)
+    half = 0.5 * legs.duration[..., None] / ARCS
+    turn, gain = np.abs(legs.yaw_rate * half), np.abs(legs.acceleration) * half
+    quickest = np.maximum(legs.speed, legs.speed + 2.0 * half * legs.acceleration)
     square = turn * turn
     error = (
         2.0
@@ -288,4 +336,5 @@ def position_error_bound(curves: Legs) -> Array:
         * (quickest * turn / 40320.0 + gain / 5040.0)
         * (square * square * square * turn)
     )
-    return np.sum(error, axis=-1)
+    bound[turns] = np.sum(error, axis=-1)
+    return bound

@@ -10,7 +10,7 @@ import numpy as np
 
 from envs.angles import atan2, sincos, wrap
 from envs.arrays import Array, ArrayModule
-from envs.frames import Air
+from envs.frames import Air, F
 from envs.kinematics import Limits, VehicleState, velocity
 
 EVERY = 5
@@ -28,7 +28,7 @@ class DirectTask(NamedTuple):
     turn_rate: float  # of turns on the way back, rad/s
 
 
-def arc_end(state: VehicleState[Air], arc: Array, length: Array) -> tuple[Array, Array]:
+def arc_end(state: VehicleState[F], arc: Array, length: Array) -> tuple[Array, Array]:
     """Return where arcs from a state end that turn by ``arc``, rad, on a length, m; numpy,
     ``[...]`` each.
     """

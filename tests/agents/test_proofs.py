@@ -190,8 +190,9 @@ def test_validators_bound_is_the_proven_one() -> None:
         *(none,) * 4,
         8.0 * sagittas[None],
         zero,
+        zero,
     )
-    found, _ = separation.chords(pieces, still)
+    found = separation.chords(pieces, still).distance
     proven = [
         COQ["bound"](*row, sagitta)
         for row, sagitta in zip(at.tolist(), sagittas.tolist(), strict=True)
@@ -472,6 +473,7 @@ def test_positions_along_an_arc_are_the_proven_sum() -> None:
             *(np.zeros(1, dtype=int),) * 2,
             *(none,) * 6,
             *(none + value for value in (psi, v, w, a)),
+            none,
             none,
             none,
         )

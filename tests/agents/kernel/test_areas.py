@@ -138,7 +138,6 @@ def test_the_first_and_the_nearest_of_several_areas_are_named() -> None:
     assert found.margin[0, 2] == pytest.approx(200.0, abs=0.01)
     closely = kept_by(straight, areas[2:], level=math.inf)
     assert closely.margin[0, 0] == pytest.approx(200.0, abs=0.01)
-    assert closely.margin_time[0, 0] == pytest.approx(20.0, abs=4.1)
 
 
 def test_a_plan_that_begins_inside_the_clearance_must_not_come_nearer() -> None:

@@ -27,6 +27,11 @@ def mission(seed: int, count: int) -> Trajectory:
     return straight(x, y, time)
 
 
+def aircraft(count: int) -> VehicleState:
+    """Return the same aircraft in each row."""
+    return VehicleState(*(np.full(count, value) for value in (10.0, -5.0, 0.3, 75.0)))
+
+
 def manoeuvre(seed: int, count: int) -> Trajectory:
     """Return turns and changes of speed of one aircraft, which are held then."""
     rng = np.random.default_rng(seed)
@@ -36,7 +41,7 @@ def manoeuvre(seed: int, count: int) -> Trajectory:
         np.where(turns, 0.0, rng.choice([-0.5, 0.5], count)),
         rng.uniform(0.0, 40.0, count),
     )
-    return manoeuvres(VehicleState(0.0, 0.0, 0.3, 75.0), steering, 120.0)
+    return manoeuvres(aircraft(count), steering, 120.0)
 
 
 FLOWN = {
@@ -154,12 +159,12 @@ def test_a_manoeuvre_is_flown_as_its_legs_say() -> None:
     steering = Steering(
         np.array([0.05, 0.0, 0.0]), np.array([0.0, -0.5, 0.0]), np.array([30.0, 20.0, 0.0])
     )
-    own = VehicleState(10.0, -5.0, 0.3, 75.0)
+    own = aircraft(3)
     flown = manoeuvres(own, steering, 120.0)
     for time in np.linspace(0.0, 120.0, 41):
         here, there = (
             at(flown.legs, np.full(3, time)),
-            steered(own, column(steering), np.full((3, 1), time)),
+            steered(column(own), column(steering), np.full((3, 1), time)),
         )
         assert here.x == pytest.approx(there.x[:, 0], abs=1e-6)
         assert here.y == pytest.approx(there.y[:, 0], abs=1e-6)
