@@ -174,7 +174,7 @@ def test_no_other_code_reads_json_or_yaml():
     allowed = {
         "commands/json_text.py",
         "commands/yaml.py",
-        "agents/check.py",
+        "agents/check/command.py",
         # Run by another program's Python, without ours; what it reads is written beside it.
         "benchmarks/icarous/inside.py",
         # After check_distinct: files of ROS are YAML 1.1.

@@ -221,8 +221,9 @@ def _status(data: dict[str, Any]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "plan.json")
         path.write_text(json.dumps(data), encoding="utf-8")
-        command = [sys.executable, "-I", str(check.__file__), str(path)]
-        return subprocess.run(command, capture_output=True, check=False).returncode
+        command = [sys.executable, "-m", "agents.check", str(path)]
+        root = Path(check.__file__).parents[2]
+        return subprocess.run(command, cwd=root, capture_output=True, check=False).returncode
 
 
 def _results(seed: int, blocks: Iterator[int], workers: int) -> Iterator[dict[str, Any]]:

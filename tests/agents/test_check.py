@@ -11,6 +11,7 @@ import os
 import pickle
 import random
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -23,6 +24,12 @@ import numpy as np
 import pytest
 
 from agents import check
+from agents.check.aircraft import check_aircraft, read_aircraft
+from agents.check.balls import BITS, Ball, ball, cis
+from agents.check.certificate import PlanState
+from agents.check.curve import curve_controls
+from agents.check.motion import displacement
+from agents.check.summary import summary
 from agents.config.load import load
 from agents.config.world import AircraftConfig
 from agents.inference import Policy
@@ -274,9 +281,9 @@ def test_controls_are_the_legs() -> None:
         plan_states = np.array([row, [*after, row[4] + 20.0]])
         curve = waypoints.legs(waypoints.PlanStates(*plan_states.T))
         expected = np.concatenate([curve.yaw_rate[0], curve.acceleration[0]])
-        assert check.curve_controls(
-            *(check.PlanState(*row) for row in plan_states.tolist())
-        ) == pytest.approx(expected, abs=1e-11)
+        assert curve_controls(*(PlanState(*row) for row in plan_states.tolist())) == pytest.approx(
+            expected, abs=1e-11
+        )
 
 
 @pytest.mark.parametrize("start", [-0.8923062638605757, -1.0292885300099641, 0.0])
@@ -286,49 +293,47 @@ def test_controls_are_the_legs() -> None:
 def test_half_circles_turn_the_same_way_in_checker_and_legs(start: float, turn: float) -> None:
     rows = [[1_960.0, -2_483.0, start, 92.0, 0.0], [1_128.0, -3_207.0, start + turn, 81.0, 20.0]]
     curve = waypoints.legs(waypoints.PlanStates(*np.array(rows).T))
-    found = check.curve_controls(*(check.PlanState(*row) for row in rows))
+    found = curve_controls(*(PlanState(*row) for row in rows))
     assert sum(found[:10]) * 2.0 == pytest.approx(curve.yaw_rate.sum() * 2.0)
     assert abs(sum(found[:10]) * 2.0) == pytest.approx(math.pi)
 
 
 def test_travel_encloses_a_fine_integration() -> None:
-    rng, unit = np.random.default_rng(6), 1 << check.BITS
+    rng, unit = np.random.default_rng(6), 1 << BITS
     for _ in range(20):
         psi, v, a, w, t = rng.uniform([-3.0, 40.0, -0.8, -0.1, 0.1], [3.0, 100.0, 0.8, 0.1, 40.0])
         nodes, weights = np.polynomial.legendre.leggauss(40)
         s = 0.5 * t * (1.0 + nodes)
         far = np.sum(0.5 * t * weights * (v + a * s) * np.exp(1j * (psi + w * s)))
-        course, turn = check.spin(check.ball(psi)), check.spin(check.ball(w) * check.ball(t))
-        ball = check.travel(course, turn, *map(check.ball, (v, a, w, t)))
-        assert ball.x / unit + 1j * (ball.y / unit) == pytest.approx(far, abs=1e-9)
-        assert ball.r < unit >> 150
+        course, turn = cis(ball(psi)), cis(ball(w) * ball(t))
+        flown = displacement(course, turn, *map(ball, (v, a, w, t)))
+        assert flown.x / unit + 1j * (flown.y / unit) == pytest.approx(far, abs=1e-9)
+        assert flown.r < unit >> 150
 
 
 def test_balls_hold_what_is_computed_exactly() -> None:
     rng = np.random.default_rng(7)
     for _ in range(100):
         x, y = rng.normal(size=2) * 10.0 ** rng.uniform(-3.0, 6.0, 2)
-        one = check.ball(x) / check.ball(y) * check.ball(y) - check.ball(x)
+        one = ball(x) / ball(y) * ball(y) - ball(x)
         assert abs(one.x) <= one.r
-        turn = check.spin(check.ball(x))
-        whole = turn * check.Ball(turn.x, -turn.y, turn.r) - check.ball(1.0)
+        turn = cis(ball(x))
+        whole = turn * Ball(turn.x, -turn.y, turn.r) - ball(1.0)
         assert abs(whole.x) <= whole.r and abs(whole.y) <= whole.r
 
 
-def test_checker_stands_alone() -> None:
-    source = Path(check.__file__).read_text(encoding="utf-8")
-    tree = ast.parse(source)
-    names = {
-        alias.name.split(".")[0]
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Import)
-        for alias in node.names
-    } | {
-        (node.module or "").split(".")[0]
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom)
-    }
-    assert names <= set(sys.stdlib_module_names)
+def test_checker_imports_python_and_itself_alone() -> None:
+    for path in sorted(Path(check.__file__).parent.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names = {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                assert node.level <= 1, f"{path.name} imports from above its folder"
+                names = {node.module or ""} if node.level == 0 else set[str]()
+            else:
+                continue
+            roots = {name.partition(".")[0] for name in names}
+            assert roots <= set(sys.stdlib_module_names), path.name
 
 
 def test_command_says_what_it_found(data: dict[str, Any], tmp_path: Path) -> None:
@@ -338,8 +343,8 @@ def test_command_says_what_it_found(data: dict[str, Any], tmp_path: Path) -> Non
     bad.write_text(json.dumps(data | {"bounds": [1e5, 1e5]}))
     torn.write_text(json.dumps(data)[:-5])
     # Alone in a directory, without the rest of the project.
-    alone = tmp_path / "check.py"
-    alone.write_text(Path(check.__file__).read_text(encoding="utf-8"), encoding="utf-8")
+    alone = tmp_path / "alone"
+    shutil.copytree(Path(check.__file__).parent, alone / "check")
     os.mkfifo(pipe := tmp_path / "pipe")
     twice.write_text(json.dumps(data)[:-1] + ',"intruders":[],"bounds":[]}')
     slow, fast = tmp_path / "slow.yaml", ROOT / "configs" / "aircraft" / "paper.yaml"
@@ -362,7 +367,12 @@ def test_command_says_what_it_found(data: dict[str, Any], tmp_path: Path) -> Non
         ([], 2, "usage"),
     ):
         done = subprocess.run(
-            [sys.executable, "-I", alone, *arguments], capture_output=True, text=True, check=False
+            # Without the packages that are installed.
+            [sys.executable, "-E", "-S", "-m", "check", *arguments],
+            cwd=alone,
+            capture_output=True,
+            text=True,
+            check=False,
         )
         assert done.returncode == status, done.stderr
         assert "Traceback" not in done.stderr
@@ -370,26 +380,26 @@ def test_command_says_what_it_found(data: dict[str, Any], tmp_path: Path) -> Non
 
 
 def test_what_is_accepted_is_said_with_limits_requirement_and_flight(data: dict[str, Any]) -> None:
-    lines = "\n".join(check.summary(check.accept(data)))
+    lines = "\n".join(summary(check.accept(data)))
     assert "intruders: 2; " in lines and "left out: 1, 600 m or more" in lines
     assert "required: 1000 m and a margin of 0.02 m" in lines
     assert "31 to 100 m/s, -0.8 to 0.5 m/s^2, 5 deg/s" in lines
     assert Policy.load().sha256 in lines and "time: unknown" in lines
     wide = copy.deepcopy(data)
     wide["limits"]["speed_max"] = 1e7
-    assert "31 to 1e+07 m/s" in "\n".join(check.summary(check.accept(wide)))
-    aircraft = check.read_aircraft((ROOT / "configs/aircraft/paper.yaml").read_text())
+    assert "31 to 1e+07 m/s" in "\n".join(summary(check.accept(wide)))
+    aircraft = read_aircraft((ROOT / "configs/aircraft/paper.yaml").read_text())
     with pytest.raises(check.RefusedError, match="speed_max is 1e\\+07, beyond the aircraft's"):
-        check.check_aircraft(check.accept(wide), aircraft)
+        check_aircraft(check.accept(wide), aircraft)
     close = copy.deepcopy(data)
     close["intruders"][1][9] = 999.0
-    lines = "\n".join(check.summary(check.accept(close)))
+    lines = "\n".join(summary(check.accept(close)))
     assert "separations of their own: intruders 1: 999 m" in lines
     with pytest.raises(check.RefusedError, match="from intruder 1 is 999 m, below the aircraft's"):
-        check.check_aircraft(check.accept(close), aircraft)
+        check_aircraft(check.accept(close), aircraft)
     close["requirement"]["separation"] = 1.0
     with pytest.raises(check.RefusedError, match="separation is 1 m, below the aircraft's"):
-        check.check_aircraft(check.accept(close), aircraft)
+        check_aircraft(check.accept(close), aircraft)
 
 
 @pytest.fixture(scope="module")
@@ -571,7 +581,7 @@ def test_a_name_that_the_output_cannot_hold_is_said_by_its_code(
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs/aircraft").glob("*.yaml")))
 def test_aircraft_files_are_read_as_the_toolkit_reads_them(path: Path) -> None:
-    read, config = check.read_aircraft(path.read_text()), load(AircraftConfig, path)
+    read, config = read_aircraft(path.read_text()), load(AircraftConfig, path)
     stated = config.model_dump(exclude_unset=True)
     vehicle = stated.pop("vehicle", None) or {}
     assert read == stated | {f"vehicle.{name}": value for name, value in vehicle.items()}
@@ -580,7 +590,7 @@ def test_aircraft_files_are_read_as_the_toolkit_reads_them(path: Path) -> None:
 @pytest.mark.parametrize("text", ["speed_min_mps: 1\nspeed_min_mps: 2\n", "- 1\n", "a: {b: 1}\n"])
 def test_other_aircraft_files_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"line|missing"):
-        check.read_aircraft(text)
+        read_aircraft(text)
 
 
 def test_an_aircraft_that_ships_is_named_alone(
@@ -588,8 +598,8 @@ def test_an_aircraft_that_ships_is_named_alone(
 ) -> None:
     certificate = tmp_path / "certificate.json"
     certificate.write_text(json.dumps(data))
-    assert check.check([str(certificate), "--aircraft", "paper"]) == 0
-    assert check.check([str(certificate), "--aircraft", "papier"]) == 2
+    assert check.main([str(certificate), "--aircraft", "paper"]) == 0
+    assert check.main([str(certificate), "--aircraft", "papier"]) == 2
     assert "papier: cannot be read: there is no such file" in capsys.readouterr().err
 
 
@@ -602,5 +612,5 @@ def test_a_certificate_says_which_flight_it_belongs_to(data: dict[str, Any]) -> 
         "latitude": 47.5,
         "longitude": 8.25,
     }
-    assert "47.500000, 8.250000" in "\n".join(check.summary(check.accept(named)))
+    assert "47.500000, 8.250000" in "\n".join(summary(check.accept(named)))
     assert refusal(data | {"request": named["request"] | {"time_ns": "now"}})

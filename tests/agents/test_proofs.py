@@ -12,7 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents import check
+from agents.check import tolerances as check_tolerances
+from agents.check.balls import BITS, ball
+from agents.check.certificate import Report
+from agents.check.certificate import Wind as StatedWind
+from agents.check.chord import chord_bound
+from agents.check.separation import track_of
 from agents.kernel import areas, clearance, separation, trajectory
 from agents.kernel.areas import Counted
 from agents.kernel.levels import Altitude
@@ -161,7 +166,7 @@ def test_constants_are_the_codes() -> None:
         PROOFS / "Constants.v"
     ).read_text(encoding="utf-8")
     assert (COQ["CLOSE"], COQ["ROUNDING"]) == (clearance.CLOSE, clearance.ROUNDING)
-    assert COQ["NEARER"] == areas.NEARER == check._NEARER
+    assert COQ["NEARER"] == areas.NEARER == check_tolerances.NEARER
 
 
 def ends(rng: np.random.Generator, count: int) -> Any:
@@ -389,7 +394,7 @@ def test_turns_in_another_wind_go_where_the_proof_says() -> None:
 
 def test_checkers_bound_is_the_best_proven_one() -> None:
     rng = np.random.default_rng(2)
-    unit = 1 << check.BITS
+    unit = 1 << BITS
     for x0, y0, x1, y1 in ends(rng, 300).tolist():
         sagitta = 10.0 ** rng.uniform(-6.0, 2.0)
         dx, dy = x1 - x0, y1 - y0
@@ -403,9 +408,7 @@ def test_checkers_bound_is_the_best_proven_one() -> None:
         known += [
             far - math.hypot(dx, dy) - sagitta for far in (math.hypot(x0, y0), math.hypot(x1, y1))
         ]
-        found = (
-            check.chord_bound(check.ball(x0, y0), check.ball(x1, y1), check.ball(sagitta).hi) / unit
-        )
+        found = chord_bound(ball(x0, y0), ball(x1, y1), ball(sagitta).hi) / unit
         assert found == pytest.approx(max(*known, 0.0), rel=1e-9, abs=1e-6)
 
 
@@ -451,11 +454,10 @@ def test_intruders_fly_the_proven_closed_form() -> None:
         now = advance_reports(traffic, np.full((1, 1), age))
         place = positions(now, np.array([[time]]))
         assert (place[0].item(), place[1].item()) == pytest.approx((x, y), abs=1e-6)
-        report = check.Report(0.0, 0.0, psi, v, age, w, lasts, 0.0, 0.0, 1.0)
-        ball = check.track(report, check.Wind(0.0, 0.0, 0.0)).place_at(check.ball(time))
-        assert (ball.x / (1 << check.BITS), ball.y / (1 << check.BITS)) == pytest.approx(
-            (x, y), abs=1e-6
-        )
+        report = Report(0.0, 0.0, psi, v, age, w, lasts, 0.0, 0.0, 1.0)
+        track = track_of(report, StatedWind(0.0, 0.0, 0.0))
+        proven = track.position_at(ball(time))
+        assert (proven.x / (1 << BITS), proven.y / (1 << BITS)) == pytest.approx((x, y), abs=1e-6)
         assert now.turn_time.item() == pytest.approx(COQ["advanced_lasts"](lasts, age))
 
 

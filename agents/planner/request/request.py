@@ -110,7 +110,7 @@ def _traffic_of(
     reported, age = arrays_of_reports(some)
     traffic = advance_reports(reported, age)
     # Plans are checked against the traffic as of the request: it must fly what the reports say, by
-    # the validator's own arithmetic.
+    # the kernel's arithmetic.
     if age.any():
         for number in np.flatnonzero(~same_flight(reported, age, traffic)[0]).tolist():
             raise RequestError(

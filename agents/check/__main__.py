@@ -1,0 +1,8 @@
+"""Check a plan's certificate: ``python -m agents.check FILE``."""
+
+import sys
+
+from .command import main
+
+if __name__ == "__main__":
+    sys.exit(main())
