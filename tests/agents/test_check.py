@@ -25,10 +25,6 @@ import pytest
 
 from agents import check
 from agents.check.aircraft import check_aircraft, read_aircraft
-from agents.check.balls import BITS, Ball, ball, cis
-from agents.check.certificate import PlanState
-from agents.check.curve import curve_controls
-from agents.check.motion import displacement
 from agents.check.summary import summary
 from agents.config.load import load
 from agents.config.world import AircraftConfig
@@ -38,7 +34,6 @@ from agents.planner.publish.certificate import FORMAT
 from agents.planner.request.request import Altitude
 from benchmarks.safety.judgement import wrong
 from benchmarks.safety.mutation import mutate
-from envs import waypoints
 from envs.areas import Area, Circle, Level, Polygon
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
@@ -267,59 +262,6 @@ def test_what_is_accepted_with_an_edited_byte_is_still_right(data: dict[str, Any
         accepted.append(changed)
     assert 5 <= len(accepted) <= 45
     assert not any(wrong(accepted))
-
-
-def test_controls_are_the_legs() -> None:
-    rng = np.random.default_rng(5)
-    for _ in range(20):
-        row = rng.uniform([0.0, 0.0, -3.0, 60.0, 0.0], [1e5, 1e5, 3.0, 100.0, 300.0])
-        after = [
-            *(row[:2] + 20.0 * row[3] * np.array([np.cos(row[2]), np.sin(row[2])])),
-            row[2] + 0.3,
-            row[3] + 1.0,
-        ]
-        plan_states = np.array([row, [*after, row[4] + 20.0]])
-        curve = waypoints.legs(waypoints.PlanStates(*plan_states.T))
-        expected = np.concatenate([curve.yaw_rate[0], curve.acceleration[0]])
-        assert curve_controls(*(PlanState(*row) for row in plan_states.tolist())) == pytest.approx(
-            expected, abs=1e-11
-        )
-
-
-@pytest.mark.parametrize("start", [-0.8923062638605757, -1.0292885300099641, 0.0])
-@pytest.mark.parametrize(
-    "turn", [math.pi, math.nextafter(math.pi, 0.0), -math.pi, math.nextafter(-math.pi, -4.0)]
-)
-def test_half_circles_turn_the_same_way_in_checker_and_legs(start: float, turn: float) -> None:
-    rows = [[1_960.0, -2_483.0, start, 92.0, 0.0], [1_128.0, -3_207.0, start + turn, 81.0, 20.0]]
-    curve = waypoints.legs(waypoints.PlanStates(*np.array(rows).T))
-    found = curve_controls(*(PlanState(*row) for row in rows))
-    assert sum(found[:10]) * 2.0 == pytest.approx(curve.yaw_rate.sum() * 2.0)
-    assert abs(sum(found[:10]) * 2.0) == pytest.approx(math.pi)
-
-
-def test_travel_encloses_a_fine_integration() -> None:
-    rng, unit = np.random.default_rng(6), 1 << BITS
-    for _ in range(20):
-        psi, v, a, w, t = rng.uniform([-3.0, 40.0, -0.8, -0.1, 0.1], [3.0, 100.0, 0.8, 0.1, 40.0])
-        nodes, weights = np.polynomial.legendre.leggauss(40)
-        s = 0.5 * t * (1.0 + nodes)
-        far = np.sum(0.5 * t * weights * (v + a * s) * np.exp(1j * (psi + w * s)))
-        course, turn = cis(ball(psi)), cis(ball(w) * ball(t))
-        flown = displacement(course, turn, *map(ball, (v, a, w, t)))
-        assert flown.x / unit + 1j * (flown.y / unit) == pytest.approx(far, abs=1e-9)
-        assert flown.r < unit >> 150
-
-
-def test_balls_hold_what_is_computed_exactly() -> None:
-    rng = np.random.default_rng(7)
-    for _ in range(100):
-        x, y = rng.normal(size=2) * 10.0 ** rng.uniform(-3.0, 6.0, 2)
-        one = ball(x) / ball(y) * ball(y) - ball(x)
-        assert abs(one.x) <= one.r
-        turn = cis(ball(x))
-        whole = turn * Ball(turn.x, -turn.y, turn.r) - ball(1.0)
-        assert abs(whole.x) <= whole.r and abs(whole.y) <= whole.r
 
 
 def test_checker_imports_python_and_itself_alone() -> None:
