@@ -66,6 +66,22 @@ def straight(**changes: Any) -> dict[str, Any]:
     return flight((0.0, 0.0), (0.0, 0.0), **changes)
 
 
+def in_wind(data: dict[str, Any], east: float, north: float) -> dict[str, Any]:
+    """Return the certificate of a flight through the air, over the ground in a wind, m/s."""
+
+    def over_ground(row: Sequence[float], time: float) -> list[float]:
+        x, y, heading, speed = row[:4]
+        across, along = speed * math.sin(heading) + north, speed * math.cos(heading) + east
+        place = [x + east * time, y + north * time]
+        return [*place, math.atan2(across, along), math.hypot(across, along), *row[4:]]
+
+    return data | {
+        "own": over_ground(data["own"], 0.0),
+        "waypoints": [over_ground(row, row[4]) for row in data["waypoints"]],
+        "wind": {"east": east, "north": north, "std": 0.0},
+    }
+
+
 def intruder(  # noqa: PLR0917 - the fields of a report
     x: float,
     y: float,

@@ -324,6 +324,14 @@ def test_a_bend_is_added_to_the_distance_from_an_area() -> None:
             assert accepted(data) == passes
 
 
+def test_a_bend_is_added_to_the_depth_in_what_a_shrinking_area_has_left() -> None:
+    # In its last arc, from 18 s on, it may be 50 m/s * 18 s - 120 m deep.
+    for more, passes in ((0.1, False), (0.3, True)):
+        ring = box(1_680.0 - 780.0 + more, -9e3, 2e4, 9e3)
+        shape = area(rings=[ring], growth=-50.0, valid=[19.0, None])
+        assert accepted(flight((0.0, 0.4), areas=[shape], parts=1)) == passes
+
+
 @pytest.mark.parametrize("parts", [1, 1024])
 def test_areas_move_and_grow(parts: int) -> None:
     # It is 1000 m ahead of the ownship after 40 s.
@@ -409,6 +417,18 @@ def test_an_area_counts_at_its_heights(
     if levels is not None:
         inside = circle(0.0, 0.0, 100.0, keep="in", heights=heights, valid=[5.0, None])
         assert refusal(beside(inside, levels=levels))
+
+
+@pytest.mark.parametrize(
+    ("heights", "levels"),
+    [([1_000.0, None], [0.0, 0.0, 900.0, 5.2]), ([None, 1_000.0], [1_100.0, -5.2, 2e3, 0.0])],
+)
+def test_an_area_counts_that_is_reached_within_an_arc(
+    heights: list[float | None], levels: list[float]
+) -> None:
+    """Its height is reached after 19.23 s; the ownship is too near from 19.19 s to 19.81 s."""
+    shape = circle(80.0 * 19.5, 0.0, 5.0, clearance=0.0, heights=heights)
+    assert refusal(beside(shape, levels=levels))
 
 
 def test_a_plan_that_begins_inside_a_clearance_comes_no_nearer() -> None:

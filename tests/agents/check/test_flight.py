@@ -8,8 +8,8 @@ import pytest
 from agents.check import leg
 from agents.check.balls import TWO, ZERO, ball, cis, to_float
 from agents.check.certificate import PlanState
-from agents.check.curve import curve_controls
-from agents.check.leg import check_joint, fly
+from agents.check.curve import curve_controls, turn_between
+from agents.check.leg import check_joint, fly, fly_leg
 from agents.check.limits import AirLimits, air_limits, narrowed
 from agents.check.motion import AirState
 from agents.check.reading import read
@@ -18,7 +18,14 @@ from agents.check.tolerances import JOINT
 from envs import waypoints
 from envs.kinematics import Limits
 from envs.wind import narrow
-from tests.agents.check.certificates import accepted, edited, flight, refusal, straight
+from tests.agents.check.certificates import (
+    accepted,
+    edited,
+    flight,
+    in_wind,
+    refusal,
+    straight,
+)
 
 
 def test_controls_are_the_legs() -> None:
@@ -47,6 +54,13 @@ def test_half_circles_turn_the_same_way_in_checker_and_legs(start: float, turn: 
     found = curve_controls(*(PlanState(*row) for row in rows))
     assert sum(found[:10]) * 2.0 == pytest.approx(curve.yaw_rate.sum() * 2.0)
     assert abs(sum(found[:10]) * 2.0) == pytest.approx(math.pi)
+
+
+@pytest.mark.parametrize("after", [0.0, -25_713.935869632456, 1e6, -math.pi, math.pi, 3.2])
+def test_a_turn_is_half_a_circle_at_most(after: float) -> None:
+    turn = turn_between(0.0, after)
+    assert -math.pi - 1e-8 <= turn < math.pi
+    assert math.cos(turn - after) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_limits_are_narrowed_as_the_toolkit_does() -> None:
@@ -82,10 +96,12 @@ def test_limits_are_narrowed_by_the_sigmas_of_the_wind() -> None:
         ((-0.7, -0.7), 59.0 - 4e-6, False),
         ((0.0, 0.0), 110.0, True),  # that the plan begins beyond
         ((0.1, 0.0), 110.0, False),
+        ((5e-7, 0.0), 110.0, False),  # nor by less than may be passed in each arc
         ((-0.1, 0.1), 110.0, False),
         ((-0.1, -0.1), 110.0, True),
         ((0.0, 0.0), 25.0, True),
         ((-0.1, 0.0), 25.0, False),
+        ((-5e-7, 0.0), 25.0, False),
         ((0.1, -0.1), 25.0, False),
         ((0.1, 0.1), 25.0, True),
     ],
@@ -161,6 +177,21 @@ def test_each_joint_is_checked_whatever_the_curve(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(leg, "check_curve", lambda *_: None)
     assert accepted(straight())
     assert "misses its waypoint" in refusal(edited(straight(), ("waypoints", 1, 0), 3_200.002))
+
+
+@pytest.mark.parametrize("wind", [(10.0, 5.0), (-20.0, 0.0), (0.0, 15.0)])
+def test_legs_are_curves_through_the_air(wind: tuple[float, float]) -> None:
+    still = flight((0.01, 0.0), (0.0, 0.1), (-0.02, 0.0))
+    assert accepted(still)
+    assert accepted(in_wind(still, *wind))
+    assert refusal(in_wind(still, *wind) | {"wind": still["wind"]})
+
+
+def test_an_arcs_acceleration_is_that_along_and_across_its_path() -> None:
+    controls = [-0.02] * 10 + [1.2] * 10
+    arcs, _ = fly_leg(state(), 5.0, ball(2.0), controls)
+    expected = [math.hypot(1.2, 0.02 * (82.4 + 2.4 * number)) for number in range(10)]
+    assert [to_float(arc.own_acceleration.x) for arc in arcs] == pytest.approx(expected)
 
 
 def test_arcs_state_times_and_bounds_of_speed_and_acceleration() -> None:

@@ -119,6 +119,11 @@ def test_numbers_at_the_ends_of_their_ranges_are_read(path: tuple[Any, ...], val
     read(edited(FULL, path, value))
 
 
+def test_a_plan_has_a_leg() -> None:
+    with pytest.raises(RefusedError, match="one or more"):
+        read(FULL | {"waypoints": [], "controls": []})
+
+
 @pytest.mark.parametrize("field", sorted(FULL))
 def test_no_field_may_be_missing(field: str) -> None:
     with pytest.raises(RefusedError):
