@@ -66,7 +66,7 @@ def _parse() -> argparse.Namespace:
 
 def _training_arguments(config: str, updates: int) -> list[str]:
     """Return the arguments of a training of so many updates without evaluations."""
-    steps = updates * load(TrainConfig, Path(config), []).ppo.samples
+    steps = updates * load(TrainConfig, Path(config), []).samples
     changes = [
         f"steps={steps}",
         "warm_start=null",

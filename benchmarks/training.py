@@ -105,14 +105,14 @@ class Learner:
         settings = ppo_settings(config)
         hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
         parts = ppo.learner(Actor(hidden, feature_set), Critic(hidden, feature_set), settings)
-        shape = config.ppo.environments, config.ppo.rollout
+        shape = config.environments, config.rollout
         start_key, *keys, self._key = jax.random.split(jax.random.key(config.seed), 5)
         blank = jnp.zeros((1, observation.SIZE))
         start = jax.jit(lambda key: ppo.initial_state(parts, key, blank))
         self._state = start(start_key)
         draw = jax.jit(partial(_draw_samples, parts, shape))
         self._samples = draw(self._state.actor, *keys)
-        self._rate = jnp.float32(config.ppo.learning_rate)
+        self._rate = jnp.float32(config.learning_rate)
         update = partial(ppo.update, parts=parts, settings=settings)
         self._update = jax.jit(update, donate_argnums=0)
 
@@ -240,8 +240,8 @@ def our_entries(config: TrainConfig) -> dict[str, Entry]:
     ]
     plain = gemm.plain(config.ppo.minibatch, max(config.network.hidden))
     return {
-        "ours": Entry(Training(config).update, config.ppo.samples),
-        "learner": Entry(Learner(config).update, config.ppo.samples),
+        "ours": Entry(Training(config).update, config.samples),
+        "learner": Entry(Learner(config).update, config.samples),
         "gemm": _product_entry(minibatch),
         "plain": _product_entry(plain),
     }
@@ -296,8 +296,8 @@ def _our_figures(config: TrainConfig, rates: dict[str, list[float]]) -> dict[str
     return {
         "configuration": config.name,
         "hidden": list(config.network.hidden),
-        "environments": config.ppo.environments,
-        "rollout": config.ppo.rollout,
+        "environments": config.environments,
+        "rollout": config.rollout,
         "minibatch": config.ppo.minibatch,
         "epochs": epochs,
         "weights": gemm.weights(widths),
@@ -408,7 +408,7 @@ def _config(options: argparse.Namespace) -> TrainConfig:
             "network.feature_set is set; expected none or mirror, as the peer takes one vector"
         )
     if options.quick:
-        shorter = f"ppo.rollout={max(config.ppo.rollout // 4, config.ppo.segment)}"
+        shorter = f"rollout={max(config.rollout // 4, config.ppo.segment)}"
         config = load(TrainConfig, options.config, [*options.set, shorter])
     return config
 

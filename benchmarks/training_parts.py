@@ -71,7 +71,7 @@ def measure_cost(work: Callable[[], Any], steps: float, least_s: float) -> Cost:
 def parts(config: TrainConfig, phase: int) -> Iterator[Part]:
     """Yield the whole update of a phase, and then its parts, on what its updates have left."""
     training = Training(config, phase)
-    yield Part("whole update", training.update, config.ppo.samples)
+    yield Part("whole update", training.update, config.samples)
     given = _prepare(config, phase, training.state)
     yield from _rollout_parts(given)
     yield from _learning_parts(given)
@@ -119,7 +119,7 @@ def _rollout_parts(given: _Given) -> Iterator[Part]:
     """
     config, environment = given.config, given.environment
     learner, flying = given.learner, given.flying
-    samples, environments = config.ppo.samples, config.ppo.environments
+    samples, environments = config.samples, config.environments
     draw = partial(starts.draw, config=config, scenarios=given.scenarios, rows=config.pool_rows)
     yield _compile_part("draw starts", draw, samples, given.key)
     observe, act = environment.observe, given.algorithm.act
@@ -150,7 +150,7 @@ def _roll_out(
 def _learning_parts(given: _Given) -> Iterator[Part]:
     """Yield what is learned from a rollout."""
     config, algorithm, learner = given.config, given.algorithm, given.learner
-    samples, rate = config.ppo.samples, jnp.float32(config.ppo.learning_rate)
+    samples, rate = config.samples, jnp.float32(config.learning_rate)
     roll_out = jax.jit(partial(_roll_out, algorithm, given.environment))
     _, rollout, _ = roll_out(learner, given.flying, given.noise, given.key)
     estimate = partial(ppo.samples, parts=algorithm.parts, settings=algorithm.settings)
@@ -163,11 +163,11 @@ def _learning_parts(given: _Given) -> Iterator[Part]:
 
 def _gradient_step_parts(given: _Given, batch: ppo.Batch) -> Iterator[Part]:
     """Yield what a gradient step takes; every step of the environments is in one of each epoch."""
-    config, algorithm, learner = given.config.ppo, given.algorithm, given.learner
-    size, segment = config.minibatch, config.segment
-    steps = size / config.epochs
+    algorithm, learner, samples = given.algorithm, given.learner, given.config.samples
+    size, segment = given.config.ppo.minibatch, given.config.ppo.segment
+    steps = size / given.config.ppo.epochs
     rows = jax.tree.map(lambda a: a.reshape(-1, segment, *a.shape[2:]), batch)
-    order = jax.random.permutation(given.key, config.samples // segment)[: size // segment]
+    order = jax.random.permutation(given.key, samples // segment)[: size // segment]
     yield _compile_part("shuffle", _gather, steps, rows, order)
     minibatch = jax.jit(_gather)(rows, order)
     both = learner.actor, learner.critic

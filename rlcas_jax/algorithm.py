@@ -51,7 +51,7 @@ def algorithm_of(config: TrainConfig, axis: str | None = None) -> Algorithm:
     """
     network = config.network
     critic = Critic(network.hidden, network.feature_set, network.encoder)
-    setup = Setup(actor_of(network), critic, config.ppo.discount, axis)
+    setup = Setup(actor_of(network), critic, config.discount, axis)
     if config.algorithm == PPO:
         return ppo(setup, ppo_settings(config))
     return _own(config, setup)
@@ -67,9 +67,9 @@ def ppo_settings(config: TrainConfig) -> PpoSettings:
     chosen = config.ppo
     return PpoSettings(
         epochs=chosen.epochs,
-        minibatches=chosen.minibatches,
+        minibatches=config.samples // chosen.minibatch,
         segment=chosen.segment,
-        discount=chosen.discount,
+        discount=config.discount,
         gae_lambda=chosen.gae_lambda,
         clip=chosen.clip,
         value=chosen.value,

@@ -14,7 +14,7 @@ from agents.config.load import ConfigError, Parser, check_once, dump, load
 from commands.command import whole
 from commands.files import write_file
 from commands.folder_lock import is_unused
-from rlcas_jax.config import SEED_END, TrainConfig
+from rlcas_jax.config import SEED_END, TrainConfig, configuration_of_run
 
 NAMES = "best, paper, quick, sprint"
 """Configurations of a training that ship."""
@@ -23,7 +23,7 @@ _DESCRIPTION = """\
 Train a conflict resolution policy in the surrogate.
 
   python -m rlcas_jax.train --config quick
-  python -m rlcas_jax.train --config quick --set aircraft=uas --set ppo.learning_rate=3e-4 --seeds 3
+  python -m rlcas_jax.train --config quick --set aircraft=uas --set learning_rate=3e-4 --seeds 3
   python -m rlcas_jax.train --resume runs/quick-20260131T120000-0
   python -m rlcas_jax.train --config FILE --out runs/wide \\
     --coordinator host0:9876 --processes 2 --process 0
@@ -195,7 +195,7 @@ def resumed_jobs(directory: Path) -> tuple[Job, ...]:
         raise ConfigError(f"--resume {directory}: {what}")
     begun = [any((file.parent / "checkpoints").glob("checkpoint-*.safetensors")) for file in files]
     return tuple(
-        Job(load(TrainConfig, file), file.parent, resume)
+        Job(configuration_of_run(file), file.parent, resume)
         for file, resume in zip(files, begun, strict=True)
     )
 
@@ -210,8 +210,7 @@ def add_configuration(parser: Parser) -> None:
         help=f"YAML file with what differs from the defaults, or a name: {NAMES}",
     )
     text = (
-        "change one key, e.g. ppo.learning_rate=3e-4 or scenarios.0.weight=2; may be given "
-        "many times"
+        "change one key, e.g. learning_rate=3e-4 or scenarios.0.weight=2; may be given many times"
     )
     add("--set", action="append", default=[], metavar="KEY=VALUE", help=text)
     add(

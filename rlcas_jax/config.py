@@ -1,6 +1,7 @@
 """The configuration of a training: the models behind ``configs/*.yaml`` and ``--set``."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -13,6 +14,7 @@ from agents.policy.inputs import resolve
 from agents.policy.set_features import InputTable, table
 from commands.command import InputError
 from commands.extension import is_extension
+from commands.yaml import YamlError, read
 from envs.aircraft import PAPER
 from envs.encounters import SAMPLERS, EncounterError, Scenario
 from envs.outcome import Rules
@@ -67,11 +69,18 @@ class NetworkConfig(Strict):
 class PpoConfig(Strict):
     """Proximal policy optimisation."""
 
-    environments: int = Field(default=1024, ge=1, le=1_000_000)
-    """Encounters that are flown at the same time."""
-    rollout: int = Field(default=32, ge=1, le=10_000)
-    """Time steps that each of them is flown between two updates; short ones learn more from a step.
-    """
+    MOVED: ClassVar[Mapping[str, str]] = {
+        name: name
+        for name in (
+            "environments",
+            "rollout",
+            "learning_rate",
+            "learning_rate_final",
+            "discount",
+            "reward_scale",
+        )
+    }
+
     epochs: int = Field(default=4, ge=1, le=100)
     """Passes over a rollout in an update."""
     minibatch: int = Field(default=2048, ge=2, le=10_000_000)
@@ -79,12 +88,6 @@ class PpoConfig(Strict):
     segment: int = Field(default=16, ge=1, le=10_000)
     """Consecutive samples of one environment that stay together in a shuffle (shuffling single
     samples is slow on a CPU), time steps; a divisor of rollout and of minibatch."""
-    learning_rate: float = Field(default=7e-4, gt=0.0, le=1.0)
-    """Step size of Adam at the start."""
-    learning_rate_final: float = Field(default=0.0, ge=0.0, le=1.0)
-    """Step size at the end; it changes linearly with the steps."""
-    discount: float = Field(default=0.995, gt=0.0, le=1.0)
-    """Worth of a reward one time step later."""
     gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0)
     """Decay of the generalised advantage estimate: 0 trusts the critic alone, 1 the returns alone.
     """
@@ -106,33 +109,6 @@ class PpoConfig(Strict):
     normalize_advantage: bool = True
     """Whether the advantages of a minibatch are shifted and scaled to mean 0 and standard deviation
     1."""
-    reward_scale: float = Field(default=0.01, gt=0.0)
-    """Factor on the points of `rewards` before learning; logged scores are unscaled."""
-
-    @property
-    def samples(self) -> int:
-        """Samples of an update."""
-        return self.environments * self.rollout
-
-    @property
-    def minibatches(self) -> int:
-        """Gradient steps of an epoch."""
-        return self.samples // self.minibatch
-
-    @model_validator(mode="after")
-    def _check(self) -> "PpoConfig":
-        for name, whole_name, whole in (
-            ("minibatch", "environments times rollout", self.samples),
-            ("segment", "rollout", self.rollout),
-            ("segment", "minibatch", self.minibatch),
-        ):
-            part = getattr(self, name)
-            if whole % part:
-                raise ConfigError(
-                    f"{name} is {part}; expected a divisor of {whole_name}, {whole}, such as "
-                    f"{_nearest_divisor(whole, part)}"
-                )
-        return self
 
 
 class WorldConfig(Strict):
@@ -269,7 +245,20 @@ class CheckpointConfig(Strict):
 class TrainConfig(Strict):
     """A training run; the defaults train the paper's circle encounters with its aircraft."""
 
-    PHASE_KEYS: ClassVar = ("steps", "ppo", "world", "scenarios", "pool_rows", "rewards")
+    PHASE_KEYS: ClassVar = (
+        "steps",
+        "environments",
+        "rollout",
+        "discount",
+        "reward_scale",
+        "learning_rate",
+        "learning_rate_final",
+        "ppo",
+        "world",
+        "scenarios",
+        "pool_rows",
+        "rewards",
+    )
 
     name: str = Field(
         default="train",
@@ -303,12 +292,24 @@ class TrainConfig(Strict):
         default=PPO, json_schema_extra={"expected": "ppo, or module:name of your own"}
     )
     """What learns: ppo, or `module:name` of an algorithm of your own
-    (`agents.learning.algorithm.Algorithm`), which takes environments, rollout, discount, reward
-    scale and learning rate from `ppo`, too."""
+    (`agents.learning.algorithm.Algorithm`)."""
     algorithm_settings: dict[str, Any] = Field(
         default={}, json_schema_extra={"expected": "a group of keys"}
     )
     """Keyword arguments of an algorithm of your own; those of ppo stand in `ppo`."""
+    environments: int = Field(default=1024, ge=1, le=1_000_000)
+    """Encounters that are flown at the same time."""
+    rollout: int = Field(default=32, ge=1, le=10_000)
+    """Time steps that each of them is flown between two updates; short ones learn more from a step.
+    """
+    discount: float = Field(default=0.995, gt=0.0, le=1.0)
+    """Worth of a reward one time step later."""
+    reward_scale: float = Field(default=0.01, gt=0.0)
+    """Factor on the points of `rewards` before learning; logged scores are unscaled."""
+    learning_rate: float = Field(default=7e-4, gt=0.0, le=1.0)
+    """Step size of the optimiser at the start."""
+    learning_rate_final: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Step size at the end; it changes linearly with the steps."""
     ppo: PpoConfig = PpoConfig()
     world: WorldConfig = WorldConfig()
     scenarios: tuple[ScenarioConfig, ...] = Field(
@@ -328,8 +329,14 @@ class TrainConfig(Strict):
         default=(), max_length=16, json_schema_extra={"expected": "a list of groups of keys"}
     )
     """Parts of the training, one after the other in one run: each names what differs in it from the
-    other keys (steps, ppo, world, scenarios, pool_rows and rewards), and goes on with the networks
-    of the one before. Empty: one phase."""
+    other keys (steps, environments, rollout, discount, reward_scale, learning_rate,
+    learning_rate_final, ppo, world, scenarios, pool_rows and rewards), and goes on with the
+    networks of the one before. Empty: one phase."""
+
+    @property
+    def samples(self) -> int:
+        """Samples of an update."""
+        return self.environments * self.rollout
 
     def rules(self) -> Rules:
         """Return the task: the aircraft's, with the scores of `rewards`."""
@@ -415,9 +422,44 @@ class TrainConfig(Strict):
                 f"algorithm_settings has {', '.join(self.algorithm_settings)}; expected none, as "
                 "the settings of ppo stand in ppo"
             )
+        if self.algorithm == PPO:
+            minibatch, segment = self.ppo.minibatch, self.ppo.segment
+            _check_divisor("ppo.minibatch", minibatch, "environments times rollout", self.samples)
+            _check_divisor("ppo.segment", segment, "rollout", self.rollout)
+            _check_divisor("ppo.segment", segment, "ppo.minibatch", minibatch)
         if self.phases:
             self.phase_configs()  # refuses a phase that is not right
         return self
+
+
+def configuration_of_run(source: Path | str) -> TrainConfig:
+    """Return the configuration that a run wrote, a file or its text; that of an earlier release
+    with its keys where they are today.
+
+    Raises:
+        ConfigError: it cannot be read, or a key or a value is not valid.
+    """
+    try:
+        values = read(source)
+    except YamlError as problem:
+        raise ConfigError(str(problem)) from None
+    return validate(TrainConfig, upgrade(values), source if isinstance(source, Path) else None)
+
+
+def upgrade(values: Any) -> Any:
+    """Return the keys of a training's configuration, or of a phase, with those that an earlier
+    release had in other places where they are today.
+    """
+    if not isinstance(values, dict):
+        return values
+    upgraded = dict(values)
+    if isinstance(values.get("phases"), list):
+        upgraded["phases"] = [upgrade(phase) for phase in values["phases"]]
+    if isinstance(values.get("ppo"), dict):
+        moved = PpoConfig.MOVED
+        upgraded["ppo"] = {k: v for k, v in values["ppo"].items() if k not in moved}
+        upgraded |= {moved[k]: v for k, v in values["ppo"].items() if k in moved}
+    return upgraded
 
 
 def _merge(common: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
@@ -433,6 +475,15 @@ def _merge(common: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
         else:
             merged[key] = value
     return merged
+
+
+def _check_divisor(name: str, part: int, whole_name: str, whole: int) -> None:
+    """Raise a ConfigError where the value of a key does not divide a whole number."""
+    if whole % part:
+        raise ConfigError(
+            f"{name} is {part}; expected a divisor of {whole_name}, {whole}, such as "
+            f"{_nearest_divisor(whole, part)}"
+        )
 
 
 def _nearest_divisor(whole: int, number: int) -> int:

@@ -6,6 +6,7 @@ again.
 """
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,8 +54,8 @@ FIGURES = {
 
 
 def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
-    """Draw the figures of a training as PNG and SVG and return the files: one a metric, and
-    ``training`` with all.
+    """Draw the figures of a training as PNG and SVG and return the files: one a metric that its
+    algorithm logs, and ``training`` with all.
 
     Args:
         runs: directories (or metrics files) of the seeds of one configuration; of several, thin
@@ -73,8 +74,10 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
         raise ConfigError(f"no metrics to draw in {', '.join(map(str, runs))}")
     reference = PAPER_SCORE if all(map(_flies_as_the_paper, runs)) else None
     out.mkdir(parents=True, exist_ok=True)
-    sheets = {name: [[name, "success"]] for name in FIGURES}
-    sheets["training"] = [[*FIGURES][:2], [*FIGURES][2:], ["success", "success"]]
+    drawn = [name for name, figure in FIGURES.items() if any(figure[0] in log for log in logs)]
+    sheets = {name: [[name, "success"]] for name in drawn}
+    pairs = [[left, right] for left, right in zip_longest(drawn[::2], drawn[1::2], fillvalue=".")]
+    sheets["training"] = [*pairs, ["success", "success"]]
     with mpl.rc_context(STYLE):
         return [
             file
@@ -87,8 +90,7 @@ def _flies_as_the_paper(run: Path) -> bool:
     """Return whether a run's score compares with the paper's: it flies the paper's aircraft alone,
     for the paper's scores. Of a run without a configuration that is not known.
     """
-    from agents.config.load import load
-    from rlcas_jax.config import TrainConfig
+    from rlcas_jax.config import TrainConfig, configuration_of_run
 
     file = (run if run.is_dir() else run.parent) / "config.yaml"
     if not file.is_file():
@@ -98,7 +100,7 @@ def _flies_as_the_paper(run: Path) -> bool:
         one.rules() == paper.rules()
         and one.aircraft.aircraft() == paper.aircraft.aircraft()
         and one.family.share == 0.0
-        for one in load(TrainConfig, file).phase_configs()
+        for one in configuration_of_run(file).phase_configs()
     )
 
 

@@ -30,7 +30,7 @@ from envs.trees import take
 from envs.world import World
 from rlcas_jax import checkpoint, metrics, progress
 from rlcas_jax.check_algorithm import check_algorithm
-from rlcas_jax.config import TrainConfig
+from rlcas_jax.config import TrainConfig, configuration_of_run
 from rlcas_jax.devices import Devices, agree, everywhere, first, place
 from rlcas_jax.interrupt import Interrupt
 from rlcas_jax.memory import check_memory
@@ -99,7 +99,7 @@ def prepare(
     if resume:
         path = checkpoint.latest(directory / "checkpoints")
         meta = checkpoint.meta(path)
-        if meta["config"] != dump(config):
+        if dump(configuration_of_run(meta["config"])) != dump(config):
             raise ConfigError(
                 f"{directory}: its checkpoint was made with another configuration than its "
                 "config.yaml"

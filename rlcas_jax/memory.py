@@ -8,7 +8,7 @@ from agents.config.load import ConfigError
 from agents.policy.features import size
 from commands.compiled import local_devices
 from envs.observation import SIZE
-from rlcas_jax.config import TrainConfig
+from rlcas_jax.config import PPO, TrainConfig
 
 _FLOAT = 4
 # Python, JAX, its compiler and the evaluations: a training with arrays of 15 MiB was measured to
@@ -30,7 +30,6 @@ def _of_phase(config: TrainConfig) -> int:
     """Count the pool and the samples twice, as either is sorted; activations; parameters with
     gradients and moments.
     """
-    ppo = config.ppo
     intruders = max(one.intruders[1] for one in config.training_scenarios())
     network, hidden = config.network, config.network.hidden
     if network.feature_set == "set":
@@ -38,10 +37,11 @@ def _of_phase(config: TrainConfig) -> int:
         inputs = inputs.own_size + inputs.each_size * intruders
     else:
         inputs = size(network.feature_set)
-    pool = 2 * ppo.environments * config.pool_rows * _START * (1 + intruders) // 2
-    samples = 2 * ppo.samples * (inputs + SIZE)
-    # The critic sees the whole rollout at once.
-    activations = max(2 * 3 * ppo.minibatch, ppo.samples) * (inputs + sum(hidden))
+    pool = 2 * config.environments * config.pool_rows * _START * (1 + intruders) // 2
+    samples = 2 * config.samples * (inputs + SIZE)
+    # The critic sees the whole rollout at once; so may the gradient of an algorithm of one's own.
+    batch = config.ppo.minibatch if config.algorithm == PPO else config.samples
+    activations = max(2 * 3 * batch, config.samples) * (inputs + sum(hidden))
     widths = (inputs, *hidden)
     parameters = (
         2 * 4 * sum(before * after for before, after in zip(widths, (*hidden, 2), strict=True))
@@ -54,7 +54,7 @@ def check_memory(config: TrainConfig) -> None:
     needed, had = needed_bytes(config), _had_bytes()
     if needed > had:
         raise ConfigError(
-            f"ppo.environments {config.ppo.environments} with ppo.rollout {config.ppo.rollout} "
+            f"environments {config.environments} with rollout {config.rollout} "
             "and pool_rows "
             f"{config.pool_rows} need about {needed / 2**30:.3g} GiB of memory; expected at most "
             f"{had / 2**30:.3g} GiB"

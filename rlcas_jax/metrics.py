@@ -32,7 +32,7 @@ METRICS = {
     "episode_length": "Environment steps of the update per episode that ended in it.",
     "reward_NAME": (
         "What the row NAME of `rewards` gave, mean over the time steps of the update, points: its "
-        "weight times its term, before ppo.reward_scale. Of violation, goal, timeout and of terms "
+        "weight times its term, before reward_scale. Of violation, goal, timeout and of terms "
         "of your own."
     ),
     "loss": (
@@ -57,7 +57,7 @@ METRICS = {
         "Share of the returns' variance that the critic predicts: 1 at best, at or below 0 it "
         "is of no use."
     ),
-    "learning_rate": "Step size of Adam in this update.",
+    "learning_rate": "Step size of the optimiser in this update.",
     "grad_norm": "Global norm of the gradient before it is limited, mean over the last epoch.",
     "std_acceleration": "Standard deviation of the acceleration action; full deflection is 1.",
     "std_yaw_rate": "Standard deviation of the yaw rate action; full deflection is 1.",

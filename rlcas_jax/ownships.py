@@ -26,7 +26,7 @@ def ownships(config: TrainConfig) -> Ownships:
     a seed.
     """
     family, aircraft = config.family, config.aircraft.aircraft()
-    draws = np.random.default_rng((config.seed, 7)).random((5, config.ppo.environments))
+    draws = np.random.default_rng((config.seed, 7)).random((5, config.environments))
     sampled, of_family = _family_sample(family, aircraft, draws[1:]), draws[0] < family.share
     chosen = (
         np.where(of_family, one, configured).astype(np.float32)

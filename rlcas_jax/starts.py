@@ -18,7 +18,7 @@ def draw(
     """Return encounters of a configuration's scenarios at their start, ``[rows, environments]``."""
     total = sum(entry.weight for entry in config.scenarios)
     weights = [entry.weight / total for entry in config.scenarios]
-    flying, count = ownships(config), config.ppo.environments
+    flying, count = ownships(config), config.environments
     fitting = scenarios_for(flying, scenarios, config, rows)
     pool = surrogate.redraw_pool(key, fitting, weights, rows, count)
     if flying.of_family.any():

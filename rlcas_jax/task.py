@@ -25,7 +25,7 @@ from envs.rewards import TERMS, Transition, learning_reward
 from envs.world import known_intruders, perceive_intruders, shares
 from rlcas_jax.algorithm import actor_of, algorithm_of
 from rlcas_jax.collect import Environment, Step, collect
-from rlcas_jax.config import NetworkConfig, TrainConfig
+from rlcas_jax.config import PPO, NetworkConfig, TrainConfig
 from rlcas_jax.devices import AXIS, Devices, compiler_options
 from rlcas_jax.metrics import OF_REWARDS, logged_name
 from rlcas_jax.ownships import Ownships, ownships
@@ -76,7 +76,7 @@ class Parts:
     @property
     def updates(self) -> int:
         """Updates of the phase."""
-        return max(1, self.config.steps // self.config.ppo.samples)
+        return max(1, self.config.steps // self.config.samples)
 
 
 class Draws(NamedTuple):
@@ -118,7 +118,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         ),
         evaluate=jax.jit(partial(_evaluate, parts), compiler_options=compiler_options()),
         updates=parts.updates,
-        steps_per_update=config.ppo.samples,
+        steps_per_update=config.samples,
         rules=parts.world.rules,
         placed=placed,
     )
@@ -156,13 +156,7 @@ def _update(parts: Parts, iterate: _Iteration, state: TrainState) -> tuple[Train
     draws, key = draw_update(parts, state.key)
     rate = _learning_rate(parts, state.update)
     (learner, flying), figures = iterate((state.learner, state.environment), draws, rate)
-    std = jnp.exp(learner.actor["params"]["log_std"])
-    figures |= {
-        "learning_rate": rate,
-        "std_acceleration": std[0],
-        "std_yaw_rate": std[1],
-        "finite": _finite(learner, figures),
-    }
+    figures |= {"learning_rate": rate, "finite": _finite(learner, figures)}
     return TrainState(learner, flying, jax.random.key_data(key), state.update + 1), figures
 
 
@@ -174,14 +168,14 @@ def draw_update(parts: Parts, key_data: UInt32[Array, " W"]) -> tuple[Draws, PRN
     )
     noise_key, observe_key = jax.random.split(rollout_key)
     pool = draw(pool_key, config, parts.scenarios, config.pool_rows)
-    noise = jax.random.normal(noise_key, (config.ppo.rollout, config.ppo.environments, 2))
+    noise = jax.random.normal(noise_key, (config.rollout, config.environments, 2))
     flying = jax.tree.map(jnp.asarray, parts.ownships)
     return Draws(pool, noise, observe_key, shuffle_key, flying), key
 
 
 def _learning_rate(parts: Parts, update: Int32[Array, ""]) -> Float[Array, ""]:
     """Return the learning rate of an update: it changes linearly over the phase."""
-    first, final = parts.config.ppo.learning_rate, parts.config.ppo.learning_rate_final
+    first, final = parts.config.learning_rate, parts.config.learning_rate_final
     done = update.astype(jnp.float32) / parts.updates
     return first + (final - first) * done
 
@@ -206,7 +200,7 @@ def _iterate(
         parts.algorithm, learner, environment, flying, draws.noise, key
     )
     learner, learned = parts.algorithm.update(learner, rollout, draws.shuffle_key, rate)
-    samples = parts.config.ppo.samples
+    samples = parts.config.samples
     figures = {logged_name(name): value for name, value in learned.items()}
     figures |= _episodes(statistics, samples, parts.axis)
     figures |= _rewards(statistics, parts.config, samples, parts.axis)
@@ -276,18 +270,16 @@ def _placement(devices: Devices) -> TrainState | None:
 
 
 def _check_split(config: TrainConfig, devices: int) -> None:
-    of = config.ppo
-    for name, value, unit in (
-        ("environments", of.environments, 1),
-        ("minibatch", of.minibatch, of.segment),
-    ):
-        if value % (devices * unit):
-            what = (
-                f"{devices} devices"
-                if unit == 1
-                else f"{devices} devices times segment, {devices * unit}"
-            )
-            raise ConfigError(f"ppo.{name} is {value}; expected a multiple of {what}")
+    if config.environments % devices:
+        raise ConfigError(
+            f"environments is {config.environments}; expected a multiple of {devices} devices"
+        )
+    minibatch, segment = config.ppo.minibatch, config.ppo.segment
+    if config.algorithm == PPO and minibatch % (devices * segment):
+        raise ConfigError(
+            f"ppo.minibatch is {minibatch}; expected a multiple of {devices} devices times "
+            f"segment, {devices * segment}"
+        )
 
 
 def network_input(
@@ -343,7 +335,7 @@ def _training_environment(
     """Return the surrogate with the scaled table of rewards; an encounter that ends restarts from
     the pool's row.
     """
-    rewards, discount, scale = config.rewards.table(), config.ppo.discount, config.ppo.reward_scale
+    rewards, discount, scale = config.rewards.table(), config.discount, config.reward_scale
 
     def observe(state: surrogate.State, key: PRNGKeyArray) -> NetworkInput:
         noise = jax.random.normal(key, (4, *state.mask.shape)) if noisy(scenarios) else None
@@ -387,7 +379,7 @@ def _rewards(of: _Statistics, config: TrainConfig, steps: int, axis: str | None)
     }
     rows = [row for row in config.rewards.table().rows if row.name in ends]
     sums = {row.name: row.weight * _sum(ends[row.name], axis) for row in rows}
-    scale = config.ppo.reward_scale
+    scale = config.reward_scale
     sums |= {name: _sum(values, axis) / scale for name, values in of.own.items()}
     return {f"{OF_REWARDS}{name}": total / steps for name, total in sums.items()}
 

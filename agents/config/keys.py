@@ -122,6 +122,15 @@ def field_at(
     return here
 
 
+def moved_to(model: type[BaseModel], path: Sequence[str | int]) -> str | None:
+    """Return the dotted name that a key of an earlier release has today; None: it was none."""
+    holder = field_at(model, path[:-1])
+    if isinstance(holder, FieldInfo):
+        holder = nested_model(holder.annotation)[0]
+    moved: Mapping[str, str] = getattr(holder, "MOVED", {})
+    return moved.get(str(path[-1]))
+
+
 def expectation(field: FieldInfo) -> str:
     """Say what values a field takes: ``a number above 0 and at most 1``.
 

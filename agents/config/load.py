@@ -2,14 +2,14 @@
 sentence out.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from agents.config.keys import expectation, field_at, nested_model, quote
+from agents.config.keys import expectation, field_at, moved_to, nested_model, quote
 from commands.command import ConfigError, Parser
 from commands.names import nearest, one_of
 from commands.yaml import YamlError, coerce, read, write
@@ -51,6 +51,9 @@ class Strict(BaseModel):
         validate_default=True,
         use_attribute_docstrings=True,
     )
+
+    MOVED: ClassVar[Mapping[str, str]] = {}
+    """Keys that stood here in an earlier release, with the dotted names that they have today."""
 
     @model_validator(mode="before")
     @classmethod
@@ -100,7 +103,7 @@ def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] 
     Args:
         path: YAML file with what differs from the defaults, or the name of one that ships; None for
             the defaults.
-        overrides: ``KEY=VALUE`` each, KEY dotted (``ppo.learning_rate``, ``scenarios.0.weight``),
+        overrides: ``KEY=VALUE`` each, KEY dotted (``ppo.epochs``, ``scenarios.0.weight``),
             VALUE in YAML; later ones win.
 
     Raises:
@@ -225,6 +228,9 @@ def _complaint(model: type[BaseModel], error: Any) -> str:
         about_key = message.partition(" ")[0] in _model_at(model, location).model_fields
         return message if not key else f"{key}.{message}" if about_key else f"{key}: {message}"
     if kind == "extra_forbidden":
+        moved = moved_to(model, location)
+        if moved is not None:
+            return f"{key} has moved; expected {moved} (its value is {quote(value)})"
         names = list(_model_at(model, location[:-1]).model_fields)
         close = nearest(str(location[-1]), names)
         either = f"expected {'one of ' if len(names) > 1 else ''}{', '.join(names)}"

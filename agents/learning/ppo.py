@@ -141,7 +141,9 @@ class Ppo(NamedTuple):
         """Estimate advantages and improve both networks by some epochs over the rollout."""
         batch, figures = samples(state, rollout, self.parts, self.settings)
         state, learned = update(state, batch, key, learning_rate, self.parts, self.settings)
-        return state, figures | learned
+        std = jnp.exp(state.actor["params"]["log_std"])
+        noise = {"std_acceleration": std[0], "std_yaw_rate": std[1]}
+        return state, figures | learned | noise
 
 
 def ppo(setup: Setup, settings: PpoSettings) -> Ppo:

@@ -127,7 +127,7 @@ class _FirstScenario:
         commands = _mirror_back(actions, self._seen, self._feature_set)
         seen, reward, terminated, truncated, _ = self._world.step(commands)
         self._seen = np.asarray(seen)
-        scaled = self._config.ppo.reward_scale * reward
+        scaled = self._config.reward_scale * reward
         return np.array(_inputs(self._seen, self._feature_set)), scaled, terminated | truncated
 
 
@@ -209,7 +209,7 @@ def numbers(config: TrainConfig, cell: Cell, activation: Any) -> dict[str, Any]:
         "n_steps": cell.steps,
         "batch_size": cell.batch,
         "n_epochs": cell.epochs,
-        "gamma": config.ppo.discount,
+        "gamma": config.discount,
         "gae_lambda": config.ppo.gae_lambda,
         "clip_range": config.ppo.clip,
         "ent_coef": config.ppo.entropy,
@@ -250,7 +250,7 @@ def algorithm(
     model = peer.PPO(
         "MlpPolicy",
         environment(config, cell.environments) if flying is None else flying,
-        learning_rate=config.ppo.learning_rate if rate is None else rate,
+        learning_rate=config.learning_rate if rate is None else rate,
         **numbers(config, cell, torch.nn.Tanh),
     )
     keep_no_log(model)

@@ -106,7 +106,7 @@ def side(learner: str, config: TrainConfig) -> Side:
 
 def updates(config: TrainConfig) -> int:
     """Return the number of updates of a training, at least one."""
-    return max(1, config.steps // config.ppo.samples)
+    return max(1, config.steps // config.samples)
 
 
 class _Ours:
@@ -140,8 +140,8 @@ class _Peer:
     def __init__(self, config: TrainConfig, learner: str) -> None:
         self._config, self._done, self._updates = config, 0, updates(config)
         self._flight = TrainingFlight(config)
-        environments, width = config.ppo.environments, features.size(config.network.feature_set)
-        self._cell = Cell(environments, config.ppo.rollout, config.ppo.minibatch, config.ppo.epochs)
+        environments, width = config.environments, features.size(config.network.feature_set)
+        self._cell = Cell(environments, config.rollout, config.ppo.minibatch, config.ppo.epochs)
         flying = sb3_task.in_peers_form(self._flight, environments, width)
         if learner == "sb3":
             self._model = sb3_task.algorithm(config, self._cell, flying, self._rate)
@@ -183,7 +183,7 @@ class _Peer:
             raise DivergedError
 
     def _rate(self, _: float) -> float:
-        first, last = self._config.ppo.learning_rate, self._config.ppo.learning_rate_final
+        first, last = self._config.learning_rate, self._config.learning_rate_final
         return first + (last - first) * self._done / self._updates
 
 
@@ -323,7 +323,7 @@ class TrainingFlight:
         if not np.isfinite(actions).all():
             raise ValueError("an action is not finite")
         self._row += 1
-        if self._row == self._config.ppo.rollout:
+        if self._row == self._config.rollout:
             self._redraw()
             self._row = 0
         row = self._row % self._config.pool_rows
@@ -406,7 +406,7 @@ def _step(
     moved, result = surrogate.step(state, command, world)
     transition = Transition(state, moved, command, result, world.aircraft)
     reward, _ = learning_reward(
-        config.rewards.table(), transition, config.ppo.discount, jnp, config.ppo.reward_scale
+        config.rewards.table(), transition, config.discount, jnp, config.reward_scale
     )
     # The barrier keeps the compiler from flying the step again for every field that the restart
     # chooses.

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from agents.config.load import ConfigError
 from benchmarks.learning.curves import WINDOW, Times, score_at, time_to_score
 from benchmarks.learning.training import Log
-from rlcas_jax.config import TrainConfig
+from rlcas_jax.config import PpoConfig, TrainConfig
 
 __all__ = ["PEERS_BEST", "SPACE", "Trial", "best", "describe", "settings", "with_setting"]
 
@@ -26,7 +26,7 @@ SPACE: dict[str, tuple[int, ...]] = {
     "minibatch": (512, 1024, 2048, 4096),
     "epochs": (1, 2, 3, 4),
 }
-"""Values of keys of ``ppo``, all alike often."""
+"""Values of keys of the configuration and of its group ``ppo``, all alike often."""
 
 LEARNING_RATE = (5e-4, 4e-3)
 """Ends of the learning rate, whose logarithm is spread evenly."""
@@ -47,7 +47,10 @@ def settings(config: TrainConfig, trials: int) -> list[Setting]:
     Raises:
         ConfigError: so many different ones cannot be had.
     """
-    own = {key: getattr(config.ppo, key) for key in ("learning_rate", *SPACE)}
+    own = {
+        key: getattr(config.ppo if key in PpoConfig.model_fields else config, key)
+        for key in ("learning_rate", *SPACE)
+    }
     found: list[Setting] = []
     for number, setting in zip(range(_TRIED), _propose(own), strict=False):
         if len(found) == trials:
@@ -65,7 +68,10 @@ def settings(config: TrainConfig, trials: int) -> list[Setting]:
 def with_setting(config: TrainConfig, setting: Setting, seed: int) -> TrainConfig:
     """Return a configuration in another setting, with another seed."""
     values = config.model_dump()
-    return TrainConfig.model_validate(values | {"seed": seed, "ppo": values["ppo"] | setting})
+    of_ppo = {key: value for key, value in setting.items() if key in PpoConfig.model_fields}
+    ppo = {"ppo": values["ppo"] | of_ppo}
+    others = {key: value for key, value in setting.items() if key not in of_ppo}
+    return TrainConfig.model_validate(values | others | ppo | {"seed": seed})
 
 
 def _propose(own: Setting) -> Iterator[Setting]:
@@ -96,7 +102,7 @@ def _root(dimensions: int) -> float:
 
 def _valid(config: TrainConfig, setting: Setting) -> bool:
     try:
-        return with_setting(config, setting, config.seed).ppo.samples <= WINDOW
+        return with_setting(config, setting, config.seed).samples <= WINDOW
     except ValidationError:
         return False
 

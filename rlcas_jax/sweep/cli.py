@@ -33,7 +33,7 @@ values of some keys.
 _EPILOG = """\
 space file (YAML): keys of the training configuration (python -m rlcas_jax.train --help), each
 with a range or choices
-  ppo.learning_rate: {low: 1e-4, high: 3e-3, log: true}   a number; log: its logarithm evenly
+  learning_rate: {low: 1e-4, high: 3e-3, log: true}          a number; log: its logarithm evenly
   ppo.epochs: {low: 2, high: 8}                              a whole number
   rewards.goal_distance: {low: 0.0, high: 100.0, step: 25.0} a grid
   network.hidden: {choices: [[64, 64], [256, 256]]}          anything else

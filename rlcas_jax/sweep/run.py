@@ -184,7 +184,7 @@ class _Watch(Reporter):
         super().__init__(name=name, quiet=options.quiet)
         self._trial = trial if seed == 0 else None
         self._every = config.evaluation.every_steps
-        self._last = max(1, config.steps // config.ppo.samples) * config.ppo.samples
+        self._last = max(1, config.steps // config.samples) * config.samples
 
     def update(self, row: Mapping[str, float]) -> None:
         """Take the figures of an update; raises ``optuna.TrialPruned``."""

@@ -18,7 +18,7 @@ from optuna.distributions import (
 )
 from pydantic.fields import FieldInfo
 
-from agents.config.keys import expectation, field_at, keys, quote
+from agents.config.keys import expectation, field_at, keys, moved_to, quote
 from agents.config.load import ConfigError
 from commands.names import nearest
 from rlcas_jax.config import TrainConfig
@@ -40,7 +40,7 @@ def parse(entries: Mapping[str, Any], source: Path | str) -> Space:
     """
     if not entries:
         raise ConfigError(
-            f"{source}: it names no key; expected some, such as ppo.learning_rate: {{low: .., "
+            f"{source}: it names no key; expected some, such as learning_rate: {{low: .., "
             f"high: ..}}"
         )
     return {key: _distribution(key, entry, f"{source}: {key}") for key, entry in entries.items()}
@@ -78,6 +78,9 @@ def _ends(one: Any) -> tuple[Any, ...]:
 
 
 def _distribution(key: str, entry: Any, where: str) -> BaseDistribution:
+    moved = moved_to(TrainConfig, key.split("."))
+    if moved is not None:
+        raise ConfigError(f"{where} has moved; expected {moved}")
     field = field_at(TrainConfig, key.split("."))
     if not isinstance(field, FieldInfo):
         close = nearest(key, [known.name.replace("[]", ".0") for known in keys(TrainConfig)])

@@ -44,8 +44,8 @@ from rlcas_jax.config import TrainConfig
 TINY = (
     "network.hidden=[8, 8]",
     "network.feature_set=mirror",
-    "ppo.environments=8",
-    "ppo.rollout=16",
+    "environments=8",
+    "rollout=16",
     "ppo.minibatch=32",
     "ppo.segment=4",
     "ppo.epochs=2",
@@ -235,7 +235,7 @@ def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards(feature_set
         )
         their_seen, their_reward, done, infos = theirs.step(actions)
         np.testing.assert_allclose(their_seen, inputs(seen), atol=1e-4)
-        np.testing.assert_allclose(their_reward, config.ppo.reward_scale * reward)
+        np.testing.assert_allclose(their_reward, config.reward_scale * reward)
         np.testing.assert_array_equal(done, terminated | truncated)
         assert infos == [{}] * 4
         ended += int(done.sum())
@@ -304,7 +304,7 @@ def test_peers_fly_our_training_and_its_score_is_counted_as_ours(feature_set: st
         f"network.feature_set={feature_set}",
         "world.separation_spread=0.05",
         "scenarios=[{name: circle, weight: 0.7}, {name: head_on, weight: 0.3}]",
-        "ppo.rollout=96",
+        "rollout=96",
         "pool_rows=3",
     )
     flight = TrainingFlight(config)
@@ -358,7 +358,7 @@ def test_a_peer_begins_as_we_do_and_follows_our_schedule(
     peer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    config = tiny("steps=1280", "ppo.learning_rate_final=1e-4")
+    config = tiny("steps=1280", "learning_rate_final=1e-4")
     theirs = learning_sides.side(peer, config)
     assert isinstance(theirs, learning_sides._Peer)
     before = theirs._weights.get()
@@ -401,7 +401,7 @@ def kernels_of(peer: str, kept: Any) -> list[np.ndarray]:
     "ignore::DeprecationWarning", "ignore::FutureWarning", "ignore::RuntimeWarning"
 )
 def test_a_peer_that_diverges_says_so(peer: str, tmp_path: Path):
-    config = tiny("ppo.learning_rate=1.0", "ppo.reward_scale=1e38", "steps=1280")
+    config = tiny("learning_rate=1.0", "reward_scale=1e38", "steps=1280")
     learning_run.train(peer, config, 60.0, tmp_path / "run.jsonl", "run")
     log = learning_run.read(tmp_path / "run.jsonl")
     assert log is not None

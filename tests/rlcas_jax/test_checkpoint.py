@@ -229,8 +229,8 @@ TINY = [
     "steps=512",
     "network.hidden=[8, 8]",
     "network.feature_set=mirror",
-    "ppo.environments=16",
-    "ppo.rollout=16",
+    "environments=16",
+    "rollout=16",
     "ppo.minibatch=64",
     "ppo.segment=8",
     "ppo.epochs=1",
@@ -256,7 +256,7 @@ def earlier(tmp_path_factory: pytest.TempPathFactory, share_programs: None) -> R
 
 def test_networks_and_optimiser_are_those_of_the_earlier_run(earlier: Run, tmp_path: Path) -> None:
     # Other encounters and another number of them: only the networks have to be the same.
-    changes = ["seed=7", "ppo.environments=32", "scenarios=[{name: noisy}]"]
+    changes = ["seed=7", "environments=32", "scenarios=[{name: noisy}]"]
     later = train_in(tmp_path / "later", *changes, f"warm_start={earlier.directory}")
     begun = checkpoint.restore(first_checkpoint(later), earlier.state.learner, "learner")
     fresh = checkpoint.restore(first_checkpoint(earlier), earlier.state.learner, "learner")

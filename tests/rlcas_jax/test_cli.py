@@ -187,7 +187,9 @@ def test_help_lists_every_key_and_loads_nothing_heavy():
 TINY = """\
 steps: 2_000_000_000
 network: {hidden: [8]}
-ppo: {environments: 16, rollout: 16, minibatch: 64, segment: 8, epochs: 1}
+environments: 16
+rollout: 16
+ppo: {minibatch: 64, segment: 8, epochs: 1}
 pool_rows: 2
 evaluation: {final_encounters: 16}
 checkpoint: {every_seconds: 0.0}

@@ -15,13 +15,21 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from agents.config.keys import keys
-from agents.config.load import ConfigError, dump, load
+from agents.config.load import ConfigError, dump, load, validate
 from agents.config.pages import with_tables
 from agents.policy.inference import Policy
+from commands.yaml import write
 from envs.aircraft import PAPER
 from envs.encounters import SCENARIOS, scenario
 from envs.outcome import RULES
-from rlcas_jax.config import NetworkConfig, PpoConfig, TrainConfig
+from rlcas_jax.algorithm import ppo_settings
+from rlcas_jax.config import (
+    NetworkConfig,
+    PpoConfig,
+    TrainConfig,
+    configuration_of_run,
+    upgrade,
+)
 from rlcas_jax.metrics import METRICS, WALL_CLOCK
 from rlcas_jax.reference import main, tables
 from rlcas_jax.task import build
@@ -31,7 +39,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_the_policy_that_ships_was_trained_by_the_recipe_that_ships():
     recipe = load(TrainConfig, ROOT / "configs" / "best.yaml")
-    assert Policy.load().metadata["training"]["config"] == recipe.model_dump(mode="json")
+    assert validate(TrainConfig, upgrade(Policy.load().metadata["training"]["config"])) == recipe
 
 
 def test_own_speeds_that_the_aircraft_does_not_fly_are_refused():
@@ -99,9 +107,10 @@ def test_a_dump_repeats_the_run(
         f"scenarios.0.name={chosen}",
         f"seed={seed}",
         f"steps={steps}",
-        f"ppo.learning_rate={rate}",
-        f"ppo={{environments: {environments}, rollout: {rollout}, minibatch: {minibatch}, "
-        f"segment: {segment}}}",
+        f"learning_rate={rate}",
+        f"environments={environments}",
+        f"rollout={rollout}",
+        f"ppo={{minibatch: {minibatch}, segment: {segment}}}",
         f"rewards.goal_distance={rate}",
     ]
     config = load(TrainConfig, overrides=overrides)
@@ -123,15 +132,20 @@ def test_a_dump_repeats_the_run(
         ),
         (
             "ppo.minibatch=5000",
-            "--set: ppo.minibatch is 5000; expected a divisor of environments times rollout, "
+            "ppo.minibatch is 5000; expected a divisor of environments times rollout, "
             "32768, such as 4096",
         ),
-        ("ppo.segment=3", "--set: ppo.segment is 3; expected a divisor of rollout, 32, such as 2"),
+        ("ppo.segment=3", "ppo.segment is 3; expected a divisor of rollout, 32, such as 2"),
+        ("rollout=8", "ppo.segment is 16; expected a divisor of rollout, 8, such as 8"),
+        (
+            "ppo.learning_rate=3e-4",
+            "--set: ppo.learning_rate has moved; expected learning_rate (its value is 0.0003)",
+        ),
         (
             "ppo={minibatch: 8}",
-            "--set: ppo.segment is 16; expected a divisor of minibatch, 8, such as 8",
+            "ppo.segment is 16; expected a divisor of ppo.minibatch, 8, such as 8",
         ),
-        ("ppo.discount=1.5", "--set: ppo.discount is 1.5; expected a number above 0 and at most 1"),
+        ("discount=1.5", "--set: discount is 1.5; expected a number above 0 and at most 1"),
         (
             "aircraft.t_max_s=0.5",
             "--set: aircraft: t_max is 0.5 s; expected a whole number of time steps of 1 s",
@@ -158,8 +172,49 @@ def test_feature_sets_are_those_of_the_network():
 
 
 def test_sizes_of_an_update():
-    ppo = PpoConfig(environments=6, rollout=10, minibatch=12, segment=2)
-    assert (ppo.samples, ppo.minibatches) == (60, 5)
+    config = TrainConfig(environments=6, rollout=10, ppo=PpoConfig(minibatch=12, segment=2))
+    assert (config.samples, ppo_settings(config).minibatches) == (60, 5)
+
+
+def test_sizes_of_ppo_do_not_bind_another_algorithm():
+    sizes = ["algorithm=my_algorithm:Mine", "environments=3", "rollout=7"]
+    assert load(TrainConfig, overrides=sizes).samples == 21
+
+
+MOVED = {
+    "seed": 5,
+    "ppo": {"environments": 64, "rollout": 64, "epochs": 3, "discount": 0.9},
+    "phases": [{"steps": 10_000, "ppo": {"learning_rate": 1e-3, "clip": 0.3}}],
+}
+
+
+def test_a_file_of_before_is_refused_with_the_new_name_of_its_key(tmp_path: Path):
+    file = tmp_path / "old.yaml"
+    for values, sentence in (
+        (MOVED, "ppo.environments has moved; expected environments .* 2 more"),
+        ({"phases": MOVED["phases"]}, "phases.0: ppo.learning_rate has moved; expected learning_"),
+    ):
+        file.write_text(write(values))
+        with pytest.raises(ConfigError, match=f"^{file}: {sentence}"):
+            load(TrainConfig, file)
+
+
+def test_the_configuration_of_a_run_of_before_is_read(tmp_path: Path):
+    file = tmp_path / "config.yaml"
+    file.write_text(write(MOVED))
+    config = configuration_of_run(file)
+    (phase,) = config.phase_configs()
+    assert (phase.environments, phase.discount, phase.learning_rate) == (64, 0.9, 1e-3)
+    assert (phase.ppo.epochs, phase.ppo.clip) == (3, 0.3)
+    assert configuration_of_run(dump(config)) == config
+
+
+@pytest.mark.parametrize("text", ["ppo: 3", "phases: 3", "phases: [3]", "seed: [", "ppo: null"])
+def test_a_damaged_configuration_of_a_run_is_refused_in_one_sentence(text: str, tmp_path: Path):
+    file = tmp_path / "config.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=f"^{file}: .*expected"):
+        configuration_of_run(file)
 
 
 def test_every_key_says_what_it_does():
@@ -187,8 +242,8 @@ def test_every_key_is_read_by_the_program():
 
 BASE = [
     "network.hidden=[4]",
-    "ppo.environments=8",
-    "ppo.rollout=8",
+    "environments=8",
+    "rollout=8",
     "ppo.minibatch=32",
     "ppo.segment=4",
     "ppo.epochs=1",
@@ -202,14 +257,14 @@ CHANGED: dict[str, str] = {
     "network.feature_set": "none",
     "network.encoder": "[3]",
     "family.share": "0.5",
-    "ppo.environments": "16",
-    "ppo.rollout": "16",
+    "environments": "16",
+    "rollout": "16",
     "ppo.epochs": "2",
     "ppo.minibatch": "16",
     "ppo.segment": "2",
-    "ppo.learning_rate": "1e-3",
-    "ppo.learning_rate_final": "1e-5",
-    "ppo.discount": "0.9",
+    "learning_rate": "1e-3",
+    "learning_rate_final": "1e-5",
+    "discount": "0.9",
     "ppo.gae_lambda": "0.9",
     "ppo.clip": "0.1",
     "ppo.entropy": "0.1",
@@ -218,7 +273,7 @@ CHANGED: dict[str, str] = {
     "ppo.max_grad_norm": "0.3",
     "ppo.adam_epsilon": "1e-4",
     "ppo.normalize_advantage": "false",
-    "ppo.reward_scale": "0.1",
+    "reward_scale": "0.1",
     "aircraft.speed_min_mps": "40.0",
     "aircraft.speed_max_mps": "120.0",
     "aircraft.acceleration_min_mps2": "-1.0",

@@ -33,7 +33,9 @@ WHOLE = """\
 name: whole
 steps: 6144
 network: {hidden: [16, 16], feature_set: mirror}
-ppo: {environments: 32, rollout: 32, minibatch: 1024, segment: 8, epochs: 1}
+environments: 32
+rollout: 32
+ppo: {minibatch: 1024, segment: 8, epochs: 1}
 world: {separation_spread: 0.08}
 scenarios: [{name: circle}, {name: multi, intruders: [2, 3]}]
 pool_rows: 4
@@ -144,7 +146,7 @@ def test_a_run_of_two_processes_is_stopped_by_either_and_goes_on_on_two_devices(
 @pytest.mark.parametrize(
     ("devices", "overrides", "message"),
     [
-        (3, [], r"ppo\.environments is 1024; expected a multiple of 3 devices"),
+        (3, [], r"environments is 1024; expected a multiple of 3 devices"),
         (
             2,
             ["ppo.minibatch=16"],
@@ -224,7 +226,9 @@ def test_processes_are_read(tmp_path: Path) -> None:
 
 TINY = [
     "network={hidden: [8], feature_set: set, encoder: [6]}",
-    "ppo={environments: 32, rollout: 8, minibatch: 64, segment: 4, epochs: 1}",
+    "environments=32",
+    "rollout=8",
+    "ppo={minibatch: 64, segment: 4, epochs: 1}",
     "pool_rows=4",
     "steps=512",
     "scenarios=[{name: circle}, {name: circle, intruders: [2, 3]}]",
@@ -239,7 +243,7 @@ def tiny(*changes: str) -> TrainConfig:
 
 
 def test_aircraft_lie_in_the_family_and_the_share_is_kept() -> None:
-    config = tiny(FAMILY, "ppo.environments=2048", "ppo.minibatch=1024")
+    config = tiny(FAMILY, "environments=2048", "ppo.minibatch=1024")
     flying = ownships(config)
     found = ratios(
         Limits(*(np.asarray(field, float) for field in flying.limits)), config.aircraft.separation_m

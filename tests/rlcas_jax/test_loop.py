@@ -18,8 +18,9 @@ import pytest
 
 from agents.config.load import ConfigError, load
 from agents.policy.inference import Policy
+from commands.yaml import read, write
 from rlcas_jax import checkpoint, metrics
-from rlcas_jax.config import TrainConfig
+from rlcas_jax.config import PpoConfig, TrainConfig, configuration_of_run
 from rlcas_jax.finish import table
 from rlcas_jax.progress import Reporter
 from rlcas_jax.task import build
@@ -29,7 +30,9 @@ TINY = """\
 name: tiny
 steps: 25600
 network: {hidden: [8, 8]}
-ppo: {environments: 16, rollout: 16, minibatch: 64, segment: 8, epochs: 2}
+environments: 16
+rollout: 16
+ppo: {minibatch: 64, segment: 8, epochs: 2}
 pool_rows: 4
 evaluation: {every_steps: 5120, encounters: 8, final_encounters: 16}
 checkpoint: {every_seconds: 0.0}
@@ -206,7 +209,7 @@ def test_what_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(
     config_file: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "diverged"
-    done = train("--config", config_file, "--out", out, "--set", "ppo.reward_scale=1e30", "--quiet")
+    done = train("--config", config_file, "--out", out, "--set", "reward_scale=1e30", "--quiet")
     assert done.returncode == 1
     assert "not finite" in done.stderr
     assert "Traceback" not in done.stderr
@@ -313,6 +316,26 @@ def test_a_full_disk_ends_a_training_in_one_sentence(
     assert f"--resume {out}" in done.stderr.strip().splitlines()[-1]
     assert train("--resume", out, "--quiet").returncode == 0
     assert figures(out) == figures(uninterrupted)
+
+
+@pytest.mark.slow
+def test_a_run_from_before_keys_moved_goes_on(uninterrupted: Path, tmp_path: Path) -> None:
+    before = tmp_path / "before"
+    shutil.copytree(uninterrupted, before)
+    final = checkpoint.latest(before / "checkpoints")
+    final.unlink()
+    config = configuration_of_run(before / "config.yaml")
+    shapes = build(config).shapes()
+    state = checkpoint.restore(checkpoint.latest(before / "checkpoints"), shapes)
+    values = read(before / "config.yaml")
+    values["ppo"] |= {key: values.pop(key) for key in PpoConfig.MOVED}
+    (before / "config.yaml").write_text(write(values))
+    meta = {"config": write(values), "phase": 0}
+    checkpoint.save(before / "checkpoints", int(state.update), state, meta)
+    done = train("--resume", before, "--quiet")
+    assert done.returncode == 0, done.stderr
+    assert figures(before) == figures(uninterrupted)
+    assert final.read_bytes() == final_state(uninterrupted)
 
 
 def test_a_resumed_run_must_be_the_run_that_was_begun(uninterrupted: Path, tmp_path: Path) -> None:

@@ -259,14 +259,17 @@ def test_matplotlib_is_loaded_only_to_draw():
 TINY = """\
 name: tiny
 network: {hidden: [8, 8]}
-ppo: {environments: 16, rollout: 16, minibatch: 64, segment: 8, epochs: 1}
+environments: 16
+rollout: 16
+ppo: {minibatch: 64, segment: 8, epochs: 1}
 pool_rows: 2
 evaluation: {every_steps: 1000000, encounters: 8, final_encounters: 16}
 checkpoint: {every_seconds: 0.0}
 phases:
   - steps: 5120
   - steps: 10240
-    ppo: {environments: 32, discount: 0.9}
+    environments: 32
+    discount: 0.9
     scenarios: [{name: multi}]
     world: {separation_spread: 0.05}
 """
@@ -302,9 +305,9 @@ def rows(directory: Path) -> list[dict[str, float]]:
 def test_each_phase_has_its_own_keys_and_the_common_ones(file: Path, tmp_path: Path) -> None:
     config = load(TrainConfig, file)
     first, second = config.phase_configs()
-    assert (first.steps, first.ppo.environments, first.ppo.discount) == (5120, 16, 0.995)
-    assert (second.steps, second.ppo.environments, second.ppo.discount) == (10240, 32, 0.9)
-    assert second.ppo.rollout == first.ppo.rollout == 16
+    assert (first.steps, first.environments, first.discount) == (5120, 16, 0.995)
+    assert (second.steps, second.environments, second.discount) == (10240, 32, 0.9)
+    assert second.rollout == first.rollout == 16
     assert [entry.name for entry in second.scenarios] == ["multi"]
     assert TrainConfig().phase_configs() == (TrainConfig(),)
     (tmp_path / "dump.yaml").write_text(dump(config))
@@ -314,7 +317,7 @@ def test_each_phase_has_its_own_keys_and_the_common_ones(file: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("phase", "said"),
     [
-        ("{seed: 3}", r"phases\.0\.seed: expected one of steps, ppo"),
+        ("{seed: 3}", r"phases\.0\.seed: expected one of steps, environments"),
         ("{ppo: {clipp: 3}}", r"phases\.0: ppo\.clipp is unknown .* did you mean ppo\.clip"),
         ("{ppo: {minibatch: 5}}", r"phases\.0: ppo\.minibatch is 5; expected a divisor"),
         ("{world: {vehicle: {speed_max_mps: 90}}}", r"phases\.0: world\.vehicle"),

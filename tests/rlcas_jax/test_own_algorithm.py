@@ -37,11 +37,12 @@ TINY = {
     "algorithm": "my_algorithm:ActorCritic",
     "algorithm_settings": {"gae_lambda": 0.9},
     "network": {"hidden": [8], "feature_set": "mirror"},
-    "ppo": {"environments": 8, "rollout": 4, "minibatch": 32, "segment": 4},
+    "environments": 8,
+    "rollout": 4,
     "pool_rows": 2,
     "evaluation": {"every_steps": 64, "encounters": 4, "final_encounters": 4},
     "checkpoint": {"every_seconds": 0.0},
-    "phases": [{"steps": 64}, {"steps": 96, "ppo": {"environments": 16}}],
+    "phases": [{"steps": 64}, {"steps": 96, "environments": 16}],
 }
 
 
@@ -310,6 +311,9 @@ def test_a_stranger_trains_resumes_and_evaluates_it(tmp_path: Path):
     assert trained.returncode == 0, trained.stderr
     whole = (mine / "run/policy.safetensors").read_bytes()
     rows = logged_rows(mine / "run")
+    assert not {"std_acceleration", "std_yaw_rate", "entropy"} & set(rows[0])
+    drawn = {path.name for path in (mine / "run/figures").glob("*.png")}
+    assert drawn == {"episode_reward.png", "training.png"}
 
     # The newest checkpoint is lost, as by a kill before it: the run goes on from the one before.
     max((mine / "run/checkpoints").glob("*.safetensors")).unlink()

@@ -34,7 +34,9 @@ FAMILY = Ratios((0.4, 0.75), (-0.4, -0.03), (0.03, 0.4), (0.3, 2.5))._asdict()
 TINY = (
     "steps=64",
     "network={hidden: [8], encoder: [6], inputs: [my_inputs:wake]}",
-    "ppo={environments: 8, rollout: 4, minibatch: 32, segment: 4}",
+    "environments=8",
+    "rollout=4",
+    "ppo={minibatch: 32, segment: 4}",
     "pool_rows=2",
     "evaluation={encounters: 4, final_encounters: 4}",
 )

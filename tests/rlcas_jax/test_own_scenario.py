@@ -29,7 +29,9 @@ NAME = "my_scenarios:trail"
 TINY = (
     "steps=64",
     "network={hidden: [8], encoder: [6]}",
-    "ppo={environments: 8, rollout: 4, minibatch: 32, segment: 4}",
+    "environments=8",
+    "rollout=4",
+    "ppo={minibatch: 32, segment: 4}",
     "pool_rows=2",
     "family.share=0.5",
     "scenarios=[{name: circle}, {name: 'my_scenarios:trail', radius: [4000, 6000]}]",
@@ -173,7 +175,7 @@ def test_a_sampler_that_cannot_be_used_is_refused(function: Any, message: str):
 
 def test_what_only_numpy_can_do_is_refused_before_a_training_begins(tmp_path: Path):
     broken(lambda one, accepted, xp: (one._replace(goal_x=np.abs(one.goal_x)), accepted))
-    config = load(TrainConfig, None, [*TINY[:4], "scenarios=[{name: mine}]"])
+    config = load(TrainConfig, None, [*TINY, "scenarios=[{name: mine}]"])
     with pytest.raises(EncounterError, match=r"'mine': its sampler fails with Tracer.*use xp"):
         prepare(config, tmp_path / "run")
 

@@ -35,14 +35,16 @@ TINY = """\
 name: tiny
 steps: 5120
 network: {hidden: [4]}
-ppo: {environments: 16, rollout: 16, minibatch: 64, segment: 8, epochs: 1}
+environments: 16
+rollout: 16
+ppo: {minibatch: 64, segment: 8, epochs: 1}
 pool_rows: 2
 scenarios: [{name: circle}, {name: head_on}]
 evaluation: {every_steps: 1280, encounters: 4, final_encounters: 8}
 checkpoint: {every_seconds: 0.0}
 """
 SPACE = """\
-ppo.learning_rate: {low: 1e-5, high: 1e-1, log: true}
+learning_rate: {low: 1e-5, high: 1e-1, log: true}
 ppo.minibatch: {choices: [32, 64]}
 ppo.epochs: {low: 1, high: 4}
 rewards.goal_distance: {low: 0, high: 100, step: 25}
@@ -53,7 +55,7 @@ scenarios.1.weight: {low: 0.1, high: 2.0}
 
 def quality(config: TrainConfig) -> float:
     """Return the stand-in's success: 1 at a learning rate of 1e-3, falling to both sides."""
-    return math.exp(-abs(math.log10(config.ppo.learning_rate) + 3.0)) - 0.01 * (config.seed - 5)
+    return math.exp(-abs(math.log10(config.learning_rate) + 3.0)) - 0.01 * (config.seed - 5)
 
 
 def stand_in(training: Any, reporter: Any, interrupt: Any = None) -> Any:
@@ -115,21 +117,25 @@ def trials(out: Path) -> list[optuna.trial.FrozenTrial]:
     ("entry", "says"),
     [
         (
-            "ppo.learning_rat: {low: 1, high: 2}",
-            "ppo.learning_rat is unknown; did you mean ppo.learning_rate?",
+            "learning_rat: {low: 1, high: 2}",
+            "learning_rat is unknown; did you mean learning_rate?",
         ),
-        ("learning_rate: {low: 1e-4, high: 1e-3}", "did you mean ppo.learning_rate?"),
+        ("learningrate: {low: 1e-4, high: 1e-3}", "did you mean learning_rate?"),
         (
-            "ppo.learning_rate: {low: 1e-4, high: 1e-3, lg: true}",
+            "ppo.learning_rate: {low: 1e-4, high: 1e-3}",
+            "space.yaml: ppo.learning_rate has moved; expected learning_rate",
+        ),
+        (
+            "learning_rate: {low: 1e-4, high: 1e-3, lg: true}",
             "expected {low, high}, with log or step, or {choices}",
         ),
         (
-            "ppo.learning_rate: {low: 1e-4, high: 2}",
-            "space.yaml: ppo.learning_rate is 2.0; expected a number above 0",
+            "learning_rate: {low: 1e-4, high: 2}",
+            "space.yaml: learning_rate is 2.0; expected a number above 0",
         ),
-        ("ppo.learning_rate: {low: 1e-3, high: 1e-4}", "low <= high"),
-        ("ppo.learning_rate: {low: 1e-3}", "'high'"),
-        ("ppo.learning_rate: {low: 1e-3, high: .inf}", "numbers of a key that is one"),
+        ("learning_rate: {low: 1e-3, high: 1e-4}", "low <= high"),
+        ("learning_rate: {low: 1e-3}", "'high'"),
+        ("learning_rate: {low: 1e-3, high: .inf}", "numbers of a key that is one"),
         ("ppo.entropy: {low: 0, high: 1e-2, log: true}", "must hold for `log=True`"),
         (
             "ppo.minibatch: {choices: [64, 96]}",
@@ -157,7 +163,7 @@ def test_a_space_that_is_not_usable_is_refused_in_a_sentence(
 
 
 def test_a_value_that_is_valid_only_with_some_others_is_taken(tmp_path: Path) -> None:
-    space = "ppo.minibatch: {choices: [64, 512]}\nppo.environments: {choices: [16, 32]}"
+    space = "ppo.minibatch: {choices: [64, 512]}\nenvironments: {choices: [16, 32]}"
     assert len(parse(arguments(tmp_path, space=space)).space) == 2
 
 
@@ -195,7 +201,7 @@ def test_the_example_is_a_space_of_the_quick_configuration() -> None:
     options = parse(
         [str(ROOT / word) if word.startswith("configs/") else word for word in given.split()]
     )
-    assert "ppo.learning_rate" in options.space
+    assert "learning_rate" in options.space
 
 
 def test_no_combination_of_the_example_is_refused() -> None:
@@ -217,8 +223,8 @@ def test_no_combination_of_the_example_is_refused() -> None:
 def test_every_trial_is_shown_with_its_state_and_why_it_was_pruned(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    space = "ppo.minibatch: {choices: [64, 512]}\nppo.environments: {choices: [16, 32]}\n"
-    space += "ppo.learning_rate: {low: 1e-5, high: 1e-1, log: true}"
+    space = "ppo.minibatch: {choices: [64, 512]}\nenvironments: {choices: [16, 32]}\n"
+    space += "learning_rate: {low: 1e-5, high: 1e-1, log: true}"
     asked = [one for one in arguments(tmp_path, space=space, trials=16) if one != "--quiet"]
     assert sweep.main(asked) == 0
     printed = capsys.readouterr()
@@ -270,7 +276,7 @@ def test_a_sweep_leaves_its_study_and_the_best_configuration(
     # The best configuration is that of its trial, and both are read by the strict configuration.
     config = load(TrainConfig, out / "best.yaml")
     assert config == load(TrainConfig, sweep.trial_directory(out, best.number) / "config.yaml")
-    assert config.ppo.learning_rate == best.params["ppo.learning_rate"]
+    assert config.learning_rate == best.params["learning_rate"]
     assert dump(load(TrainConfig, out / "config.yaml")) == dump(
         load(TrainConfig, tmp_path / "tiny.yaml")
     )

@@ -19,12 +19,12 @@ from rlcas_jax.task import CompiledTask, TrainState, build, fly
 
 SMALL = [
     "network={hidden: [8], feature_set: mirror}",
-    "ppo.environments=32",
-    "ppo.rollout=96",
+    "environments=32",
+    "rollout=96",
     "ppo.minibatch=768",
     "ppo.epochs=2",
-    "ppo.learning_rate=2e-3",
-    "ppo.learning_rate_final=1e-3",
+    "learning_rate=2e-3",
+    "learning_rate_final=1e-3",
     "pool_rows=4",
     "steps=15360",
 ]
