@@ -10,6 +10,7 @@ import sys
 import tokenize
 import tomllib
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import grimp
@@ -76,6 +77,16 @@ def test_flight_path_loads_no_heavy_library_in_a_fresh_interpreter():
     result = run("-c", program)
     assert result.returncode == 0, result.stderr
     assert result.stdout.strip() == "[]"
+
+
+def test_no_module_imports_itself_through_others():
+    # With what stands under TYPE_CHECKING: it makes two modules one, too.
+    graph = grimp.build_graph(*PACKAGES, "benchmarks", cache_dir=None)
+    imports = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
+    try:
+        TopologicalSorter(imports).prepare()
+    except CycleError as problem:
+        pytest.fail(f"a circle of imports: {' <- '.join(problem.args[1])}")
 
 
 def project_files() -> list[Path]:

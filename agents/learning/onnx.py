@@ -21,7 +21,7 @@ from agents.learning.export import variables
 from agents.learning.networks import Actor
 from agents.policy.digest import canonical
 from agents.policy.file import PolicyFile, read
-from agents.policy.inference import TOLERANCE, Policy, input_table
+from agents.policy.inference import TOLERANCE, Policy, check_one_layer, input_table
 from agents.policy.inputs import Input, resolve
 from agents.policy.scene import (
     OWN_NUMBERS,
@@ -32,7 +32,6 @@ from agents.policy.scene import (
     unpack,
 )
 from agents.policy.set_features import set_inputs
-from agents.policy.set_network import check_one_layer
 from commands.command import InputError, Parser
 from commands.files import write_file
 from commands.installation import versions

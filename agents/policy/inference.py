@@ -324,6 +324,19 @@ class Policy:
         return array.clip(-1.0, 1.0).astype(self.dtype, copy=False)
 
 
+def check_one_layer(policy: Policy) -> None:
+    """Raise an InputError for a policy but one of schema 2 with one layer for each intruder, and no
+    inputs of the user's own.
+    """
+    if policy.inputs.extra:
+        names = ", ".join(one.name for one in policy.inputs.extra)
+        raise InputError(f"the policy has inputs of your own ({names}); expected one without")
+    if len(policy.metadata["architecture"].get("encoder", ())) != 1:
+        raise InputError(
+            "the policy has not one layer for each intruder; expected one of schema 2 that has"
+        )
+
+
 def input_table(
     content: PolicyFile, inputs: Sequence[Input] = (), source: str = "policy"
 ) -> InputTable:

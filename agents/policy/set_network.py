@@ -7,7 +7,6 @@ by the size of their batch: the result of a row does not depend on the batch.
 
 from collections.abc import Sequence
 from copy import copy
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -16,7 +15,6 @@ from agents.policy.candidate_manoeuvres import MinSeparationOfOne
 from agents.policy.file import PolicyFile
 from agents.policy.scene import Scene, mirror_one, scene, scene_of_one, unpack_rows
 from agents.policy.set_features import InputTable, SetInputs, set_inputs, set_inputs_of_one
-from commands.command import InputError
 from envs.aircraft import Aircraft, ratios
 from envs.angles import atan2
 from envs.arrays import Array, ArrayModule
@@ -25,9 +23,6 @@ from envs.kinematics import VehicleState
 from envs.observation import decode
 from envs.relative import distance
 from envs.trees import map_leaves
-
-if TYPE_CHECKING:
-    from agents.policy.inference import Policy
 
 Layers = list[tuple[np.ndarray, np.ndarray]]
 """Kernel ``[in, out]`` and bias ``[out]`` of each."""
@@ -181,16 +176,3 @@ def one_through(x: np.ndarray, layers: Layers) -> list[float]:
         x += each_bias
         np.tanh(x, x)
     return (x.dot(kernel) + bias).tolist()
-
-
-def check_one_layer(policy: "Policy") -> None:
-    """Refuse a policy but one of schema 2 with one layer for each
-    intruder, and no inputs of the user's own.
-    """
-    if policy.inputs.extra:
-        names = ", ".join(one.name for one in policy.inputs.extra)
-        raise InputError(f"the policy has inputs of your own ({names}); expected one without")
-    if len(policy.metadata["architecture"].get("encoder", ())) != 1:
-        raise InputError(
-            "the policy has not one layer for each intruder; expected one of schema 2 that has"
-        )

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.policy.inference import Policy
-from agents.policy.set_network import check_one_layer
+from agents.policy.inference import Policy, check_one_layer
 from commands.command import Parser, run_cli
 from commands.files import write_file
 from eval.plots.cells import COURSES, RATIOS, cells_figure

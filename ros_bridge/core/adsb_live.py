@@ -18,9 +18,18 @@ from commands.json_text import RepeatedKeyError, parse_json
 from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core.categories import number_of
 from ros_bridge.core.conversions import report
-from ros_bridge.core.fields import SECOND, FieldError, attempt, callsign, number, place, readable
+from ros_bridge.core.fields import (
+    SECOND,
+    FieldError,
+    Sighting,
+    attempt,
+    callsign,
+    number,
+    place,
+    readable,
+)
 from ros_bridge.core.ground import on_ground
-from ros_bridge.core.reports import FASTEST, Report, Sighting
+from ros_bridge.core.reports import FASTEST, Report
 
 __all__ = ["LATEST", "OWN_TRACES", "AircraftJson", "BaseStation", "Traffic"]
 

@@ -15,6 +15,7 @@ from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.categories import LAST
 from ros_bridge.core.fields import (
     FieldError,
+    Sighting,
     callsign,
     flags,
     identifier,
@@ -24,7 +25,7 @@ from ros_bridge.core.fields import (
     readable,
     stamp,
 )
-from ros_bridge.core.reports import FASTEST, Report, Sighting
+from ros_bridge.core.reports import FASTEST, Report
 
 if TYPE_CHECKING:
     from rlcas_msgs.msg import AircraftState, GeoReference, TrafficAlert, Trajectory, Waypoint

@@ -8,12 +8,12 @@ package with the same fields, or a plain object in a test, serves as well.
 import re
 from collections.abc import Callable
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from agents.kernel.levels import Altitude
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
-
-    from ros_bridge.core.reports import Sighting
 
 SECOND = 1_000_000_000
 """Nanoseconds in a second: times of messages are whole nanoseconds."""
@@ -24,6 +24,17 @@ _LONGEST_ID = 64  # bytes
 _T = TypeVar("_T")
 
 
+class Sighting(NamedTuple):
+    """Which aircraft a message that cannot be used is about, and where it was, as far as that is
+    known.
+    """
+
+    identifier: str
+    time: int | None = None  # ns
+    place: tuple[float, float] | None = None  # latitude and longitude, degrees
+    altitude: Altitude | None = None
+
+
 class FieldError(ValueError):
     """A field that cannot be used: its name, such as ``ownship.velocity.x``, what is wrong, and
     what was expected.
@@ -31,7 +42,7 @@ class FieldError(ValueError):
     The sighting is what the message still holds of the aircraft; None: nothing.
     """
 
-    sighting: "Sighting | None" = None
+    sighting: Sighting | None = None
 
     def __init__(self, field: str, problem: str) -> None:
         super().__init__(f"{field} {problem}")

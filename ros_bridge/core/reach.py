@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from agents.kernel.levels import Altitude, vertical_gap
 from envs.formats.local_frame import distance
-from ros_bridge.core.fields import SECOND
-from ros_bridge.core.reports import FASTEST, Report, Sighting
+from ros_bridge.core.fields import SECOND, Sighting
+from ros_bridge.core.reports import FASTEST, Report
 from ros_bridge.core.tracks import Track, Verdict
 
 _CLIMB = 30.0

@@ -1,6 +1,4 @@
-"""Reports of aircraft: a whole state as it was reported, or the little that an unusable message
-still holds.
-"""
+"""Reports of aircraft: a whole state as it was reported."""
 
 import math
 from dataclasses import dataclass, replace
@@ -8,7 +6,7 @@ from typing import NamedTuple
 
 from agents.planner.request.request import Altitude
 from envs.formats.local_frame import distance, fly_straight
-from ros_bridge.core.fields import SECOND
+from ros_bridge.core.fields import SECOND, Sighting
 
 FASTEST = 400.0
 """Ground speed that no aircraft exceeds, m/s."""
@@ -34,17 +32,6 @@ USUAL = Unknown()
 
 EXACT = Unknown(0.0, 0.0, 0.0, 0.0)
 """For judgements in which noise that nobody declared must excuse nothing."""
-
-
-class Sighting(NamedTuple):
-    """Which aircraft a message that cannot be used is about, and where it was, as far as that is
-    known.
-    """
-
-    identifier: str
-    time: int | None = None  # ns
-    place: tuple[float, float] | None = None  # latitude and longitude, degrees
-    altitude: Altitude | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 from envs.formats.local_frame import distance
 from ros_bridge.core.courses import Course, begin_course, extend
-from ros_bridge.core.fields import SECOND, FieldError, not_ahead
+from ros_bridge.core.fields import SECOND, FieldError, Sighting, not_ahead
 from ros_bridge.core.freshness import USUAL_FRESHNESS
-from ros_bridge.core.reports import FASTEST, Report, Sighting
+from ros_bridge.core.reports import FASTEST, Report
 
 
 class Verdict(Enum):

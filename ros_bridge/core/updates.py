@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING, TypeVar
 
 from ros_bridge.core import conversions
 from ros_bridge.core.areas import areas as read_areas
-from ros_bridge.core.fields import FieldError, attempt, called, identifier, not_ahead, readable
-from ros_bridge.core.reports import Report, Sighting
+from ros_bridge.core.fields import (
+    FieldError,
+    Sighting,
+    attempt,
+    called,
+    identifier,
+    not_ahead,
+    readable,
+)
+from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Held, Situation
 from ros_bridge.core.tracks import (
     UNKNOWN,

@@ -17,9 +17,9 @@ from ros_bridge.core import conversions as codes
 from ros_bridge.core.areas import CEILING, FLOOR, FROM, REFERENCES, UNTIL
 from ros_bridge.core.categories import BY_CATEGORY, text_of
 from ros_bridge.core.conversions import PlanPoint, Published, Route
-from ros_bridge.core.fields import SECOND
+from ros_bridge.core.fields import SECOND, Sighting
 from ros_bridge.core.freshness import Freshness
-from ros_bridge.core.reports import Report, Sighting
+from ros_bridge.core.reports import Report
 from ros_bridge.display.scene import Bands, Guidance, Health, Monitor
 
 Fields = dict[str, Any]

@@ -16,9 +16,9 @@ from unique_identifier_msgs.msg import UUID
 from agents.planner.answer import Advisory, Plan
 from agents.planner.request.request import Altitude
 from ros_bridge.core.conversions import ALTITUDE_CODES, PlanPoint
-from ros_bridge.core.fields import SECOND
+from ros_bridge.core.fields import SECOND, Sighting
 from ros_bridge.core.replies import plan_points, start_point, true_wind
-from ros_bridge.core.reports import Report, Sighting
+from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import PlanTask
 
 _CODES = {name: code for code, name in ALTITUDE_CODES.items()}

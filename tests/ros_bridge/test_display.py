@@ -25,9 +25,9 @@ from agents.assurance.thresholds import Cause
 from commands.command import InputError
 from envs.formats.local_frame import LocalFrame, distance, fly_straight
 from ros_bridge.core.categories import BY_CATEGORY
-from ros_bridge.core.fields import FieldError
+from ros_bridge.core.fields import FieldError, Sighting
 from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
-from ros_bridge.core.reports import Report, Sighting
+from ros_bridge.core.reports import Report
 from ros_bridge.display.picture import VERSION, picture
 from ros_bridge.display.recording import read
 from ros_bridge.display.run import main
