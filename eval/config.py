@@ -279,7 +279,28 @@ class PolicyConfig(Strict):
         return None if path is None else locate(path, info)
 
 
-class MonteCarloConfig(PolicyConfig, EncountersConfig):
+class ChunksConfig(EncountersConfig):
+    """How many encounters are shared out among the processes that fly them."""
+
+    chunk: int | None = Field(default=None, ge=1, le=100_000)
+    """Encounters that are flown together and stored together; null: equal shares of the workers, at
+    most 1250 (5000 with backend jax; 500 in a comparison, 100 where it searches for witnesses). It
+    changes no result."""
+    workers: int = Field(default=0, ge=0, le=1024)
+    """Processes that fly chunks; 0: as many as there are cores. It changes no result."""
+
+    @property
+    def largest_chunk(self) -> int:
+        """Encounters of a chunk at most, where none is configured."""
+        return _LARGEST_CHUNK
+
+    def chunk_for(self, encounters: int, workers: int) -> int:
+        """Return the size of the chunks of so many encounters among so many workers."""
+        share = -(-encounters // workers)
+        return self.chunk or -(-share // -(-share // self.largest_chunk))
+
+
+class MonteCarloConfig(PolicyConfig, ChunksConfig):
     """An evaluation; the defaults fly the shipped policy through the paper's circle encounters."""
 
     mode: Literal["policy", "plan", "assured"] = "policy"
@@ -294,11 +315,6 @@ class MonteCarloConfig(PolicyConfig, EncountersConfig):
     """What computes the policy's decisions in mode policy: numpy; or jax, compiled and some three
     times as fast, with flights that differ by rounding. auto: jax where it is installed, for 2000
     encounters or more."""
-    chunk: int | None = Field(default=None, ge=1, le=100_000)
-    """Encounters that are flown together and stored together; null: equal shares of the workers, at
-    most 1250, or 5000 with backend jax. It changes no result."""
-    workers: int = Field(default=0, ge=0, le=1024)
-    """Processes that fly chunks; 0: as many as there are cores. It changes no result."""
     aircraft: AircraftConfig | None = Field(
         default=None,
         json_schema_extra={
@@ -403,11 +419,10 @@ class MonteCarloConfig(PolicyConfig, EncountersConfig):
         pays = encounters >= _COMPILED_FROM and find_spec("jax") is not None
         return "jax" if suits and pays else "numpy"
 
-    def chunk_for(self, encounters: int, workers: int) -> int:
-        """Return the size of the chunks of so many encounters among so many workers."""
-        share = -(-encounters // workers)
-        largest = _LARGEST_CHUNK * (4 if self.backend == "jax" else 1)
-        return self.chunk or -(-share // -(-share // largest))
+    @property
+    def largest_chunk(self) -> int:
+        """Encounters of a chunk at most, where none is configured."""
+        return _LARGEST_CHUNK * (4 if self.backend == "jax" else 1)
 
 
 def locate(path: Path, info: ValidationInfo) -> Path:

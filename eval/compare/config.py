@@ -5,12 +5,13 @@ from typing import Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from eval.config import EncountersConfig, locate
+from eval.config import ChunksConfig, locate
 
 _DEFAULT_ENCOUNTERS = 1_000
+_LARGEST_CHUNK, _LARGEST_OF_WITNESSES = 500, 100  # progress is to be seen while they are searched
 
 
-class CompareConfig(EncountersConfig):
+class CompareConfig(ChunksConfig):
     """A comparison; the defaults fly the shipped policy and all baselines through the paper's
     circle encounters.
     """
@@ -32,6 +33,11 @@ class CompareConfig(EncountersConfig):
     @classmethod
     def _policies(cls, paths: tuple[Path, ...], info: ValidationInfo) -> tuple[Path, ...]:
         return tuple(locate(path, info) for path in paths)
+
+    @property
+    def largest_chunk(self) -> int:
+        """Encounters of a chunk at most, where none is configured."""
+        return _LARGEST_OF_WITNESSES if "witness" in self.baselines else _LARGEST_CHUNK
 
     @property
     def default_count(self) -> int:

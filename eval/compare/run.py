@@ -4,20 +4,13 @@ runs/compare``.
 
 import argparse
 import json
-import time
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-import pyarrow.parquet as pq
-from threadpoolctl import threadpool_limits
 
 from agents.config.load import Parser
 from commands.command import whole
 from commands.figures import save_figure
-from commands.files import check_space, write_whole
 from commands.installation import versions
 from envs.traffic.replay import Replay
 from eval.compare.config import CompareConfig
@@ -34,21 +27,14 @@ from eval.flights.aircraft import describe
 from eval.flights.chunks import Evaluation
 from eval.flights.simulate import ByPolicy
 from eval.flights.sources import describe_tracks, most_intruders, say
-from eval.plots import save as picture_folder
-from eval.runner.command import Encounters
+from eval.runner.command import Command, FlownNow, Resolved, run
 from eval.runner.options import (
     config_option,
-    default_folder,
     extension_option,
-    load_config,
+    last_options,
     named_source,
-    resume_option,
 )
-from eval.runner.outputs import arrow_table
-from eval.runner.parts import PartsFolder
-
-_CHUNK = 500  # encounters that are flown and stored together
-_CHUNK_OF_WITNESSES = 100  # the same where witnesses are searched for: progress is to be seen
+from eval.runner.outputs import RunFolder
 
 _DESCRIPTION = """\
 Fly policies and baselines through the same encounters and say how they differ, with intervals for
@@ -67,7 +53,7 @@ takes two minutes for a thousand encounters.
 Scenarios are those of eval.monte_carlo: a name, file:PATH, tracks:PATH (recorded tracks,
 replayed) or lincoln:PATH. Written to --out: summary.json, encounters.parquet, config.yaml as
 resolved, and compare.png, .svg (contents in docs/howto/compare.md). Ctrl-C keeps the encounters
-flown so far, by the hundreds; --resume goes on."""
+flown so far, by the hundreds; --resume goes on. The results do not depend on the workers."""
 
 _EPILOG = """\
 examples:
@@ -85,30 +71,19 @@ examples:
 Every key of --config and --set: docs/reference/configuration-evaluation.md."""
 
 
+class CompareFolder(RunFolder):
+    """The files of one comparison."""
+
+    free = ("workers", "confidence", "resamples")
+    model = CompareConfig
+    schema = b"compare 1"
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison of the command line and return the exit status; bad input raises
     ``InputError``.
     """
-    options = _parser().parse_args(arguments)
-    begun = time.perf_counter()
-    config, comparison = _prepare(_load(options))
-    total, out = config.default_count, options.out or default_folder("compare")
-    # Figure, and rows of an entry twice, as parts and in the table, generously.
-    check_space(out, 1_000_000 + 600 * total * len(comparison.entries), "the rows")
-    folder = PartsFolder(out, config, "compare", free=("confidence", "resamples"))
-    folder.begin(resume=options.resume)
-    say(comparison.evaluation.source)
-    with folder:
-        # One thread: the network's rows would be rounded otherwise with another.
-        with threadpool_limits(1):
-            table = _fly(comparison, total, folder)
-        summary = _summary(config, comparison, table) | {"wall_s": time.perf_counter() - begun}
-        picture_folder.write(out, "summary", summary)
-        with write_whole(out / "encounters.parquet") as path:
-            pq.write_table(arrow_table(table), path)
-        save_figure(draw(summary), out / "compare", 130)
-    show(summary, out)
-    return 0
+    return run(_COMMAND, _with_lists(_parser().parse_args(arguments)))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -116,6 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     many: Any = {"action": "append", "default": []}
     config_option(parser, "a comparison")
+    add("--help-keys", action="store_true", help="list every key of the configuration, and exit")
     add(
         "--policy",
         type=Path,
@@ -171,37 +147,29 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="seed of encounters, sensor noise and bootstrap (default: 0)",
     )
-    resume_option(parser)
-    add(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="folder, new or empty (default: runs/compare_DATE_TIME)",
-    )
+    last_options(parser, "compare")
     return parser
 
 
-def _load(options: argparse.Namespace) -> CompareConfig:
-    """Return the configuration of a file under what the command line says."""
+def _with_lists(options: argparse.Namespace) -> argparse.Namespace:
+    """Return the options with those that may be repeated as values of their keys, in YAML; None:
+    not given.
+    """
     lists: dict[str, list[str]] = {
         "policies": [str(path.absolute()) for path in options.policy],
         "policies_sha256": [digest.lower() for digest in options.policy_sha256],
         "modes": options.mode,
         "baselines": options.baseline,
     }
-    given = {key: json.dumps(values) for key, values in lists.items() if values}
-    if options.policy:  # the digests of a file are those of its own policies
-        given = {"policies_sha256": "[]"} | given
-    keys = {"encounters": "encounters", "seed": "seed", "repair": "tracks.repair"}
-    keys |= {key: key for key in given}
+    given = {key: json.dumps(values) if values else None for key, values in lists.items()}
+    if options.policy and not options.policy_sha256:
+        given["policies_sha256"] = "[]"  # those of a file are of its own policies
     unused = {"policy": None, "policy_sha256": None}
-    return load_config(
-        CompareConfig, argparse.Namespace(**vars(options) | unused | given), keys, "--"
-    )
+    return argparse.Namespace(**vars(options) | unused | given)
 
 
-def _prepare(config: CompareConfig) -> tuple[CompareConfig, Comparison]:
-    """Return a configuration as resolved, and what it names."""
+def _resolve(config: CompareConfig, _: argparse.Namespace) -> Resolved:
+    """Return what a configuration names, ready to be flown, and the configuration as resolved."""
     aircraft = aircraft_of_all(config.policies, config.policies_sha256)
     entries = entries_of(config.policies, config.modes, config.baselines, aircraft)
     source, names, resolved = named_source(config, aircraft)
@@ -213,28 +181,27 @@ def _prepare(config: CompareConfig) -> tuple[CompareConfig, Comparison]:
         "modes": tuple(dict.fromkeys(config.modes)),
         "baselines": tuple(entry.name for entry in entries if entry.kind in (BASELINE, WITNESS)),
     }
+    say(source)
     evaluation = Evaluation(None, source, names, config.seed, aircraft)
-    return config.model_copy(update=resolved), Comparison(entries, evaluation)
+    row_bytes = 600 * len(entries)
+    return Resolved(
+        Comparison(entries, evaluation), config.model_copy(update=resolved), (), row_bytes
+    )
 
 
-def _fly(comparison: Comparison, total: int, folder: PartsFolder) -> dict[str, np.ndarray]:
-    """Return the table of all encounters, of which chunks that are stored are not flown again."""
-    witness = any(entry.kind == WITNESS for entry in comparison.entries)
-    chunk = _CHUNK_OF_WITNESSES if witness else _CHUNK
-    parts = []
-    with Encounters(total) as progress:
-        for first in range(0, total, chunk):
-            size = min(chunk, total - first)
-            parts.append(folder.part(f"{first:09d}", partial(columns, comparison, first, size)))
-            outcome = parts[-1][f"{comparison.entries[0].name}.outcome"]
-            progress.advance(size, int(np.count_nonzero(outcome == "reached")))
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+def _prepare(comparison: Comparison, _: None) -> Comparison:
+    """Return what is flown as it is: the entries hold their policies."""
+    return comparison
 
 
-def _summary(
-    config: CompareConfig, comparison: Comparison, table: Mapping[str, np.ndarray]
-) -> dict[str, Any]:
-    """Return what summary.json says, but for the time it took."""
+def _outcome(comparison: Comparison) -> str:
+    return f"{comparison.entries[0].name}.outcome"
+
+
+def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dict[str, Any]:
+    """Return what summary.json says."""
+    config: CompareConfig = resolved.config
+    comparison: Comparison = resolved.work
     entries, evaluation = comparison
     weighted = bool((table["weight"] != 1.0).any())
     weights = table["weight"] if weighted else None
@@ -251,4 +218,38 @@ def _summary(
         **describe_tracks(evaluation.source),
         **describe(evaluation.aircraft, None),
         "versions": versions("numpy", "scipy", "pyarrow"),
+        "wall_s": now.wall_s,
     }
+
+
+def _draw(
+    folder: Path, _: Mapping[str, Any], __: Resolved, summary: Mapping[str, Any]
+) -> Sequence[Path]:
+    return save_figure(draw(summary), folder / "compare", 130)
+
+
+_KEYS = {
+    "policies": "policies",
+    "policies_sha256": "policies_sha256",
+    "modes": "modes",
+    "baselines": "baselines",
+    "encounters": "encounters",
+    "seed": "seed",
+    "workers": "workers",
+    "repair": "tracks.repair",
+}
+_COMMAND = Command(
+    name="compare",
+    unit="encounters",
+    folder=CompareFolder,
+    keys=_KEYS,
+    prefix="--",
+    resolve=_resolve,
+    prepare=_prepare,
+    columns=columns,
+    summarise=_summary,
+    draw=_draw,
+    show=show,
+    outcome=_outcome,
+    names_policy=False,
+)

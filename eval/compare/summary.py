@@ -4,7 +4,6 @@ a figure.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from matplotlib.figure import Figure
 from envs.aircraft import Aircraft
 from envs.kinematics import Limits
 from eval.compare.resolvers import REFERENCE, WITNESS, Entry, limits_of
-from eval.flights.aircraft import format_limits, lines_about
+from eval.flights.aircraft import format_limits
 from eval.metrics.summary import print_table
 from eval.metrics.volumes import VOLUMES
 from eval.metrics.weighted import ratio
@@ -139,8 +138,8 @@ def _known(values: np.ndarray) -> np.ndarray:
     return values[~np.isnan(values)]
 
 
-def show(summary: Mapping[str, Any], folder: Path) -> None:
-    """Print a summary (as in ``summary.json``) and where the files of the run lie."""
+def show(summary: Mapping[str, Any]) -> None:
+    """Print a summary (as in ``summary.json``)."""
     title = (
         f"{summary['encounters']} encounters, scenario {summary['scenario']}, seed "
         f"{summary['seed']}"
@@ -158,9 +157,7 @@ def show(summary: Mapping[str, Any], folder: Path) -> None:
     ]
     names += ["over witness", "difference", "p"] if witness else ["difference", "p"]
     rows = [_cells(row, witness=witness) for row in summary["entries"]]
-    files = "compare.png, compare.svg, config.yaml, encounters.parquet, summary.json"
-    notes = [*_notes(summary, witness=witness), f"files: {folder}: {files}"]
-    print_table(title, names, rows, notes, 240)
+    print_table(title, names, rows, _notes(summary, witness=witness), 240)
 
 
 def _cells(row: Mapping[str, Any], *, witness: bool) -> list[str]:
@@ -197,7 +194,6 @@ def _notes(summary: Mapping[str, Any], *, witness: bool) -> list[str]:
         notes.append(
             "the ratios are weighted by the file's weights; rates count each encounter once"
         )
-    notes += lines_about(summary)
     warnings = ((row["name"], row["risk_ratio"]["warnings"]) for row in summary["entries"])
     return notes + sorted(f"{name}: {one}" for name, found in warnings for one in found)
 

@@ -4,6 +4,7 @@ runs/hifi``.
 
 import argparse
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from agents.config.load import ConfigError, Parser
@@ -18,7 +19,7 @@ from eval.hifi.rows import HifiFolder, columns
 from eval.hifi.summary import error_rows, rate_rows, summarise
 from eval.hifi.wind import options_in
 from eval.metrics.summary import print_table
-from eval.runner.command import Command, Resolved, run
+from eval.runner.command import Command, FlownNow, Resolved, run, summary_of_policy
 from eval.runner.options import first_options, last_options, named_evaluation
 
 _DESCRIPTION = """\
@@ -120,13 +121,26 @@ def _resolve(config: HifiConfig, options: argparse.Namespace) -> Resolved:
     return Resolved(campaign._replace(viewer=viewer), config, ("jsbsim",))
 
 
-def _summary(table: Mapping[str, Any], config: HifiConfig, campaign: Campaign) -> dict[str, Any]:
-    return {
+def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dict[str, Any]:
+    config: HifiConfig = resolved.config
+    campaign: Campaign = resolved.work
+    flights = {
         "vehicle": config.vehicle,
         "condition": config.condition.model_dump(),
         "margin_m": campaign.options.requirement.margin,
         **summarise(table, config.confidence),
     }
+    return summary_of_policy("flights", flights, resolved, now)
+
+
+def _draw(
+    folder: Path, table: Mapping[str, Any], resolved: Resolved, _: Mapping[str, Any]
+) -> Sequence[Path]:
+    if not resolved.config.figures:
+        return ()
+    from eval.hifi.figures import draw_all  # matplotlib takes a second
+
+    return draw_all(folder, table, resolved.work)
 
 
 def _show(summary: Mapping[str, Any]) -> None:
@@ -173,6 +187,6 @@ _COMMAND = Command(
     prepare=prepare,
     columns=columns,
     summarise=_summary,
-    figures="eval.hifi.figures",
+    draw=_draw,
     show=_show,
 )

@@ -20,7 +20,15 @@ from eval.flights.aircraft import format_limits
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns, conditions_of, pick
 from eval.flights.sources import describe_tracks, say
 from eval.metrics.summary import headline, print_table, summarise
-from eval.runner.command import Command, Finished, Resolved, fly, run
+from eval.runner.command import (
+    Command,
+    Finished,
+    FlownNow,
+    Resolved,
+    fly,
+    run,
+    summary_of_policy,
+)
 from eval.runner.options import (
     first_options,
     last_options,
@@ -156,9 +164,9 @@ def _resolve(config: MonteCarloConfig, _: argparse.Namespace) -> Resolved:
     return resolve_config(config)
 
 
-def _summary(
-    table: Mapping[str, Any], config: MonteCarloConfig, evaluation: Evaluation
-) -> dict[str, Any]:
+def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dict[str, Any]:
+    config: MonteCarloConfig = resolved.config
+    evaluation: Evaluation = resolved.work
     policy = named_policy(config).for_aircraft(evaluation.aircraft, outside="allow")
     columns = {
         "own_speed": "own_speed_m_s",
@@ -171,7 +179,7 @@ def _summary(
         name: int((excess(policy.domain[name], table[key]) > 0.0).sum())
         for name, key in columns.items()
     }
-    return {
+    flights = {
         "baseline": config.baseline,
         "backend": config.backend,
         "limits": evaluation.limits._asdict(),
@@ -179,6 +187,17 @@ def _summary(
         "outside_domain": outside,
         **describe_tracks(evaluation.source),
     }
+    return summary_of_policy("encounters", flights, resolved, now)
+
+
+def _draw(
+    folder: Path, table: Mapping[str, Any], resolved: Resolved, _: Mapping[str, Any]
+) -> Sequence[Path]:
+    if not resolved.config.figures:
+        return ()
+    from eval.plots.encounters import draw_all  # matplotlib takes a second
+
+    return draw_all(folder, table, resolved.work)
 
 
 def _show(summary: Mapping[str, Any]) -> None:
@@ -228,6 +247,6 @@ _COMMAND = Command(
     prepare=ReadyEvaluation,
     columns=columns,
     summarise=_summary,
-    figures="eval.plots.encounters",
+    draw=_draw,
     show=_show,
 )

@@ -83,7 +83,7 @@ class Cluster:
         self,
         task: Work,
         work: Any,
-        sha256: str,
+        sha256: str | None,
         chunks: Iterable[Chunk],
         stopped: Callable[[], bool],
     ) -> Iterator[tuple[Chunk, dict[str, np.ndarray]]]:

@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
@@ -24,7 +23,7 @@ from commands.files import check_space, write_file
 from commands.folder_lock import lock
 from commands.installation import versions
 from commands.progress import Progress, group_digits
-from eval.config import MonteCarloConfig
+from eval.config import ChunksConfig, MonteCarloConfig, PolicyConfig
 from eval.flights.aircraft import describe, lines_about
 from eval.runner.options import default_folder, load_config, named_policy
 from eval.runner.outputs import SCHEMA_VERSION, RunFolder, check_unused
@@ -40,17 +39,24 @@ Fly: TypeAlias = Callable[
 """(chunks, whether to stop) -> chunks with their columns, in any order."""
 
 _ROW_BYTES, _PART_BYTES = 500, 64_000
-"""What a row and a part take on the disk, generously: a row stands in a part and in the joined
-table.
-"""
+"""What a row and a part take on the disk, generously."""
 
 
 class Resolved(NamedTuple):
     """What a configuration names, ready to be flown."""
 
     work: Any  # all that the flights follow from
-    config: MonteCarloConfig  # resolved but for its chunks
-    packages: tuple[str, ...]  # that rows depend on
+    config: Any  # a ChunksConfig, resolved but for its chunks
+    packages: tuple[str, ...] = ()  # that rows depend on
+    row_bytes: int = _ROW_BYTES
+    """What a row takes on the disk, generously: it stands in a part and in the joined table."""
+
+
+class FlownNow(NamedTuple):
+    """What a call has flown of a run."""
+
+    flown: int
+    wall_s: float
 
 
 class Command(NamedTuple):
@@ -66,10 +72,14 @@ class Command(NamedTuple):
     columns: Callable[
         [Any, int, int], dict[str, Any]
     ]  # with ``prepare``: of :class:`eval.runner.payload.Work`
-    summarise: Callable[[Mapping[str, Any], Any, Any], dict[str, Any]]
-    """(table, configuration, work) -> what the summary says of the flights."""
-    figures: str  # module with draw_all: (folder, table, work) -> files of the figures
+    summarise: Callable[[Mapping[str, Any], Resolved, FlownNow], dict[str, Any]]
+    """(table, what was resolved, what was flown now) -> what summary.json holds."""
+    draw: Callable[[Path, Mapping[str, Any], Resolved, Mapping[str, Any]], Sequence[Path]]
+    """(folder, table, what was resolved, summary) -> files of the figures."""
     show: Callable[[Mapping[str, Any]], None]  # prints a summary
+    outcome: Callable[[Any], str] = lambda _: "outcome"
+    """(work) -> the column whose share of goals reached is shown as it flies."""
+    names_policy: bool = True  # as of :class:`eval.runner.payload.Work`
 
 
 class Finished(NamedTuple):
@@ -131,51 +141,57 @@ def fly(
         UnfinishedError: it was interrupted, or a worker or the disk failed.
     """
     begun = time.perf_counter()
-    config, packages = resolved.config, resolved.packages
-    task = Work(command.prepare, command.columns, (*DECISIVE, *packages))
+    config: ChunksConfig = resolved.config
+    packages = (*DECISIVE, *resolved.packages)
+    task = Work(command.prepare, command.columns, packages, command.names_policy)
     workers = config.workers or cores() if cluster is None else cluster.size()
     chunk = config.chunk_for(config.default_count, workers)
     config = config.model_copy(update={"chunk": chunk})
     folder = command.folder(out, config)
     fly_all = partial(fly_chunks, task, resolved.work, workers)
     if cluster is not None:
-        assert config.policy_sha256 is not None  # it is resolved
-        fly_all = partial(cluster.fly, task, resolved.work, config.policy_sha256)
+        sha256 = config.policy_sha256 if isinstance(config, PolicyConfig) else None
+        fly_all = partial(cluster.fly, task, resolved.work, sha256)
     if not resume:
         check_unused(folder.path)
         count, parts = config.default_count, math.ceil(config.default_count / chunk)
-        check_space(folder.path, count * _ROW_BYTES + parts * _PART_BYTES, f"{count} rows")
+        needed = count * resolved.row_bytes + parts * _PART_BYTES
+        check_space(folder.path, needed, f"{count} rows")
     with lock(folder.path):
         folder.begin(resume=resume)
-        table, flown = _whole_table(folder, config, fly_all)
-        wall_s = time.perf_counter() - begun
-        summary = _summary(command, resolved._replace(config=config), table, flown, wall_s)
+        table, flown = _whole_table(folder, config, fly_all, command.outcome(resolved.work))
+        now = FlownNow(flown, time.perf_counter() - begun)
+        resolved = resolved._replace(config=config)
+        summary = command.summarise(table, resolved, now)
         write_file(
             folder.path / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n"
         )
-        # Imported only now: matplotlib takes a second.
-        draw_all = import_module(command.figures).draw_all if config.figures else lambda *_: []
-        figures = draw_all(folder.path, table, resolved.work)
+        figures = command.draw(folder.path, table, resolved, summary)
     written = {"summary.json", folder.table, "config.yaml", *(path.name for path in figures)}
-    return Finished(summary, sorted(written), flown, wall_s)
+    return Finished(summary, sorted(written), *now)
 
 
-def _summary(
-    command: Command, resolved: Resolved, table: Mapping[str, Any], flown: int, wall_s: float
+def summary_of_policy(
+    unit: str, flights: Mapping[str, Any], resolved: Resolved, now: FlownNow
 ) -> dict[str, Any]:
-    """Return what summary.json says of a run."""
-    config = resolved.config
+    """Return what summary.json says of the flights of one policy.
+
+    Args:
+        unit: what is counted, such as encounters.
+        flights: what the command itself says of them.
+    """
+    config: MonteCarloConfig = resolved.config
     shared = ("seed", "scenario", "changes", "mode", "policy_sha256")
     return {
         "schema_version": SCHEMA_VERSION,
-        command.unit: config.default_count,
+        unit: config.default_count,
         **{name: getattr(config, name) for name in shared},
         **describe(resolved.work.aircraft, named_policy(config)),
         "confidence": config.confidence,
-        **command.summarise(table, config, resolved.work),
-        "wall_s": wall_s,
-        f"{command.unit}_flown_now": flown,
-        f"{command.unit}_per_s": flown / wall_s if flown else None,
+        **flights,
+        "wall_s": now.wall_s,
+        f"{unit}_flown_now": now.flown,
+        f"{unit}_per_s": now.flown / now.wall_s if now.flown else None,
         "versions": versions("numpy", "safetensors", "pyarrow", "scipy", *resolved.packages),
     }
 
@@ -225,10 +241,10 @@ def _cluster_of(
 
 
 def _whole_table(
-    folder: RunFolder, config: MonteCarloConfig, fly: Fly
+    folder: RunFolder, config: ChunksConfig, fly: Fly, outcome: str
 ) -> tuple[Mapping[str, Any], int]:
     """Fly what is missing of a run; return its whole table, and how many encounters were
-    flown now.
+    flown now. The column ``outcome`` tells which reached their goal.
     """
     assert config.chunk is not None  # it is resolved
     total, size, stored, flown = config.default_count, config.chunk, folder.done(), 0
@@ -243,7 +259,7 @@ def _whole_table(
             for chunk, columns in fly(missing, lambda: bool(stopped)):
                 folder.store(chunk.first, columns)
                 flown += chunk.size
-                progress.advance(chunk.size, int((columns["outcome"] == "reached").sum()))
+                progress.advance(chunk.size, int((columns[outcome] == "reached").sum()))
         if before + flown == total:
             return folder.finish(), flown
     except WorkerError as problem:

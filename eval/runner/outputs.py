@@ -15,7 +15,7 @@ from agents.config.load import ConfigError, Strict, dump, load
 from commands.files import write_file, write_whole
 from commands.folder_lock import is_unused
 from commands.installation import versions
-from eval.config import EncountersConfig, MonteCarloConfig
+from eval.config import ChunksConfig, EncountersConfig, MonteCarloConfig
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -113,18 +113,19 @@ class RunFolder(ResumableFolder):
     """The files of one evaluation."""
 
     free = ("policy", "workers", "figures", "confidence", "resamples")
-    model: type[MonteCarloConfig] = MonteCarloConfig  # of its configuration
+    model: type[ChunksConfig] = MonteCarloConfig  # of its configuration
     table: str = "encounters.parquet"  # name of the file with a row an encounter
     schema: bytes = b"monte_carlo 1"  # of that file, in its metadata
 
-    def __init__(self, path: Path, config: MonteCarloConfig) -> None:
+    def __init__(self, path: Path, config: ChunksConfig) -> None:
         super().__init__(path, config)
-        self._config: MonteCarloConfig = config
+        self._config: ChunksConfig = config
 
     @property
     def packages(self) -> tuple[str, ...]:
         """Packages that must have the same versions in all parts of the run."""
-        return ("numpy", "jaxlib") if self._config.backend == "jax" else ("numpy",)
+        compiled = isinstance(self._config, MonteCarloConfig) and self._config.backend == "jax"
+        return ("numpy", "jaxlib") if compiled else ("numpy",)
 
     def done(self) -> set[int]:
         """Return the first encounters of the chunks that are stored; other versions made them:

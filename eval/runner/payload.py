@@ -11,6 +11,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import resources
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,11 +40,15 @@ class Work(NamedTuple):
     """
 
     prepare: Callable[
-        [Any, Policy], Any
-    ]  # (what is flown, the policy) -> what the next function flies with
+        [Any, Any], Any
+    ]  # (what is flown, its policy) -> what the next function flies with
     columns: Callable[[Any, int, int], dict[str, np.ndarray]]
     """(what was prepared, first encounter, how many) -> table of the chunk."""
     packages: tuple[str, ...] = DECISIVE  # on whose versions the rows depend
+    names_policy: bool = True
+    """Whether what is flown names the file of a policy, as ``policy``, which goes with it; else its
+    policy is None.
+    """
 
 
 class WorkerError(RuntimeError):
@@ -56,26 +61,57 @@ _SHIPPED = "data/policy.safetensors"
 
 
 @dataclass(frozen=True)
+class SentPolicy:
+    """A policy on its way to a worker."""
+
+    content: bytes  # of the policy file
+    sha256: str  # digest that the policy must have
+    inputs: tuple[Input, ...]  # of the user's own that the policy needs
+
+    def policy(self) -> Policy:
+        """Return the policy; ``WorkerError``: it is another one."""
+        source = "the policy that was sent"
+        policy = Policy(parse(self.content, source), source=source, inputs=self.inputs)
+        if policy.sha256 != self.sha256:
+            raise WorkerError(f"{source} has SHA-256 {policy.sha256}, expected {self.sha256}")
+        return policy
+
+
+@dataclass(frozen=True)
 class Payload:
     """All that the chunks of a run follow from."""
 
     name: str  # of the run; no two have the same
     task: Work
     work: Any  # an evaluation or a campaign, without the path of its policy
-    policy: bytes  # content of the policy file
-    sha256: str  # digest that the policy must have
+    policy: SentPolicy | None  # None: the work names none
     versions: Mapping[str, str]  # of the packages on which rows depend, where the run was begun
-    inputs: tuple[Input, ...] = ()  # of the user's own that the policy needs
 
 
-def pack(name: str, task: Work, work: Any, sha256: str) -> bytes:
+def pack(name: str, task: Work, work: Any, sha256: str | None) -> bytes:
     """Return the payload of a run as bytes; ``work`` names its policy's file, None: the one that
-    ships.
+    ships. Of work that names no policy the digest is None.
 
     ``PolicyFileError``: the file cannot be read again, or is no longer the one with this digest.
     """
-    shipped = work.policy is None
-    path = resources.files("agents").joinpath(_SHIPPED) if shipped else locate(work.policy)
+    policy = None
+    if task.names_policy:
+        assert sha256 is not None
+        policy, work = _sent(work.policy, sha256), work._replace(policy=None)
+    installed = versions(*task.packages)
+    decisive = {name: installed[name] for name in task.packages}
+    try:
+        return pickle.dumps(Payload(name, task, work, policy, decisive))
+    except (pickle.PicklingError, AttributeError) as problem:
+        raise InputError(
+            f"code of your own cannot be sent to another process: {problem}; expected a "
+            "function of a module, or one worker"
+        ) from None
+
+
+def _sent(file: Path | None, sha256: str) -> SentPolicy:
+    """Return the policy of a file (None: the one that ships), read again, to be sent."""
+    path = resources.files("agents").joinpath(_SHIPPED) if file is None else locate(file)
     try:
         content = path.read_bytes()
     except OSError as problem:
@@ -86,17 +122,7 @@ def pack(name: str, task: Work, work: Any, sha256: str) -> bytes:
             f"{path}: has changed since it was loaded: its SHA-256 is {parsed.sha256}, expected "
             f"{sha256}"
         )
-    inputs = input_table(parsed, source=str(path)).extra
-    found = versions(*task.packages)
-    decisive = {name: found[name] for name in task.packages}
-    work = work._replace(policy=None)
-    try:
-        return pickle.dumps(Payload(name, task, work, content, sha256, decisive, inputs))
-    except (pickle.PicklingError, AttributeError) as problem:
-        raise InputError(
-            f"code of your own cannot be sent to another process: {problem}; expected a "
-            "function of a module, or one worker"
-        ) from None
+    return SentPolicy(content, sha256, input_table(parsed, source=str(path)).extra)
 
 
 def unpack(data: bytes) -> Payload:
@@ -154,13 +180,5 @@ def _assemble(payload: Payload) -> Any:
     unlike = differences(payload.versions, versions(*payload.versions))
     if unlike:
         raise WorkerError(f"a worker has {unlike}; expected the same versions everywhere")
-    policy = Policy(
-        parse(payload.policy, "the policy that was sent"),
-        source="the policy that was sent",
-        inputs=payload.inputs,
-    )
-    if policy.sha256 != payload.sha256:
-        raise WorkerError(
-            f"the policy that was sent has SHA-256 {policy.sha256}, expected {payload.sha256}"
-        )
+    policy = None if payload.policy is None else payload.policy.policy()
     return payload.task.prepare(payload.work, policy)

@@ -36,8 +36,8 @@ def cores() -> int:
 def fly_chunks(
     task: Work, work: Any, workers: int, chunks: Iterable[Chunk], stopped: Callable[[], bool]
 ) -> Iterator[tuple[Chunk, dict[str, np.ndarray]]]:
-    """Fly chunks of some work, with the path of its policy, and yield the table of each in any
-    order.
+    """Fly chunks of some work, which may name the file of a policy, and yield the table of each in
+    any order.
 
     With one worker everything happens in this process. ``stopped`` is asked before each chunk: once
     it is true, none is begun and those in the air are finished.
@@ -49,13 +49,15 @@ def fly_chunks(
     if workers == 1 or len(waiting) <= 1:
         # One thread in every case, because BLAS rounds differently with several.
         with threadpool_limits(1):
-            prepared = task.prepare(work, Policy.load(work.policy))
+            policy = Policy.load(work.policy) if task.names_policy else None
+            prepared = task.prepare(work, policy)
             while waiting and not stopped():
                 chunk = waiting.popleft()
                 yield chunk, task.columns(prepared, *chunk)
         return
     size = min(workers, len(waiting))
-    packed = pack("run", task, work, Policy.load(work.policy).sha256)
+    sha256 = Policy.load(work.policy).sha256 if task.names_policy else None
+    packed = pack("run", task, work, sha256)
     with processes(size, _begin, packed) as pool:
         air: dict[Future[dict[str, np.ndarray]], Chunk] = {}
         while True:

@@ -4,6 +4,7 @@ input.
 
 import json
 import math
+import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -141,6 +142,7 @@ def test_the_command_and_its_files(
     ]
     assert compare.main([*arguments, "--out", str(out)]) == 0
     assert sorted(path.name for path in out.iterdir()) == [
+        ".lock",
         "compare.png",
         "compare.svg",
         "config.yaml",
@@ -177,24 +179,24 @@ def test_the_command_and_its_files(
 
 @pytest.mark.slow
 def test_an_interrupted_comparison_goes_on_from_its_chunks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    asked = ["--baseline", "mvp", "--encounters", "30", "--set", "resamples=100"]
+    asked = ["--baseline", "mvp", "--encounters", "30", "--workers", "1"]
+    asked += ["--set", "resamples=100", "--set", "chunk=10"]
     whole, out = tmp_path / "whole", tmp_path / "out"
-    monkeypatch.setattr(compare, "_CHUNK", 10)
     assert compare.main([*asked, "--out", str(whole)]) == 0
     flown: list[int] = []
 
-    def stop_at_the_third(made: Comparison, first: int, count: int) -> dict[str, np.ndarray]:
-        if first == 20 and len(flown) == 2:
-            raise KeyboardInterrupt
+    def stop_in_the_second(made: Comparison, first: int, count: int) -> dict[str, np.ndarray]:
+        if first == 10:
+            signal.raise_signal(signal.SIGINT)
         flown.append(first)
         return comparison.columns(made, first, count)
 
-    monkeypatch.setattr(compare, "columns", stop_at_the_third)
-    with pytest.raises(KeyboardInterrupt):
-        compare.main([*asked, "--out", str(out)])
-    assert f"Go on with: python -m eval.compare --resume --out {out}" in capsys.readouterr().err
+    command = compare._COMMAND._replace(columns=stop_in_the_second)
+    monkeypatch.setattr(compare, "_COMMAND", command)
+    assert compare.main([*asked, "--out", str(out)]) == 130
+    assert f"Go on with: python -m eval.compare --resume --out {out}" in capfd.readouterr().err
     with pytest.raises(ConfigError, match="--resume: seed is 1, expected 0"):
         compare.main(["--resume", "--seed", "1", "--out", str(out)])
     monkeypatch.setattr(compare, "versions", lambda *_: {"rlcas-toolkit": "0"})
@@ -202,14 +204,23 @@ def test_an_interrupted_comparison_goes_on_from_its_chunks(
     with pytest.raises(ConfigError, match="was made with other versions"):
         compare.main(["--resume", "--out", str(out)])
     monkeypatch.undo()
-    monkeypatch.setattr(compare, "_CHUNK", 10)
-    monkeypatch.setattr(compare, "columns", stop_at_the_third)
-    flown.append(-1)  # nothing stops it now
+    monkeypatch.setattr(compare, "_COMMAND", command)
     assert compare.main(["--resume", "--out", str(out)]) == 0
-    assert flown == [0, 10, -1, 20]
+    assert flown == [0, 10, 20]
     for name in ("encounters.parquet", "compare.svg", "config.yaml"):
         assert (out / name).read_bytes() == (whole / name).read_bytes()
     assert {path.name for path in out.iterdir()} == {path.name for path in whole.iterdir()}
+
+
+@pytest.mark.slow
+def test_a_comparison_does_not_depend_on_its_workers(tmp_path: Path) -> None:
+    asked = ["--mode", "plan", "--baseline", "rules", "--encounters", "12"]
+    asked += ["--set", "resamples=100", "--set", "chunk=5"]
+    for workers in ("1", "2"):
+        out = str(tmp_path / workers)
+        assert compare.main([*asked, "--workers", workers, "--out", out]) == 0
+    for name in ("encounters.parquet", "compare.svg"):
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
 
 
 def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:

@@ -318,8 +318,10 @@ def test_a_worker_that_joins_later_is_held_to_the_run_too(
         match=r"^a worker has numpy .* instead of 1.0; expected the same versions every",
     ):
         fly(other, 0, 1)
+    assert payload.policy is not None
+    another = replace(payload.policy, sha256="0" * 64)
     with pytest.raises(WorkerError, match=f"SHA-256 {policy.sha256}, expected 00"):
-        fly(replace(payload, name="another", sha256="0" * 64), 0, 1)
+        fly(replace(payload, name="another", policy=another), 0, 1)
     with pytest.raises(
         PolicyFileError, match=f"has changed since it was loaded: its SHA-256 is {policy.sha256}"
     ):
