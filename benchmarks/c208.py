@@ -20,6 +20,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from agents.planner.planner import plan_many
+from agents.planner.request.encounters import request_of
 from agents.planner.request.request import Options, in_wind
 from agents.policy.inference import Policy
 from benchmarks.measure import hold_to_one_core, report, show
@@ -42,7 +43,6 @@ from envs.starts import encounters_of_seed
 from envs.waypoints import Legs, PlanStates, legs
 from envs.waypoints import at as along
 from envs.wind import NO_WIND, over_ground, through_air
-from eval.flights.plan_flight import request_of
 
 _WIND = 10.0  # m/s, from any direction
 _POWER_SPEEDS = 55.0, 92.0  # airspeeds between which there is power left for a plan, m/s

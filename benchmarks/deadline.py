@@ -20,6 +20,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from agents.planner import Intruder, Options, plan
+from agents.planner.request.encounters import request_of
 from agents.policy.inference import Policy
 from benchmarks.measure import report
 from benchmarks.planner import question
@@ -31,7 +32,6 @@ from commands.json_text import parse_json
 from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.starts import encounters_of_seed
-from eval.flights.plan_flight import request_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from agents.planner.answer import Plan, Source
 from agents.planner.planner import plan
+from agents.planner.request.encounters import request_of
 from agents.planner.request.request import Request
 from agents.policy.inference import Policy
 from benchmarks.measure import (
@@ -36,7 +37,6 @@ from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from envs.waypoints import RoutePoint
-from eval.flights.plan_flight import request_of
 
 FLOOR_STEPS = 380
 KINDS = "policy", "fallback", "unresolved"

@@ -2,6 +2,7 @@
 numbers of the paper.
 """
 
+import ast
 import io
 import os
 import re
@@ -87,6 +88,28 @@ def test_no_module_imports_itself_through_others():
         TopologicalSorter(imports).prepare()
     except CycleError as problem:
         pytest.fail(f"a circle of imports: {' <- '.join(problem.args[1])}")
+
+
+UPPER = {"rlcas_jax", "eval", "ros_bridge", "benchmarks"}
+
+
+@pytest.mark.parametrize("floor", ["commands", "envs", "agents"])
+def test_tests_of_a_lower_floor_use_no_upper_one(floor: str):
+    strays = {
+        f"{path.relative_to(ROOT)} -> {name}"
+        for path in [*(ROOT / "tests" / floor).rglob("*.py"), ROOT / "tests" / "support.py"]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for name in _imported(node)
+        if UPPER & set(name.split(".")[:2])  # tests.eval, too
+    }
+    assert not strays, f"expected what stands on the tests' own floor: {sorted(strays)}"
+
+
+def _imported(node: ast.AST) -> list[str]:
+    """Return the names of the modules that a statement imports."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    return [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
 
 
 def project_files() -> list[Path]:

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from agents.planner.request.encounters import request_of
 from agents.planner.request.request import Request
 from benchmarks.measure import percentiles_ms, report, show
 from benchmarks.ros.graph import (
@@ -45,7 +46,6 @@ from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed
 from envs.trees import take
-from eval.flights.plan_flight import request_of
 from ros_bridge.transport.children import stop
 
 if TYPE_CHECKING:

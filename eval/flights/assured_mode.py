@@ -15,6 +15,7 @@ from agents.assurance.state import Monitor
 from agents.assurance.tracker import Tracks, follow
 from agents.kernel.traffic import Traffic
 from agents.planner.planner import Plans, plan_among, plan_many
+from agents.planner.request.encounters import request_of, route_of
 from agents.planner.request.options import Narrowed, Options
 from agents.planner.request.request import Request, drift_points
 from agents.planner.search.candidates import Proposals
@@ -29,16 +30,7 @@ from envs.wind import NO_WIND, Wind
 from envs.world import State, begin, perceive_intruders
 from eval.flights.among_areas import in_air_at
 from eval.flights.in_wind import drift_of
-from eval.flights.plan_flight import (
-    SUBSTEPS,
-    Active,
-    PlanFlights,
-    Step,
-    Tally,
-    fly_step,
-    request_of,
-    route_of,
-)
+from eval.flights.plan_flight import SUBSTEPS, Active, PlanFlights, Step, Tally, fly_step
 from eval.flights.trajectories import TrajectoryRecorder
 
 _GOAL = 1  # number of the goal among the route's points

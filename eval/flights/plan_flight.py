@@ -9,14 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.traffic import Traffic
-from agents.planner.request.request import Request, drift_points
+from agents.planner.request.request import drift_points
 from envs import intruder
 from envs.aircraft import Aircraft
 from envs.angles import wrap
-from envs.encounters import Encounter
 from envs.follower import PERIOD, gains, offset, steer
-from envs.frames import Air, F
+from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance, leg_separation
 from envs.trees import column, take
@@ -64,36 +62,6 @@ class Step(NamedTuple):
         """Return the step of so many flights before its first period."""
         zeros, far = np.zeros(count), np.full(count, np.inf)
         return cls(far, far, np.full(count, np.nan), zeros, zeros, np.zeros(count, np.int32))
-
-
-def request_of(
-    encounters: Encounter, aircraft: Aircraft, intruders: VehicleState[Air] | None = None
-) -> Request:
-    """Return what a planner is asked at the start of encounters ``[N]``, with intruders as
-    believed, or as they are, and their separations of their own.
-
-    The route runs from the start to the goal, then over a point every 5 separations on the same
-    line to 45 beyond it.
-    """
-    traffic = Traffic.straight(
-        encounters.intruders if intruders is None else intruders, encounters.mask
-    )._replace(separation=encounters.separation)
-    own = encounters.own
-    return Request(own, traffic, *route_of(own, encounters.goal_x, encounters.goal_y, aircraft))
-
-
-def route_of(
-    own: VehicleState[F], goal_x: np.ndarray, goal_y: np.ndarray, aircraft: Aircraft
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the route from a place to the goal and on, ``[N, R]`` each of x and y, m, and its
-    number of points, ``[N]``.
-    """
-    dx, dy = goal_x - own.x, goal_y - own.y
-    length = np.maximum(np.hypot(dx, dy), 1e-9)
-    beyond = 5.0 * aircraft.separation * np.arange(10)
-    x = np.concatenate([own.x[:, None], goal_x[:, None] + (dx / length)[:, None] * beyond], axis=1)
-    y = np.concatenate([own.y[:, None], goal_y[:, None] + (dy / length)[:, None] * beyond], axis=1)
-    return x, y, np.full(len(x), x.shape[1])
 
 
 def fly_step(

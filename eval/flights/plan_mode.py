@@ -3,6 +3,7 @@
 import numpy as np
 
 from agents.planner.planner import Plans, plan_among, plan_many
+from agents.planner.request.encounters import request_of
 from agents.planner.request.options import Options
 from agents.planner.request.request import in_wind
 from agents.policy.inference import Policy
@@ -18,7 +19,7 @@ from envs.wind import Wind
 from envs.world import begin, perceive_intruders
 from eval.flights.among_areas import in_air_at
 from eval.flights.in_wind import drift_of
-from eval.flights.plan_flight import SUBSTEPS, Active, PlanFlights, Tally, fly_step, request_of
+from eval.flights.plan_flight import SUBSTEPS, Active, PlanFlights, Tally, fly_step
 from eval.flights.trajectories import TrajectoryRecorder
 
 SOURCES = ("none", "policy", "fallback")  # names of a plan's sources by their codes

@@ -13,6 +13,7 @@ import numpy as np
 from agents.assurance.thresholds import Thresholds
 from agents.kernel.traffic import Traffic as Known
 from agents.planner.planner import Plans
+from agents.planner.request.encounters import request_of
 from agents.planner.request.options import Options
 from agents.planner.search.candidates import empty
 from agents.policy.inference import Policy
@@ -31,7 +32,6 @@ from envs.wind import Wind, over_ground, through_air
 from envs.world import shares
 from eval.flights import sources
 from eval.flights.among_areas import areas_of
-from eval.flights.plan_flight import request_of
 from eval.flights.plan_mode import SOURCES, perceive_at_start
 from eval.flights.simulate import sensor_noise
 from eval.flights.sources import Source

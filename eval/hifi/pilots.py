@@ -17,6 +17,7 @@ from agents.assurance.tracker import Tracks, follow
 from agents.kernel.areas import Counted
 from agents.kernel.traffic import Traffic as Known
 from agents.planner.planner import Plans
+from agents.planner.request.encounters import route_of
 from agents.planner.request.options import Narrowed
 from agents.planner.request.request import Options
 from agents.planner.search.candidates import Proposals, empty
@@ -32,7 +33,6 @@ from envs.trees import take
 from envs.wind import Wind, through_air
 from eval.flights.among_areas import as_row, in_air_mass
 from eval.flights.areas_seen import what_stands
-from eval.flights.plan_flight import route_of
 from eval.flights.static_obstacles import as_intruders
 from eval.hifi.wind import Route, plan_for
 

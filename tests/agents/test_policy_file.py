@@ -4,7 +4,6 @@ import json
 import pickle
 import struct
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +17,7 @@ from agents.policy.digest import canonical, digest
 from agents.policy.features import size
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read, serialise, write
 from agents.policy.schema import OBSERVATION, new_metadata
-from commands.command import run_cli
 from envs.kinematics import SURROGATE
-from eval.monte_carlo import run as monte_carlo
-from rlcas_jax import train
 
 KEY = "rlcas_policy"
 
@@ -280,35 +276,16 @@ def at(path, value):
         ("versions.numpy", 2, r"versions\.numpy is 2, expected a string"),
         ("notes", None, "notes is None, expected a string"),
         ("extra", 1, "metadata has unexpected 'extra'"),
+        (
+            "architecture.feature_set",
+            "cpa",
+            r"metadata\.architecture\.feature_set is 'cpa', expected one of none, mirror",
+        ),
     ],
 )
 def test_wrong_metadata(path, value, message):
     with pytest.raises(PolicyFileError, match=message.replace("tensor actor", "tensor '?actor")):
         parse(rebuilt(change=at(path, value)), "p")
-
-
-def test_commands_refuse_the_former_feature_set_cpa_in_a_sentence(tmp_path, capsys):
-    policy, config = tmp_path / "old.safetensors", tmp_path / "old.yaml"
-    policy.write_bytes(rebuilt(change=at("architecture.feature_set", "cpa")))
-    config.write_text("network: {feature_set: cpa}\n")
-    for program, option, file, says in (
-        (
-            monte_carlo,
-            "--policy",
-            policy,
-            "metadata.architecture.feature_set is 'cpa', expected one of none, mirror",
-        ),
-        (
-            train,
-            "--config",
-            config,
-            "network.feature_set is 'cpa'; expected one of mirror, none, set",
-        ),
-    ):
-        with pytest.raises(SystemExit) as ended:
-            run_cli(partial(program.main, [option, str(file), "--out", str(tmp_path / "out")]))
-        assert ended.value.code == 2
-        assert capsys.readouterr().err == f"error: {file}: {says}\n"
 
 
 def alter(name, tensor):

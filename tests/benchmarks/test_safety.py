@@ -15,6 +15,7 @@ from agents.check import RefusedError, accept
 from agents.planner import plan
 from agents.planner.answer import Excluded, Plan
 from agents.planner.planner import plan_many
+from agents.planner.request.encounters import request_of
 from agents.planner.request.request import Altitude, Intruder, Options, Request
 from agents.policy.inference import Policy
 from benchmarks.safety import attack, certificates, judgement, mutation, published, sky
@@ -32,7 +33,6 @@ from envs.starts import encounters_of_seed
 from envs.trees import take
 from envs.waypoints import PlanStates, RoutePoint, at, legs
 from envs.wind import Wind
-from eval.flights.plan_flight import request_of
 
 OPTIONS = Options.for_aircraft(PAPER, exhaustive=False)
 ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.areas import questions
 from envs.aircraft import PAPER, Aircraft
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Circle
@@ -64,9 +63,3 @@ def test_they_scale_with_the_aircraft() -> None:
             else:
                 assert not isinstance(other.shape, Circle)
                 np.testing.assert_allclose(other.shape.outer, 2.0 * np.array(one.shape.outer))
-
-
-def test_the_benchmark_asks_for_one_to_three_areas_and_one_to_four_intruders() -> None:
-    asked = questions(0, 24, PAPER)
-    assert {len(one.areas) for one in asked} == {1, 2, 3}
-    assert {len(one.asked.intruders) for one in asked} == {1, 2, 3, 4}

@@ -51,7 +51,8 @@ from eval.flights.simulate import OUTCOMES
 from eval.metrics.weighted import rates_of
 from eval.runner import outputs
 from eval.stats.paired import mcnemar_exact, pairs, tango
-from tests.support import fly_recorded, recorded_path
+from tests.eval.resolvers import fly_recorded
+from tests.support import recorded_path
 
 
 def make(

@@ -151,6 +151,10 @@ def test_a_dump_repeats_the_run(
             "--set: aircraft: t_max is 0.5 s; expected a whole number of time steps of 1 s",
         ),
         (
+            "network.feature_set=cpa",
+            "--set: network.feature_set is 'cpa'; expected one of mirror, none, set",
+        ),
+        (
             "network.feature_set=miror",
             "--set: network.feature_set is 'miror'; expected one of mirror, none, set; did you "
             "mean mirror?",

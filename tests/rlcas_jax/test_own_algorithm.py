@@ -3,8 +3,7 @@ sentence where it cannot be used.
 """
 
 import json
-import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,11 +26,9 @@ from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import prepare
 from rlcas_jax.training import Extensions, _config_of, resume, train
 from tests.probes import Probe, train_on_probe
-from tests.stranger import python_blocks, run
+from tests.stranger import block_with, names_of, python, run, settle
 
-MODULE = next(
-    code for code in python_blocks("howto/own-algorithm.md") if "class ActorCritic" in code
-)
+MODULE = block_with("howto/own-algorithm.md", "class ActorCritic")
 TINY = {
     "name": "tiny",
     "algorithm": "my_algorithm:ActorCritic",
@@ -47,27 +44,9 @@ TINY = {
 
 
 @pytest.fixture(autouse=True)
-def _nothing_registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(own_algorithm.ALGORITHMS, "own", {})
-
-
-def page_module() -> dict[str, Any]:
-    """Return the names of the module of the page."""
-    names: dict[str, Any] = {"__name__": "my_algorithm"}
-    exec(MODULE, names)
-    return names
-
-
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Return a working directory of its own; what is imported from it is forgotten again."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
-    before = set(sys.modules)
-    yield tmp_path
-    for name in set(sys.modules) - before:
-        if name.startswith("my_"):
-            del sys.modules[name]
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a working directory in which there is no module yet."""
+    return settle(tmp_path, monkeypatch, own_algorithm.ALGORITHMS)
 
 
 def test_the_module_of_the_page_is_short():
@@ -77,7 +56,7 @@ def test_the_module_of_the_page_is_short():
 # It learns: the two hardest probes of PPO.
 
 ACTOR, CRITIC = Actor((16,), "none"), Critic((16,), "none")
-ACTOR_CRITIC = page_module()["ActorCritic"]
+ACTOR_CRITIC = names_of(MODULE, "my_algorithm")["ActorCritic"]
 
 
 def with_discount(discount: Any) -> Any:
@@ -307,8 +286,7 @@ def test_a_stranger_trains_resumes_and_evaluates_it(tmp_path: Path):
     family = {"network": {"hidden": [8], "encoder": [6]}, "family": {"share": 0.5}}
     config = validate(TrainConfig, TINY | family)
     (mine / "tiny.yaml").write_text(dump(config), encoding="utf-8")
-    trained = run(mine, "-m", "rlcas_jax.train", "--config", "tiny.yaml", "--out", "run")
-    assert trained.returncode == 0, trained.stderr
+    python(mine, "-m", "rlcas_jax.train", "--config", "tiny.yaml", "--out", "run")
     whole = (mine / "run/policy.safetensors").read_bytes()
     rows = logged_rows(mine / "run")
     assert not {"std_acceleration", "std_yaw_rate", "entropy"} & set(rows[0])
@@ -318,8 +296,7 @@ def test_a_stranger_trains_resumes_and_evaluates_it(tmp_path: Path):
     # The newest checkpoint is lost, as by a kill before it: the run goes on from the one before.
     max((mine / "run/checkpoints").glob("*.safetensors")).unlink()
     (mine / "run/policy.safetensors").unlink()
-    again = run(mine, "-m", "rlcas_jax.train", "--resume", "run")
-    assert again.returncode == 0, again.stderr
+    python(mine, "-m", "rlcas_jax.train", "--resume", "run")
     assert (mine / "run/policy.safetensors").read_bytes() == whole
     assert logged_rows(mine / "run") == rows
 

@@ -27,9 +27,9 @@ from envs.kinematics import VehicleState
 from envs.starts import encounters_of_seed
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.training import train
-from tests.stranger import python_blocks, run
+from tests.stranger import block_with, names_of, python, run, settle
 
-MODULE = next(code for code in python_blocks("howto/own-policy.md") if "def in_wake" in code)
+MODULE = block_with("howto/own-policy.md", "def in_wake")
 FAMILY = Ratios((0.4, 0.75), (-0.4, -0.03), (0.03, 0.4), (0.3, 2.5))._asdict()
 TINY = (
     "steps=64",
@@ -43,15 +43,14 @@ TINY = (
 
 
 @pytest.fixture(autouse=True)
-def _nothing_registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(INPUTS, "own", {})
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a working directory with the page's module, of which nothing has been imported."""
+    return settle(tmp_path, monkeypatch, INPUTS, my_inputs=MODULE)
 
 
 def wake() -> Input:
     """Return the input of the page."""
-    names: dict[str, Any] = {"__name__": "my_inputs"}
-    exec(MODULE, names)
-    return names["wake"]
+    return names_of(MODULE, "my_inputs")["wake"]
 
 
 def _nearest(seen: Any, xp: Any) -> Any:
@@ -250,10 +249,9 @@ def test_what_only_numpy_can_do_is_refused_before_anything_is_written(compute: A
     assert not (tmp_path / "run").exists()
 
 
-def test_names_that_lead_nowhere_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_names_that_lead_nowhere_are_refused():
     with pytest.raises(InputError, match="'wake' is unknown"):
         resolve(["wake"])
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="no module 'no_such_module'"):
         resolve(["no_such_module:wake"])
     with pytest.raises(InputError, match="input 'math:pi' is of type float"):
@@ -289,10 +287,8 @@ def test_onnx_has_the_input_too():
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_stranger_trains_evaluates_and_exports_it(tmp_path: Path):
-    (tmp_path / "my_inputs.py").write_text(MODULE, encoding="utf-8")
     sets = [part for text in TINY for part in ("--set", text)]
-    trained = run(tmp_path, "-m", "rlcas_jax.train", *sets, "--out", "run")
-    assert trained.returncode == 0, trained.stderr
+    python(tmp_path, "-m", "rlcas_jax.train", *sets, "--out", "run")
     policy = ("--policy", "run/policy.safetensors")
     flight = ("-m", "eval.monte_carlo", *policy, "--encounters", "50", "--set", "figures=false")
 

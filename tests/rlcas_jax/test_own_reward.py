@@ -30,7 +30,7 @@ from envs.rewards import (
 from envs.starts import encounters_of_seed
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import prepare
-from tests.stranger import python, python_blocks
+from tests.stranger import python, python_blocks, settle
 
 ROOT = Path(__file__).resolve().parents[2]
 MODULE, CALLS = python_blocks("howto/own-reward.md")
@@ -51,12 +51,7 @@ OWN = tuple(f"rewards.{name}={weight}" for name, weight in WEIGHTS.items())
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a working directory with the page's module, of which nothing has been imported."""
-    (tmp_path / "my_rewards.py").write_text(MODULE, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.delitem(sys.modules, "my_rewards", raising=False)
-    monkeypatch.setattr(REWARD_TERMS, "own", {})
-    return tmp_path
+    return settle(tmp_path, monkeypatch, REWARD_TERMS, my_rewards=MODULE)
 
 
 def make_transition(count: int = 200, seed: int = 0) -> Transition:

@@ -22,7 +22,7 @@ from eval.config import MonteCarloConfig
 from eval.evidence.outside import training_box
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import prepare
-from tests.stranger import python, python_blocks, run
+from tests.stranger import python, python_blocks, run, settle
 
 MODULE, CALLS = python_blocks("howto/own-scenario.md")
 NAME = "my_scenarios:trail"
@@ -42,12 +42,7 @@ TINY = (
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a working directory with the page's module, of which nothing has been imported."""
-    (tmp_path / "my_scenarios.py").write_text(MODULE, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.delitem(sys.modules, "my_scenarios", raising=False)
-    monkeypatch.setattr(SAMPLERS, "own", {})
-    return tmp_path
+    return settle(tmp_path, monkeypatch, SAMPLERS, my_scenarios=MODULE)
 
 
 def test_the_module_of_the_page_is_short():

@@ -15,6 +15,7 @@ from agents.kernel.areas import Counted
 from agents.kernel.traffic import Requirement, Traffic, predict, requirement_of, uncertainty
 from agents.planner.judge.validator import CHECKS, validate
 from agents.planner.planner import plan_many
+from agents.planner.request.encounters import request_of
 from agents.planner.request.options import Options
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
@@ -25,7 +26,6 @@ from envs.kinematics import C208_PUBLISHED, UNLIMITED, Limits, VehicleState, adv
 from envs.starts import encounters_of_seed
 from envs.trees import column, map_leaves, take
 from envs.waypoints import PlanStates, at, legs
-from eval.flights.plan_flight import request_of
 from tests.support import mirror_state, one, random_states
 
 REQUIREMENT = Requirement(1_000.0, margin=0.02, sigmas=1.0)

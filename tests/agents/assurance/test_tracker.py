@@ -26,7 +26,6 @@ from agents.planner import Intruder, Options, RequestError, plan
 from agents.planner.request.reports import arrays_of_reports
 from agents.planner.request.request import check_request
 from agents.policy.inference import Policy
-from benchmarks.safety.resimulation import displacement
 from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.kinematics import SURROGATE, VehicleState, advance, velocity
@@ -201,7 +200,11 @@ def place_at(report: Intruder, time: np.ndarray) -> np.ndarray:
     """Return where a report leads by a time since the request, complex m."""
     x, y, heading, speed = report.state
     rate = report.turn_rate if report.turn_time > 0.0 else 0.0
-    return x + 1j * y + displacement(heading, speed, rate, report.turn_time, time + report.age)
+    turning = np.minimum(time + report.age, report.turn_time)
+    turn = rate * turning
+    chord = np.exp(0.5j * turn) * np.sinc(0.5 * turn / math.pi) * turning
+    straight = np.exp(1j * turn) * (time + report.age - turning)
+    return x + 1j * y + speed * np.exp(1j * heading) * (chord + straight)
 
 
 def test_plan_keeps_the_separation_from_an_aged_turn_as_reported() -> None:

@@ -14,6 +14,7 @@ from agents.manoeuvres import simulator
 from agents.manoeuvres.escape_manoeuvre import Counting, Flight, Manoeuvre, fly, takeoff
 from agents.manoeuvres.escape_search import COARSE, STAGES, concatenate, scale
 from agents.manoeuvres.simulator import Effort, fly_away
+from agents.planner.request.encounters import request_of
 from agents.planner.request.options import Options
 from agents.planner.request.request import Request
 from agents.planner.search.fallback_flight import ManoeuvreFlights, fly_out, stride_of
@@ -23,7 +24,6 @@ from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
 from envs.starts import encounters_of_seed
 from envs.trees import take
-from eval.flights.plan_flight import request_of
 
 OPTIONS = Options.for_aircraft(PAPER)
 STRIDE = stride_of(OPTIONS)

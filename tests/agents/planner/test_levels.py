@@ -21,11 +21,9 @@ from agents.kernel.traffic import Requirement, Traffic, Window
 from agents.planner.judge.validator import validate
 from agents.planner.planner import plan
 from agents.planner.request.request import Intruder, check_request
-from benchmarks.levels import OWN_ALTITUDE, question
-from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.trees import take
-from envs.waypoints import at, legs, plan_states
+from envs.waypoints import RoutePoint, at, legs, plan_states
 from tests.agents.planner.test_separations import OPTIONS, OWN, POLICY, ROUTE
 from tests.agents.planner.test_validator import plans, sample_distances, traffic
 
@@ -138,6 +136,28 @@ def test_windows_of_the_validator_are_two_sided() -> None:
     assert found.safe[safe].all() and not found.safe[least < 299.0].any()
 
 
+OWN_ALTITUDE = Altitude(3_000.0, "msl", 0.0)
+
+
+def question(seed: int) -> tuple[VehicleState, list[Intruder], list[RoutePoint]]:
+    """Return ownship, one to four intruders that cross its way at heights of their own, and the
+    route.
+    """
+    rng, own, intruders = np.random.default_rng([seed, 53]), VehicleState(0.0, 0.0, 0.0, 80.0), []
+    for _ in range(int(rng.integers(1, 5))):
+        when = rng.uniform(50.0, 300.0)
+        course, speed = rng.uniform(-math.pi, math.pi), rng.uniform(40.0, 110.0)
+        x = own.speed * when + rng.uniform(-1_500.0, 1_500.0) - speed * when * math.cos(course)
+        y = rng.uniform(-1_500.0, 1_500.0) - speed * when * math.sin(course)
+        if math.hypot(x, y) < 2_000.0:
+            continue
+        climb = float(rng.choice([0.0, 1.0]) * rng.uniform(-12.0, 12.0))
+        height = OWN_ALTITUDE.value + rng.uniform(-1_200.0, 1_200.0) - climb * when
+        altitude = Altitude(float(height), "msl", climb, error=30.0)
+        intruders.append(Intruder(VehicleState(x, y, course, speed), altitude=altitude))
+    return own, intruders, [RoutePoint(i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
+
+
 def test_a_window_that_covers_all_is_judged_like_none() -> None:
     flown, seen = plans(40, 7), traffic(40, 6, 8, turning=True)
     always = seen._replace(window=Window(seen.age - np.inf, seen.age + np.inf))
@@ -149,11 +169,11 @@ def test_a_window_that_covers_all_is_judged_like_none() -> None:
         np.testing.assert_array_equal(mine, other)
     vague = Altitude(3_000.0, "msl", 0.0, error=25_000.0)
     for seed in range(4):
-        asked = question(seed, PAPER)
-        level = [replace(one, altitude=vague) for one in asked.intruders]
-        unknown = [replace(one, altitude=None) for one in asked.intruders]
+        own, intruders, route = question(seed)
+        level = [replace(one, altitude=vague) for one in intruders]
+        unknown = [replace(one, altitude=None) for one in intruders]
         one, two = (
-            plan(asked.own, each, asked.route, POLICY, OPTIONS, own_altitude=OWN_ALTITUDE)
+            plan(own, each, route, POLICY, OPTIONS, own_altitude=OWN_ALTITUDE)
             for each in (level, unknown)
         )
         assert one == two
@@ -163,16 +183,16 @@ def test_a_window_that_covers_all_is_judged_like_none() -> None:
 def test_plans_keep_all_intruders_away_in_three_dimensions_and_prove_it() -> None:
     timed = safe = 0
     for seed in range(24):
-        asked = question(seed, PAPER)
-        answer = plan(*asked, POLICY, OPTIONS, own_altitude=OWN_ALTITUDE)
+        start, intruders, route = question(seed)
+        answer = plan(start, intruders, route, POLICY, OPTIONS, own_altitude=OWN_ALTITUDE)
         if not answer.safe:
             continue
         safe += 1
         timed += bool(answer.windows)
-        curves, end = legs(plan_states(asked.own, answer.waypoints)), answer.waypoints[-1].time
+        curves, end = legs(plan_states(start, answer.waypoints)), answer.waypoints[-1].time
         for time in np.arange(0.0, end, 0.5):
             own = at(curves, np.array(time))
-            for one in asked.intruders:
+            for one in intruders:
                 other, level = one.state, one.altitude
                 assert level is not None
                 x = other.x + other.speed * time * math.cos(other.heading) - float(own.x)
@@ -263,8 +283,7 @@ def test_the_monitor_knows_when_an_intruder_counts() -> None:
 
 
 def test_a_request_among_others_counts_its_own_windows() -> None:
-    asked = question(3, PAPER)
-    request, _, _ = check_request(*asked, OPTIONS, OWN_ALTITUDE)
+    request, _, _ = check_request(*question(3), OPTIONS, OWN_ALTITUDE)
     assert request.traffic.window is not None
     begin = take(request.traffic.window, 0).begin
     assert begin.shape == request.traffic.mask.shape[1:]

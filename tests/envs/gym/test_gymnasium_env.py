@@ -28,8 +28,6 @@ from envs.outcome import RULES
 from envs.perception import Sensor
 from envs.rewards import RewardError
 from envs.trees import take
-from eval.flights import simulate
-from tests.support import OnObservations
 
 INFO_KEYS = {"separation", "min_separation", "goal_distance", "time", "outcome", "encounter"}
 STRAIGHT = np.zeros(2, np.float32)
@@ -158,37 +156,6 @@ def test_flight_in_floats_is_the_surrogate_within_a_micrometre(scenario):
                     math.hypot(state.vehicle.x - traffic.x[k], state.vehicle.y - traffic.y[k])
                     < 1e-6
                 )
-
-
-@pytest.mark.parametrize("scenario", ["circle", "noisy", "multi"])
-def test_the_environment_flies_what_the_evaluator_flies(scenario):
-    count, seed = 12, 5
-
-    def decide(observation: np.ndarray) -> np.ndarray:
-        # Reacts to the intruder as seen, so that the noise has its part in it.
-        return np.stack(
-            [observation[:, 5], np.clip(3.0 * observation[:, 6] - 0.3 * observation[:, 4], -1, 1)],
-            -1,
-        )
-
-    family = encounters.scenario(scenario, PAPER)
-    noise = (
-        simulate.sensor_noise(seed, 0, count, family.intruders[1]) if scenario == "noisy" else None
-    )
-    drawn = starts.encounters_of_seed(family, seed, 0, count)
-    flown = simulate.fly(drawn, OnObservations(decide), PAPER, noise=noise)
-    env = DeconflictionEnv(scenario)
-    for i in range(count):
-        seen, info = env.reset(seed=seed if i == 0 else None)
-        assert info["encounter"] == i
-        over = False
-        while not over:
-            seen, _, terminated, truncated, info = env.step(decide(seen[None])[0])
-            over = terminated or truncated
-        assert info["time"] == flown.duration[i]
-        assert info["outcome"] == simulate.OUTCOMES[flown.outcome[i]]
-        # To the last bit: the same numbers in the same order.
-        assert info["min_separation"] == flown.min_separation[i]
 
 
 @pytest.mark.parametrize("scenario", ["circle", "multi"])

@@ -13,6 +13,7 @@ import pytest
 from agents.assurance.asking import tries
 from agents.planner.judge.validator import Findings
 from agents.planner.planner import Plans, plan_many
+from agents.planner.request.encounters import request_of
 from agents.planner.request.request import Options
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
@@ -23,7 +24,7 @@ from envs.scenarios import resolve
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from eval.flights.assured_mode import Assured, fly_assured
-from eval.flights.plan_flight import PlanFlights, request_of
+from eval.flights.plan_flight import PlanFlights
 from eval.flights.plan_mode import fly_once, plan_at_start, promised_separation
 from eval.flights.simulate import OUTCOMES, sensor_noise
 from eval.monte_carlo import run as monte_carlo
@@ -335,3 +336,16 @@ def test_a_run_tells_of_all_modes_side_by_side(tmp_path: Path) -> None:
     ):
         assert key in summary
     assert (out / "trajectories.png").stat().st_size > 20_000
+
+
+def test_every_safe_plan_keeps_the_separation_as_flown() -> None:
+    encounters = encounters_of_seed(scenario("circle", PAPER), 7, 0, 120)
+    options = Options.for_aircraft(PAPER)
+    made = plan_many(request_of(encounters, PAPER), Policy.load(), options)
+    plans = made.proposals
+    # The narrowest ones, because a flight takes its time.
+    few = np.flatnonzero(plans.safe)[np.argsort(plans.min_separation[plans.safe])[:40]]
+    flown = fly_once(take(encounters, few), take(made, few), PAPER, options)
+    assert flown.whole_separation.min() >= 1_000.0
+    assert flown.error.max() < 0.1
+    np.testing.assert_allclose(flown.whole_separation, plans.min_separation[few], atol=0.02)

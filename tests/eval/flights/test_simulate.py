@@ -26,7 +26,7 @@ from eval.flights import simulate
 from eval.flights.compiled import Compiled
 from eval.flights.conditions import conditions
 from eval.flights.simulate import OUTCOMES, ByPolicy, sensor_noise
-from tests.support import OnObservations, fly_recorded
+from tests.eval.resolvers import OnObservations, fly_recorded
 
 VIOLATION, REACHED, TIMEOUT = range(3)
 

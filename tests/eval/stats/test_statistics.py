@@ -27,7 +27,8 @@ from eval.metrics.volumes import (
 from eval.metrics.weighted import ratio
 from eval.stats.intervals import clopper_pearson, mean_interval, percent, share
 from eval.stats.paired import Pairs, mcnemar_exact, pairs, tango
-from tests.support import fly_recorded, recorded_path
+from tests.eval.resolvers import fly_recorded
+from tests.support import recorded_path
 
 
 @pytest.mark.parametrize(
