@@ -31,10 +31,11 @@ from ros_bridge.core.areas import AreaReport, Placed
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.motion import to_local
 from ros_bridge.core.reach import Reach, level, out_of_reach, vertically_apart
 from ros_bridge.core.replies import geodetic_points, to_frame, true_wind, wind_of
 from ros_bridge.core.reports import USUAL, Report, Unknown
-from ros_bridge.core.situation import ACCURATE, Held, Situation, to_local
+from ros_bridge.core.situation import ACCURATE, Held, Situation
 from ros_bridge.core.tracks import Track
 
 if TYPE_CHECKING:

@@ -12,8 +12,9 @@ from agents.assurance.single import Verdict
 from agents.planner.answer import RequestError
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.assurance import Supervision, initial, step_monitor
+from ros_bridge.core.motion import ownship_wind
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import ACCURATE, Situation, ownship_wind
+from ros_bridge.core.situation import ACCURATE, Situation
 
 _OTHER_WIND = 1.0  # m/s from the wind that it began in, from which on it begins anew
 

@@ -10,7 +10,7 @@ from agents.policy.inference import Policy
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
-from ros_bridge.core.situation import PlanTask
+from ros_bridge.core.tasks import PlanTask
 
 
 def plan_task(wanted: PlanTask, policy: Policy, *, exhaustive: bool) -> Plan:

@@ -16,7 +16,8 @@ from envs.waypoints import Waypoint
 from envs.wind import Wind
 from ros_bridge.core.conversions import PlanPoint, Published
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.situation import PlanTask, wind_in
+from ros_bridge.core.motion import wind_in
+from ros_bridge.core.tasks import PlanTask
 
 
 def plan_points(plan: Plan, task: PlanTask) -> tuple[PlanPoint, ...]:
@@ -45,7 +46,7 @@ def true_wind(
     frame: LocalFrame, wind: Wind, latitude: float, longitude: float
 ) -> tuple[float, float]:
     """Return a frame's wind by true east and north at a place, m/s; the inverse of
-    :func:`ros_bridge.core.situation.wind_in`.
+    :func:`ros_bridge.core.motion.wind_in`.
     """
     turn = float(frame.place(latitude, longitude).convergence)
     cosine, sine = math.cos(turn), math.sin(turn)

@@ -43,20 +43,13 @@ from ros_bridge.core.assurance import (
 )
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import Published, Route
-from ros_bridge.core.fields import SECOND
+from ros_bridge.core.fields import SECOND, Refusal
 from ros_bridge.core.freshness import Freshness
 from ros_bridge.core.planning import plan_task
 from ros_bridge.core.replies import plan_points, start_point, to_frame, true_wind, wind_of
 from ros_bridge.core.reports import Unknown
-from ros_bridge.core.situation import (
-    PlanTask,
-    Refusal,
-    Settings,
-    Situation,
-    in_terms_of_messages,
-    refusal_of,
-    task,
-)
+from ros_bridge.core.situation import Situation
+from ros_bridge.core.tasks import PlanTask, Settings, in_terms_of_messages, refusal_of, task
 from ros_bridge.mavlink.mission import SUB
 
 SPACING = 1.0

@@ -11,8 +11,8 @@ from envs.backend import FLOATS
 from envs.perception import carry_back
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.fields import SECOND
+from ros_bridge.core.motion import to_local
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import to_local
 from ros_bridge.mavlink import messages, mission
 from ros_bridge.mavlink.intake import Received
 from ros_bridge.mavlink.judging import Judgement, Rejoin, ToFly, to_follow

@@ -32,8 +32,9 @@ from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.freshness import USUAL_FRESHNESS
+from ros_bridge.core.motion import to_local
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import Situation, to_local
+from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import Rules
 from ros_bridge.sim.guidance import Flying, Guidance, curve
 from ros_bridge.transport import process, qos, topics, views

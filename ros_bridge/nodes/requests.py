@@ -2,8 +2,8 @@
 
 from rlcas_msgs.srv import GenerateTrajectory
 
-from ros_bridge.core.fields import SECOND, FieldError, stamp
-from ros_bridge.core.situation import REQUEST_AGE, Code, Refusal, Settings, check_age
+from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal, stamp
+from ros_bridge.core.tasks import REQUEST_AGE, Settings, check_age
 
 NO_PLAN = bytes(16)
 """In a request: no plan in particular."""

@@ -50,20 +50,11 @@ from agents.planner.request.fields import listed
 from agents.policy.inference import Policy
 from ros_bridge.core import conversions, updates
 from ros_bridge.core.aircraft import load_policy
-from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
+from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal, nanoseconds
+from ros_bridge.core.motion import to_local
 from ros_bridge.core.planning import plan_task, rehearse
-from ros_bridge.core.situation import (
-    NOTHING,
-    Code,
-    LeftOut,
-    PlanTask,
-    Refusal,
-    Situation,
-    in_terms_of_messages,
-    refusal_of,
-    task,
-    to_local,
-)
+from ros_bridge.core.situation import NOTHING, Situation
+from ros_bridge.core.tasks import LeftOut, PlanTask, in_terms_of_messages, refusal_of, task
 from ros_bridge.core.tracks import UNKNOWN, Track, Verdict
 from ros_bridge.nodes.requests import NO_PLAN, check
 from ros_bridge.transport import process, qos, topics, views
@@ -79,7 +70,7 @@ _VIEWS_EVERY = 0.1  # s at most from a plan to its situation
 
 class Runner(ListeningNode):
     """The node; everything that can be decided without ROS is decided in
-    :mod:`ros_bridge.core.situation`.
+    :mod:`ros_bridge.core.tasks`.
     """
 
     kind = "runner"

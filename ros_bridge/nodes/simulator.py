@@ -46,8 +46,7 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.formats.local_frame import LocalFrame
 from envs.wind import Wind
-from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
-from ros_bridge.core.situation import Code
+from ros_bridge.core.fields import SECOND, Code, FieldError, nanoseconds
 from ros_bridge.nodes.simulator_messages import route_of, state_message
 from ros_bridge.sim.flight_log import FlightLog
 from ros_bridge.sim.guidance import Guidance, curve

@@ -19,7 +19,7 @@ from ros_bridge.core.conversions import ALTITUDE_CODES, PlanPoint
 from ros_bridge.core.fields import SECOND, Sighting
 from ros_bridge.core.replies import plan_points, start_point, true_wind
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import PlanTask
+from ros_bridge.core.tasks import PlanTask
 
 _CODES = {name: code for code, name in ALTITUDE_CODES.items()}
 

@@ -17,7 +17,7 @@ from ros_bridge.core.aircraft import aircraft_of, load_extensions
 from ros_bridge.core.categories import Categories, separations_of
 from ros_bridge.core.freshness import Freshness
 from ros_bridge.core.reports import Unknown
-from ros_bridge.core.situation import Settings
+from ros_bridge.core.tasks import Settings
 from ros_bridge.core.tracks import Rules
 from ros_bridge.transport.overrides import refuse_unknown_parameters
 from ros_bridge.transport.parameters import Parameter, of

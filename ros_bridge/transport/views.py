@@ -21,7 +21,7 @@ from envs.kinematics import VehicleState
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import PlanTask
+from ros_bridge.core.tasks import PlanTask
 from ros_bridge.transport.messages import header
 
 BODY = "base_link"

@@ -16,7 +16,9 @@ from agents.planner.request.request import Options
 from envs.aircraft import PAPER
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
-from ros_bridge.core.situation import Code, Refusal, Settings, Situation, task
+from ros_bridge.core.fields import Code, Refusal
+from ros_bridge.core.situation import Situation
+from ros_bridge.core.tasks import Settings, task
 from ros_bridge.core.tracks import Rules
 
 __all__ = [

@@ -21,8 +21,9 @@ from agents.planner.answer import Plan, Source, Status
 from envs.area_geometry import signed_distance
 from envs.areas import Area, AreaError, Circle, Keep, Level, Polygon
 from ros_bridge.core.areas import areas, areas_of_file, to_local
-from ros_bridge.core.fields import FieldError
-from ros_bridge.core.situation import Code, Refusal, Situation, task
+from ros_bridge.core.fields import Code, FieldError, Refusal
+from ros_bridge.core.situation import Situation
+from ros_bridge.core.tasks import task
 from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, domain
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, crossing, heard, stamp
 

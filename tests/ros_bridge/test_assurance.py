@@ -41,7 +41,8 @@ from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reach import Reach, vertically_apart
 from ros_bridge.core.replies import plan_points, start_point, to_frame, wind_of
 from ros_bridge.core.reports import USUAL, Report
-from ros_bridge.core.situation import Held, Settings, Situation, task
+from ros_bridge.core.situation import Held, Situation
+from ros_bridge.core.tasks import Settings, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import (
     FRAME,

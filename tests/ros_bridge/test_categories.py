@@ -19,7 +19,7 @@ from ros_bridge.core.categories import Categories, number_of, separations_of, te
 from ros_bridge.core.conversions import aircraft as report_of
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reports import USUAL
-from ros_bridge.core.situation import task
+from ros_bridge.core.tasks import task
 from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, domain
 from tests.ros_bridge.scenes import NOW, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
 from tests.ros_bridge.test_assurance import publish_plan
@@ -139,7 +139,7 @@ def test_runner_and_monitor_keep_them_on_a_real_graph() -> None:
     from rlcas_msgs.msg import AssuranceStatus
     from rlcas_msgs.srv import GenerateTrajectory
 
-    from ros_bridge.core.situation import Code
+    from ros_bridge.core.fields import Code
     from ros_bridge.transport import qos
 
     given = "--ros-args", "-p", "category_separations:='A5:2500'"

@@ -18,8 +18,8 @@ from rlcas_msgs.srv import GenerateTrajectory
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
 from ros_bridge.core import updates
+from ros_bridge.core.fields import Code
 from ros_bridge.core.replies import geodetic_points, start_point
-from ros_bridge.core.situation import Code
 from ros_bridge.nodes import monitor
 from ros_bridge.nodes.monitor import Monitor
 from ros_bridge.nodes.runner import Runner

@@ -11,7 +11,10 @@ import pytest
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from ros_bridge.core import updates
-from ros_bridge.core.situation import Code, Refusal, Situation, task, to_local
+from ros_bridge.core.fields import Code, Refusal
+from ros_bridge.core.motion import to_local
+from ros_bridge.core.situation import Situation
+from ros_bridge.core.tasks import task
 from ros_bridge.core.tracks import Rules, Track, sharing
 from tests.ros_bridge.scenes import (
     FRAME,

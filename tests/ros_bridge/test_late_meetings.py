@@ -16,7 +16,7 @@ from rlcas_msgs.msg import AircraftState, Waypoint
 from rlcas_msgs.srv import GenerateTrajectory
 
 from ros_bridge.core.conversions import trajectory
-from ros_bridge.core.situation import Code
+from ros_bridge.core.fields import Code
 
 LEVEL, CLIMB = 2_000.0, -1.0  # m; m/s of the intruder
 VERTICAL = 600.0  # m above the ownship, beyond which an aircraft is left out

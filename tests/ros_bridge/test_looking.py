@@ -12,7 +12,8 @@ from envs.wind import Wind
 from ros_bridge.core.assurance import Supervision, initial
 from ros_bridge.core.looking import look
 from ros_bridge.core.reports import USUAL
-from ros_bridge.core.situation import Situation, task
+from ros_bridge.core.situation import Situation
+from ros_bridge.core.tasks import task
 from tests.ros_bridge.scenes import (
     NOW,
     OPTIONS,

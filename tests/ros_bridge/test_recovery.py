@@ -9,7 +9,9 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 from agents.assurance.state import State
 from ros_bridge.core import updates
 from ros_bridge.core.assurance import activate, initial, step_monitor
-from ros_bridge.core.situation import Code, Refusal, Situation, in_terms_of_messages, task
+from ros_bridge.core.fields import Code, Refusal
+from ros_bridge.core.situation import Situation
+from ros_bridge.core.tasks import in_terms_of_messages, task
 from tests.ros_bridge.scenes import (
     NOW,
     RULES,

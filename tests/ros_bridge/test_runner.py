@@ -36,7 +36,7 @@ from agents.policy.inference import Policy
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Circle
 from ros_bridge.core.conversions import trajectory
-from ros_bridge.core.situation import Code
+from ros_bridge.core.fields import Code
 from ros_bridge.transport import qos
 from ros_bridge.transport.area_messages import areas_message
 from ros_bridge.transport.messages import identity, time_message

@@ -28,7 +28,7 @@ from rlcas_msgs.srv import GenerateTrajectory
 from std_srvs.srv import Trigger
 
 from ros_bridge.core import planning as planner
-from ros_bridge.core.situation import Code
+from ros_bridge.core.fields import Code
 from ros_bridge.nodes import runner as planning
 
 Request = GenerateTrajectory.Request

@@ -23,9 +23,11 @@ from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.aircraft import aircraft_of
 from ros_bridge.core.conversions import Published
+from ros_bridge.core.fields import Code
 from ros_bridge.core.replies import plan_points, start_point, to_frame
 from ros_bridge.core.reports import USUAL, Unknown
-from ros_bridge.core.situation import NOTHING, Code, PlanTask, Situation, in_terms_of_messages, task
+from ros_bridge.core.situation import NOTHING, Situation
+from ros_bridge.core.tasks import PlanTask, in_terms_of_messages, task
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import (
     FRAME,

@@ -17,7 +17,7 @@ from envs.formats.local_frame import LocalFrame
 from envs.kinematics import SURROGATE, VehicleState
 from ros_bridge.core.conversions import aircraft as read
 from ros_bridge.core.fields import FieldError
-from ros_bridge.core.situation import turn_of
+from ros_bridge.core.motion import turn_of
 from ros_bridge.core.tracks import (
     UNKNOWN,
     Rules,
@@ -451,8 +451,8 @@ def test_a_turn_shows_in_the_reports_whatever_their_rate(degrees: float, side: f
 
 def test_noise_and_gaps_show_no_turn():
     rate = math.radians(3.0)
-    assert turn_of(turning(rate, 1.0), SETTINGS) == turning(rate, 1.0).turn_rate != 0.0
-    assert turn_of(turning(0.0, 1.0), SETTINGS) == 0.0
+    assert turn_of(turning(rate, 1.0), SETTINGS.turn_rates) == turning(rate, 1.0).turn_rate != 0.0
+    assert turn_of(turning(0.0, 1.0), SETTINGS.turn_rates) == 0.0
     assert turning(rate, 1.0, std=3.0).turn_rate == 0.0
     assert turning(rate, 6.0, count=3).turn_rate == 0.0
 
@@ -460,4 +460,4 @@ def test_noise_and_gaps_show_no_turn():
 def test_a_turn_too_fast_to_be_believed_counts_as_the_fastest() -> None:
     most = SETTINGS.turn_rates[1]
     for sign in (1.0, -1.0):
-        assert turn_of(turning(sign * math.radians(7.0), 1.0), SETTINGS) == sign * most
+        assert turn_of(turning(sign * math.radians(7.0), 1.0), SETTINGS.turn_rates) == sign * most

@@ -32,8 +32,7 @@ from sensor_msgs.msg import NavSatFix
 from agents.planner.answer import AdvisoryCode
 from commands.command import InputError
 from ros_bridge.core import adapters
-from ros_bridge.core.fields import FieldError
-from ros_bridge.core.situation import Code
+from ros_bridge.core.fields import Code, FieldError
 from ros_bridge.nodes.monitor import Monitor
 from ros_bridge.nodes.runner import Runner
 from ros_bridge.nodes.translator import Translator, main, pair

@@ -27,9 +27,10 @@ from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core import conversions
 from ros_bridge.core.adapters import adsb_vehicle
 from ros_bridge.core.adsb_live import AircraftJson, BaseStation, Traffic
-from ros_bridge.core.fields import FieldError
+from ros_bridge.core.fields import FieldError, Refusal
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import PlanTask, Refusal, Situation, task
+from ros_bridge.core.situation import Situation
+from ros_bridge.core.tasks import PlanTask, task
 from ros_bridge.core.tracks import UNKNOWN, note_refused, take_in
 from ros_bridge.display import scene_messages
 from tests.ros_bridge.scenes import (

@@ -1,0 +1,82 @@
+"""The kinematics of reports: their states and winds in a local frame, and how they are carried to
+now.
+"""
+
+import math
+
+import numpy as np
+
+from envs.angles import wrap
+from envs.formats.local_frame import LocalFrame
+from envs.frames import Air, Ground
+from envs.kinematics import VehicleState
+from envs.wind import NO_WIND, Wind, over_ground, through_air, turn_through_air
+from ros_bridge.core.reports import Report, Unknown
+from ros_bridge.core.tracks import Track
+
+__all__ = ["carry_on", "ownship_wind", "to_local", "turn_of", "wind_in"]
+
+
+def to_local(frame: LocalFrame, report: Report) -> VehicleState[Ground]:
+    """Return a reported state in the local frame."""
+    at = frame.place(report.latitude, report.longitude)
+    heading = math.atan2(report.north, report.east) + float(at.convergence)
+    return VehicleState(
+        float(at.x), float(at.y), float(wrap(heading, np)), math.hypot(report.east, report.north)
+    )
+
+
+def turn_of(track: Track, rates: tuple[float, float]) -> float:
+    """Return the turn rate of an aircraft, rad/s; 0 where it is too small to count. What seems to
+    turn a little faster than an aircraft can turns as fast as one can.
+    """
+    (least, most), rate = rates, track.turn_rate
+    return max(-most, min(rate, most)) if abs(rate) >= least else 0.0
+
+
+def carry_on(
+    state: VehicleState[Ground], rate: float, seconds: float, wind: Wind
+) -> VehicleState[Ground]:
+    """Return a state over the ground some seconds later, along a turn of its track (rad/s), which
+    is one through the air.
+    """
+    rate = turn_through_air(state, rate, wind)
+    return over_ground(_fly_turn(through_air(state, wind, 0.0), rate, seconds), wind, seconds)
+
+
+def _fly_turn(state: VehicleState[Air], rate: float, seconds: float) -> VehicleState[Air]:
+    """Return a state some seconds later, along a turn, rad/s."""
+    turn = rate * seconds
+    # The chord of an arc points half-way through its turn; numpy's sinc(x) is sin(pi x) / (pi x).
+    chord = state.speed * seconds * float(np.sinc(turn / (2.0 * math.pi)))
+    course = state.heading + 0.5 * turn
+    x, y = state.x + chord * math.cos(course), state.y + chord * math.sin(course)
+    return VehicleState(x, y, float(wrap(state.heading + turn, np)), state.speed)
+
+
+def wind_in(
+    frame: LocalFrame,
+    latitude: float,
+    longitude: float,
+    blows: tuple[float, float],
+    std: float = 0.0,
+) -> Wind | None:
+    """Return the wind at a place in a frame from its components east and north there and one sigma
+    of both, m/s; None: still air.
+    """
+    if blows == (0.0, 0.0):
+        return Wind(std=std) if std > 0.0 else None
+    east, north = blows
+    turn = float(frame.place(latitude, longitude).convergence)
+    cosine, sine = math.cos(turn), math.sin(turn)
+    return Wind(east * cosine - north * sine, north * cosine + east * sine, std)
+
+
+def ownship_wind(frame: LocalFrame, report: Report, unknown: Unknown) -> Wind:
+    """Return the wind that the ownship reports, in a frame; where it reports none, one that may
+    blow from anywhere.
+    """
+    if report.wind is None:
+        return Wind(std=unknown.wind_std)
+    at = report.latitude, report.longitude
+    return wind_in(frame, *at, report.wind, unknown.reported_wind_std) or NO_WIND

@@ -1,0 +1,493 @@
+"""The task: what is asked of the planner at one moment, as it follows from the situation, or why
+nothing is.
+
+All of it is values and pure functions; the node only feeds it. Every refusal carries one of the
+codes of GenerateTrajectory, the field that is meant and a sentence.
+"""
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from agents.assurance.plausible import greatest_change
+from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
+from agents.planner.request.options import Narrowed
+from agents.planner.request.request import Altitude, Intruder, Options, in_wind
+from envs.areas import Area
+from envs.formats.local_frame import LocalFrame
+from envs.frames import Ground
+from envs.kinematics import VehicleState
+from envs.waypoints import RoutePoint
+from envs.wind import NO_WIND, Wind, through_air, turn_through_air
+from ros_bridge.core.categories import NO_CATEGORIES, Categories
+from ros_bridge.core.conversions import Route
+from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal
+from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
+from ros_bridge.core.motion import carry_on, ownship_wind, to_local, turn_of
+from ros_bridge.core.reach import Reach, level, out_of_reach
+from ros_bridge.core.reports import USUAL, Report, Unknown
+from ros_bridge.core.situation import ACCURATE, Held, Situation
+from ros_bridge.core.tracks import Track, Verdict, sharing
+
+__all__ = [
+    "REQUEST_AGE",
+    "AgeCodes",
+    "LeftOut",
+    "PlanTask",
+    "Settings",
+    "check_age",
+    "in_terms_of_messages",
+    "refusal_of",
+    "task",
+]
+
+_T = TypeVar("_T")
+
+_INVALID = {
+    Subject.OWN: Code.INVALID_OWNSHIP,
+    Subject.OWN_ALTITUDE: Code.INVALID_OWNSHIP,
+    Subject.INTRUDERS: Code.INVALID_INTRUDER,
+    Subject.ROUTE: Code.INVALID_ROUTE,
+    Subject.WIND: Code.INVALID_OWNSHIP,
+}
+"""Status codes by what the planner refuses; others are INVALID_TASK."""
+
+# What delays make of the ownship's echo.
+_COPY_DISTANCE = 250.0  # m
+_COPY_SPEED = 10.0  # m/s
+_COPY_TURN = 0.2  # rad
+
+_NUMBERED = re.compile(r"\bintruders\[(\d+)\]")  # an intruder as the planner's texts call it
+
+
+class AgeCodes(NamedTuple):
+    """Status codes of a stamp that cannot be used."""
+
+    stale: Code
+    future: Code
+
+
+REQUEST_AGE = AgeCodes(Code.STALE_REQUEST, Code.FUTURE_REQUEST)
+
+
+class _Input(NamedTuple):
+    """An input that there must be, and the status codes of what may be wrong with it."""
+
+    name: str  # in fields of refusals
+    missing: Code
+    invalid: Code
+
+
+_ORIGIN = _Input("geo_reference", Code.NO_GEO_REFERENCE, Code.INVALID_GEO_REFERENCE)
+_ROUTE = _Input("route", Code.NO_ROUTE, Code.INVALID_ROUTE)
+
+
+class _Aircraft(NamedTuple):
+    """An aircraft whose reports are planned with, and the status codes of what may be wrong."""
+
+    name: str  # in fields of refusals
+    missing: Code
+    invalid: Code
+    age: AgeCodes
+
+
+_OWNSHIP = _Aircraft(
+    "ownship",
+    Code.NO_OWNSHIP,
+    Code.INVALID_OWNSHIP,
+    AgeCodes(Code.STALE_OWNSHIP, Code.FUTURE_OWNSHIP),
+)
+
+
+def _intruder_called(name: str) -> _Aircraft:
+    """Return what refusals say of an aircraft of the traffic."""
+    age = AgeCodes(Code.STALE_INTRUDER, Code.FUTURE_INTRUDER)
+    return _Aircraft(f"intruder {name}", Code.NO_INTRUDER, Code.INVALID_INTRUDER, age)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How old inputs may be, and how plans are made."""
+
+    options: Options
+    # for how long after its report an intruder goes on with the turn that its reports show, s
+    turn_time: float
+    turn_rates: tuple[float, float]  # least and greatest turn rates that count as a turn, rad/s
+    freshness: Freshness = USUAL_FRESHNESS
+    request_max_age: float = 1.0  # oldest request, s
+    unknown: Unknown = USUAL  # what is taken for standard deviations that reports lack
+    categories: Categories = NO_CATEGORIES  # separations by emitter category
+
+
+class LeftOut(NamedTuple):
+    """An aircraft that a plan takes no account of."""
+
+    name: str
+    why: str
+
+
+class _Traffic(NamedTuple):
+    """The traffic of a task."""
+
+    names: list[str]  # of the intruders, in their order
+    intruders: list[Intruder[Ground]]
+    excluded: list[LeftOut]
+
+
+@dataclass(frozen=True)
+class PlanTask:
+    """What is handed to the planner."""
+
+    frame: LocalFrame
+    time: int  # of the request, ns
+    own: VehicleState[Ground]
+    own_altitude: Altitude | None
+    identifiers: tuple[str, ...]  # of the intruders, in their order
+    intruders: tuple[Intruder[Ground], ...]
+    excluded: tuple[LeftOut, ...]  # aircraft that the plan takes no account of
+    route: Route
+    points: tuple[RoutePoint, ...]
+    options: Options
+    notes: tuple[Advisory, ...]  # what was assumed
+    wind: Wind = NO_WIND  # in the frame
+    areas: tuple[Area, ...] = ()  # as of the request
+
+
+def task(
+    situation: Situation, now: int, settings: Settings, asked_route: Route | None = None
+) -> PlanTask:
+    """Return the task at a moment, ns, for the route of a request or else the published one.
+
+    Raises :class:`Refusal` where something is missing, stale, from the future, invalid or
+    inconsistent.
+    """
+    if now <= 0:
+        raise Refusal(
+            Code.NO_CLOCK,
+            "clock",
+            "stands at zero, expected a running clock (is /clock published?)",
+        )
+    frame, undulation = _newest_usable(situation.origin, _ORIGIN, "has not been received")
+    fresh = settings.freshness
+    report = _usable_report(situation.own, _OWNSHIP, now, fresh.own, fresh.future)
+    _check_turn(situation.own, _OWNSHIP, settings)
+    wind, notes = _wind(frame, report, settings)
+    turn, age = turn_of(situation.own, settings.turn_rates), (now - report.time) / SECOND
+    own = carry_on(to_local(frame, report), turn, age, wind)
+    far = math.hypot(own.x, own.y)
+    if far > ACCURATE:
+        raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", _too_far(far))
+    alerted = _aircraft_of_alert(situation, now, settings)
+    route, points = _route(situation, frame, asked_route)
+    reach = _reach(report, undulation, own, points, wind, now, settings)
+    traffic = _traffic(situation, _Frame(frame, wind), now, settings, alerted, reach)
+    unknown_climb = settings.options.unknown_climb
+    return PlanTask(
+        frame=frame,
+        time=now,
+        own=own,
+        own_altitude=level(report.altitude, now - report.time, undulation, unknown_climb),
+        identifiers=tuple(traffic.names),
+        intruders=tuple(traffic.intruders),
+        excluded=tuple(traffic.excluded),
+        route=route,
+        points=points,
+        options=settings.options,
+        notes=notes + tuple(_remarks(own, traffic, situation, settings.unknown)),
+        wind=wind,
+        areas=_areas(situation, frame, now),
+    )
+
+
+def _reach(
+    report: Report,
+    undulation: float | None,
+    own: VehicleState[Ground],
+    points: Sequence[RoutePoint],
+    wind: Wind,
+    now: int,
+    settings: Settings,
+) -> Reach:
+    """Return who may matter to a plan along a route, at a moment, ns: the ownship's report, and its
+    state over the ground then.
+    """
+    options = settings.options
+    # Who may matter is judged by the greatest separations of all.
+    separation, vertical = settings.categories.greatest(
+        options.requirement.separation, options.vertical_filter
+    )
+    x = np.array([point.x for point in points])
+    y = np.array([point.y for point in points])
+    # Over the ground both are faster by the wind at most.
+    blows = float(wind.speed) + options.requirement.sigmas * float(wind.std)
+    airspeed = through_air(own, wind, 0.0).speed
+    end = _options_in_wind(options, wind).latest_end(airspeed, x, y, wind=float(wind.speed))
+    return Reach(
+        own=report,
+        now=now,
+        horizon=float(end),
+        separation=separation + options.requirement.margin,
+        vertical=vertical,
+        speed=options.limits.speed_max + blows,
+        traffic=options.aircraft.traffic_speed_max + blows,
+        undulation=undulation,
+        unknown_climb=options.unknown_climb,
+    )
+
+
+def _areas(situation: Situation, frame: LocalFrame, now: int) -> tuple[Area, ...]:
+    """Return the areas that there are, as of a moment, ns."""
+    fault = situation.areas.fault
+    if fault is not None:
+        raise Refusal(Code.INVALID_TASK, fault.field, fault.problem)
+    try:
+        return tuple(area for some in situation.areas_in(frame, now) for area in some.at(now))
+    except FieldError as error:
+        raise Refusal(Code.INVALID_TASK, error.field, error.problem) from error
+
+
+def refusal_of(error: RequestError, task: PlanTask) -> Refusal:
+    """Return the planner's refusal of a task in terms of the messages that it came from."""
+    about = error.about
+    if about is None or (about.subject is Subject.INTRUDERS and about.number is None):
+        code = Code.INVALID_TASK
+    else:
+        code = _INVALID.get(about.subject, Code.INVALID_TASK)
+    return Refusal(
+        code, in_terms_of_messages(about or error.field, task.identifiers), error.problem
+    )
+
+
+def in_terms_of_messages(field_: Field | str, identifiers: Sequence[str]) -> str:
+    """Return a field of the planner's request, or a sentence about it, in terms of messages:
+    intruders by their names.
+    """
+    if not isinstance(field_, Field):
+        return _NUMBERED.sub(lambda found: f"intruder {identifiers[int(found[1])]}", field_)
+    if field_.number is None:
+        return str(field_)
+    if field_.subject is not Subject.INTRUDERS:
+        return str(field_)
+    return field_.within(f"intruder {identifiers[field_.number]}")
+
+
+def _remarks(
+    own: VehicleState[Ground], traffic: _Traffic, situation: Situation, unknown: Unknown
+) -> Iterator[Advisory]:
+    """Yield what is assumed of each intruder, and whether it may be a copy of the ownship."""
+    pairs = zip(traffic.names, traffic.intruders, strict=True)
+    for number, (name, intruder) in enumerate(pairs):
+        yield from _assumptions(number, situation.traffic[name], unknown)
+        if _is_like(own, intruder.state):
+            copy = Field(Subject.INTRUDERS, number=number)
+            what = "is at the ownship's place and velocity; a copy of it (TIS-B) is not recognised"
+            yield Advisory(AdvisoryCode.POSSIBLE_COPY, copy, what)
+
+
+def _assumptions(number: int, track: Track, unknown: Unknown) -> Iterator[Advisory]:
+    """Yield what an intruder's report lacks, and what is taken for it."""
+    report = track.estimate
+    assert report is not None, "there is one beside every usable report"
+    assumed = (
+        ("position_std", unknown.position_std, "m"),
+        ("velocity_std", unknown.velocity_std, "m/s"),
+    )
+    for name, value, unit in assumed:
+        if getattr(report, name) is None:
+            field_ = Field(Subject.INTRUDERS, name, number)
+            what = f"is unknown and taken as {value:g} {unit}"
+            yield Advisory(AdvisoryCode.ASSUMED, field_, what)
+    if report.time_std > 0.0:
+        field_ = Field(Subject.INTRUDERS, "header.stamp", number)
+        what = f"is known within {report.time_std:.2g} s (one sigma)"
+        yield Advisory(AdvisoryCode.TIME_UNCERTAIN, field_, what)
+    if track.course is not None and track.course.scatter:
+        field_ = Field(Subject.INTRUDERS, "position", number)
+        what = f"scatters by {track.course.scatter:.0f} m (one sigma), which its reports do not say"
+        yield Advisory(AdvisoryCode.ASSUMED, field_, what)
+    if track.divided:
+        what = "is a name of several aircraft, which are told apart by their places"
+        yield Advisory(AdvisoryCode.ASSUMED, Field(Subject.INTRUDERS, "id", number), what)
+
+
+def check_age(codes: AgeCodes, name: str, age: float, oldest: float, future: float) -> None:
+    """Refuse a stamp, called ``name``, that is too old or ahead; s."""
+    if age > oldest:
+        what = f"is {age:.2f} s old, expected {oldest:g} s at most"
+        raise Refusal(codes.stale, name, what)
+    if -age > future:
+        what = f"is {-age:.2f} s ahead of the clock, expected {future:g} s at most"
+        raise Refusal(codes.future, name, what)
+
+
+def _newest_usable(held: Held[_T], wanted: _Input, missing: str) -> _T:
+    """Return an input that there must be, whose newest message can be used."""
+    if held.fault is not None:
+        raise Refusal(wanted.invalid, held.fault.field, held.fault.problem)
+    if held.value is None:
+        raise Refusal(wanted.missing, wanted.name, missing)
+    return held.value
+
+
+def _usable_report(
+    track: Track, whose: _Aircraft, now: int, oldest: float, future: float
+) -> Report:
+    """Return the last good report of an aircraft if nothing newer spoils it and it is fresh."""
+    if track.fault is not None:
+        ahead = track.fault.verdict is Verdict.FUTURE
+        code = whose.age.future if ahead else whose.invalid
+        raise Refusal(code, track.fault.field, track.fault.problem)
+    if track.last is None:
+        raise Refusal(whose.missing, whose.name, "has not been received")
+    stamp = f"{whose.name}.header.stamp"
+    check_age(whose.age, stamp, track.age(now), oldest, future)
+    return track.last
+
+
+def _check_turn(track: Track, whose: _Aircraft, settings: Settings) -> None:
+    """Refuse an aircraft whose velocity changed faster than one can turn and noise excuses."""
+    if track.course is None or track.estimate is None:
+        return
+    most, turn, report = settings.turn_rates[1], track.course.turn, track.estimate
+    noise = turn.noise
+    if report.velocity_std is None:
+        noise = math.sqrt(2.0) * settings.unknown.velocity_std
+    limits = settings.options.aircraft.limits
+    allowed = greatest_change(report.speed + turn.change, turn.seconds, noise, most, limits)
+    if abs(turn.rate) > most and turn.change > allowed:
+        what = (
+            f"turned at {math.degrees(abs(turn.rate)):.0f} deg/s and changed by {turn.change:.0f} "
+            f"m/s in {turn.seconds:.1f} s, expected {allowed:.0f} m/s at most"
+        )
+        raise Refusal(whose.invalid, f"{whose.name}.velocity", what)
+
+
+def _aircraft_of_alert(situation: Situation, now: int, settings: Settings) -> frozenset[str]:
+    """Return the aircraft that an alert that holds is about."""
+    alert, fault = situation.alert
+    # What cannot be read counts for as long as what can.
+    if fault is not None and (now - fault.arrived) / SECOND <= settings.freshness.alert:
+        raise Refusal(Code.INVALID_ALERT, fault.field, fault.problem)
+    if alert is None or (now - alert.time) / SECOND > settings.freshness.alert:
+        return frozenset()
+    held = {name: sharing(situation.traffic, name) for name in alert.identifiers}
+    unknown = [name for name, aircraft in held.items() if not aircraft]
+    if unknown:
+        what = (
+            f"is the subject of an alert of level {alert.level}, and no state of it has been "
+            "received"
+        )
+        raise Refusal(Code.NO_INTRUDER, f"intruder {unknown[0]}", what)
+    return frozenset(name for aircraft in held.values() for name in aircraft)
+
+
+def _is_like(own: VehicleState[Ground], other: VehicleState[Ground]) -> bool:
+    """Return whether an aircraft is reported where the ownship is, and as it flies."""
+    turn = math.remainder(own.heading - other.heading, 2.0 * math.pi)
+    near = math.hypot(own.x - other.x, own.y - other.y) < _COPY_DISTANCE
+    return near and abs(own.speed - other.speed) < _COPY_SPEED and abs(turn) < _COPY_TURN
+
+
+class _Frame(NamedTuple):
+    """A local frame and the wind in it."""
+
+    local: LocalFrame
+    wind: Wind
+
+
+def _traffic(
+    situation: Situation,
+    frame: _Frame,
+    now: int,
+    settings: Settings,
+    alerted: frozenset[str],
+    reach: Reach,
+) -> _Traffic:
+    """Return the intruders at a moment, ns, and who is left out.
+
+    Raises :class:`Refusal` for an aircraft that cannot be planned with, unless it is out of reach
+    and no alert is about it.
+    """
+    found, fresh = _Traffic([], [], []), settings.freshness
+    for name, track in sorted(situation.traffic.items()):
+        whose = _intruder_called(name)
+        try:
+            _usable_report(track, whose, now, fresh.intruder, fresh.future)
+            _check_turn(track, whose, settings)
+        except Refusal:
+            why = None if name in alerted else out_of_reach(track, reach)
+            if why is None:
+                raise
+            found.excluded.append(LeftOut(name, why))
+            continue
+        found.names.append(name)
+        found.intruders.append(_intruder(track, frame, now, settings, reach))
+    return found
+
+
+def _intruder(
+    track: Track, frame: _Frame, now: int, settings: Settings, reach: Reach
+) -> Intruder[Ground]:
+    """Return what the planner is told of an aircraft whose report can be used, at a moment, ns."""
+    report = track.estimate
+    assert report is not None, "there is one beside every usable report"
+    state = to_local(frame.local, report)
+    turn = turn_through_air(state, turn_of(track, settings.turn_rates), frame.wind)
+    # The planner advances the report over its age; only the altitude's reference is settled here.
+    climb = reach.unknown_climb
+    position_std, velocity_std = report.spread(settings.unknown)
+    return Intruder(
+        state,
+        age=(now - report.time) / SECOND,
+        turn_rate=turn,
+        turn_time=settings.turn_time if turn else 0.0,
+        position_std=position_std,
+        velocity_std=velocity_std,
+        altitude=level(report.height(climb), 0, reach.undulation, climb),
+        separation=settings.categories.separations.get(report.category),
+        vertical_separation=settings.categories.vertical.get(report.category),
+    )
+
+
+def _route(
+    situation: Situation, frame: LocalFrame, asked: Route | None
+) -> tuple[Route, tuple[RoutePoint, ...]]:
+    missing = "has not been received, and the request holds none"
+    route = asked or _newest_usable(situation.route, _ROUTE, missing)
+    at = frame.place([point.latitude for point in route], [point.longitude for point in route])
+    for number, far in enumerate(np.hypot(at.x, at.y).tolist()):
+        if far > ACCURATE:
+            raise Refusal(Code.INVALID_ROUTE, f"route.waypoints[{number}]", _too_far(far))
+    places = zip(route, at.x.tolist(), at.y.tolist(), strict=True)
+    return route, tuple(RoutePoint(point.index, x, y) for point, x, y in places)
+
+
+def _too_far(far: float) -> str:
+    return f"is {far / 1e3:.0f} km from the geo-reference, expected {ACCURATE / 1e3:.0f} km at most"
+
+
+def _wind(
+    frame: LocalFrame, report: Report, settings: Settings
+) -> tuple[Wind, tuple[Advisory, ...]]:
+    """Return the wind at the ownship, in a frame, with what is said of one that it does not
+    report.
+    """
+    wind = ownship_wind(frame, report, settings.unknown)
+    if report.wind is None:
+        calm = f"is unknown and taken as calm within {wind.std:.2g} m/s (one sigma)"
+        return wind, (Advisory(AdvisoryCode.WIND_UNKNOWN, "ownship.wind", calm),)
+    return wind, ()
+
+
+def _options_in_wind(options: Options, wind: Wind) -> Options[Narrowed]:
+    """Return the options that plans in a wind are made with; refused is one that the aircraft
+    cannot fly against.
+    """
+    try:
+        return in_wind(options, wind)
+    except RequestError as error:
+        raise Refusal(Code.INVALID_OWNSHIP, f"ownship.{error.field}", error.problem) from error
