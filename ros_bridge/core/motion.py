@@ -6,11 +6,13 @@ import math
 
 import numpy as np
 
+from agents.kernel.traffic import Traffic, predict
 from envs.angles import wrap
+from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
-from envs.frames import Air, Ground
+from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.wind import NO_WIND, Wind, over_ground, through_air, turn_through_air
+from envs.wind import NO_WIND, Wind, over_ground, through_air
 from ros_bridge.core.reports import Report, Unknown
 from ros_bridge.core.tracks import Track
 
@@ -35,23 +37,16 @@ def turn_of(track: Track, rates: tuple[float, float]) -> float:
 
 
 def carry_on(
-    state: VehicleState[Ground], rate: float, seconds: float, wind: Wind
+    state: VehicleState[Ground], rate: Array, turn_time: Array, seconds: Array, wind: Wind
 ) -> VehicleState[Ground]:
-    """Return a state over the ground some seconds later, along a turn of its track (rad/s), which
-    is one through the air.
+    """Return states over the ground some seconds later, ``[...]``.
+
+    They go on with a turn through the air, rad/s, for a time, s, then straight on, as the planner
+    predicts its traffic.
     """
-    rate = turn_through_air(state, rate, wind)
-    return over_ground(_fly_turn(through_air(state, wind, 0.0), rate, seconds), wind, seconds)
-
-
-def _fly_turn(state: VehicleState[Air], rate: float, seconds: float) -> VehicleState[Air]:
-    """Return a state some seconds later, along a turn, rad/s."""
-    turn = rate * seconds
-    # The chord of an arc points half-way through its turn; numpy's sinc(x) is sin(pi x) / (pi x).
-    chord = state.speed * seconds * float(np.sinc(turn / (2.0 * math.pi)))
-    course = state.heading + 0.5 * turn
-    x, y = state.x + chord * math.cos(course), state.y + chord * math.sin(course)
-    return VehicleState(x, y, float(wrap(state.heading + turn, np)), state.speed)
+    turning = Traffic.straight(through_air(state, wind, 0.0))
+    turning = turning._replace(turn_rate=rate, turn_time=turn_time)
+    return over_ground(predict(turning, seconds), wind, seconds)
 
 
 def wind_in(

@@ -176,8 +176,7 @@ def task(
     report = _usable_report(situation.own, _OWNSHIP, now, fresh.own, fresh.future)
     _check_turn(situation.own, _OWNSHIP, settings)
     wind, notes = _wind(frame, report, settings)
-    turn, age = turn_of(situation.own, settings.turn_rates), (now - report.time) / SECOND
-    own = carry_on(to_local(frame, report), turn, age, wind)
+    own = _own_now(frame, situation.own, report, wind, now, settings)
     far = math.hypot(own.x, own.y)
     if far > ACCURATE:
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", _too_far(far))
@@ -201,6 +200,16 @@ def task(
         wind=wind,
         areas=_areas(situation, frame, now),
     )
+
+
+def _own_now(
+    frame: LocalFrame, track: Track, report: Report, wind: Wind, now: int, settings: Settings
+) -> VehicleState[Ground]:
+    """Return the ownship's state at a moment, ns, on the turn that its reports show."""
+    state = to_local(frame, report)
+    turn = turn_through_air(state, turn_of(track, settings.turn_rates), wind)
+    carried = carry_on(state, turn, math.inf, (now - report.time) / SECOND, wind)
+    return VehicleState(*(float(value) for value in carried))
 
 
 def _reach(

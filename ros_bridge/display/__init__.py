@@ -1,7 +1,8 @@
 """The traffic display: a page in the browser, fed by ROS, live ADS-B or a recording.
 
-What is shown is one value, a :class:`ros_bridge.display.scene.Scene`; what the page draws follows
-from it by one pure function, :func:`ros_bridge.display.picture.picture`. A source only feeds
-scenes: :mod:`~ros_bridge.display.graph`, :mod:`~ros_bridge.display.adsb` and
+What is known is one value, a :class:`ros_bridge.display.scene.Scene`. A pure function makes a
+:class:`~ros_bridge.display.picture.Picture` of it, :func:`ros_bridge.display.draw.draw`, and
+another the JSON of that, :func:`ros_bridge.display.document.to_json`. A source only feeds scenes:
+:mod:`~ros_bridge.display.graph`, :mod:`~ros_bridge.display.adsb` and
 :mod:`~ros_bridge.display.recording`.
 """

@@ -15,7 +15,7 @@ from ros_bridge.core.assurance import Supervision, backup
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.status import status
-from ros_bridge.display.scene import Bands, Guidance, Monitor, Scene
+from ros_bridge.display.scene import Bands, Guidance, MonitorStatus, Scene
 from ros_bridge.display.server import Board, Recording, Screen, bind_socket
 
 __all__ = ["Beside", "supervise"]
@@ -97,7 +97,7 @@ def supervise(
         return replace(scene, monitor=None), shown
     said = status(supervision, verdict)
     flown = _backup(supervision, situation, said.fly, scene)
-    scene = replace(scene, monitor=Monitor(now, said), backup=flown)
+    scene = replace(scene, monitor=MonitorStatus(now, said), backup=flown)
     if supervision.frame is None:
         return scene, shown
     names = supervision.watch.names

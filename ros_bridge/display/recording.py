@@ -15,8 +15,27 @@ import numpy as np
 
 from commands.command import InputError
 from commands.json_text import RepeatedKeyError, parse_json
+from envs.areas import Keep
 from ros_bridge.core.fields import SECOND
-from ros_bridge.display.picture import VERSION, Document, advice, picture
+from ros_bridge.display.aircraft import velocity_through_air
+from ros_bridge.display.document import Document, to_json
+from ros_bridge.display.draw import by_level, draw
+from ros_bridge.display.picture import (
+    NO_THREAT,
+    DrawnAlert,
+    DrawnArea,
+    DrawnBands,
+    DrawnIntruder,
+    DrawnOwnship,
+    DrawnPlan,
+    DrawnPlane,
+    DrawnPoint,
+    Outline,
+    Picture,
+    Tape,
+    Threat,
+    WayOut,
+)
 from ros_bridge.display.scene import INPUTS, Scene, clock_of, note, take
 
 __all__ = ["FlightRecording", "GraphRecording", "read"]
@@ -93,11 +112,11 @@ class GraphRecording:
             return 0
         return clock_of(first.decode(first.data)) - round(first.time * SECOND)
 
-    def player(self) -> Callable[[float], Document]:
+    def player(self) -> Callable[[float], Picture]:
         """Return what gives the picture of a time, s from the beginning."""
         moment = self._kept[0]
 
-        def show(time: float) -> Document:
+        def show(time: float) -> Picture:
             nonlocal moment
             count = bisect.bisect_right(self._times, time)
             place = bisect.bisect_right(self._kept, count, key=lambda one: one.done) - 1
@@ -106,7 +125,7 @@ class GraphRecording:
                 moment = kept
             moment = self._after(moment, count)
             now = moment.now + round((time - moment.time) * SECOND)
-            return picture(moment.scene, max(now, moment.scene.latest))
+            return draw(moment.scene, max(now, moment.scene.latest))
 
         return show
 
@@ -237,9 +256,9 @@ class FlightRecording:
         self._goal = [float(one) for one in document["goal"]]
         self._bands = document["bands"]
         wind = document.get("wind")
-        self._wind = None if wind is None else [float(wind[0]), float(wind[1])]
+        self._wind = None if wind is None else (float(wind[0]), float(wind[1]))
         for step in range(steps):  # nothing that cannot be sent is met while it is shown
-            json.dumps(self._picture(step * self._dt), allow_nan=False)
+            json.dumps(to_json(self._picture(step * self._dt)), allow_nan=False)
         self.marks: list[tuple[float, int]] = []
         before = 0
         for step, levels in enumerate([] if self._bands is None else self._bands["level"]):
@@ -248,42 +267,38 @@ class FlightRecording:
                 self.marks.append((step * self._dt, highest))
                 before = highest
 
-    def player(self) -> Callable[[float], Document]:
+    def player(self) -> Callable[[float], Picture]:
         """Return what gives the picture of a time, s from the beginning."""
         return self._picture
 
-    def _picture(self, time: float) -> Document:
+    def _picture(self, time: float) -> Picture:
         step = min(int(time / self._dt), self._planes.shape[2] - 2)
         own, *traffic = self._planes_at(step, time)
-        east, north = self._wind or (0.0, 0.0)
-        air = _plane("", np.zeros(2), np.array([own["vx"] - east, own["vy"] - north]))
-        own["air"] = {name: air[name] for name in ("track_deg", "speed")}
         row = None if self._bands is None else min(step, self._last_band())
-        self._add_levels(traffic, row)
-        document: Document = {
-            "type": "picture",
-            "version": VERSION,
-            "time": round(time, 3),
-            "origin": None,
-            "own": own,
-            "traffic": traffic,
-            "separation": self._separation,
-            "wind": self._wind,
-            "frame": "ground" if self._wind is None else "air",
-            "plan": self._plan(time),
-            "backup": None,
-            "unresolved": None,
-            "route": [],
-            "goal": [*self._goal, float(self._document["goal_radius"])],
-            "areas": [self._area_at(one, time) for one in self._document.get("areas", [])],
-            "bands": None if row is None else self._bands_at(row),
-            "monitor": None,
-            "alerts": _alerts(traffic),
-            "health": [],
-        }
-        return document | {"advice": advice(document)}
+        threats = [self._threat(row, number) for number in range(len(traffic))]
+        alerts = [
+            DrawnAlert(plane.id, "intruder", threat)
+            for plane, threat in zip(traffic, threats, strict=True)
+        ]
+        return Picture(
+            time=round(time, 3),
+            own=DrawnOwnship(own, velocity_through_air(own.vx, own.vy, self._wind)),
+            traffic=[
+                DrawnIntruder(plane, threat, separation=separation)
+                for plane, threat, separation in zip(
+                    traffic, threats, self._separations, strict=True
+                )
+            ],
+            separation=self._separation,
+            wind=self._wind,
+            plan=self._plan(time),
+            goal=(*self._goal, float(self._document["goal_radius"])),
+            areas=[_area_at(area, time) for area in self._document.get("areas", [])],
+            bands=None if row is None else self._bands_at(row),
+            alerts=by_level(alerts),
+        )
 
-    def _planes_at(self, step: int, time: float) -> list[Document]:
+    def _planes_at(self, step: int, time: float) -> list[DrawnPlane]:
         """Return the aircraft, the ownship first, on the leg of a time step at a time, s."""
         before, after = self._planes[:, :, step], self._planes[:, :, step + 1]
         speed = (after - before) / self._dt
@@ -293,98 +308,62 @@ class FlightRecording:
             for k in range(len(place))
         ]
 
-    def _add_levels(self, traffic: list[Document], row: int | None) -> None:
-        """Add the separation of each intruder, and what the bands of a row say of it; None: there
-        are no bands.
-        """
-        for k, one in enumerate(traffic):
-            one |= {"level": 0, "loss": None, "relative_altitude": None, "proximate": False}
-            one["separation"] = self._separations[k]
-            if row is not None:
-                one["level"] = self._bands["level"][row][k]
-                one["loss"] = self._bands["loss"][row][k]
+    def _threat(self, row: int | None, number: int) -> Threat:
+        """Return what the bands of a row say of an intruder; None: there are no bands."""
+        if row is None:
+            return NO_THREAT
+        return Threat(self._bands["level"][row][number], self._bands["loss"][row][number])
 
     def _last_band(self) -> int:
         return len(self._bands["track_region"]) - 1
 
-    def _bands_at(self, row: int) -> Document:
-        held = self._bands
-        index, after, shortfall = held["recovery"][row]
-        way_out = {"track_deg": held["track_deg"][index], "after": after, "shortfall": shortfall}
-        return {
-            "age": 0.0,
-            "look_ahead": held["look_ahead"],
-            "track_deg": held["track_deg"],
-            "track_region": held["track_region"][row],
-            "speed": held["speed"],
-            "speed_region": held["speed_region"][row],
-            **{name: held[name][row] for name in ("track_area", "speed_area") if name in held},
-            "areas": [one["name"] for one in self._document.get("areas", [])],
-            "recovery": None if index < 0 else way_out,
-        }
+    def _bands_at(self, row: int) -> DrawnBands:
+        bands = self._bands
+        track_area, speed_area = (
+            bands[name][row] if name in bands else None for name in ("track_area", "speed_area")
+        )
+        index, after, shortfall = bands["recovery"][row]
+        way_out = WayOut(bands["track_deg"][index], after, shortfall)
+        return DrawnBands(
+            age=0.0,
+            look_ahead=bands["look_ahead"],
+            tracks=Tape(bands["track_deg"], bands["track_region"][row], track_area),
+            speeds=Tape(bands["speed"], bands["speed_region"][row], speed_area),
+            areas=[area["name"] for area in self._document.get("areas", [])],
+            recovery=None if index < 0 else way_out,
+        )
 
-    def _area_at(self, area: Document, time: float) -> Document:
-        """Return an area to be kept out of as the page draws it at a time, s."""
-        moved = np.multiply(area["velocity"], time)
-        rings = [(np.array(ring) + moved).round(1).tolist() for ring in area["rings"]]
-        return {
-            "name": str(area["name"]),
-            "keep": "out",
-            "valid": True,
-            "clearance": float(area["clearance"]),
-            "growth": 0.0,
-            "grown": 0.0,
-            "rings": rings,
-            "floor": None,
-            "ceiling": None,
-        }
-
-    def _plan(self, time: float) -> Document | None:
+    def _plan(self, time: float) -> DrawnPlan | None:
         plan = self._document["plan"]
         if plan is None:
             return None
-        every = list(zip(plan["x"], plan["y"], plan["time"], strict=True))
+        line = [list(point) for point in zip(plan["x"], plan["y"], plan["time"], strict=True)]
         points = [
-            {
-                "index": n,
-                "x": x,
-                "y": y,
-                "in": round(at - time, 1),
-                "track_deg": None,
-                "speed": None,
-                "air": None,
-                "of_route": False,
-            }
-            for n, (x, y, at) in enumerate(every)
+            DrawnPoint(number, x, y, round(at - time, 1)) for number, (x, y, at) in enumerate(line)
         ]
-        return {"revision": 0, "began": 0.0, "line": [list(one) for one in every], "points": points}
+        return DrawnPlan(revision=0, began=0.0, line=line, points=points)
 
 
-def _alerts(traffic: list[Document]) -> list[Document]:
-    """Return the alerts of intruders, the highest level first."""
-    alerts = [
-        {"id": one["id"], "of": "intruder", "level": one["level"], "loss": one["loss"]}
-        for one in traffic
-        if one["level"] > 0
-    ]
-    return sorted(alerts, key=lambda one: -one["level"])
+def _area_at(area: Document, time: float) -> DrawnArea:
+    """Return an area to be kept out of as it is at a time, s."""
+    moved = np.multiply(area["velocity"], time)
+    return DrawnArea(
+        name=str(area["name"]),
+        keep=Keep.OUT,
+        valid=True,
+        clearance=float(area["clearance"]),
+        shape=Outline([(np.array(ring) + moved).round(1).tolist() for ring in area["rings"]]),
+    )
 
 
-def _plane(name: str, place: np.ndarray, velocity: np.ndarray) -> Document:
-    return {
-        "id": name,
-        "callsign": "",
-        "x": round(float(place[0]), 1),
-        "y": round(float(place[1]), 1),
-        "vx": round(float(velocity[0]), 2),
-        "vy": round(float(velocity[1]), 2),
-        "track_deg": round(math.degrees(math.atan2(velocity[0], velocity[1])) % 360.0, 1),
-        "speed": round(float(np.hypot(*velocity)), 1),
-        "turn_deg": 0.0,
-        "altitude": None,
-        "reference": None,
-        "climb": None,
-        "age": 0.0,
-        "state": "fresh",
-        "fault": "",
-    }
+def _plane(name: str, place: np.ndarray, velocity: np.ndarray) -> DrawnPlane:
+    return DrawnPlane(
+        id=name,
+        callsign="",
+        x=round(float(place[0]), 1),
+        y=round(float(place[1]), 1),
+        vx=round(float(velocity[0]), 2),
+        vy=round(float(velocity[1]), 2),
+        track_deg=round(math.degrees(math.atan2(velocity[0], velocity[1])) % 360.0, 1),
+        speed=round(float(np.hypot(*velocity)), 1),
+    )

@@ -61,7 +61,7 @@ class Guidance(NamedTuple):
     areas: Mapping[str, tuple[int, float]]  # the same by area, in the order of their places
 
 
-class Monitor(NamedTuple):
+class MonitorStatus(NamedTuple):
     """An AssuranceStatus message."""
 
     time: int  # ns
@@ -91,7 +91,7 @@ class Scene:
     plan: Published | None = None
     backup: Published | None = None
     unresolved: Published | None = None  # the newest advisory: the best known, not safe
-    monitor: Monitor | None = None
+    monitor: MonitorStatus | None = None
     guidance: Guidance | None = None
     areas: HeldAreas | None = None
     nodes: Mapping[str, Health] = field(default_factory=lambda: MappingProxyType({}))
@@ -264,7 +264,7 @@ def _status(scene: Scene, message: "AssuranceStatus", now: int) -> Scene:
         separation=real("separation"),
         time_to_loss=real("time_to_loss"),
     )
-    return replace(scene, monitor=Monitor(time, found))
+    return replace(scene, monitor=MonitorStatus(time, found))
 
 
 def _guidance(scene: Scene, message: "GuidanceBands", now: int) -> Scene:

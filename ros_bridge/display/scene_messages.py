@@ -20,7 +20,7 @@ from ros_bridge.core.conversions import PlanPoint, Published, Route
 from ros_bridge.core.fields import SECOND, Sighting
 from ros_bridge.core.freshness import Freshness
 from ros_bridge.core.reports import Report
-from ros_bridge.display.scene import Bands, Guidance, Health, Monitor
+from ros_bridge.display.scene import Bands, Guidance, Health, MonitorStatus
 
 Fields = dict[str, Any]
 
@@ -153,7 +153,7 @@ def withdrawal(revision: int, now: int) -> Fields:
     return _trajectory(3, now, revision)
 
 
-def status(monitor: Monitor, revision: int) -> Fields:
+def status(monitor: MonitorStatus, revision: int) -> Fields:
     """Return an AssuranceStatus of the plan of a revision."""
     return {
         **_header(monitor.time),

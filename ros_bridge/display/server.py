@@ -19,6 +19,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache, partial
 from http import HTTPStatus
 from importlib.resources import files
@@ -33,7 +34,9 @@ from websockets.http11 import Request, Response
 from commands.json_text import parse_json
 from ros_bridge.core.failures import Failures
 from ros_bridge.display.connections import Connections
-from ros_bridge.display.picture import VERSION, Document, empty, picture
+from ros_bridge.display.document import VERSION, Document, to_json
+from ros_bridge.display.draw import draw, empty
+from ros_bridge.display.picture import HealthLine, Picture
 from ros_bridge.display.scene import Scene
 
 __all__ = ["Board", "Recording", "Screen", "bind_socket", "run_server"]
@@ -60,7 +63,7 @@ class Recording(Protocol):
     length: float  # s
     marks: list[tuple[float, int]]  # when the highest alert level changes, s, and to what
 
-    def player(self) -> Callable[[float], Document]:
+    def player(self) -> Callable[[float], Picture]:
         """Return what gives the picture of a time, s from the beginning; best asked forwards."""
         ...
 
@@ -106,10 +109,10 @@ class Board:
     def _replace_by(self, what: str, change: Callable[[Scene], Scene]) -> None:
         """Replace the scene; where that fails, the one before stays, and grows old."""
 
-        def replace() -> None:
+        def attempt() -> None:
             self.scene = change(self.scene)
 
-        self._failures.attempt(what, replace)
+        self._failures.attempt(what, attempt)
 
     async def wait(self) -> None:
         """Wait for the next change, at most so often and at least so rarely."""
@@ -127,22 +130,19 @@ class Board:
         is no picture for it, without a map.
         """
         try:
-            made = self._text(picture(self.scene, self.clock(), self._centre), number)
+            made = self._text(draw(self.scene, self.clock(), self._centre), number)
         except Exception as error:
             self._failures.note("the picture", error)
             return self._text(empty(Scene(), self.clock()), number)
         self._failures.clear("the picture")
         return made
 
-    def _text(self, document: Document, number: int) -> str:
-        return _text(self._tell_failures(document) | {"number": number})
+    def _text(self, picture: Picture, number: int) -> str:
+        return _text(to_json(self._tell_failures(picture)) | {"number": number})
 
-    def _tell_failures(self, document: Document) -> Document:
-        told = [
-            {"name": "display", "level": 2, "text": text, "age": None}
-            for text in self._failures.problems()
-        ]
-        return document | {"health": [*told, *document["health"]]}
+    def _tell_failures(self, picture: Picture) -> Picture:
+        told = [HealthLine("display", 2, text, None) for text in self._failures.problems()]
+        return replace(picture, health=[*told, *picture.health])
 
 
 def _ignore(_: str) -> None:
@@ -258,7 +258,7 @@ class Screen:
                 await self._refuse(client.connection, message, 'a time, such as {"time": 12.5}')
                 return
             moment = min(max(moment, 0.0), recording.length)
-            document = player(moment)
+            document = to_json(player(moment))
             await client.connection.send(_text(document | {"at": round(moment, 3)}))
 
     async def _refuse(self, connection: ServerConnection, message: Any, expected: str) -> None:

@@ -18,7 +18,7 @@ from ros_bridge.core.looking import look
 from ros_bridge.core.situation import Held
 from ros_bridge.core.status import Status
 from ros_bridge.display.beside import Beside, supervise
-from ros_bridge.display.scene import Health, HeldAreas, Monitor, Scene, left_out_lines
+from ros_bridge.display.scene import Health, HeldAreas, MonitorStatus, Scene, left_out_lines
 from ros_bridge.display.server import Board
 from ros_bridge.mavlink import mission
 from ros_bridge.mavlink.control import Phase
@@ -155,7 +155,7 @@ def _route(view: View) -> tuple[Station, ...]:
     return tuple(Station(one.number, *one.place, None) for one in items)
 
 
-def _advice(view: View) -> Monitor:
+def _advice(view: View) -> MonitorStatus:
     """Return what the program says while it does not fly: a safe plan is advice, and nobody flies
     it.
     """
@@ -168,7 +168,7 @@ def _advice(view: View) -> Monitor:
     if found is not None and judgement.plan is not None and not judgement.safe:
         reasons.append("no plan is safe")
     state = State.MONITORING if judgement.safe else State.IDLE
-    return Monitor(view.time, Status(state, FlyMode.NOTHING, reasons=tuple(reasons)))
+    return MonitorStatus(view.time, Status(state, FlyMode.NOTHING, reasons=tuple(reasons)))
 
 
 def _nodes(view: View) -> dict[str, Health]:

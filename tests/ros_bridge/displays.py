@@ -6,6 +6,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from ros_bridge.display.beside import Beside
+from ros_bridge.display.document import Document, to_json
+from ros_bridge.display.draw import draw
 from ros_bridge.display.scene import Scene, take
 from ros_bridge.display.server import Board, Recording
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, stamp
@@ -17,6 +19,7 @@ __all__ = [
     "Served",
     "area",
     "areas",
+    "drawn",
     "guidance",
     "known_scene",
     "plan",
@@ -38,6 +41,11 @@ def known_scene(*traffic: Any, own: Any = None, now: int = NOW) -> Scene:
     for message in traffic:
         scene = take(scene, f"{PREFIX}traffic", message, now)
     return scene
+
+
+def drawn(scene: Scene, now: int) -> Document:
+    """Return what the page gets of a scene at a time, ns."""
+    return to_json(draw(scene, now))
 
 
 def guidance(closed: range = range(0), *, region: int = 2, recovery: int = -1, **more: Any) -> Any:

@@ -28,7 +28,7 @@ from ros_bridge.core.categories import BY_CATEGORY
 from ros_bridge.core.fields import FieldError, Sighting
 from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
 from ros_bridge.core.reports import Report
-from ros_bridge.display.picture import VERSION, picture
+from ros_bridge.display.document import VERSION, to_json
 from ros_bridge.display.recording import read
 from ros_bridge.display.run import main
 from ros_bridge.display.scene import INPUTS, Scene, take, take_report
@@ -39,6 +39,7 @@ from tests.ros_bridge.displays import (
     SECOND,
     area,
     areas,
+    drawn,
     guidance,
     known_scene,
     plan,
@@ -61,7 +62,7 @@ def after(seconds: float) -> int:
 @given(st.floats(-30e3, 30e3), st.floats(-30e3, 30e3), st.floats(-3.1, 3.1), st.floats(0.0, 20.0))
 def test_aircraft_are_drawn_where_they_are_to_be_expected(x, y, heading, seconds):
     message = aircraft(x, y, heading, 80.0)
-    shown = picture(known_scene(message), after(seconds))
+    shown = drawn(known_scene(message), after(seconds))
     one = shown["traffic"][0]
     place = LocalFrame(*shown["origin"]).geodetic(one["x"], one["y"])
     velocity = message.velocity
@@ -75,12 +76,12 @@ def test_aircraft_are_drawn_where_they_are_to_be_expected(x, y, heading, seconds
 def test_what_is_old_is_marked_and_then_forgotten():
     scene, usual = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), USUAL_FRESHNESS
     states = [
-        [one["state"] for one in picture(scene, after(age))["traffic"]]
+        [one["state"] for one in drawn(scene, after(age))["traffic"]]
         for age in (0.0, usual.intruder - 0.1, usual.intruder + 0.1, usual.silence + 0.1)
     ]
     assert states == [["fresh"], ["coasting"], ["stale"], []]
-    assert picture(scene, after(usual.own + 0.1))["own"]["state"] == "stale"
-    lines = picture(scene, after(usual.own + 0.1))["health"]
+    assert drawn(scene, after(usual.own + 0.1))["own"]["state"] == "stale"
+    lines = drawn(scene, after(usual.own + 0.1))["health"]
     assert next(one for one in lines if one["name"] == "ownship")["level"] == 2
 
 
@@ -91,19 +92,19 @@ def test_no_aircraft_is_forgotten_that_a_node_still_plans_for():
         pairs = [SimpleNamespace(key=key, value=text) for key, text in fresh.texts().items()]
         status = SimpleNamespace(level=b"\0", name=name, message="", values=pairs)
         scene = take(scene, "/diagnostics", SimpleNamespace(status=[status]), NOW)
-    assert [one["state"] for one in picture(scene, after(599.0))["traffic"]] == ["stale"]
-    assert picture(scene, after(601.0))["traffic"] == []
+    assert [one["state"] for one in drawn(scene, after(599.0))["traffic"]] == ["stale"]
+    assert drawn(scene, after(601.0))["traffic"] == []
 
 
 def test_an_aircraft_is_shown_by_its_callsign():
     scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, callsign="swr12k "))
-    assert picture(scene, NOW)["traffic"][0]["callsign"] == "SWR12K"
+    assert drawn(scene, NOW)["traffic"][0]["callsign"] == "SWR12K"
 
 
 def test_a_clock_that_steps_back_begins_anew():
     scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0))
-    assert picture(scene, after(-0.4))["traffic"]
-    assert not picture(scene, after(-1.0))["traffic"]
+    assert drawn(scene, after(-0.4))["traffic"]
+    assert not drawn(scene, after(-1.0))["traffic"]
 
 
 def test_heights_are_compared_only_where_they_are_comparable():
@@ -113,7 +114,7 @@ def test_heights_are_compared_only_where_they_are_comparable():
     own = aircraft(0.0, 0.0, 0.0, 80.0, id="own", **level(1_000.0, 1))
     for other, reference, above in ((1_300.0, 1, 300.0), (1_300.0, 2, None), (900.0, 1, -100.0)):
         scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, **level(other, reference)), own=own)
-        assert picture(scene, NOW)["traffic"][0]["relative_altitude"] == above
+        assert drawn(scene, NOW)["traffic"][0]["relative_altitude"] == above
 
 
 def test_alerts_of_the_monitor_and_of_others_are_joined():
@@ -121,12 +122,12 @@ def test_alerts_of_the_monitor_and_of_others_are_joined():
     levels = {"intruder_ids": ["4b1a2c"], "intruder_level": [1], "intruder_loss": [40.0]}
     scene = take(scene, GUIDANCE, guidance(**levels), NOW)
     scene = take(scene, f"{PREFIX}alerts", alert("b", level=3), NOW)
-    shown = picture(scene, after(2.0))
+    shown = drawn(scene, after(2.0))
     assert [(one["id"], one["level"], one["loss"]) for one in shown["alerts"]] == [
         ("b", 3, None),
         ("4b1a2c", 1, 38.0),
     ]
-    assert picture(scene, after(20.0))["alerts"] == []
+    assert drawn(scene, after(20.0))["alerts"] == []
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -137,7 +138,7 @@ def test_advice_turns_to_the_nearer_free_side(side: int):
     bands.track_region = [2 if n in closed else 0 for n in range(72)]
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [2], [30.0]
     scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), GUIDANCE, bands, NOW)
-    advice = picture(scene, NOW)["advice"]
+    advice = drawn(scene, NOW)["advice"]
     assert advice["do"] == "free" and advice["turn"] == ("right" if side > 0 else "left")
     assert advice["track_deg"] == 90.0 + side * 25.0
 
@@ -145,14 +146,14 @@ def test_advice_turns_to_the_nearer_free_side(side: int):
 def test_advice_is_what_the_monitor_says_is_to_be_flown():
     scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0))
     scene = take(take(scene, PLAN, plan(), NOW), STATUS, status(1), NOW)
-    shown = picture(scene, NOW)
+    shown = drawn(scene, NOW)
     assert shown["advice"]["do"] == "plan" and shown["advice"]["turn"] == "left"
     assert shown["backup"] is None
     scene = take(take(scene, BACKUP, plan(5, north=-3_000.0), NOW), STATUS, status(2), NOW)
-    shown = picture(scene, NOW)
+    shown = drawn(scene, NOW)
     assert shown["advice"]["do"] == "backup" and shown["advice"]["turn"] == "right"
     scene = take(scene, PLAN, SimpleNamespace(status=3), NOW)
-    assert picture(scene, NOW)["plan"] is None
+    assert drawn(scene, NOW)["plan"] is None
 
 
 @given(
@@ -177,7 +178,7 @@ def test_own_plan_and_advice_are_in_one_frame(wind_to, wind_speed, track, speed)
     flown = plan()
     for one in (flown.start, *flown.waypoints):
         one.track_deg, one.ground_speed = track, speed
-    shown = picture(take(take(scene, PLAN, flown, NOW), STATUS, status(1), NOW), NOW)
+    shown = drawn(take(take(scene, PLAN, flown, NOW), STATUS, status(1), NOW), NOW)
     assert shown["frame"] == "air" and shown["wind"] == pytest.approx(wind, abs=0.06)
     air, advice = shown["own"]["air"], shown["advice"]
     assert shown["plan"]["points"][0]["air"] == air
@@ -205,7 +206,7 @@ def test_what_follows_is_told_from_what_is_flown(passed: float, turn: str, then:
     ]
     flown.header.stamp = flown.start.time_of_arrival = stamp(after(-passed))
     scene = take(take(known_scene(), PLAN, flown, NOW), STATUS, status(1), NOW)
-    advice = picture(scene, NOW)["advice"]
+    advice = drawn(scene, NOW)["advice"]
     assert advice["turn"] == turn
     follows = advice["then"]
     assert then == (follows and (follows["turn"], follows["track_deg"], follows["in"]))
@@ -213,16 +214,16 @@ def test_what_follows_is_told_from_what_is_flown(passed: float, turn: str, then:
 
 def test_a_plan_that_nobody_flies_is_advice():
     scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), PLAN, plan(), NOW)
-    shown = picture(take(scene, STATUS, status(0, state=1), NOW), NOW)
+    shown = drawn(take(scene, STATUS, status(0, state=1), NOW), NOW)
     assert shown["advice"]["do"] == "advised" and shown["advice"]["turn"] == "left"
-    denied = picture(take(scene, STATUS, status(0, state=3), NOW), NOW)
+    denied = drawn(take(scene, STATUS, status(0, state=3), NOW), NOW)
     assert denied["advice"]["do"] == "own route"
 
 
 def test_a_remark_is_no_reason():
     causes = Cause.SEPARATION | Cause.OUTSIDE_RANGE
     said = status(1, causes=int(causes), reasons=["too near", "an unusual speed"])
-    shown = picture(take(known_scene(), STATUS, said, NOW), NOW)["monitor"]
+    shown = drawn(take(known_scene(), STATUS, said, NOW), NOW)["monitor"]
     assert (shown["reasons"], shown["remarks"]) == (["too near"], ["an unusual speed"])
 
 
@@ -233,7 +234,7 @@ def test_near_traffic_without_an_alert_is_proximate(away: float, level: int, nea
     """Nearer than ten separations of 1000 m; a height that nobody knows counts as the same."""
     levels = {"intruder_ids": ["4b1a2c"], "intruder_level": [level], "intruder_loss": [40.0]}
     scene = known_scene(aircraft(away, 0.0, 0.0, 80.0))
-    shown = picture(take(scene, GUIDANCE, guidance(**levels), NOW), NOW)
+    shown = drawn(take(scene, GUIDANCE, guidance(**levels), NOW), NOW)
     assert shown["traffic"][0]["proximate"] is near
 
 
@@ -241,13 +242,13 @@ def test_where_nothing_is_free_the_way_out_is_said():
     bands = guidance(range(72), region=3, recovery=30)
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [3], [9.0]
     scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), GUIDANCE, bands, NOW)
-    advice = picture(scene, after(2.0))["advice"]
+    advice = drawn(scene, after(2.0))["advice"]
     assert advice["do"] == "recovery" and advice["track_deg"] == 150.0
     assert advice["after"] == 10.0 and advice["shortfall"] == 250.0
 
 
 def test_a_plan_is_drawn_through_its_waypoints_and_over_its_times():
-    shown = picture(take(known_scene(), PLAN, plan(), NOW), after(10.0))["plan"]
+    shown = drawn(take(known_scene(), PLAN, plan(), NOW), after(10.0))["plan"]
     line, point = shown["line"], shown["points"][0]
     assert line[-1][:2] == pytest.approx([point["x"], point["y"]], abs=0.2)
     times = [time for *_, time in line]
@@ -281,7 +282,7 @@ def test_a_plan_that_nobody_can_fly_is_drawn_all_the_same(steps):
             "time_of_arrival": stamp(NOW + round(time * SECOND) + number + 1),
         }
         message.waypoints.append(SimpleNamespace(**(first | more)))
-    shown = picture(take(known_scene(), PLAN, message, NOW), NOW)
+    shown = drawn(take(known_scene(), PLAN, message, NOW), NOW)
     assert json.dumps(shown, allow_nan=False)
     assert len(shown["plan"]["points"]) == len(steps) and 2 <= len(shown["plan"]["line"]) <= 500
 
@@ -300,14 +301,14 @@ def test_a_plan_that_nobody_can_fly_is_drawn_all_the_same(steps):
 )
 def test_a_message_that_cannot_be_used_is_named_and_changes_nothing(name, message, says):
     scene = take(take(known_scene(), STATUS, status(), NOW), GUIDANCE, guidance(), NOW)
-    before = picture(scene, NOW)
-    shown = picture(take(scene, name, message, NOW), NOW)
+    before = drawn(scene, NOW)
+    shown = drawn(take(scene, name, message, NOW), NOW)
     told = [one["text"] for one in shown["health"] if one["level"] == 2]
     assert len(told) == 1 and told[0].startswith(says)
     differing = {key for key in before if before[key] != shown[key]}
     assert differing == {"health"}
     good = status() if name == STATUS else guidance() if name == GUIDANCE else plan()
-    healed = picture(take(take(scene, name, message, NOW), name, good, NOW), NOW)
+    healed = drawn(take(take(scene, name, message, NOW), name, good, NOW), NOW)
     assert not [one for one in healed["health"] if one["level"] == 2]
 
 
@@ -317,7 +318,7 @@ def test_a_receivers_reports_make_a_picture_without_ros():
     wrong = FieldError("adsb 4b0000.speed", "has not been received")
     wrong.sighting = Sighting("4b0000", NOW, (47.2, 8.0))
     scene = take_report(scene, wrong, NOW)
-    shown = picture(scene, NOW)
+    shown = drawn(scene, NOW)
     assert [one["id"] for one in shown["traffic"]] == ["4b1a2c"]
     assert shown["traffic"][0]["y"] - shown["own"]["y"] == pytest.approx(11_119.0, abs=20.0)
 
@@ -327,7 +328,7 @@ def test_every_picture_is_plain_json(names: list[str], seconds: float):
     scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, id="<b>'\"&"))
     for name in names:
         scene = take(scene, name, SimpleNamespace(), NOW)  # a message without any field
-    text = json.dumps(picture(scene, after(seconds)), allow_nan=False)
+    text = json.dumps(drawn(scene, after(seconds)), allow_nan=False)
     assert json.loads(text)["version"] == VERSION
 
 
@@ -367,7 +368,7 @@ def test_an_error_of_our_own_is_told_in_the_picture(monkeypatch: pytest.MonkeyPa
         _, first = pictures(client, 2)
         assert first["own"] and first["traffic"]
         with monkeypatch.context() as broken:
-            broken.setattr("ros_bridge.display.server.picture", fail)
+            broken.setattr("ros_bridge.display.server.draw", fail)
             pictures(client, 3)
             [failed] = pictures(client, 1)
         assert failed["own"] is None and failed["traffic"] == [] and failed["monitor"] is None
@@ -523,8 +524,8 @@ def test_an_encounter_is_shown_at_the_time_that_a_client_asks_for(tmp_path: Path
 
 
 def test_an_encounter_in_a_wind_is_shown_with_its_speed_through_the_air(tmp_path: Path):
-    still = read(encounter(tmp_path)).player()(5.0)
-    windy = read(encounter(tmp_path, wind=[20.0, 0.0])).player()(5.0)
+    still = to_json(read(encounter(tmp_path)).player()(5.0))
+    windy = to_json(read(encounter(tmp_path, wind=[20.0, 0.0])).player()(5.0))
     assert still["wind"] is None and windy["wind"] == [20.0, 0.0]
     assert [one["own"]["air"]["speed"] for one in (still, windy)] == [80.0, 60.0]
     assert windy["own"]["speed"] == 80.0 and windy["own"]["air"]["track_deg"] == 90.0
@@ -534,13 +535,13 @@ def test_an_encounter_in_a_wind_is_shown_with_its_speed_through_the_air(tmp_path
 
 def test_an_encounters_intruder_has_its_own_separation(tmp_path: Path):
     path = encounter(tmp_path)
-    assert read(path).player()(5.0)["traffic"][0]["separation"] is None
+    assert to_json(read(path).player()(5.0))["traffic"][0]["separation"] is None
     document = json.loads(path.read_text(encoding="utf-8"))
     for separation in (2_500.0, math.nan):
         document["intruders"][0]["separation"] = separation
         path.write_text(json.dumps(document), encoding="utf-8")
         if math.isfinite(separation):
-            assert read(path).player()(5.0)["traffic"][0]["separation"] == separation
+            assert to_json(read(path).player()(5.0))["traffic"][0]["separation"] == separation
     with pytest.raises(InputError, match="is no whole encounter"):
         read(path)
 
@@ -628,7 +629,7 @@ def test_a_cut_recording_shows_what_is_whole_and_says_where_it_ends(tmp_path: Pa
         assert recording.length == float(seconds)
         if seconds < 3:
             assert recording.cut == f"x.mcap is cut or damaged {seconds:.1f} s after its start"
-            health = recording.player()(recording.length)["health"]
+            health = to_json(recording.player()(recording.length))["health"]
             assert recording.cut in [one["text"] for one in health]
 
 
@@ -655,7 +656,7 @@ def test_unknown_topics_and_bytes_of_a_recording_are_named(tmp_path: Path):
     path = tmp_path / "x.mcap"
     record_graph(path)
     recording = read(path)
-    told = {one["name"]: one["text"] for one in recording.player()(2.0)["health"]}
+    told = {one["name"]: one["text"] for one in to_json(recording.player()(2.0))["health"]}
     assert told["/chatter"] == "std_msgs/msg/String is not shown"
     assert told["/rlcas_runner/input/ownship"] == "std_msgs/msg/String is not shown"
 
@@ -689,7 +690,7 @@ def test_stamps_are_not_made_up():
     """A report without a time is refused as everywhere."""
     message = aircraft(5_000.0, 0.0, 0.0, 80.0)
     message.header.stamp = stamp(0)
-    shown = picture(known_scene(message), NOW)
+    shown = drawn(known_scene(message), NOW)
     assert shown["traffic"] == []
 
 
@@ -701,7 +702,7 @@ def test_in_a_wind_bands_are_compared_with_the_direction_through_the_air():
     bands = guidance(range(18, 28))  # tracks 90 to 135: what it points at is closed
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [2], [30.0]
     scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0), own=own), GUIDANCE, bands, NOW)
-    shown = picture(scene, NOW)
+    shown = drawn(scene, NOW)
     assert shown["own"]["air"]["track_deg"] == pytest.approx(135.0, abs=0.1)
     assert shown["advice"]["turn"] == "right" and shown["advice"]["track_deg"] == 140.0
 
@@ -715,12 +716,12 @@ def test_aircraft_have_the_separation_of_their_category():
     heavy = aircraft(5_000.0, 0.0, 0.0, 80.0, id="a", category=5)
     scene = known_scene(heavy, aircraft(0.0, 5_000.0, 0.0, 80.0, id="b"))
     scene = take(scene, "/diagnostics", said("A5:2500,B6:300"), NOW)
-    assert [one["separation"] for one in picture(scene, NOW)["traffic"]] == [2_500.0, None]
-    wrong = picture(take(scene, "/diagnostics", said("A5:no"), NOW), NOW)
+    assert [one["separation"] for one in drawn(scene, NOW)["traffic"]] == [2_500.0, None]
+    wrong = drawn(take(scene, "/diagnostics", said("A5:no"), NOW), NOW)
     assert [one["separation"] for one in wrong["traffic"]] == [2_500.0, None]
     assert any("holds 'A5:no', expected" in one["text"] for one in wrong["health"])
     assert (
-        picture(take(scene, "/diagnostics", said(""), NOW), NOW)["traffic"][0]["separation"] is None
+        drawn(take(scene, "/diagnostics", said(""), NOW), NOW)["traffic"][0]["separation"] is None
     )
 
 
@@ -728,24 +729,24 @@ def test_areas_move_to_the_time_of_the_picture_and_say_when_they_hold():
     circle = area(valid=2 | 8, radius=2_000.0)  # ceiling, until
     message = areas(circle)
     scene = take(known_scene(), f"{PREFIX}areas", message, NOW)
-    before, later = (picture(scene, after(seconds))["areas"][0] for seconds in (0.0, 30.0))
+    before, later = (drawn(scene, after(seconds))["areas"][0] for seconds in (0.0, 30.0))
     assert before["name"] == "<i>storm" and before["keep"] == "out"
     assert before["floor"] is None and before["ceiling"] == [3_000.0, "msl"]
     moved = [b - a for a, b in zip(before["circle"], later["circle"], strict=True)]
     assert moved == pytest.approx([300.0, 0.0, 150.0], abs=0.2)
-    assert later["valid"] and not picture(scene, after(61.0))["areas"][0]["valid"]
+    assert later["valid"] and not drawn(scene, after(61.0))["areas"][0]["valid"]
     circle.radius = math.nan
-    told = picture(take(scene, f"{PREFIX}areas", message, NOW), NOW)
+    told = drawn(take(scene, f"{PREFIX}areas", message, NOW), NOW)
     assert "areas.areas[0].radius is nan" in next(
         one["text"] for one in told["health"] if one["name"] == "areas"
     )
-    assert told["areas"] == picture(scene, NOW)["areas"]
+    assert told["areas"] == drawn(scene, NOW)["areas"]
 
 
 def test_a_polygon_says_by_how_much_it_has_grown():
     ring = [(2_000.0, 0.0), (4_000.0, 0.0), (4_000.0, 3_000.0)]
     scene = take(known_scene(), f"{PREFIX}areas", areas(area(ring, growth=-2.0)), NOW)
-    before, later = (picture(scene, after(seconds))["areas"][0] for seconds in (0.0, 30.0))
+    before, later = (drawn(scene, after(seconds))["areas"][0] for seconds in (0.0, 30.0))
     assert (before["grown"], later["grown"], later["growth"]) == (0.0, -60.0, -2.0)
     moved = np.subtract(later["rings"], before["rings"])
     np.testing.assert_allclose(moved, np.broadcast_to((300.0, 0.0), moved.shape), atol=0.2)

@@ -17,8 +17,8 @@ from ros_bridge.core.guidance import blank
 from ros_bridge.core.replies import to_frame
 from ros_bridge.core.reports import USUAL
 from ros_bridge.display.beside import supervise
-from ros_bridge.display.picture import picture
 from ros_bridge.display.scene import Scene
+from tests.ros_bridge.displays import drawn
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
 from tests.ros_bridge.test_assurance import publish_plan, traffic
 from tests.ros_bridge.test_guidance import RULES, with_report
@@ -36,7 +36,7 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     situation = updates.ownship(situation, message, now, RULES)
     supervision, verdict = step_monitor(supervision, situation, now)
     scene, shown = supervise(Scene(), situation, supervision, verdict, blank(THRESHOLDS), now)
-    found = picture(scene, now)
+    found = drawn(scene, now)
     assert found["separation"] == THRESHOLDS.requirement.separation
     assert found["plan"]["revision"] == plan.revision
     assert [point["index"] for point in found["plan"]["points"]] == [p.index for p in plan.points]
@@ -45,7 +45,7 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     east = found["bands"]["track_deg"].index(90.0)
     assert found["bands"]["track_region"][east] == 2
     later, _ = supervise(scene, situation, supervision, None, shown, now + SECOND)
-    assert picture(later, now + SECOND)["monitor"] is None
+    assert drawn(later, now + SECOND)["monitor"] is None
 
 
 def test_a_backup_is_shown_in_the_wind_that_it_is_flown_in():

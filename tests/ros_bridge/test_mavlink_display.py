@@ -25,7 +25,7 @@ from ros_bridge.core.categories import Categories
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report, Unknown
 from ros_bridge.core.situation import Situation
-from ros_bridge.display.picture import picture
+from ros_bridge.display.document import to_json
 from ros_bridge.display.scene import Scene, take_report
 from ros_bridge.display.server import Board
 from ros_bridge.mavlink import mission
@@ -38,6 +38,7 @@ from ros_bridge.mavlink.plan_file import geojson, kml
 from ros_bridge.mavlink.showing import Showing, show
 from ros_bridge.mavlink.vehicle import vehicle_of
 from ros_bridge.mavlink.view import View
+from tests.ros_bridge.displays import drawn
 from tests.ros_bridge.test_mavlink import PARAMETERS
 
 HOME = LocalFrame(47.4, 8.5)
@@ -142,7 +143,7 @@ def test_a_conflict_on_the_mission_is_shown_with_its_plan_bands_and_fence(follow
     judgement = judge(heard, followed)
     assert judgement.safe and judgement.conflict is not None
     seen = view(heard, judgement)
-    found = picture(Showing(followed, Board().feed).after(Scene(), seen), seen.time)
+    found = drawn(Showing(followed, Board().feed).after(Scene(), seen), seen.time)
     assert found["plan"]["revision"] == 1
     assert found["advice"]["do"] == "advised"
     assert any("on the mission" in why for why in found["monitor"]["reasons"])
@@ -163,7 +164,7 @@ def test_in_a_wind_bands_are_those_of_the_air_that_is_flown_in(followed: Rules) 
             received(seconds, wind=wind), judge(received(seconds, crossing=False), followed)
         )
         scene = showing.after(scene, seen)
-        found = picture(scene, seen.time)
+        found = drawn(scene, seen.time)
         assert found["wind"] == ([0.0, 0.0] if wind == 0.0 else [8.0, 0.0])
         # The ownship flies 22 m/s over the ground: as fast as that less the tail wind.
         assert found["own"]["air"]["speed"] == pytest.approx(SPEED - wind, abs=0.1)
@@ -173,7 +174,7 @@ def test_in_a_wind_bands_are_those_of_the_air_that_is_flown_in(followed: Rules) 
 def test_without_traffic_nothing_is_closed_and_the_mission_is_flown(followed: Rules) -> None:
     heard = received(0.0, crossing=False)
     seen = view(heard, judge(heard, followed))
-    found = picture(Showing(followed, Board().feed).after(Scene(), seen), seen.time)
+    found = drawn(Showing(followed, Board().feed).after(Scene(), seen), seen.time)
     assert found["plan"] is None and found["alerts"] == []
     assert not any(found["bands"]["track_region"])
     assert found["advice"] == {"do": "own route"}
@@ -212,12 +213,12 @@ def test_a_recording_without_ros_shows_what_the_display_showed(
         seen = view(heard, judge(heard, followed))
         for showing in showings:
             showing(seen)
-        shown.append(picture(board.scene, seen.time))
+        shown.append(drawn(board.scene, seen.time))
     assert [one["separation"] for one in shown[-1]["traffic"]] == [400.0]
     recorder.close()
     again = GraphRecording(file).player()
     for at, before in zip((0.0, 5.0, 5.5), shown, strict=True):
-        after = again(at)
+        after = to_json(again(at))
         same = ("own", "traffic", "separation", "wind", "plan", "areas", "bands", "alerts", "route")
         for name in (*same, "monitor", "advice", "time"):
             assert after[name] == before[name], name
@@ -265,7 +266,7 @@ def test_a_plan_over_the_antimeridian_is_cut_there(followed: Rules, longitude: f
 def test_the_map_is_the_same_on_both_sides_of_the_antimeridian(latitude: float) -> None:
     for longitude in (179.9999, -179.9999, 180.0):
         own = Report("ownship", SECOND, latitude, longitude, 20.0, 0.0)
-        origin = picture(take_report(Scene(), own, SECOND, own=True), SECOND)["origin"][1]
+        origin = drawn(take_report(Scene(), own, SECOND, own=True), SECOND)["origin"][1]
         assert -180.0 <= origin <= 180.0
         assert abs(math.remainder(longitude - origin, 360.0)) < 0.5
 

@@ -47,6 +47,7 @@ from eval.report.flights import Replayed, Witness, bands_of, evaluation_of, fly_
 from eval.report.folder import read_run
 from eval.report.page import page
 from eval.runner.options import named_evaluation
+from ros_bridge.display.document import to_json
 from ros_bridge.display.recording import read
 from tests.eval.conftest import TRACKS
 
@@ -251,7 +252,7 @@ def test_a_saved_encounter_is_what_the_display_opens(copy: Path) -> None:
     recording = read(copy / "encounters" / f"{number}.json")
     assert recording.length == run.table["duration_s"][number]
     assert recording.marks[-1][1] == 3
-    shown = recording.player()(recording.length)
+    shown = to_json(recording.player()(recording.length))
     apart = [
         np.hypot(one["x"] - shown["own"]["x"], one["y"] - shown["own"]["y"])
         for one in shown["traffic"]

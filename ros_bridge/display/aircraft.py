@@ -1,0 +1,202 @@
+"""Ownship and traffic as they are drawn: where their last reports carry them to now."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from envs.arrays import Array
+from envs.formats.local_frame import LocalFrame
+from envs.frames import Ground
+from envs.kinematics import VehicleState
+from envs.wind import NO_WIND
+from ros_bridge.core.fields import SECOND
+from ros_bridge.core.freshness import Freshness
+from ros_bridge.core.motion import carry_on
+from ros_bridge.core.reach import level
+from ros_bridge.core.reports import Report
+from ros_bridge.core.tracks import Track
+from ros_bridge.display.picture import (
+    NO_THREAT,
+    DrawnIntruder,
+    DrawnOwnship,
+    DrawnPlane,
+    Threat,
+    Velocity,
+)
+from ros_bridge.display.scene import Scene
+
+_TURN = 15.0  # s that an aircraft is expected to turn on after its report
+_COASTING = 0.5  # share of the age that counts, from which on an aircraft is marked as carried on
+_PROXIMATE = 6.0 * 1852.0, 1200.0 * 0.3048
+"""m: traffic without an alert that is nearer than both horizontally and vertically is *proximate*
+(RTCA DO-185B: 6 NM and 1200 ft)."""
+_PROXIMATE_SEPARATIONS = 10.0  # the same horizontally for small separations
+_NO_CLIMB = 10.0  # m/s either way where it is unknown, as the nodes' parameter unknown_climb
+
+
+def draw_aircraft(
+    scene: Scene, frame: LocalFrame, threats: Mapping[str, Threat], now: int
+) -> tuple[DrawnOwnship | None, list[DrawnIntruder]]:
+    """Return the ownship, None where it is unknown, and the traffic, sorted by name."""
+    own, fresh = scene.situation.own, scene.fresh
+    traffic = [
+        (name, track)
+        for name, track in sorted(scene.situation.traffic.items())
+        if track.last is not None
+    ]
+    tracks = [track for _, track in traffic]
+    planes = _planes(tracks if own.last is None else [*tracks, own], frame, now, fresh)
+    drawn = None
+    if own.last is not None:
+        plane = planes.pop()._replace(state=_state(own, now, math.inf, fresh.own))
+        air = velocity_through_air(own.last.east, own.last.north, own.last.wind)
+        drawn = DrawnOwnship(plane, air)
+    return drawn, [
+        _intruder(track, plane, threats.get(name, NO_THREAT), scene, drawn, now)
+        for (name, track), plane in zip(traffic, planes, strict=True)
+    ]
+
+
+def velocity_through_air(east: float, north: float, wind: tuple[float, float] | None) -> Velocity:
+    """Return the velocity through the air of one over the ground, m/s true east and north;
+    over the ground where the wind is unknown.
+    """
+    x, y = (east, north) if wind is None else (east - wind[0], north - wind[1])
+    track = math.degrees(math.atan2(x, y)) % 360.0
+    return Velocity(round(track, 1), round(math.hypot(x, y), 1))
+
+
+def _intruder(
+    track: Track,
+    plane: DrawnPlane,
+    threat: Threat,
+    scene: Scene,
+    own: DrawnOwnship | None,
+    now: int,
+) -> DrawnIntruder:
+    origin, report = scene.situation.origin.value, _last(track)
+    undulation = None if origin is None else origin.undulation
+    above = _relative(scene.situation.own.last, report, now, undulation)
+    near = own is not None and _is_near(plane, own.plane, above, scene.separation)
+    return DrawnIntruder(
+        plane=plane,
+        threat=threat,
+        relative_altitude=above,
+        separation=scene.by_category.get(report.category),
+        proximate=threat.level == 0 and near,
+    )
+
+
+def _is_near(
+    plane: DrawnPlane, own: DrawnPlane, above: float | None, separation: float | None
+) -> bool:
+    """Return whether traffic is near the ownship; a height that is not known is the same."""
+    most, high = _PROXIMATE
+    if separation is not None:
+        most = min(most, _PROXIMATE_SEPARATIONS * separation)
+    near = math.hypot(plane.x - own.x, plane.y - own.y) < most
+    return near and (above is None or abs(above) < high)
+
+
+def _relative(
+    own: Report | None, other: Report, now: int, undulation: float | None
+) -> float | None:
+    """Return by how much an aircraft is above the ownship, m; None: not comparable."""
+    if own is None:
+        return None
+    mine, theirs = (
+        level(report.altitude, now - report.time, undulation, _NO_CLIMB) for report in (own, other)
+    )
+    if mine is None or theirs is None or mine.reference != theirs.reference:
+        return None
+    return round(theirs.value - mine.value, 1)
+
+
+class _Motion(NamedTuple):
+    """Aircraft on the map now; fields ``[K]``."""
+
+    x: Array  # m
+    y: Array
+    vx: Array  # m/s
+    vy: Array
+    track_deg: Array  # true
+    age: Array  # of the reports, s
+
+
+def _planes(
+    tracks: Sequence[Track], frame: LocalFrame, now: int, fresh: Freshness
+) -> list[DrawnPlane]:
+    """Return the aircraft at a time, ns; each has a report."""
+    if not tracks:
+        return []
+    motion = _carry_on(tracks, frame, now)
+    return [_plane(track, motion, number, now, fresh) for number, track in enumerate(tracks)]
+
+
+def _carry_on(tracks: Sequence[Track], frame: LocalFrame, now: int) -> _Motion:
+    """Return where aircraft are at a time, ns: on a turn over the ground from the report on, for
+    some seconds, and straight on after it.
+    """
+    reports = [_last(track) for track in tracks]
+    here = frame.place(
+        [report.latitude for report in reports], [report.longitude for report in reports]
+    )
+    east = np.array([report.east for report in reports])
+    north = np.array([report.north for report in reports])
+    age = np.array([(now - report.time) / SECOND for report in reports])
+    heading = np.arctan2(north, east) + here.convergence
+    start: VehicleState[Ground] = VehicleState(here.x, here.y, heading, np.hypot(east, north))
+    rates = np.array([track.turn_rate for track in tracks])
+    state = carry_on(start, rates, _TURN, age, NO_WIND)
+    vx, vy = state.speed * np.cos(state.heading), state.speed * np.sin(state.heading)
+    return _Motion(
+        x=state.x,
+        y=state.y,
+        vx=vx,
+        vy=vy,
+        track_deg=np.degrees(np.arctan2(vx, vy) + here.convergence) % 360.0,
+        age=age,
+    )
+
+
+def _plane(track: Track, motion: _Motion, number: int, now: int, fresh: Freshness) -> DrawnPlane:
+    """Return an aircraft whose motion has a number."""
+    report, age = _last(track), float(motion.age[number])
+    height = report.altitude
+    climb = None if height is None else height.vertical_speed
+    return DrawnPlane(
+        id=report.identifier,
+        callsign=report.callsign,
+        x=round(float(motion.x[number]), 1),
+        y=round(float(motion.y[number]), 1),
+        vx=round(float(motion.vx[number]), 2),
+        vy=round(float(motion.vy[number]), 2),
+        track_deg=round(float(motion.track_deg[number]), 1),
+        speed=round(report.speed, 1),
+        turn_deg=round(math.degrees(track.turn_rate), 2) if age < _TURN else 0.0,
+        altitude=None if height is None else round(height.value, 1),
+        reference=None if height is None else height.reference,
+        climb=None if climb is None else round(climb, 1),
+        age=round(age, 3),
+        state=_state(track, now, _COASTING * fresh.intruder, fresh.intruder),
+        fault="" if track.fault is None else track.fault.message,
+    )
+
+
+def _last(track: Track) -> Report:
+    report = track.last if track.estimate is None else track.estimate
+    assert report is not None
+    return report
+
+
+def _state(
+    track: Track, now: int, coasting: float, stale: float
+) -> Literal["fresh", "coasting", "stale", "faulty"]:
+    age = track.age(now)
+    if track.fault is not None:
+        return "faulty"
+    if age > stale:
+        return "stale"
+    return "coasting" if age > coasting else "fresh"
