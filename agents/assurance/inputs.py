@@ -14,6 +14,7 @@ from agents.assurance.plausible import SIGMAS, Drift, follow, greatest_change, u
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.kernel.traffic import Traffic, Window, advance_reports
 from agents.planner.request.options import Narrowed
+from agents.planner.request.reports import AHEAD
 from agents.policy.domain import excess
 from envs.angles import wrap
 from envs.arrays import Array
@@ -22,7 +23,6 @@ from envs.kinematics import FASTEST, VehicleState, velocity
 from envs.trees import map_leaves
 from envs.wind import turned_error
 
-_AHEAD = 0.5  # s by which a report may seem to come from the future
 _SAME = (
     1e-6  # s by which the time of one report differs between two steps: rounding of now less age
 )
@@ -144,7 +144,7 @@ def _take_own(
     """Return the last good own states, their times, s, and the causes that lie in them, ``[N]``."""
     sane = _sane(given.own, given.own_age)
     reported = now - np.where(sane, given.own_age, 0.0)
-    ordered = (given.own_age >= -_AHEAD) & (reported >= memory.own_time - _SAME)
+    ordered = (given.own_age >= -AHEAD) & (reported >= memory.own_time - _SAME)
     good = sane & ordered & clock
     own = map_leaves(partial(np.where, good), given.own, memory.own)
     own_time = np.where(good, np.fmax(reported, memory.own_time), memory.own_time)
@@ -166,7 +166,7 @@ def _take_intruders(
     )
     reported = now[:, None] - np.where(sane, given.age, 0.0)
     known = np.where(given.mask, memory.seen, -np.inf)
-    ordered = (given.age >= -_AHEAD) & (reported >= known - _SAME)
+    ordered = (given.age >= -AHEAD) & (reported >= known - _SAME)
     good = sane & ordered & clock[:, None] & given.mask
     turn_rate, outside = _turn_rate(memory, given, reported - known, good, thresholds)
     before = memory.intruders, memory.position_std, memory.velocity_std

@@ -137,6 +137,9 @@ UNSAFE = Cause.SEPARATION | Cause.AREA
 """The rest of the plan is not safe."""
 
 
+OWN_AGE = 1.5
+"""Oldest state of the ownship that is monitored, time steps."""
+
 # Share of the sigmas planned with that must be left before a new plan is asked for: what is
 # believed of an intruder wanders inside its uncertainty, and a plan that needs all of it would be
 # void with every second report.
@@ -229,8 +232,8 @@ class Thresholds(Generic[L]):
             "answer_time": 3.0 * step,
             "urgent": 20.0 * step,
             "plan_ending": 60.0 * step,
-            "own_age": 1.5 * step,
-            "intruder_age": 5.0 * step,
+            "own_age": OWN_AGE * step,
+            "intruder_age": options.max_age,
             "backup_gain": 0.01 * far,
             "traffic": traffic(aircraft),
         }

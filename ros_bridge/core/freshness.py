@@ -7,6 +7,9 @@ whatever time that message tells: a source whose clock is behind is stale, never
 from collections.abc import Mapping
 from typing import NamedTuple, Self
 
+from agents.assurance.thresholds import OWN_AGE
+from agents.planner.request.options import MAX_AGE
+from agents.planner.request.reports import AHEAD
 from envs.aircraft import Aircraft
 from ros_bridge.core.fields import number
 
@@ -14,14 +17,19 @@ _LONGEST = 1e9  # s
 
 
 class Freshness(NamedTuple):
-    """For how long things count, s."""
+    """For how long things count, s; reports as planner and monitor take them with steps of 1 s."""
 
-    own: float = 1.5  # oldest state of the ownship that is used
-    intruder: float = 5.0  # oldest state of an intruder that is planned with
+    own: float = OWN_AGE  # oldest state of the ownship that is used
+    intruder: float = MAX_AGE  # oldest state of an intruder that is planned with
     alert: float = 10.0  # for how long an alert of another function holds
     silence: float = 60.0  # without any message of an aircraft, after which it is forgotten
     monitor: float = 1.0  # the monitor's last status; after it there is no monitor
-    future: float = 0.5  # by how much a stamp may lie ahead of the clock
+    future: float = AHEAD  # by how much a stamp may lie ahead of the clock
+    request: float = 1.0  # oldest request that is answered
+    guidance: float = 5.0  # the monitor's last bands and alerts
+    node: float = 3.0  # the last sign of life of any other node
+    wind: float = 5.0  # the last wind and airspeed of an autopilot
+    receiver: float = 10.0  # without anything of an ADS-B receiver, after which it is silent
 
     @classmethod
     def for_aircraft(cls, aircraft: Aircraft) -> Self:

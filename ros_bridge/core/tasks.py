@@ -118,7 +118,6 @@ class Settings:
     turn_time: float
     turn_rates: tuple[float, float]  # least and greatest turn rates that count as a turn, rad/s
     freshness: Freshness = USUAL_FRESHNESS
-    request_max_age: float = 1.0  # oldest request, s
     unknown: Unknown = USUAL  # what is taken for standard deviations that reports lack
     categories: Categories = NO_CATEGORIES  # separations by emitter category
 

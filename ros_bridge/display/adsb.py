@@ -9,6 +9,7 @@ from functools import partial
 
 from ros_bridge.core import adsb_live
 from ros_bridge.core.fields import FieldError
+from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.reports import Report
 from ros_bridge.display.scene import Scene, left_out_lines, note, take_report
 from ros_bridge.display.server import Board
@@ -17,7 +18,6 @@ from ros_bridge.transport.adsb_receiver import Receiver
 __all__ = ["Receiving"]
 
 _LOOK = 0.5  # s between two looks at the connection
-_SILENCE = 10.0  # s without anything from the receiver
 
 
 class Receiving:
@@ -66,7 +66,11 @@ class Receiving:
             if time.monotonic() - looked > _LOOK:
                 looked = time.monotonic()
                 silent = looked - heard
-                quiet = f"has sent nothing for {silent:.0f} s" if silent > _SILENCE else ""
+                quiet = (
+                    f"has sent nothing for {silent:.0f} s"
+                    if silent > USUAL_FRESHNESS.receiver
+                    else ""
+                )
                 self._board.feed(partial(_connect, problem=self._receiver.problem or quiet))
                 self._board.feed(
                     partial(_count, counts=(+self._traffic.counts, +self._traffic.doubted))

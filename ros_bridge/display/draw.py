@@ -30,7 +30,6 @@ from ros_bridge.display.picture import (
 from ros_bridge.display.scene import Guidance, MonitorStatus, Scene
 from ros_bridge.display.shapes import draw_areas, draw_plan, draw_route
 
-_BANDS = 5.0  # s that bands hold
 _REMARKS = Cause.OUTSIDE_RANGE  # causes that ask for nothing
 
 
@@ -47,7 +46,7 @@ def draw(scene: Scene, now: int, centre: tuple[float, float] | None = None) -> P
     frame = _map(scene, centre)
     if frame is None:
         return empty(scene, now)
-    guidance = _fresh_guidance(scene.guidance, now)
+    guidance = _fresh_guidance(scene, now)
     threats = _threats(scene, guidance, now)
     own, traffic = draw_aircraft(scene, frame, threats, now)
     report = scene.situation.own.last
@@ -110,9 +109,10 @@ def _plan(
     return None if published is None else draw_plan(published, frame, wind, now)
 
 
-def _fresh_guidance(guidance: Guidance | None, now: int) -> Guidance | None:
+def _fresh_guidance(scene: Scene, now: int) -> Guidance | None:
     """Return bands and alerts of the monitor while they hold."""
-    if guidance is None or (now - guidance.time) / SECOND > _BANDS:
+    guidance = scene.guidance
+    if guidance is None or (now - guidance.time) / SECOND > scene.fresh.guidance:
         return None
     return guidance
 

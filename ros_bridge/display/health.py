@@ -8,7 +8,6 @@ from ros_bridge.core.tracks import Track
 from ros_bridge.display.picture import HealthLine
 from ros_bridge.display.scene import Health, Scene
 
-_LATE = {"guidance": 5.0, "diagnostics": 3.0}  # s without a message
 _NAMES = {
     "ownship": "ownship",
     "traffic": "traffic",
@@ -36,7 +35,7 @@ def health_lines(scene: Scene, now: int) -> list[HealthLine]:
 
 def _lines(scene: Scene, now: int) -> Iterator[HealthLine]:
     fresh = scene.fresh
-    latest = {**_LATE, "status": fresh.monitor}
+    latest = {"status": fresh.monitor, "guidance": fresh.guidance, "diagnostics": fresh.node}
     for short, called in _NAMES.items():
         heard, problem = scene.arrived.get(short), scene.problems.get(short)
         if problem is not None:
@@ -50,7 +49,7 @@ def _lines(scene: Scene, now: int) -> Iterator[HealthLine]:
         if name not in _NAMES:
             yield _line(name, problem, problem.time, now)
     for name, state in sorted(scene.nodes.items()):
-        late = (now - state.time) / SECOND > _LATE["diagnostics"]
+        late = (now - state.time) / SECOND > fresh.node
         yield _line(name, _SILENT if late else state, state.time, now)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.conversions import Origin
 from ros_bridge.core.fields import SECOND, FieldError, attempt
+from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.nearest import MOST, keep_nearest
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Held, Situation
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 _FAR = 50_000.0  # m from the frame's origin, beyond which it moves
-_OLD = 5.0  # s, for which wind and airspeed hold
 _RULES = Rules()
 UNREADABLE = "without a name, unreadable"
 """Why a report is left out that names no aircraft."""
@@ -128,8 +128,9 @@ def _position(
     now: int,
     reading: Reading,
 ) -> Received:
-    wind = received.wind if now - received.wind_at <= _OLD * SECOND else None
-    fast = received.airspeed if now - received.airspeed_at <= _OLD * SECOND else None
+    counts = USUAL_FRESHNESS.wind * SECOND
+    wind = received.wind if now - received.wind_at <= counts else None
+    fast = received.airspeed if now - received.airspeed_at <= counts else None
     before = received.situation
     found = attempt(lambda: messages.ownship(message, wind, fast))
     if received.problem:

@@ -51,7 +51,6 @@ from ros_bridge.core.assurance import (
     withdraw,
 )
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
-from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.guidance import Guidance, blank, guidance
 from ros_bridge.core.looking import look
 from ros_bridge.core.status import status
@@ -63,6 +62,7 @@ from ros_bridge.transport.settings import (
     agreed_text,
     aircraft_text,
     disagreements,
+    freshness_of,
     monitor_thresholds,
     separations_by_category,
     unknown_spread,
@@ -248,7 +248,7 @@ class Monitor(ListeningNode):
         if failed:
             status.state, status.reasons = AssuranceStatus.STATE_DENIED, [*status.reasons, *failed]
             status.measured = False
-            if (now - self._judged_at) / SECOND > USUAL_FRESHNESS.monitor:
+            if (now - self._judged_at) / SECOND > freshness_of(self._value).monitor:
                 status.fly = AssuranceStatus.FLY_NOTHING
         self._statuses.publish(status)
         self._protect("the backup", self._publish_backup, now)
@@ -315,7 +315,7 @@ class Monitor(ListeningNode):
         problem = state.name if state in (State.DENIED, State.BACKUP) else ""
         level = DiagnosticStatus.WARN
         silence = self._silence(self._now())
-        if not 0.0 <= silence <= self._value("runner_silence"):
+        if not 0.0 <= silence <= freshness_of(self._value).node:
             level, problem = DiagnosticStatus.ERROR, "the runner is silent"
         elif self._differences:
             level = DiagnosticStatus.ERROR

@@ -31,7 +31,6 @@ from envs.follower import PERIOD, guidance
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.motion import to_local
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
@@ -40,7 +39,7 @@ from ros_bridge.sim.guidance import Flying, Guidance, curve
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.clock import ClockGuard
 from ros_bridge.transport.messages import header
-from ros_bridge.transport.settings import declare, limits_of
+from ros_bridge.transport.settings import declare, freshness_of, limits_of
 
 
 class _Line(NamedTuple):
@@ -59,9 +58,8 @@ class Pilot(ClockGuard):
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_pilot", **more)
         declare(self, "pilot")
-        self._guidance = Guidance(
-            monitored=bool(self._value("monitor")), silence=self._value("monitor_silence")
-        )
+        silence = freshness_of(self._value).monitor
+        self._guidance = Guidance(monitored=bool(self._value("monitor")), silence=silence)
         self._situation = Situation()
         self._line: _Line | None = None
         self._commands = self.create_publisher(Twist, "~/output/command", qos.EVENTS)
@@ -74,7 +72,7 @@ class Pilot(ClockGuard):
         self.create_timer(PERIOD, self._on_timer)
 
     def _value(self, name: str) -> Any:
-        return self.get_parameter(name).value
+        return self.get_parameter(name).value if self.has_parameter(name) else None
 
     def _events(self) -> SubscriptionEventCallbacks:
         """Return what is logged of the monitor's silence before it counts, by the wall's clock."""
@@ -114,8 +112,8 @@ class Pilot(ClockGuard):
             self.get_logger().error(text, throttle_duration_sec=1.0)
         if wanted is None or own is None or track.fault is not None:
             return
-        age = (now - own.time) / SECOND
-        if not -USUAL_FRESHNESS.future <= age <= self._value("ownship_max_age"):
+        age, fresh = (now - own.time) / SECOND, freshness_of(self._value)
+        if not -fresh.future <= age <= fresh.own:
             self._warn(f"the ownship's state is {age:.1f} s old")
             return
         line = self._line_of(wanted)

@@ -26,7 +26,8 @@ def check(
             age = (now - stamp(field, sent)) / SECOND
         except FieldError as error:
             raise Refusal(Code.INVALID_REQUEST, error.field, error.problem) from error
-        check_age(REQUEST_AGE, field, age, settings.request_max_age, settings.freshness.future)
+        fresh = settings.freshness
+        check_age(REQUEST_AGE, field, age, fresh.request, fresh.future)
     previous = bytes(request.previous_id.uuid)
     if previous not in (NO_PLAN, holding):
         what = (

@@ -60,7 +60,7 @@ from ros_bridge.nodes.requests import NO_PLAN, check
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.messages import advisory_message, plan_message, trajectory_message
 from ros_bridge.transport.node_base import ListeningNode
-from ros_bridge.transport.settings import aircraft_text, planning_settings
+from ros_bridge.transport.settings import aircraft_text, freshness_of, planning_settings
 from ros_bridge.transport.topics import Topic
 
 _AGES, _ODD = 1_000, 20  # aircraft that diagnostics list by age, and by reports not taken
@@ -407,7 +407,7 @@ class Runner(ListeningNode):
         except Refusal as refusal:
             problem = str(refusal)
         silence = self._monitor_silence(now)
-        if silence > self._value("monitor_silence"):
+        if silence > freshness_of(self._value).monitor:
             # There was one, which somebody relied on.
             silent = f"the monitor has been silent for {silence:.1f} s"
             level, problem = DiagnosticStatus.ERROR, f"{silent}; {problem}".rstrip("; ")

@@ -15,6 +15,7 @@ from urllib.request import urlopen
 
 from ros_bridge.core import adsb_live
 from ros_bridge.core.fields import SECOND, FieldError
+from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.reports import Report
 
 __all__ = ["LiveReports", "Receiver", "check_source"]
@@ -25,7 +26,6 @@ _LONGEST = 4_096  # bytes of a line
 _LARGEST = 16_000_000  # bytes of a document
 _SLOWEST = 30.0  # s between two attempts
 _BACKWARD = SECOND // 2  # ns; a clock that steps back by more begins anew
-_SILENCE = 10.0  # s without anything, after which a receiver is said to be silent
 
 
 def check_source(text: str) -> str:
@@ -196,6 +196,6 @@ class LiveReports:
         nothing.
         """
         silent = (self._clock() - self._heard) / SECOND
-        quiet = f"has sent nothing for {silent:.0f} s" if silent > _SILENCE else ""
+        quiet = f"has sent nothing for {silent:.0f} s" if silent > USUAL_FRESHNESS.receiver else ""
         problem, self._late = self._late or self._receiver.problem or quiet, ""
         return f"adsb {self._source} {problem}" if problem else ""

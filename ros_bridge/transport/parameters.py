@@ -275,7 +275,8 @@ PARAMETERS = (
         _BOTH,
         "intruder_max_age",
         "intruder",
-        "oldest state of an intruder that is planned with; usually 5 s, or 5 T where T is longer",
+        "oldest state of an intruder that is planned with; usually "
+        f"{USUAL_FRESHNESS.intruder:g} s, or {USUAL_FRESHNESS.intruder:g} T where T is longer",
         0.1,
         600.0,
         "s",
@@ -284,7 +285,8 @@ PARAMETERS = (
         "runner",
         "alert_max_age",
         "alert",
-        "time for which an alert counts; usually 10 s, or 10 T where T is longer",
+        f"time for which an alert counts; usually {USUAL_FRESHNESS.alert:g} s, or "
+        f"{USUAL_FRESHNESS.alert:g} T where T is longer",
         1.0,
         3_600.0,
         "s",
@@ -298,22 +300,30 @@ PARAMETERS = (
         60.0,
         "s",
     ),
-    Parameter("runner", "request_max_age", 1.0, "oldest request that is answered", 0.05, 60.0, "s"),
+    Parameter(
+        "runner",
+        "request_max_age",
+        USUAL_FRESHNESS.request,
+        "oldest request that is answered",
+        0.05,
+        60.0,
+        "s",
+    ),
     Parameter(
         _BOTH,
         "future_tolerance",
         USUAL_FRESHNESS.future,
         "by how much a stamp may lie ahead of the clock",
         0.0,
-        0.5,
+        USUAL_FRESHNESS.future,
         "s",
     ),
     Parameter(
         _BOTH,
         "forget_after",
         "silence",
-        "time without any message after which an intruder is forgotten; usually 60 s, and never "
-        "less than intruder_max_age",
+        "time without any message after which an intruder is forgotten; usually "
+        f"{USUAL_FRESHNESS.silence:g} s, and never less than intruder_max_age",
         5.0,
         3_600.0,
         "s",
@@ -395,7 +405,7 @@ PARAMETERS = (
     Parameter(
         "monitor",
         "runner_silence",
-        3.0,
+        USUAL_FRESHNESS.node,
         "silence of the runner that is reported as a fault",
         1.5,
         60.0,

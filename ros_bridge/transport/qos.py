@@ -3,6 +3,8 @@
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
+from ros_bridge.core.freshness import USUAL_FRESHNESS
+
 _RELIABLE = ReliabilityPolicy.RELIABLE
 
 SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -31,7 +33,7 @@ STATUS = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
     deadline=Duration(seconds=0.5),
     liveliness=LivelinessPolicy.AUTOMATIC,
-    liveliness_lease_duration=Duration(seconds=1.0),
+    liveliness_lease_duration=Duration(seconds=USUAL_FRESHNESS.monitor),
 )
 """Of the monitor's status: latched, and a subscriber learns of the monitor's silence by the
 wall's clock, and of its end.

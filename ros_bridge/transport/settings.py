@@ -184,7 +184,6 @@ def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settin
         options,
         *turns,
         freshness=freshness_of(value),
-        request_max_age=value("request_max_age"),
         unknown=unknown_spread(value),
         categories=separations_by_category(value),
     )
@@ -207,6 +206,8 @@ _FRESHNESS = {
     "silence": "forget_after",
     "monitor": "monitor_silence",
     "future": "future_tolerance",
+    "request": "request_max_age",
+    "node": "runner_silence",
 }
 
 
@@ -240,7 +241,7 @@ def unknown_spread(value: Callable[[str], Any]) -> Unknown:
 
 def report_rules(value: Callable[[str], Any]) -> Rules:
     """Return what reports must keep to, from a node's parameters."""
-    return Rules(value("future_tolerance"), value("jump_distance"), value("jump_speed"))
+    return Rules(freshness_of(value).future, value("jump_distance"), value("jump_speed"))
 
 
 def monitor_thresholds(value: Callable[[str], Any], aircraft: Aircraft) -> Thresholds:
@@ -249,6 +250,5 @@ def monitor_thresholds(value: Callable[[str], Any], aircraft: Aircraft) -> Thres
     return Thresholds.for_plans(
         planning_options(value, aircraft),
         **{name: value(name) for name in (*names, "replan_interval", "answer_time")},
-        own_age=value("ownship_max_age"),
-        intruder_age=value("intruder_max_age"),
+        own_age=freshness_of(value).own,
     )

@@ -18,6 +18,9 @@ from envs.aircraft import Aircraft, AircraftError, new_aircraft
 from envs.arrays import Array
 from envs.kinematics import FASTEST, Limits, intersection
 
+MAX_AGE = 5.0
+"""Oldest report of an intruder that is planned with, time steps."""
+
 # separations that the follower leaves the curve by, rounded up (docs/explanation/planner.md)
 _MARGIN = 2e-5
 _ORDINARY = 0.0524  # rad of turn in a time step, to which margins and resolutions were measured
@@ -161,7 +164,7 @@ class Options(Generic[L]):
         usual: dict[str, Any] = {
             "requirement": Requirement(aircraft.separation, default_margin(aircraft)),
             "limits": limits,
-            "max_age": 5.0 * aircraft.dt,
+            "max_age": MAX_AGE * aircraft.dt,
             "fallback_cost_threshold": 1.5 * aircraft.separation,
             **changes,
         }

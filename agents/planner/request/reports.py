@@ -23,6 +23,9 @@ from envs.wind import Wind, through_air, turned_error
 FARTHEST = 1e6
 """Coordinates beyond this, m, belong to no local frame, whatever the aircraft."""
 
+AHEAD = 0.5
+"""By how much a report may seem to come from the future, s."""
+
 _LEAST = 1.0  # m of a separation
 # rad of a declared turn: so far the rounding of positions is bounded (proofs/Rounding.g)
 _MOST_TURN = 32.0
@@ -98,7 +101,7 @@ def check_report(name: Field, report: Intruder[Ground], options: Options[L]) -> 
     state = check_state(name, report.state)
     if report.altitude is not None:
         check_altitude(name.part("altitude"), report.altitude)
-    age = part_value(name, "age", report.age, -0.5, math.inf, "s")
+    age = part_value(name, "age", report.age, -AHEAD, math.inf, "s")
     if age > options.max_age:
         raise RequestError(
             name.part("age"),
