@@ -25,7 +25,7 @@ from envs.encounters import scenario
 from envs.starts import encounters_of_seed
 from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
-from eval.flights.simulate import Direct, fly
+from eval.flights.simulate import Unmitigated, fly
 from eval.runner.payload import Chunk, Work
 from eval.runner.workers import cores, fly_chunks
 
@@ -62,7 +62,7 @@ def stages(pilot: ReadyEvaluation, count: int) -> dict[str, float]:
     laps.append(time.perf_counter())
     by_policy = fly(starts, pilot.resolver, aircraft)
     laps.append(time.perf_counter())
-    direct = fly(starts, Direct(aircraft), aircraft)
+    direct = fly(starts, Unmitigated(aircraft), aircraft)
     laps.append(time.perf_counter())
     solved = (by_policy.outcome == 1) | (direct.outcome == 1)
     classify(starts, aircraft.rules(), aircraft.limits, solved=solved)

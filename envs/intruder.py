@@ -47,7 +47,7 @@ class Intent(NamedTuple):
     turn_rate: Array  # largest turn rate used, rad/s, positive
 
 
-class Recording(VehicleState[Air]):
+class KnownFlight(VehicleState[Air]):
     """A flight that is known already, in the place of an :class:`Intent`; fields ``[..., K, T +
     1]``, numpy.
 
@@ -80,7 +80,7 @@ def start(vehicle: VehicleState[Air], xp: ArrayModule) -> IntruderState:
 
 def step(
     state: IntruderState,
-    intent: Intent | Recording,
+    intent: Intent | KnownFlight,
     time: Array,
     dt: Array,
     xp: ArrayModule,
@@ -103,7 +103,7 @@ def step(
     period = dt if response is None else response
     far = LOOKAHEAD * period
     vehicle = state.vehicle
-    if isinstance(intent, Recording):
+    if isinstance(intent, KnownFlight):
         return state._replace(vehicle=_replay_step(vehicle, intent, time, dt))
     # The intent changes in the one step that begins at or within dt after the onset.
     changes = xp.logical_and(time >= intent.onset, time - dt < intent.onset)
@@ -125,7 +125,7 @@ def step(
 
 
 def _replay_step(
-    vehicle: VehicleState[Air], recording: Recording, time: Array, dt: float
+    vehicle: VehicleState[Air], recording: KnownFlight, time: Array, dt: float
 ) -> VehicleState[Air]:
     """Return the vehicles after the step that begins at ``time``, ``[..., K]``."""
     still = vehicle.heading * 0.0

@@ -26,7 +26,7 @@ Intruders: TypeAlias = Any
 """An `IntruderState` of arrays ``[..., K]``, or a tuple of K of floats."""
 
 Intents: TypeAlias = Any
-"""An `Intent` of arrays ``[..., K]`` or a `Recording`, or a tuple of K intents of floats."""
+"""An `Intent` of arrays ``[..., K]`` or a `KnownFlight`, or a tuple of K intents of floats."""
 
 
 class World(NamedTuple):

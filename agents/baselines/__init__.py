@@ -1,5 +1,5 @@
 """Published methods of conflict resolution to compare with."""
 
-from agents.baselines.baselines import BASELINES, Baseline, Direct, PotentialField, RightHand
+from agents.baselines.baselines import BASELINES, Baseline, NoResolution, PotentialField, RightHand
 
-__all__ = ["BASELINES", "Baseline", "Direct", "PotentialField", "RightHand"]
+__all__ = ["BASELINES", "Baseline", "NoResolution", "PotentialField", "RightHand"]

@@ -121,7 +121,7 @@ def steer(own: VehicleState[Air], course: Any, aircraft: Aircraft) -> np.ndarray
 
 
 @dataclass(frozen=True)
-class Direct:
+class NoResolution:
     """Resolve nothing: along the route to the goal at constant speed."""
 
     aircraft: Aircraft
@@ -272,7 +272,7 @@ class PotentialField:
 
 
 BASELINES: dict[str, Callable[[Aircraft], Baseline]] = {
-    "none": Direct,
+    "none": NoResolution,
     "rules": RightHand,
     "mvp": PotentialField,
     "mvp_speed": lambda aircraft: PotentialField(aircraft, speed=True),

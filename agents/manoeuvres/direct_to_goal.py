@@ -102,7 +102,7 @@ def turn_onto(
     return Turn(side, xp.maximum(angle, 0.0), length, course, possible)
 
 
-class Direct(NamedTuple):
+class DirectRoute(NamedTuple):
     """One turn onto the goal and the straight line to its disc; fields ``[...]``."""
 
     side: Array  # of the turn, 1 left
@@ -121,7 +121,7 @@ def direct(
     time: Array,
     task: DirectTask,
     xp: ArrayModule,
-) -> Direct:
+) -> DirectRoute:
     """Return the direct route to a goal, m, from states at some times, s, ``[...]``.
 
     A goal that cannot be turned onto (:func:`turn_onto`), or that is too far for the time left, has
@@ -132,7 +132,7 @@ def direct(
     turning = turn.angle * (1.0 / task.turn_rate)
     straight = xp.maximum(turn.length - task.radius, 0.0)
     wanted, in_time = end_speed(straight, own.speed, task.until - time - turning, task.limits, xp)
-    return Direct(
+    return DirectRoute(
         side=turn.side,
         circle=circle,
         turn=turn.angle,
@@ -182,7 +182,7 @@ def clear(
 
 def keeps_clear(
     own: VehicleState[Air],
-    way: Direct,
+    way: DirectRoute,
     other: VehicleState[Air],
     required: Array,
     time: Array,
@@ -220,7 +220,9 @@ def keeps_clear(
     return xp.logical_and(possible, near >= required * xp.abs(required))
 
 
-def _chords(own: VehicleState[Air], way: Direct, xp: ArrayModule) -> Iterator[tuple[Array, Array]]:
+def _chords(
+    own: VehicleState[Air], way: DirectRoute, xp: ArrayModule
+) -> Iterator[tuple[Array, Array]]:
     """Yield the chords of the quarters of a direct route's turn, east and north, m."""
     sine, cosine = sincos(own.heading, xp)
     half_sine, half_cosine = sincos(0.5 * (way.turn * (1.0 / _PARTS)), xp)

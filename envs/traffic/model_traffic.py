@@ -30,7 +30,7 @@ from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter, EncounterError, between
 from envs.frames import Air
-from envs.intruder import Recording
+from envs.intruder import KnownFlight
 from envs.kinematics import FASTEST, VehicleState, advance
 from envs.relative import distance, leg_separation
 from envs.starts import check_number
@@ -106,7 +106,7 @@ def encounters_with(
             f"{traffic.attempts} attempts; allow more, or other conditions"
         )
     assert whole is not None  # there is an attempt at least
-    recording = Recording(
+    recording = KnownFlight(
         *(field[:, None] for field in _at_steps(whole.recording, traffic.aircraft.dt))
     )
     encounters = encounters_of(whole.own, recording, np.ones((count, 1), bool), traffic.ahead)

@@ -14,7 +14,7 @@ from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.frames import Air
-from envs.intruder import Recording
+from envs.intruder import KnownFlight
 from envs.kinematics import FASTEST, VehicleState, advance
 from envs.perception import Sensor
 from envs.traffic.tracks import Repairs, Track, TrackError, at_times
@@ -23,7 +23,7 @@ from envs.traffic.tracks import Repairs, Track, TrackError, at_times
 class Replay(NamedTuple):
     """Encounters of recorded intruders."""
 
-    starts: Encounter  # [N]; in the place of an intent the intruders have a Recording
+    starts: Encounter  # [N]; in the place of an intent the intruders have a KnownFlight
     names: tuple[str, ...]
     weights: np.ndarray  # importance weights of the encounters, [N]; 1 where the file has none
     left_out: tuple[str, ...] = ()  # sentences on encounters that cannot be flown, and why
@@ -88,11 +88,11 @@ def _starts(
             other = others[k if k < len(others) else 0]
             states[:, i, k] = _states(other, mine.time[0], steps, aircraft.dt)
         mask[i, : len(others)] = True
-    return encounters_of(VehicleState(*own), Recording(*states), mask, ahead)
+    return encounters_of(VehicleState(*own), KnownFlight(*states), mask, ahead)
 
 
 def encounters_of(
-    own: VehicleState[Air], recording: Recording, mask: np.ndarray, ahead: float
+    own: VehicleState[Air], recording: KnownFlight, mask: np.ndarray, ahead: float
 ) -> Encounter:
     """Return the encounters of an ownship ``[N]``, its goal ``ahead`` seconds ahead, and recorded
     intruders.
@@ -113,7 +113,7 @@ def encounters_of(
     )
 
 
-def off_arcs(recording: Recording, mask: np.ndarray, dt: float) -> np.ndarray:
+def off_arcs(recording: KnownFlight, mask: np.ndarray, dt: float) -> np.ndarray:
     """Return how far recordings are from arcs at constant speed, m, ``[N]``: what is wrong by
     taking them for arcs.
 

@@ -2,16 +2,16 @@
 
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.flights.recorded import fly_recorded
-from eval.flights.simulate import Direct, Flights, fly
+from eval.flights.simulate import Flights, Unmitigated, fly
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 
 __all__ = [
-    "Direct",
     "Evaluation",
     "Flights",
     "ReadyEvaluation",
     "Trajectories",
     "TrajectoryRecorder",
+    "Unmitigated",
     "columns",
     "fly",
     "fly_recorded",

@@ -35,8 +35,8 @@ from eval.flights.simulate import (
     ENDS,
     OUTCOMES,
     ByPolicy,
-    Direct,
     Flights,
+    Unmitigated,
     fly,
     path_excess,
     sensor_noise,
@@ -147,7 +147,7 @@ def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndar
     number = np.arange(first, first + count)
     starts, weights = draw(evaluation.source, evaluation.seed, first, count, heeds=evaluation.heeds)
     noise = noise_of(evaluation, starts, first)
-    beside = {"baseline": fly(starts, Direct(aircraft), aircraft)}
+    beside = {"baseline": fly(starts, Unmitigated(aircraft), aircraft)}
     if plans:
         beside["policy"] = fly(starts, ready.resolver, aircraft, noise=noise)
         flights, more = _plan(ready, conditions_of(evaluation, starts, number, noise))

@@ -13,7 +13,7 @@ from agents.resolvability.classify import Method, Resolvability, Verdict, classi
 from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.encounters import Encounter
-from envs.intruder import Recording
+from envs.intruder import KnownFlight
 from envs.kinematics import Limits, within
 from envs.observation import most_critical
 from envs.relative import bearing, distance, straight_cpa
@@ -66,14 +66,14 @@ def verdicts(
     and what answers the ownship: proofs know of none of them.
     """
     intent = encounters.intent
-    reserve = LARGEST_OFF if isinstance(intent, Recording) else 0.0
+    reserve = LARGEST_OFF if isinstance(intent, KnownFlight) else 0.0
     found = classify(encounters, aircraft.rules(), limits, solved=solved, reserve=reserve)
     speed = np.asarray(encounters.own.speed, float)
     # Starts are of single precision, and a hair's breadth beyond a limit is one of its rounding.
     unknown = (speed < limits.speed_min - 1e-3) | (speed > limits.speed_max + 1e-3)
     unknown |= encounters.reaction is not None
     unknown = (unknown if other is None else unknown | other) & ~solved
-    if isinstance(intent, Recording):
+    if isinstance(intent, KnownFlight):
         between = np.isin(found.method, (Method.CONTAINMENT, Method.SPLITTING))
         off = off_arcs(intent, encounters.mask, aircraft.dt)
         unknown |= between & (off > LARGEST_OFF)

@@ -9,7 +9,7 @@ import numpy as np
 from envs import draws
 from envs.encounters import Encounter
 from envs.frames import Air, Ground
-from envs.intruder import Recording
+from envs.intruder import KnownFlight
 from envs.wind import NO_WIND, Wind, over_ground
 from eval.flights.trajectories import Trajectories
 
@@ -42,7 +42,7 @@ def carry(encounters: Encounter, wind: Wind | None) -> Encounter:
 
 def stand(encounters: Encounter, wind: Wind | None) -> Encounter:
     """Return encounters ``[N]`` in the air mass whose intruders of speed 0 stand on the ground."""
-    if wind is None or isinstance(encounters.intent, Recording):
+    if wind is None or isinstance(encounters.intent, KnownFlight):
         return encounters
     others, intent = encounters.intruders, encounters.intent
     stands = others.speed == 0.0

@@ -55,8 +55,8 @@ class ByPolicy(NamedTuple):
         return action, memory
 
 
-class Direct(NamedTuple):
-    """No resolution: at constant speed along the route to the goal.
+class Unmitigated(NamedTuple):
+    """An encounter without any resolver: at constant speed along the route to the goal.
 
     The intruder's waypoint controller steers it, because a displaced start does not point at its
     goal exactly.

@@ -13,7 +13,7 @@ from envs.trees import take
 from eval.flights.chunks import Conditioned, ReadyEvaluation
 from eval.flights.conditions import verdict_within
 from eval.flights.recorded import fly_in_mode
-from eval.flights.simulate import Direct, Flights, fly
+from eval.flights.simulate import Flights, Unmitigated, fly
 
 _BLOCK = 1_024  # flights flown together, to bound memory
 _LARGEST = np.nextafter(1.0, 0.0)
@@ -104,7 +104,7 @@ class FlightProblem:
 
     def _fly(self, starts: Encounter, noise: np.ndarray) -> Flights:
         if self._ready.evaluation.mode == "none":
-            return fly(starts, Direct(self._aircraft), self._aircraft, endless=self._endless)
+            return fly(starts, Unmitigated(self._aircraft), self._aircraft, endless=self._endless)
         by_step = (lambda step: np.moveaxis(noise[:, step], 0, 1)) if noise.size else None
         given = Conditioned(starts, by_step)
         _, flights = fly_in_mode(self._ready, given, None, endless=self._endless)

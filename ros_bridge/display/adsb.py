@@ -11,8 +11,8 @@ from ros_bridge.core import adsb_live
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.reports import Report
-from ros_bridge.display.scene import Scene, left_out_lines, note, take_report
-from ros_bridge.display.server import Board
+from ros_bridge.display.scene import DisplayScene, left_out_lines, note, take_report
+from ros_bridge.display.server import LiveSource
 from ros_bridge.transport.adsb_receiver import Receiver
 
 __all__ = ["Receiving"]
@@ -21,16 +21,16 @@ _LOOK = 0.5  # s between two looks at the connection
 
 
 class Receiving:
-    """Feeds a board while it is entered.
+    """Feeds a live source while it is entered.
 
     Args:
-        board: that is fed.
+        live: that is fed.
         source: a checked one (:func:`ros_bridge.transport.adsb_receiver.check_source`).
         own: address of the ownship, hexadecimal; "": none of the aircraft is.
     """
 
-    def __init__(self, board: Board, source: str, own: str) -> None:
-        self._board, self._own = board, own.strip().lower()
+    def __init__(self, live: LiveSource, source: str, own: str) -> None:
+        self._live, self._own = live, own.strip().lower()
         self._receiver = Receiver(source, time.time_ns)
         kind = adsb_live.BaseStation if self._receiver.lines else adsb_live.AircraftJson
         self._traffic = adsb_live.Traffic("")
@@ -71,36 +71,36 @@ class Receiving:
                     if silent > USUAL_FRESHNESS.receiver
                     else ""
                 )
-                self._board.feed(partial(_connect, problem=self._receiver.problem or quiet))
-                self._board.feed(
+                self._live.feed(partial(_connect, problem=self._receiver.problem or quiet))
+                self._live.feed(
                     partial(_count, counts=(+self._traffic.counts, +self._traffic.doubted))
                 )
 
     def _read(self, arrived: int, text: str) -> None:
         try:
             for found in self._reader.reports_of(text, arrived):
-                self._board.feed(
+                self._live.feed(
                     partial(take_report, found=found, now=arrived, own=self._is_own(found))
                 )
         except TimeoutError as late:
             self._receiver.restart()
-            self._board.feed(partial(note, name="receiver", text=str(late), now=arrived))
+            self._live.feed(partial(note, name="receiver", text=str(late), now=arrived))
         except Exception as error:  # of our own: what follows is read all the same
             text = f"failed for an error of the display: {error!r}"
-            self._board.feed(partial(note, name="traffic", text=text, now=arrived))
+            self._live.feed(partial(note, name="traffic", text=text, now=arrived))
 
     def _is_own(self, found: Report | FieldError) -> bool:
         seen = found.sighting
         return seen is not None and seen.identifier == self._own != ""
 
 
-def _count(scene: Scene, counts: tuple[Counter[str], Counter[str]]) -> Scene:
+def _count(scene: DisplayScene, counts: tuple[Counter[str], Counter[str]]) -> DisplayScene:
     """Return the scene with what was left out of the traffic so far."""
     lines = left_out_lines(*counts, max(time.time_ns(), scene.latest))
     return replace(scene, nodes={**scene.nodes, **lines})
 
 
-def _connect(scene: Scene, problem: str) -> Scene:
+def _connect(scene: DisplayScene, problem: str) -> DisplayScene:
     """Return the scene with the state of the connection, which is looked at now."""
     now = max(time.time_ns(), scene.latest)
     if problem:

@@ -25,7 +25,7 @@ from ros_bridge.display.picture import (
     Threat,
     Velocity,
 )
-from ros_bridge.display.scene import Scene
+from ros_bridge.display.scene import DisplayScene
 
 _TURN = 15.0  # s that an aircraft is expected to turn on after its report
 _COASTING = 0.5  # share of the age that counts, from which on an aircraft is marked as carried on
@@ -37,7 +37,7 @@ _NO_CLIMB = 10.0  # m/s either way where it is unknown, as the nodes' parameter 
 
 
 def draw_aircraft(
-    scene: Scene, frame: LocalFrame, threats: Mapping[str, Threat], now: int
+    scene: DisplayScene, frame: LocalFrame, threats: Mapping[str, Threat], now: int
 ) -> tuple[DrawnOwnship | None, list[DrawnIntruder]]:
     """Return the ownship, None where it is unknown, and the traffic, sorted by name."""
     own, fresh = scene.situation.own, scene.fresh
@@ -72,7 +72,7 @@ def _intruder(
     track: Track,
     plane: DrawnPlane,
     threat: Threat,
-    scene: Scene,
+    scene: DisplayScene,
     own: DrawnOwnship | None,
     now: int,
 ) -> DrawnIntruder:

@@ -27,13 +27,13 @@ from ros_bridge.display.picture import (
     WayOut,
     tenths,
 )
-from ros_bridge.display.scene import Guidance, MonitorStatus, Scene
+from ros_bridge.display.scene import DisplayScene, Guidance, MonitorStatus
 from ros_bridge.display.shapes import draw_areas, draw_plan, draw_route
 
 _REMARKS = Cause.OUTSIDE_RANGE  # causes that ask for nothing
 
 
-def draw(scene: Scene, now: int, centre: tuple[float, float] | None = None) -> Picture:
+def draw(scene: DisplayScene, now: int, centre: tuple[float, float] | None = None) -> Picture:
     """Return the picture of a scene at a time, ns.
 
     Args:
@@ -70,7 +70,7 @@ def draw(scene: Scene, now: int, centre: tuple[float, float] | None = None) -> P
     )
 
 
-def empty(scene: Scene, now: int) -> Picture:
+def empty(scene: DisplayScene, now: int) -> Picture:
     """Return a picture without a map."""
     return Picture(
         time=_seconds(now),
@@ -84,7 +84,7 @@ def _seconds(now: int) -> float:
     return round(now / SECOND, 3)
 
 
-def _map(scene: Scene, centre: tuple[float, float] | None) -> LocalFrame | None:
+def _map(scene: DisplayScene, centre: tuple[float, float] | None) -> LocalFrame | None:
     """Return the map: about the ownship's place, in steps, so that the origin seldom moves."""
     own = scene.situation.own.last
     if own is not None:
@@ -109,7 +109,7 @@ def _plan(
     return None if published is None else draw_plan(published, frame, wind, now)
 
 
-def _fresh_guidance(scene: Scene, now: int) -> Guidance | None:
+def _fresh_guidance(scene: DisplayScene, now: int) -> Guidance | None:
     """Return bands and alerts of the monitor while they hold."""
     guidance = scene.guidance
     if guidance is None or (now - guidance.time) / SECOND > scene.fresh.guidance:
@@ -117,7 +117,7 @@ def _fresh_guidance(scene: Scene, now: int) -> Guidance | None:
     return guidance
 
 
-def _threats(scene: Scene, guidance: Guidance | None, now: int) -> dict[str, Threat]:
+def _threats(scene: DisplayScene, guidance: Guidance | None, now: int) -> dict[str, Threat]:
     """Return the alerts of intruders: of the monitor's bands and of other functions."""
     threats = {} if guidance is None else _left(guidance.levels, guidance, now)
     alert = scene.situation.alert.value
@@ -184,7 +184,7 @@ def _way_out(guidance: Guidance, since: float) -> WayOut | None:
     )
 
 
-def _backup_to_fly(scene: Scene, now: int) -> Published | None:
+def _backup_to_fly(scene: DisplayScene, now: int) -> Published | None:
     """Return the backup while it is what is to be flown."""
     monitor = scene.monitor
     if monitor is None or _is_silent(monitor, scene, now):
@@ -192,12 +192,12 @@ def _backup_to_fly(scene: Scene, now: int) -> Published | None:
     return scene.backup if monitor.status.fly is FlyMode.BACKUP else None
 
 
-def _is_silent(monitor: MonitorStatus, scene: Scene, now: int) -> bool:
+def _is_silent(monitor: MonitorStatus, scene: DisplayScene, now: int) -> bool:
     """Return whether what a monitor said holds no longer."""
     return (now - monitor.time) / SECOND > scene.fresh.monitor
 
 
-def _monitor(scene: Scene, now: int) -> DrawnMonitor | None:
+def _monitor(scene: DisplayScene, now: int) -> DrawnMonitor | None:
     monitor = scene.monitor
     if monitor is None:
         return None

@@ -11,7 +11,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from commands.command import InputError
 from ros_bridge.display.scene import INPUTS, take
-from ros_bridge.display.server import Board
+from ros_bridge.display.server import LiveSource
 from ros_bridge.transport import topics
 from ros_bridge.transport.clock import ClockGuard
 from ros_bridge.transport.discovery import configure_dds, reserve_ports
@@ -22,7 +22,7 @@ _LOOK = 0.5  # s between two looks at whether to stop
 
 
 class Listening:
-    """A node that feeds a board from a thread of its own while it is entered.
+    """A node that feeds a live source from a thread of its own while it is entered.
 
     Args:
         arguments: ``--ros-args`` and what follows it; such as ``-r __ns:=/n123``,
@@ -49,7 +49,7 @@ class Listening:
         except (ValueError, RuntimeError) as error:
             rclpy.try_shutdown()
             raise InputError(f"ROS arguments cannot be used: {error}") from error
-        self.board = Board(self._now, centre, separation)
+        self.live = LiveSource(self._now, centre, separation)
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._spin, name="graph", daemon=True)
 
@@ -75,7 +75,7 @@ class Listening:
         """Feed a message of a topic, once simulated time has begun."""
         now = self._now()
         if now > 0:
-            self.board.feed(partial(take, name=name, message=message, now=now))
+            self.live.feed(partial(take, name=name, message=message, now=now))
 
     def _spin(self) -> None:
         # It waits for events instead of building a set of what to wait for at every message.

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.tracks import Track
 from ros_bridge.display.picture import HealthLine
-from ros_bridge.display.scene import Health, Scene
+from ros_bridge.display.scene import DisplayScene, Health
 
 _NAMES = {
     "ownship": "ownship",
@@ -28,12 +28,12 @@ _OK = Health(0, 0, "")
 _SILENT = Health(0, 3, "silent")
 
 
-def health_lines(scene: Scene, now: int) -> list[HealthLine]:
+def health_lines(scene: DisplayScene, now: int) -> list[HealthLine]:
     """Return the inputs that were ever heard, or must be, and the nodes."""
     return list(_lines(scene, now))
 
 
-def _lines(scene: Scene, now: int) -> Iterator[HealthLine]:
+def _lines(scene: DisplayScene, now: int) -> Iterator[HealthLine]:
     fresh = scene.fresh
     latest = {"status": fresh.monitor, "guidance": fresh.guidance, "diagnostics": fresh.node}
     for short, called in _NAMES.items():

@@ -36,7 +36,7 @@ from ros_bridge.display.picture import (
     Threat,
     WayOut,
 )
-from ros_bridge.display.scene import INPUTS, Scene, clock_of, note, take
+from ros_bridge.display.scene import INPUTS, DisplayScene, clock_of, note, take
 
 __all__ = ["FlightRecording", "GraphRecording", "read"]
 
@@ -60,7 +60,7 @@ class _Moment(NamedTuple):
     done: int  # messages
     time: float  # of the last of them, s from the beginning
     now: int  # of the clock at that time, ns
-    scene: Scene
+    scene: DisplayScene
 
 
 def read(path: Path, separation: float | None = None) -> "GraphRecording | FlightRecording":
@@ -86,7 +86,7 @@ class GraphRecording:
         self._times = [one.time for one in self._messages]
         self.marks: list[tuple[float, int]] = []
         step = max(_APART, self.length / _KEPT)
-        scene = Scene(separation=separation)
+        scene = DisplayScene(separation=separation)
         if self.cut:
             scene = note(scene, "recording", self.cut, self._first_clock())
         moment = _Moment(0, 0.0, self._first_clock(), scene)

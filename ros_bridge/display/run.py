@@ -23,7 +23,7 @@ from pathlib import Path
 
 from commands.command import InputError, Parser, visible
 from ros_bridge.display.recording import read
-from ros_bridge.display.server import Board, Recording, Screen, bind_socket
+from ros_bridge.display.server import DisplayServer, LiveSource, Recording, bind_socket
 from ros_bridge.transport.adsb_receiver import check_source
 from ros_bridge.transport.children import FLAG, end_with_parent
 
@@ -123,7 +123,7 @@ def _port(text: str) -> int:
 
 def _source(
     options: argparse.Namespace, ros: list[str]
-) -> tuple[Board | Recording, str, AbstractContextManager[object]]:
+) -> tuple[LiveSource | Recording, str, AbstractContextManager[object]]:
     """Return what is shown, its name, and what feeds it while it is entered."""
     if options.recording is not None:
         recording = read(options.recording, options.separation)
@@ -133,24 +133,24 @@ def _source(
     if options.adsb:
         from ros_bridge.display.adsb import Receiving
 
-        board = Board(centre=options.centre, separation=options.separation)
-        return board, f"ADS-B of {options.adsb}", Receiving(board, options.adsb, options.own)
+        live = LiveSource(centre=options.centre, separation=options.separation)
+        return live, f"ADS-B of {options.adsb}", Receiving(live, options.adsb, options.own)
     from ros_bridge.display.graph import Listening
 
     listening = Listening(ros, options.centre, options.separation)
-    return listening.board, "ROS", listening
+    return listening.live, "ROS", listening
 
 
-async def _serve(source: Board | Recording, name: str, listener: socket.socket) -> None:
+async def _serve(source: LiveSource | Recording, name: str, listener: socket.socket) -> None:
     """Serve until a signal ends it."""
-    screen = Screen(source, visible(name), _say)
+    display = DisplayServer(source, visible(name), _say)
     here = asyncio.current_task()
     assert here is not None
     for ending in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(ending, here.cancel)
     address, port, *_ = listener.getsockname()
     shown = f"[{address}]" if ":" in address else address
-    await screen.serve(listener, lambda: print(f"http://{shown}:{port}/", flush=True))
+    await display.serve(listener, lambda: print(f"http://{shown}:{port}/", flush=True))
 
 
 def _say(sentence: str) -> None:

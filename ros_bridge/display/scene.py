@@ -84,7 +84,7 @@ class Health(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Scene:
+class DisplayScene:
     """Everything that was received."""
 
     situation: Situation = field(default_factory=Situation)
@@ -112,12 +112,12 @@ class Scene:
         said = self.freshness.values()
         return reduce(Freshness.longest, said) if said else USUAL_FRESHNESS
 
-    def at(self, now: int) -> "Scene":
+    def at(self, now: int) -> "DisplayScene":
         """Return what is known at a time, ns: a clock that steps back begins anew, and aircraft
         that are silent are forgotten.
         """
         if now < self.latest - _BACKWARD:
-            return Scene(
+            return DisplayScene(
                 separation=self.separation,
                 by_category=self.by_category,
                 freshness=self.freshness,
@@ -129,7 +129,7 @@ class Scene:
         return replace(self, latest=max(now, self.latest), situation=situation)
 
 
-def _note_arrival(scene: Scene, name: str, now: int) -> Scene:
+def _note_arrival(scene: DisplayScene, name: str, now: int) -> DisplayScene:
     """Return the scene in which something of an input has just arrived."""
     if now < scene.latest - _BACKWARD:
         scene = scene.at(now)
@@ -137,7 +137,7 @@ def _note_arrival(scene: Scene, name: str, now: int) -> Scene:
     return replace(scene, latest=max(now, scene.latest), arrived=arrived)
 
 
-def take(scene: Scene, name: str, message: Any, now: int) -> Scene:
+def take(scene: DisplayScene, name: str, message: Any, now: int) -> DisplayScene:
     """Return the scene after a message of an input (:data:`INPUTS`) that arrives at ``now``, ns."""
     # Traffic is one input, by itself or in arrays.
     short = name.rpartition("/")[2].removesuffix("_array")
@@ -154,7 +154,9 @@ def take(scene: Scene, name: str, message: Any, now: int) -> Scene:
     return found
 
 
-def take_report(scene: Scene, found: Report | FieldError, now: int, *, own: bool = False) -> Scene:
+def take_report(
+    scene: DisplayScene, found: Report | FieldError, now: int, *, own: bool = False
+) -> DisplayScene:
     """Return the scene after a report of a source that has no messages, such as a receiver.
 
     Args:
@@ -184,7 +186,7 @@ def take_report(scene: Scene, found: Report | FieldError, now: int, *, own: bool
     return replace(scene, situation=replace(situation, own=after))
 
 
-def note(scene: Scene, name: str, text: str, now: int) -> Scene:
+def note(scene: DisplayScene, name: str, text: str, now: int) -> DisplayScene:
     """Return the scene with a problem of an input."""
     return replace(scene, problems={**scene.problems, name: Health(now, 2, text)})
 
@@ -205,8 +207,10 @@ def left_out_lines(
     }
 
 
-def _situation(update: Callable[..., Situation]) -> Callable[[Scene, Any, int], Scene]:
-    def change(scene: Scene, message: Any, now: int) -> Scene:
+def _situation(
+    update: Callable[..., Situation],
+) -> Callable[[DisplayScene, Any, int], DisplayScene]:
+    def change(scene: DisplayScene, message: Any, now: int) -> DisplayScene:
         after = update(scene.situation, message, now, _RULES)
         for held in (after.origin, after.route, after.alert):
             if held.fault is not None and held.fault.arrived == now:
@@ -216,21 +220,21 @@ def _situation(update: Callable[..., Situation]) -> Callable[[Scene, Any, int], 
     return change
 
 
-def _plan(scene: Scene, message: "Trajectory", now: int) -> Scene:
+def _plan(scene: DisplayScene, message: "Trajectory", now: int) -> DisplayScene:
     if message.status == _WITHDRAWN:
         return replace(scene, plan=None)
     _expect("trajectory", message, _SAFE)
     return replace(scene, plan=_with_points(message, "trajectory"), unresolved=None)
 
 
-def _advisory(scene: Scene, message: "Trajectory", now: int) -> Scene:
+def _advisory(scene: DisplayScene, message: "Trajectory", now: int) -> DisplayScene:
     _expect("advisory", message, _UNRESOLVED)
     # The runner publishes the best known trajectory; without any there is nothing to draw.
     found = _with_points(message, "advisory") if len(message.waypoints) else None
     return replace(scene, unresolved=found)
 
 
-def _backup(scene: Scene, message: "Trajectory", now: int) -> Scene:
+def _backup(scene: DisplayScene, message: "Trajectory", now: int) -> DisplayScene:
     _expect("backup", message, _BACKUP)
     return replace(scene, backup=_with_points(message, "backup"))
 
@@ -247,7 +251,7 @@ def _expect(name: str, message: "Trajectory", status: int) -> None:
         raise FieldError(f"{name}.status", f"is {message.status}, expected {status}")
 
 
-def _status(scene: Scene, message: "AssuranceStatus", now: int) -> Scene:
+def _status(scene: DisplayScene, message: "AssuranceStatus", now: int) -> DisplayScene:
     def real(name: str) -> float:
         return number(f"status.{name}", getattr(message, name), -_LONGEST, _LONGEST, "")
 
@@ -267,7 +271,7 @@ def _status(scene: Scene, message: "AssuranceStatus", now: int) -> Scene:
     return replace(scene, monitor=MonitorStatus(time, found))
 
 
-def _guidance(scene: Scene, message: "GuidanceBands", now: int) -> Scene:
+def _guidance(scene: DisplayScene, message: "GuidanceBands", now: int) -> DisplayScene:
     levels, areas = _levels(message, "intruder"), _levels(message, "area")
     tracks, speeds = (
         _bands(message, target, kind, len(areas))
@@ -322,7 +326,7 @@ def _bands(message: "GuidanceBands", target: str, kind: str, areas: int) -> Band
     )
 
 
-def _areas(scene: Scene, message: "Areas", now: int) -> Scene:
+def _areas(scene: DisplayScene, message: "Areas", now: int) -> DisplayScene:
     found = areas(message)
     for one in found.areas:  # what no map can hold is refused now
         centre = one.centre or one.rings[0][0]
@@ -330,7 +334,7 @@ def _areas(scene: Scene, message: "Areas", now: int) -> Scene:
     return replace(scene, areas=HeldAreas(found))
 
 
-def _diagnostics(scene: Scene, message: "DiagnosticArray", now: int) -> Scene:
+def _diagnostics(scene: DisplayScene, message: "DiagnosticArray", now: int) -> DisplayScene:
     nodes, separation, by_category = dict(scene.nodes), scene.separation, scene.by_category
     freshness = dict(scene.freshness)
     for one in list(message.status)[:_MOST]:
@@ -351,7 +355,7 @@ def _diagnostics(scene: Scene, message: "DiagnosticArray", now: int) -> Scene:
     )
 
 
-def _clock(scene: Scene, message: "Clock", now: int) -> Scene:
+def _clock(scene: DisplayScene, message: "Clock", now: int) -> DisplayScene:
     return scene
 
 
@@ -359,7 +363,7 @@ class Input(NamedTuple):
     """An input of a display."""
 
     kind: str  # of its messages
-    change: Callable[[Scene, Any, int], Scene]
+    change: Callable[[DisplayScene, Any, int], DisplayScene]
 
 
 _AIRCRAFT, _TRAJECTORY = "rlcas_msgs/msg/AircraftState", "rlcas_msgs/msg/Trajectory"

@@ -9,7 +9,7 @@ from mcap_ros2._dynamic import serialize_dynamic
 from ros_bridge.core.conversions import STATUS_BACKUP
 from ros_bridge.core.tracks import UNKNOWN, Track
 from ros_bridge.display import scene_messages as messages
-from ros_bridge.display.scene import INPUTS, Scene
+from ros_bridge.display.scene import INPUTS, DisplayScene
 from ros_bridge.transport.mcap_file import McapFile, RecordingError
 
 __all__ = ["RecordingError", "SceneRecorder", "encoder"]
@@ -26,7 +26,7 @@ class SceneRecorder:
     """
 
     def __init__(self, path: Path) -> None:
-        self._file, self._scene = McapFile(path), Scene()
+        self._file, self._scene = McapFile(path), DisplayScene()
         self._channels: dict[str, tuple[int, Callable[[Mapping[str, Any]], bytes]]] = {}
         for name, one in INPUTS.items():
             text = messages.definition(one.kind)
@@ -34,8 +34,8 @@ class SceneRecorder:
             self._channels[name] = channel, encoder(one.kind, text)
         self._file.flush()
 
-    def feed(self, change: Callable[[Scene], Scene]) -> None:
-        """Take over a change, as :meth:`ros_bridge.display.server.Board.feed` does."""
+    def feed(self, change: Callable[[DisplayScene], DisplayScene]) -> None:
+        """Take over a change, as :meth:`ros_bridge.display.server.LiveSource.feed` does."""
         before, self._scene = self._scene, change(self._scene)
         self._write_changes(before, self._scene)
 
@@ -43,7 +43,7 @@ class SceneRecorder:
         """Finish the file, or raise OSError."""
         self._file.close()
 
-    def _write_changes(self, before: Scene, scene: Scene) -> None:
+    def _write_changes(self, before: DisplayScene, scene: DisplayScene) -> None:
         now = scene.latest
         self._write("/clock", messages.clock(now), now)
         was, held = before.situation, scene.situation
@@ -63,7 +63,7 @@ class SceneRecorder:
             self._write(f"{_RUNNER}/input/areas", fields, now)
         self._write_decisions(before, scene, now)
 
-    def _write_decisions(self, before: Scene, scene: Scene, now: int) -> None:
+    def _write_decisions(self, before: DisplayScene, scene: DisplayScene, now: int) -> None:
         plan = f"{_RUNNER}/output/trajectory"
         if scene.plan is None and before.plan is not None:
             self._write(plan, messages.withdrawal(before.plan.revision + 1, now), now)

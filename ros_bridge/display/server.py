@@ -37,9 +37,9 @@ from ros_bridge.display.connections import Connections
 from ros_bridge.display.document import VERSION, Document, to_json
 from ros_bridge.display.draw import draw, empty
 from ros_bridge.display.picture import HealthLine, Picture
-from ros_bridge.display.scene import Scene
+from ros_bridge.display.scene import DisplayScene
 
-__all__ = ["Board", "Recording", "Screen", "bind_socket", "run_server"]
+__all__ = ["DisplayServer", "LiveSource", "Recording", "bind_socket", "run_server"]
 
 _FILES = {
     "/": ("ros_bridge.display", "page/index.html", "text/html"),
@@ -68,7 +68,7 @@ class Recording(Protocol):
         ...
 
 
-class Board:
+class LiveSource:
     """The scene of a live source, which may be fed from any thread.
 
     Args:
@@ -83,7 +83,7 @@ class Board:
         centre: tuple[float, float] | None = None,
         separation: float | None = None,
     ) -> None:
-        self.scene = Scene(separation=separation)
+        self.scene = DisplayScene(separation=separation)
         self.clock = clock
         self._centre = centre
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -95,18 +95,18 @@ class Board:
         self._loop = asyncio.get_running_loop()
         self._failures = Failures(say)
 
-    def feed(self, change: Callable[[Scene], Scene]) -> None:
+    def feed(self, change: Callable[[DisplayScene], DisplayScene]) -> None:
         """Change the scene by a pure function; before the server runs, at once."""
         if self._loop is None:
             self._change(change)
         elif not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._change, change)
 
-    def _change(self, change: Callable[[Scene], Scene]) -> None:
+    def _change(self, change: Callable[[DisplayScene], DisplayScene]) -> None:
         self._replace_by("what was received", change)
         self._changed.set()
 
-    def _replace_by(self, what: str, change: Callable[[Scene], Scene]) -> None:
+    def _replace_by(self, what: str, change: Callable[[DisplayScene], DisplayScene]) -> None:
         """Replace the scene; where that fails, the one before stays, and grows old."""
 
         def attempt() -> None:
@@ -133,7 +133,7 @@ class Board:
             made = self._text(draw(self.scene, self.clock(), self._centre), number)
         except Exception as error:
             self._failures.note("the picture", error)
-            return self._text(empty(Scene(), self.clock()), number)
+            return self._text(empty(DisplayScene(), self.clock()), number)
         self._failures.clear("the picture")
         return made
 
@@ -175,10 +175,12 @@ class _Client:
                 await self.connection.send(self._waiting.popleft())
 
 
-class Screen:
+class DisplayServer:
     """Serves one source to its clients."""
 
-    def __init__(self, source: Board | Recording, name: str, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, source: LiveSource | Recording, name: str, say: Callable[[str], None]
+    ) -> None:
         self.connections = Connections()
         self._source, self._name, self._say = source, name, say
         self._clients: set[_Client] = set()
@@ -189,7 +191,7 @@ class Screen:
         is called once clients are waited for.
         """
         async with asyncio.TaskGroup() as group:
-            if isinstance(self._source, Board):
+            if isinstance(self._source, LiveSource):
                 self._source.begin(self._say)
                 group.create_task(self.broadcast())
             group.create_task(run_server(self, listener, self._say))
@@ -197,7 +199,7 @@ class Screen:
 
     async def broadcast(self) -> None:
         """Send pictures of a live source until cancelled."""
-        assert isinstance(self._source, Board)
+        assert isinstance(self._source, LiveSource)
         for number in itertools.count():
             await self._source.wait()
             if self._clients:
@@ -212,7 +214,7 @@ class Screen:
         self._clients.add(client)
         try:
             await connection.send(_text(self._hello()))
-            if isinstance(self._source, Board):
+            if isinstance(self._source, LiveSource):
                 await self._live(client)
             else:
                 await self._replay(client, self._source)
@@ -234,9 +236,9 @@ class Screen:
         return len(self._clients) >= _MOST_CLIENTS
 
     def _hello(self) -> Document:
-        live = isinstance(self._source, Board)
+        live = isinstance(self._source, LiveSource)
         found: Document = {"type": "hello", "version": VERSION, "source": self._name, "live": live}
-        if not isinstance(self._source, Board):
+        if not isinstance(self._source, LiveSource):
             found |= {"length": self._source.length, "marks": self._source.marks}
         return found
 
@@ -317,15 +319,17 @@ def bind_socket(host: str, port: int) -> socket.socket:
     return listener
 
 
-async def run_server(screen: Screen, listener: socket.socket, say: Callable[[str], None]) -> None:
+async def run_server(
+    display: DisplayServer, listener: socket.socket, say: Callable[[str], None]
+) -> None:
     """Serve at a bound socket until cancelled; ``say`` is told about clients, a sentence."""
 
     def answer(connection: ServerConnection, request: Request) -> Response | None:
-        return _answer(screen, request)
+        return _answer(display, request)
 
     with _quiet(say) as logger:
         server = await serve(
-            screen.handle,
+            display.handle,
             sock=listener,
             process_request=answer,
             compression=None,
@@ -335,7 +339,7 @@ async def run_server(screen: Screen, listener: socket.socket, say: Callable[[str
             close_timeout=2.0,
             server_header=None,
             logger=logger,
-            create_connection=cast("type[ServerConnection]", screen.connections.make),
+            create_connection=cast("type[ServerConnection]", display.connections.make),
         )
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(partial(_handle_exception, logger))
@@ -359,7 +363,7 @@ def _handle_exception(
         loop.default_exception_handler(context)
 
 
-def _answer(screen: Screen, request: Request) -> Response | None:
+def _answer(display: DisplayServer, request: Request) -> Response | None:
     """Return a file or a refusal; None where the WebSocket may be opened."""
     try:
         asked = request.headers.get("Host", "")
@@ -373,19 +377,21 @@ def _answer(screen: Screen, request: Request) -> Response | None:
         )
     path = request.path.partition("?")[0]
     if asks_socket:
-        return _socket_refusal(screen, path, asked, origin)
+        return _socket_refusal(display, path, asked, origin)
     if path not in _FILES:
         return _refusal(HTTPStatus.NOT_FOUND, "there is no such file")
     return _file_response(path, asked)
 
 
-def _socket_refusal(screen: Screen, path: str, host: str, origin: str | None) -> Response | None:
+def _socket_refusal(
+    display: DisplayServer, path: str, host: str, origin: str | None
+) -> Response | None:
     """Return why a WebSocket may not be opened; None: it may."""
     if path != "/pictures":
         return _refusal(HTTPStatus.NOT_FOUND, "there is no such WebSocket; expected /pictures")
     if origin is not None and urlsplit(origin).netloc != host:
         return _refusal(HTTPStatus.FORBIDDEN, "another page may not open this WebSocket")
-    if screen.full():
+    if display.full():
         there = f"{_MOST_CLIENTS} clients are there already"
         return _refusal(HTTPStatus.SERVICE_UNAVAILABLE, there)
     return None

@@ -116,7 +116,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
         require("--record", "mcap", "mcap_ros2")
     if options.display is not None:
         require("--display", "websockets")
-        from ros_bridge.mavlink.showing import host_and_port
+        from ros_bridge.mavlink.adapter import host_and_port
 
         host_and_port(options.display)
 

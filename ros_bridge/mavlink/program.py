@@ -215,13 +215,13 @@ class Program:
         """
         address, file = self._options.display, self._options.record
         if file is not None:
-            from ros_bridge.mavlink.showing import Recording, Showing
+            from ros_bridge.mavlink.adapter import BackgroundRecorder, SceneAdapter
 
-            recording = self._open.enter_context(Recording(file, self._texts.log))
-            self.viewers.append(Showing(self._rules, recording.feed))
+            recording = self._open.enter_context(BackgroundRecorder(file, self._texts.log))
+            self.viewers.append(SceneAdapter(self._rules, recording.feed))
         if address is None:
             return
-        from ros_bridge.mavlink.showing import show
+        from ros_bridge.mavlink.adapter import show
 
         name = f"MAVLink {self._options.connect}"
         showing, beside = show(address, name, self._rules, self._now, self._texts.log)

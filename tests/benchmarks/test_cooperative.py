@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.cooperative import Sky, fly, ring, square
 from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
-from eval.flights.simulate import Direct
+from eval.flights.simulate import Unmitigated
 
 UNIT = PAPER.separation
 
@@ -24,7 +24,7 @@ def sky(rows: list[tuple[float, float, float, float]]) -> Sky:
 def test_a_pair_is_lost_once_and_others_are_not():
     head_on = [(0.0, 0.0, 10.0, 0.0), (10.0, 0.0, 0.0, 0.0)]
     beside = [(0.0, 3.0, 10.0, 3.0)]
-    found = fly(sky([*head_on, *beside]), Direct(PAPER), PAPER)
+    found = fly(sky([*head_on, *beside]), Unmitigated(PAPER), PAPER)
     assert found.pairs.tolist() == [1]
     assert found.late.tolist() == [0]
     assert abs(found.path_excess) < 1e-6
@@ -35,7 +35,7 @@ def test_who_has_arrived_is_gone():
     first = (0.0, 0.0, 4.0, 0.0)
     for start, lost in ((-12.0, 0), (-4.0, 1)):
         crossing = (4.0, start, 4.0, 12.0)
-        assert fly(sky([first, crossing]), Direct(PAPER), PAPER).pairs.tolist() == [lost]
+        assert fly(sky([first, crossing]), Unmitigated(PAPER), PAPER).pairs.tolist() == [lost]
 
 
 def test_draws_are_as_described():

@@ -16,7 +16,7 @@ from envs.aircraft import PAPER
 from envs.backend import FLOATS
 from envs.encounters import scenario
 from envs.gym import flight
-from envs.intruder import Recording, start, step
+from envs.intruder import KnownFlight, start, step
 from envs.kinematics import (
     C208_PUBLISHED,
     SURROGATE,
@@ -419,7 +419,7 @@ def test_each_recorded_intruder_follows_its_own_clock() -> None:
     on.
     """
     rows = np.arange(12.0).reshape(3, 1, 4)  # [N, K, T + 1]
-    recording = Recording(rows, 10.0 * rows, 0.0 * rows, 0.0 * rows + 7.0)
+    recording = KnownFlight(rows, 10.0 * rows, 0.0 * rows, 0.0 * rows + 7.0)
     clock = np.array([0, 2, 3])
     began = start(
         VehicleState(*(field[np.arange(3), 0, clock][:, None] for field in recording)), np

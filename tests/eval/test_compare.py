@@ -27,7 +27,7 @@ from commands.command import InputError
 from envs.aircraft import PAPER
 from envs.encounters import Encounter, EncounterError, scenario
 from envs.formats import encounter_file
-from envs.intruder import Recording
+from envs.intruder import KnownFlight
 from envs.kinematics import SURROGATE
 from envs.starts import encounters_of_seed, join
 from envs.traffic.tracks import TrackError
@@ -99,7 +99,7 @@ def test_a_row_does_not_depend_on_its_company() -> None:
 def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
     starts = encounters_of_seed(scenario("circle", PAPER), 9, 0, 80)
     ours = simulate.fly(starts, BASELINES["none"](PAPER), PAPER)
-    theirs = simulate.fly(starts, simulate.Direct(PAPER), PAPER)
+    theirs = simulate.fly(starts, simulate.Unmitigated(PAPER), PAPER)
     np.testing.assert_array_equal(ours.outcome, theirs.outcome)
     np.testing.assert_allclose(ours.min_separation, theirs.min_separation, atol=2.0)
 
@@ -116,12 +116,12 @@ def test_resolvers_resolve(name: str) -> None:
 
 def test_replayed_intruders_fly_their_recording() -> None:
     starts = encounters_of_seed(scenario("maneuvering", PAPER), 2, 0, 6)
-    plain, paths = fly_recorded(starts, simulate.Direct(PAPER), PAPER)
+    plain, paths = fly_recorded(starts, simulate.Unmitigated(PAPER), PAPER)
     # What was flown, flown again as a recording, up to where an encounter ended.
     known = [np.where(np.isnan(field), 0.0, field) for field in paths.intruders]
-    recording = Recording(*(np.moveaxis(field, 0, -1) for field in known))
+    recording = KnownFlight(*(np.moveaxis(field, 0, -1) for field in known))
     replayed: Any = recording
-    again = simulate.fly(starts._replace(intent=replayed), simulate.Direct(PAPER), PAPER)
+    again = simulate.fly(starts._replace(intent=replayed), simulate.Unmitigated(PAPER), PAPER)
     for field in simulate.Flights._fields:
         np.testing.assert_array_equal(getattr(again, field), getattr(plain, field), err_msg=field)
 
@@ -541,7 +541,7 @@ def test_the_witness_hears_no_noise() -> None:
 def test_a_recorded_intruder_is_known_to_its_end(starts: Encounter, flown: Any) -> None:
     turning = take(starts, slice(6, 10))
     states = tracks(turning, steps(QUICK.rules()), QUICK.rules())
-    recording: Any = Recording(*(np.moveaxis(field, 0, -1) for field in states))
+    recording: Any = KnownFlight(*(np.moveaxis(field, 0, -1) for field in states))
     again, paths = fly_witnesses(turning._replace(intent=recording), FEW, QUICK)
     for ours, theirs in zip(flown[0], again, strict=True):
         np.testing.assert_array_equal(ours[6:], theirs)

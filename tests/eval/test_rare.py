@@ -24,7 +24,7 @@ from envs.scenarios import resolve
 from envs.trees import column
 from eval.flights.chunks import Evaluation, ReadyEvaluation
 from eval.flights.plan_mode import fly_once, plan_at_start
-from eval.flights.simulate import ByPolicy, Direct, fly
+from eval.flights.simulate import ByPolicy, Unmitigated, fly
 from eval.rare import run as rare
 from eval.rare.problem import FlightProblem
 from eval.rare.splitting import Plan, SplittingError, pilot, repetition
@@ -179,7 +179,7 @@ def test_the_value_is_the_separation_of_the_flight(policy, mode: str) -> None:
     if mode == "policy":
         expected = fly(starts, ByPolicy(policy), PAPER).min_separation
     elif mode == "none":
-        expected = fly(starts, Direct(PAPER), PAPER).min_separation
+        expected = fly(starts, Unmitigated(PAPER), PAPER).min_separation
     else:
         options = Options.for_aircraft(PAPER)
         plans = plan_at_start(starts, policy, PAPER, options)
@@ -260,7 +260,7 @@ def test_files_of_an_estimate(tmp_path: Path, policy_path: Path) -> None:
     assert len(rows) > 2
     # Straight flights of these encounters do lose 30 m.
     starts, _ = encounter_file.read(out / "worst.csv", PAPER)
-    flown = fly(starts, Direct(PAPER), PAPER, endless=True)
+    flown = fly(starts, Unmitigated(PAPER), PAPER, endless=True)
     assert flown.min_separation.max() < 30.0
 
 

@@ -1,15 +1,15 @@
-"""What the tests of the display share: scenes, and a server of a board on a free port."""
+"""What the tests of the display share: scenes, and a server of a live source on a free port."""
 
 import math
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
-from ros_bridge.display.beside import Beside
+from ros_bridge.display.background import BackgroundServer
 from ros_bridge.display.document import Document, to_json
 from ros_bridge.display.draw import draw
-from ros_bridge.display.scene import Scene, take
-from ros_bridge.display.server import Board, Recording
+from ros_bridge.display.scene import DisplayScene, take
+from ros_bridge.display.server import LiveSource, Recording
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, stamp
 
 __all__ = [
@@ -30,10 +30,10 @@ __all__ = [
 PREFIX = "rlcas_runner/input/"
 
 
-def known_scene(*traffic: Any, own: Any = None, now: int = NOW) -> Scene:
+def known_scene(*traffic: Any, own: Any = None, now: int = NOW) -> DisplayScene:
     """Return what is known after reports of an ownship that flies east and of these aircraft."""
     scene = take(
-        Scene(separation=1_000.0),
+        DisplayScene(separation=1_000.0),
         f"{PREFIX}ownship",
         own or aircraft(0.0, 0.0, 0.0, 80.0, id="own"),
         now,
@@ -43,7 +43,7 @@ def known_scene(*traffic: Any, own: Any = None, now: int = NOW) -> Scene:
     return scene
 
 
-def drawn(scene: Scene, now: int) -> Document:
+def drawn(scene: DisplayScene, now: int) -> Document:
     """Return what the page gets of a scene at a time, ns."""
     return to_json(draw(scene, now))
 
@@ -159,10 +159,10 @@ def areas(*every: Any, time: int = NOW) -> Any:
     return SimpleNamespace(header=SimpleNamespace(stamp=stamp(time)), areas=list(every))
 
 
-class Served(Beside):
+class Served(BackgroundServer):
     """A server in a thread, which tells :attr:`said`."""
 
-    def __init__(self, source: Board | Recording) -> None:
+    def __init__(self, source: LiveSource | Recording) -> None:
         self.said: list[str] = []
         super().__init__(source, "a test", self.said.append)
 
@@ -171,6 +171,6 @@ class Served(Beside):
         return f"http://127.0.0.1:{self.port}/"
 
 
-def serving(source: Board | Recording) -> Served:
+def serving(source: LiveSource | Recording) -> Served:
     """Serve a source until the block ends."""
     return Served(source)

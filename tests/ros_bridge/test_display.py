@@ -31,8 +31,8 @@ from ros_bridge.core.reports import Report
 from ros_bridge.display.document import VERSION, to_json
 from ros_bridge.display.recording import read
 from ros_bridge.display.run import main
-from ros_bridge.display.scene import INPUTS, Scene, take, take_report
-from ros_bridge.display.server import Board
+from ros_bridge.display.scene import INPUTS, DisplayScene, take, take_report
+from ros_bridge.display.server import LiveSource
 from tests.ros_bridge.displays import (
     NOW,
     PREFIX,
@@ -174,7 +174,7 @@ def test_own_plan_and_advice_are_in_one_frame(wind_to, wind_speed, track, speed)
         speed * math.cos(math.radians(track)),
         wind=wind,
     )
-    scene = take_report(Scene(separation=1_000.0), own, NOW, own=True)
+    scene = take_report(DisplayScene(separation=1_000.0), own, NOW, own=True)
     flown = plan()
     for one in (flown.start, *flown.waypoints):
         one.track_deg, one.ground_speed = track, speed
@@ -313,7 +313,7 @@ def test_a_message_that_cannot_be_used_is_named_and_changes_nothing(name, messag
 
 
 def test_a_receivers_reports_make_a_picture_without_ros():
-    scene = take_report(Scene(), Report("own", NOW, 47.0, 8.0, 60.0, 0.0), NOW, own=True)
+    scene = take_report(DisplayScene(), Report("own", NOW, 47.0, 8.0, 60.0, 0.0), NOW, own=True)
     scene = take_report(scene, Report("4b1a2c", NOW, 47.1, 8.0, 0.0, -60.0), NOW)
     wrong = FieldError("adsb 4b0000.speed", "has not been received")
     wrong.sighting = Sighting("4b0000", NOW, (47.2, 8.0))
@@ -343,8 +343,8 @@ def test_names_of_the_inputs_are_those_of_the_graph():
 # The server.
 
 
-def board(*traffic: Any) -> Board:
-    made = Board(clock=lambda: NOW)
+def live(*traffic: Any) -> LiveSource:
+    made = LiveSource(clock=lambda: NOW)
     made.scene = known_scene(*traffic)
     return made
 
@@ -363,7 +363,7 @@ def test_an_error_of_our_own_is_told_in_the_picture(monkeypatch: pytest.MonkeyPa
     def fail(*_: Any) -> Any:
         raise ValueError("operands could not be broadcast together")
 
-    source = board(aircraft(5_000.0, 0.0, 0.0, 80.0))
+    source = live(aircraft(5_000.0, 0.0, 0.0, 80.0))
     with serving(source) as server, open_client(server.port) as client:
         _, first = pictures(client, 2)
         assert first["own"] and first["traffic"]
@@ -382,7 +382,7 @@ def test_an_error_of_our_own_is_told_in_the_picture(monkeypatch: pytest.MonkeyPa
 
 
 def test_twenty_clients_get_pictures_and_what_one_sends_is_refused():
-    source = board(aircraft(5_000.0, 0.0, 0.0, 80.0))
+    source = live(aircraft(5_000.0, 0.0, 0.0, 80.0))
     with serving(source) as server, ExitStack() as stack:
         clients = [stack.enter_context(open_client(server.port)) for _ in range(20)]
         for client in clients:
@@ -407,7 +407,7 @@ def test_a_client_that_does_not_read_loses_pictures_and_nobody_else_does():
     many = [
         aircraft(500.0 * n, 9_000.0, 0.0, 80.0, id=f"{n:03d}-{'x' * 50}") for n in range(-100, 100)
     ]
-    source = board(*many)
+    source = live(*many)
     with serving(source) as server:
         slow = socket.create_connection(("127.0.0.1", server.port))
         slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4_096)
@@ -418,7 +418,7 @@ def test_a_client_that_does_not_read_loses_pictures_and_nobody_else_does():
         )
         with open_client(server.port, max_size=None) as quick:
             got = 0
-            while server.screen.missed_pictures() < 5:  # the buffers of the system come first
+            while server.display.missed_pictures() < 5:  # the buffers of the system come first
                 source.feed(lambda scene: scene)
                 got += len(pictures(quick, 1))
                 assert got < 2_000, "no picture was dropped"
@@ -436,7 +436,7 @@ def test_only_four_files_are_served_and_only_to_this_machines_names():
         ("/", {"Host": "[junk"}, 403),
         ("/", {"Host": "localhost:1"}, 200),
     ]
-    with serving(board()) as server:
+    with serving(live()) as server:
         for path, headers, code in cases:
             connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10.0)
             connection.request("GET", path, headers=headers)
@@ -450,7 +450,7 @@ def test_only_four_files_are_served_and_only_to_this_machines_names():
 
 
 def test_another_page_may_not_read_the_traffic():
-    with serving(board()) as server:
+    with serving(live()) as server:
         for origin in ("http://evil.example", "null", f"http://127.0.0.1:{server.port + 1}"):
             with pytest.raises(InvalidStatus) as caught, open_client(server.port, origin=origin):
                 pass
@@ -460,7 +460,7 @@ def test_another_page_may_not_read_the_traffic():
 
 
 def test_junk_instead_of_http_leaves_a_line_and_the_server():
-    with serving(board()) as server:
+    with serving(live()) as server:
         for junk in (b"\x16\x03\x01\x00\xff" * 40, b"GET / HTTP/1.1\r\n" + b"a" * 100_000, b""):
             with socket.create_connection(("127.0.0.1", server.port)) as one:
                 one.sendall(junk)

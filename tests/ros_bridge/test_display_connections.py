@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("websockets", reason="websockets is not installed")
 
-from ros_bridge.display.server import Board
+from ros_bridge.display.server import LiveSource
 from tests.ros_bridge.displays import serving
 
 
@@ -35,7 +35,7 @@ def is_closed(connection: socket.socket) -> bool:
 
 def test_idle_connections_keep_nobody_out() -> None:
     """Of those that say nothing the oldest are cut off."""
-    with serving(Board()) as server, ExitStack() as held:
+    with serving(LiveSource()) as server, ExitStack() as held:
         idle = [
             held.enter_context(socket.create_connection(("127.0.0.1", server.port)))
             for _ in range(60)
@@ -68,7 +68,7 @@ def test_where_files_have_run_out_one_line_says_so_and_it_goes_on(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     with ExitStack() as held:
-        server = held.enter_context(serving(Board()))
+        server = held.enter_context(serving(LiveSource()))
         with urlopen(server.url, timeout=5.0) as answer:
             answer.read()
         clients = [held.enter_context(socket.socket()) for _ in range(3)]

@@ -21,7 +21,7 @@ from playwright.sync_api import expect
 
 from ros_bridge.display.recording import read
 from ros_bridge.display.scene import take
-from ros_bridge.display.server import Board
+from ros_bridge.display.server import LiveSource
 from tests.ros_bridge.displays import (
     NOW,
     PREFIX,
@@ -48,8 +48,8 @@ SIZES = {
 }
 
 
-def alarming() -> Board:
-    """Return a board with a warning, a plan, and an aircraft whose name is markup."""
+def alarming() -> LiveSource:
+    """Return a live source with a warning, a plan, and an aircraft whose name is markup."""
     scene = known_scene(
         aircraft(6_000.0, 0.0, 3.1, 80.0, id=HOSTILE, valid=0xC5),
         aircraft(3_000.0, 4_000.0, 0.0, 80.0, id="late", time=NOW - 4_000_000_000),
@@ -58,7 +58,7 @@ def alarming() -> Board:
     bands.intruder_level, bands.intruder_loss = [3], [12.0]
     for name, message in ((GUIDANCE, bands), (PLAN, plan()), (STATUS, status())):
         scene = take(scene, name, message, NOW)
-    made = Board(clock=lambda: NOW)
+    made = LiveSource(clock=lambda: NOW)
     made.scene = scene
     return made
 
@@ -157,9 +157,9 @@ def test_a_polygon_is_drawn_as_large_as_it_is_by_now(
     """What has become forbidden is tinted as well: 600 m on one side of the edges."""
     ring = [(1_000.0, -4_000.0), (4_000.0, -4_000.0), (4_000.0, -1_000.0), (1_000.0, -1_000.0)]
     storm = area(ring, keep=keep, growth=growth, velocity=SimpleNamespace(x=0.0, y=0.0, z=0.0))
-    board = Board(clock=lambda: NOW)
-    board.scene = take(known_scene(), AREAS, areas(storm, time=NOW - 60 * SECOND), NOW)
-    with serving(board) as server:
+    source = LiveSource(clock=lambda: NOW)
+    source.scene = take(known_scene(), AREAS, areas(storm, time=NOW - 60 * SECOND), NOW)
+    with serving(source) as server:
         page = Page(new_page, server.url)
         page.page.wait_for_function("state.picture")
         tinted = page.page.evaluate(
@@ -199,16 +199,16 @@ def test_a_picture_that_stands_still_is_said_to_be_old(new_page: Any) -> None:
 
 def test_texts_on_the_map_do_not_overlap(new_page: Any) -> None:
     """Aircraft beside each other, an area among them, and a plan through them all."""
-    board = alarming()
-    scene = board.scene
+    source = alarming()
+    scene = source.scene
     for number in range(12):
         near = aircraft(
             3_500.0 + 90.0 * number, 2_000.0 - 60.0 * number, 0.5, 80.0, id=f"n{number}"
         )
         scene = take(scene, f"{PREFIX}traffic", near, NOW)
     ring = [(3_000.0, 1_000.0), (5_000.0, 1_000.0), (5_000.0, 2_500.0)]
-    board.scene = take(scene, AREAS, areas(area(ring)), NOW)
-    with serving(board) as server:
+    source.scene = take(scene, AREAS, areas(area(ring)), NOW)
+    with serving(source) as server:
         for size in SIZES:
             page = Page(new_page, server.url, size)
             page.count_drawn()
@@ -232,9 +232,9 @@ def test_the_ring_fills_what_the_screen_leaves(new_page: Any, size: str) -> None
 
 
 def test_who_flies_is_told_from_what_is_advice_and_from_what_follows(new_page: Any) -> None:
-    board = alarming()
-    board.scene = take(board.scene, STATUS, status(0, state=1), NOW)
-    with serving(board) as server:
+    source = alarming()
+    source.scene = take(source.scene, STATUS, status(0, state=1), NOW)
+    with serving(source) as server:
         page = Page(new_page, server.url)
         assert page.text("#order").startswith("Advice, not flown: turn left to track 030°")
         assert page.page.evaluate("getComputedStyle(get('order')).fontStyle") == "italic"

@@ -26,16 +26,16 @@ from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report, Unknown
 from ros_bridge.core.situation import Situation
 from ros_bridge.display.document import to_json
-from ros_bridge.display.scene import Scene, take_report
-from ros_bridge.display.server import Board
+from ros_bridge.display.scene import DisplayScene, take_report
+from ros_bridge.display.server import LiveSource
 from ros_bridge.mavlink import mission
+from ros_bridge.mavlink.adapter import SceneAdapter, show
 from ros_bridge.mavlink.control import Control
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.judging import Judgement, Rules, rules, watch
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.options import options_of
 from ros_bridge.mavlink.plan_file import geojson, kml
-from ros_bridge.mavlink.showing import Showing, show
 from ros_bridge.mavlink.vehicle import vehicle_of
 from ros_bridge.mavlink.view import View
 from tests.ros_bridge.displays import drawn
@@ -143,7 +143,7 @@ def test_a_conflict_on_the_mission_is_shown_with_its_plan_bands_and_fence(follow
     judgement = judge(heard, followed)
     assert judgement.safe and judgement.conflict is not None
     seen = view(heard, judgement)
-    found = drawn(Showing(followed, Board().feed).after(Scene(), seen), seen.time)
+    found = drawn(SceneAdapter(followed, LiveSource().feed).after(DisplayScene(), seen), seen.time)
     assert found["plan"]["revision"] == 1
     assert found["advice"]["do"] == "advised"
     assert any("on the mission" in why for why in found["monitor"]["reasons"])
@@ -157,13 +157,13 @@ def test_a_conflict_on_the_mission_is_shown_with_its_plan_bands_and_fence(follow
 
 
 def test_in_a_wind_bands_are_those_of_the_air_that_is_flown_in(followed: Rules) -> None:
-    showing = Showing(followed, Board().feed)
-    scene = Scene()
+    adapter = SceneAdapter(followed, LiveSource().feed)
+    scene = DisplayScene()
     for seconds, wind in ((0.0, 0.0), (2.0, 8.0)):
         seen = view(
             received(seconds, wind=wind), judge(received(seconds, crossing=False), followed)
         )
-        scene = showing.after(scene, seen)
+        scene = adapter.after(scene, seen)
         found = drawn(scene, seen.time)
         assert found["wind"] == ([0.0, 0.0] if wind == 0.0 else [8.0, 0.0])
         # The ownship flies 22 m/s over the ground: as fast as that less the tail wind.
@@ -174,7 +174,7 @@ def test_in_a_wind_bands_are_those_of_the_air_that_is_flown_in(followed: Rules) 
 def test_without_traffic_nothing_is_closed_and_the_mission_is_flown(followed: Rules) -> None:
     heard = received(0.0, crossing=False)
     seen = view(heard, judge(heard, followed))
-    found = drawn(Showing(followed, Board().feed).after(Scene(), seen), seen.time)
+    found = drawn(SceneAdapter(followed, LiveSource().feed).after(DisplayScene(), seen), seen.time)
     assert found["plan"] is None and found["alerts"] == []
     assert not any(found["bands"]["track_region"])
     assert found["advice"] == {"do": "own route"}
@@ -202,18 +202,18 @@ def test_a_recording_without_ros_shows_what_the_display_showed(
     from ros_bridge.display.recording import GraphRecording
     from ros_bridge.display.scene_recording import RecordingError, SceneRecorder
 
-    file, board = tmp_path / "flight.mcap", Board()
+    file, live = tmp_path / "flight.mcap", LiveSource()
     recorder = SceneRecorder(file)
     light = replace(followed.settings, categories=Categories({1: 400.0}))
     followed = followed._replace(settings=light)
-    showings = [Showing(followed, feed) for feed in (recorder.feed, board.feed)]
+    adapters = [SceneAdapter(followed, feed) for feed in (recorder.feed, live.feed)]
     shown = []
     for seconds in (0.0, 5.0, 5.5):
         heard = received(seconds, wind=3.0)
         seen = view(heard, judge(heard, followed))
-        for showing in showings:
-            showing(seen)
-        shown.append(drawn(board.scene, seen.time))
+        for adapter in adapters:
+            adapter(seen)
+        shown.append(drawn(live.scene, seen.time))
     assert [one["separation"] for one in shown[-1]["traffic"]] == [400.0]
     recorder.close()
     again = GraphRecording(file).player()
@@ -266,7 +266,7 @@ def test_a_plan_over_the_antimeridian_is_cut_there(followed: Rules, longitude: f
 def test_the_map_is_the_same_on_both_sides_of_the_antimeridian(latitude: float) -> None:
     for longitude in (179.9999, -179.9999, 180.0):
         own = Report("ownship", SECOND, latitude, longitude, 20.0, 0.0)
-        origin = drawn(take_report(Scene(), own, SECOND, own=True), SECOND)["origin"][1]
+        origin = drawn(take_report(DisplayScene(), own, SECOND, own=True), SECOND)["origin"][1]
         assert -180.0 <= origin <= 180.0
         assert abs(math.remainder(longitude - origin, 360.0)) < 0.5
 

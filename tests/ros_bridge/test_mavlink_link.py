@@ -22,13 +22,13 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.nearest import MOST
-from ros_bridge.display.scene import Scene
+from ros_bridge.display.scene import DisplayScene
+from ros_bridge.mavlink.adapter import SceneAdapter
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.link import COMPONENT, Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.options import options_of
 from ros_bridge.mavlink.program import RECOVERED, Program
-from ros_bridge.mavlink.showing import Showing
 from ros_bridge.mavlink.udp import SILENT
 from tests.ros_bridge.displays import drawn
 from tests.ros_bridge.test_mavlink import PARAMETERS
@@ -264,7 +264,7 @@ def test_what_is_left_out_of_the_traffic_is_told_and_shown(tmp_path: Path) -> No
             autopilot.send(heartbeat(), position(600.0 + now % 1_000.0), vehicle)
             one.turn(0.05)
             told += texts(autopilot)
-        shown = Showing(one.rules, lambda change: None).after(Scene(), one.view)
+        shown = SceneAdapter(one.rules, lambda change: None).after(DisplayScene(), one.view)
         (line,) = (each for each in drawn(shown, one.view.time)["health"] if "left" in each["name"])
         assert "on the ground" in line["text"]
 

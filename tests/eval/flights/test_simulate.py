@@ -61,7 +61,7 @@ FAR = (90_000, 90_000, 0, 50)
 
 def test_straight_flight_by_hand() -> None:
     start = place_encounter((0, 0, 0, 80), (8_000, 0), FAR)
-    flight, paths = fly_recorded(start, simulate.Direct(PAPER), PAPER)
+    flight, paths = fly_recorded(start, simulate.Unmitigated(PAPER), PAPER)
     # The disc of 500 m is reached at the end of the first step beyond 7500 m: 94 steps of 80 m.
     assert flight.outcome[0] == REACHED
     assert flight.score[0] == 100.0
@@ -82,7 +82,7 @@ def test_time_out_and_the_length_of_an_accelerated_path() -> None:
 
 def test_violation_ends_the_flight_and_names_its_time() -> None:
     start = place_encounter((0, 0, 0, 80), (20_000, 0), (6_000, 0, -math.pi, 100))
-    flight = simulate.fly(start, simulate.Direct(PAPER), PAPER)
+    flight = simulate.fly(start, simulate.Unmitigated(PAPER), PAPER)
     # 5000 m are closed at 180 m/s after 27.8 s, in the 28th step.
     assert (flight.outcome[0], flight.score[0], flight.duration[0]) == (VIOLATION, -100.0, 28.0)
     assert flight.min_separation[0] == pytest.approx(6_000.0 - 28 * 180.0)
@@ -94,7 +94,7 @@ def test_separation_is_watched_between_the_steps() -> None:
     start = place_encounter(
         (0, 0, 0, 100), (20_000, 0), (10_050, -10_050 + 1_407, math.pi / 2, 100)
     )
-    flight, paths = fly_recorded(start, simulate.Direct(PAPER), PAPER, endless=True)
+    flight, paths = fly_recorded(start, simulate.Unmitigated(PAPER), PAPER, endless=True)
     apart = np.hypot(
         paths.own.x - paths.intruders.x[..., 0], paths.own.y - paths.intruders.y[..., 0]
     )
@@ -116,7 +116,7 @@ def test_a_start_inside_the_separation_is_a_violation_at_once() -> None:
 
 def test_an_absent_intruder_harms_nobody() -> None:
     start = place_encounter((0, 0, 0, 80), (8_000, 0), (4_000, 0, math.pi / 2, 0.0), present=False)
-    flight = simulate.fly(start, simulate.Direct(PAPER), PAPER)
+    flight = simulate.fly(start, simulate.Unmitigated(PAPER), PAPER)
     assert flight.outcome[0] == REACHED
     assert flight.min_separation[0] == math.inf
 

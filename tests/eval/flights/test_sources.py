@@ -15,7 +15,7 @@ from agents.config.load import ConfigError
 from agents.resolvability.classify import Method, Verdict
 from envs.aircraft import PAPER
 from envs.encounters import EncounterError
-from envs.intruder import Recording
+from envs.intruder import KnownFlight
 from envs.kinematics import VehicleState
 from envs.traffic.replay import encounters_of
 from envs.traffic.tracks import Repairs, TrackError
@@ -246,7 +246,7 @@ def test_a_loose_recording_is_not_proven_unresolvable() -> None:
     )
     loose = straight.copy()
     loose[1, 60] = 5.0
-    recording = Recording(*np.stack([straight, loose], axis=1)[:, :, None])
+    recording = KnownFlight(*np.stack([straight, loose], axis=1)[:, :, None])
     starts = encounters_of(own, recording, np.ones((2, 1), bool), 220.0)
     found = conditions.verdict_within(starts, PAPER, PAPER.limits, ())
     assert found.verdict.tolist() == [Verdict.UNRESOLVABLE, Verdict.UNDECIDED]

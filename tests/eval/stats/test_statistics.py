@@ -13,7 +13,7 @@ from envs.aircraft import PAPER
 from envs.encounters import scenario
 from envs.starts import encounters_of_seed
 from envs.traffic.track_units import FOOT, NAUTICAL_MILE
-from eval.flights.simulate import Direct
+from eval.flights.simulate import Unmitigated
 from eval.metrics.volumes import (
     VOLUMES,
     Relative,
@@ -397,7 +397,7 @@ def test_a_sample_that_cannot_carry_the_claim_says_so() -> None:
 
 def test_costs_and_losses_of_flights() -> None:
     starts = encounters_of_seed(scenario("circle", PAPER), 3, 0, 60)
-    flights, paths = fly_recorded(starts, Direct(PAPER), PAPER, endless=True)
+    flights, paths = fly_recorded(starts, Unmitigated(PAPER), PAPER, endless=True)
     found = costs(starts, flights, paths, PAPER)
     # Without a resolver the route is flown: nothing is lost but the turn onto it.
     assert found["path_excess"].max() < 1e-3
@@ -447,7 +447,7 @@ def test_a_ratio_of_one_encounter_proves_nothing() -> None:
 def test_an_encounter_that_begins_at_the_goal_has_no_path_excess() -> None:
     starts = encounters_of_seed(scenario("circle", PAPER), 3, 0, 2)
     starts = starts._replace(goal_x=starts.own.x + np.array([1.0, 9e3]), goal_y=starts.own.y)
-    flights, paths = fly_recorded(starts, Direct(PAPER), PAPER, endless=True)
+    flights, paths = fly_recorded(starts, Unmitigated(PAPER), PAPER, endless=True)
     excess = costs(starts, flights, paths, PAPER)["path_excess"]
     assert np.isnan(excess[0])
     assert 0.0 <= excess[1] < 10.0

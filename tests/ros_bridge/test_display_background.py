@@ -16,8 +16,8 @@ from ros_bridge.core.assurance import activate, initial, step_monitor, withdraw
 from ros_bridge.core.guidance import blank
 from ros_bridge.core.replies import to_frame
 from ros_bridge.core.reports import USUAL
-from ros_bridge.display.beside import supervise
-from ros_bridge.display.scene import Scene
+from ros_bridge.display.background import supervise
+from ros_bridge.display.scene import DisplayScene
 from tests.ros_bridge.displays import drawn
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
 from tests.ros_bridge.test_assurance import publish_plan, traffic
@@ -35,7 +35,9 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     situation = with_report(traffic(before, 1.0), "new001", 7_000.0, 0.0, math.pi)
     situation = updates.ownship(situation, message, now, RULES)
     supervision, verdict = step_monitor(supervision, situation, now)
-    scene, shown = supervise(Scene(), situation, supervision, verdict, blank(THRESHOLDS), now)
+    scene, shown = supervise(
+        DisplayScene(), situation, supervision, verdict, blank(THRESHOLDS), now
+    )
     found = drawn(scene, now)
     assert found["separation"] == THRESHOLDS.requirement.separation
     assert found["plan"]["revision"] == plan.revision
@@ -58,7 +60,7 @@ def test_a_backup_is_shown_in_the_wind_that_it_is_flown_in():
     own = aircraft(75.0, 0.0, 0.0, 75.0, id="own", valid=0xE5, wind=blows, time=now)
     situation = updates.ownship(traffic(before, 1.0), own, now, RULES)
     supervision, verdict = step_monitor(supervision, situation, now)
-    scene, _ = supervise(Scene(), situation, supervision, verdict, blank(THRESHOLDS), now)
+    scene, _ = supervise(DisplayScene(), situation, supervision, verdict, blank(THRESHOLDS), now)
     assert scene.backup is not None
     assert scene.backup.wind == pytest.approx((12.0, -9.0), abs=1e-3)
     assert scene.backup.wind_std == 1.5

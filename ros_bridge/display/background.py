@@ -15,31 +15,31 @@ from ros_bridge.core.assurance import Supervision, backup
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.status import status
-from ros_bridge.display.scene import Bands, Guidance, MonitorStatus, Scene
-from ros_bridge.display.server import Board, Recording, Screen, bind_socket
+from ros_bridge.display.scene import Bands, DisplayScene, Guidance, MonitorStatus
+from ros_bridge.display.server import DisplayServer, LiveSource, Recording, bind_socket
 
-__all__ = ["Beside", "supervise"]
+__all__ = ["BackgroundServer", "supervise"]
 
 
-class Beside:
+class BackgroundServer:
     """Serves a source from a thread while it is entered; OSError where the address is not free."""
 
     def __init__(
         self,
-        source: Board | Recording,
+        source: LiveSource | Recording,
         name: str,
         say: Callable[[str], None],
         host: str = "127.0.0.1",
         port: int = 0,
     ) -> None:
-        self.screen = Screen(source, name, say)
+        self.display = DisplayServer(source, name, say)
         self._listener: socket.socket = bind_socket(host, port)
         self.port = int(self._listener.getsockname()[1])
         self._begun = threading.Event()
         self._end: Callable[[], object] = self._begun.is_set
         self._thread = threading.Thread(target=self._run, name="display", daemon=True)
 
-    def __enter__(self) -> "Beside":
+    def __enter__(self) -> "BackgroundServer":
         """Begin to serve."""
         self._thread.start()
         self._begun.wait()
@@ -63,17 +63,17 @@ class Beside:
         here, loop = asyncio.current_task(), asyncio.get_running_loop()
         assert here is not None
         self._end = lambda: loop.call_soon_threadsafe(here.cancel)
-        await self.screen.serve(self._listener, self._begun.set)
+        await self.display.serve(self._listener, self._begun.set)
 
 
 def supervise(
-    scene: Scene,
+    scene: DisplayScene,
     situation: Situation,
     supervision: Supervision,
     verdict: Verdict | None,
     shown: guidance.Shown,
     now: int,
-) -> tuple[Scene, guidance.Shown]:
+) -> tuple[DisplayScene, guidance.Shown]:
     """Return the scene of a program that supervises a plan by the monitor's core, at a time, ns.
 
     Args:
@@ -116,7 +116,7 @@ def _arrivals(situation: Situation) -> dict[str, int]:
 
 
 def _backup(
-    supervision: Supervision, situation: Situation, flown: FlyMode, scene: Scene
+    supervision: Supervision, situation: Situation, flown: FlyMode, scene: DisplayScene
 ) -> Published | None:
     begun = math.isfinite(float(supervision.watch.monitor.backup.started[0]))
     if flown is not FlyMode.BACKUP or not begun:

@@ -17,29 +17,31 @@ from ros_bridge.core.guidance import blank
 from ros_bridge.core.looking import look
 from ros_bridge.core.situation import Held
 from ros_bridge.core.status import Status
-from ros_bridge.display.beside import Beside, supervise
-from ros_bridge.display.scene import Health, HeldAreas, MonitorStatus, Scene, left_out_lines
-from ros_bridge.display.server import Board
+from ros_bridge.display.background import BackgroundServer, supervise
+from ros_bridge.display.scene import DisplayScene, Health, HeldAreas, MonitorStatus, left_out_lines
+from ros_bridge.display.server import LiveSource
 from ros_bridge.mavlink import mission
 from ros_bridge.mavlink.control import Phase
 from ros_bridge.mavlink.judging import Rules
 from ros_bridge.mavlink.view import View
 
-__all__ = ["Recording", "Showing", "show"]
+__all__ = ["BackgroundRecorder", "SceneAdapter", "show"]
 
 
-class Showing:
-    """Feeds a board or a recorder with what the program knows.
+class SceneAdapter:
+    """Feeds a live source or a recorder with what the program knows.
 
     While the program flies, bands and alerts are its monitor's; before that they are those of a
     monitor without a plan.
 
     Args:
         rules: of the program.
-        feed: takes in how a scene changes (:meth:`ros_bridge.display.server.Board.feed`).
+        feed: takes in how a scene changes (:meth:`ros_bridge.display.server.LiveSource.feed`).
     """
 
-    def __init__(self, rules: Rules, feed: Callable[[Callable[[Scene], Scene]], object]) -> None:
+    def __init__(
+        self, rules: Rules, feed: Callable[[Callable[[DisplayScene], DisplayScene]], object]
+    ) -> None:
         self._feed = feed
         self._freshness = {"rlcas_mavlink": rules.settings.freshness}
         self._begin = lambda: (rules.begin(), blank(rules.thresholds))
@@ -49,7 +51,7 @@ class Showing:
         """Take over what is known now."""
         self._feed(partial(self.after, view=view))
 
-    def after(self, scene: Scene, view: View) -> Scene:
+    def after(self, scene: DisplayScene, view: View) -> DisplayScene:
         """Return the scene of a view."""
         situation, now, judgement = view.received.situation, view.time, view.judgement
         if now < scene.latest:  # the autopilot has begun anew
@@ -73,9 +75,9 @@ class Showing:
         )
 
 
-class Recording:
-    """Records what a :class:`Showing` feeds it while it is entered, in a thread of its own, into an
-    MCAP file.
+class BackgroundRecorder:
+    """Records what a :class:`SceneAdapter` feeds it while it is entered, in a thread of its own,
+    into an MCAP file.
 
     Where the file cannot be written any more, as on a full disk, or for an error of our own, that
     is said and nothing stops.
@@ -93,11 +95,11 @@ class Recording:
         except RecordingError as problem:
             raise InputError(f"--record {problem}") from problem
         self._path, self._say = path, say
-        self._waiting: SimpleQueue[Callable[[Scene], Scene] | None] = SimpleQueue()
+        self._waiting: SimpleQueue[Callable[[DisplayScene], DisplayScene] | None] = SimpleQueue()
         self._works = True
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
 
-    def feed(self, change: Callable[[Scene], Scene]) -> None:
+    def feed(self, change: Callable[[DisplayScene], DisplayScene]) -> None:
         """Take in a change; it does not wait."""
         if self._works:
             self._waiting.put(change)
@@ -127,15 +129,15 @@ class Recording:
 
 def show(
     address: str, name: str, rules: Rules, clock: Callable[[], int], say: Callable[[str], None]
-) -> tuple[Showing, Beside]:
+) -> tuple[SceneAdapter, BackgroundServer]:
     """Return what feeds a display and the display, which serves at an address (HOST:PORT)."""
     host, port = host_and_port(address)
-    board = Board(clock)
+    source = LiveSource(clock)
     try:
-        beside = Beside(board, visible(name), say, host, port)
+        server = BackgroundServer(source, visible(name), say, host, port)
     except OSError as problem:
         raise InputError(f"--display {address} cannot be used: {problem.strerror}") from None
-    return Showing(rules, board.feed), beside
+    return SceneAdapter(rules, source.feed), server
 
 
 def host_and_port(address: str) -> tuple[str, int]:
