@@ -171,7 +171,7 @@ def _take_over(program: Program, ground: Ground, chaser: Chaser, mode: int) -> T
         _pass(program, ground, chaser, 0.0)
         if took == math.inf and not program.view.control.flies:
             took = ground.row.time - began
-    commanded = program.pilot.steered[-1].time - began if program.pilot.steered else 0.0
+    commanded = program.steered[-1].time - began if program.steered else 0.0
     told = any("commanding ends" in text for text in ground.texts)
     good = took <= 1.0 and commanded <= took and told and ground.mode == mode
     return Try(f"mode {mode}", round(took, 2), good)

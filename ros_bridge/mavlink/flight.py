@@ -12,12 +12,13 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from envs.formats.local_frame import LocalFrame
+from ros_bridge.mavlink.clocks import Spent
 from ros_bridge.mavlink.link import Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.options import options_of
-from ros_bridge.mavlink.pilot import Steered
-from ros_bridge.mavlink.program import Program, Spent
+from ros_bridge.mavlink.program import Program
 from ros_bridge.mavlink.sitl import HOME, Leg, Sitl
+from ros_bridge.mavlink.steering import Steered
 
 SEPARATION, VERTICAL = 200.0, 50.0
 """m: closer than both at once is a loss."""
@@ -333,7 +334,7 @@ def _judge(encounter: Encounter, log: _Log, program: Program | None) -> Result:
         arrived=log.arrived,
         on_mission=sum(b.time - a.time for a, b in pairs if a.mode == Mode.AUTO),
         path=sum(math.hypot(b.x - a.x, b.y - a.y) for a, b in pairs),
-        steered=() if program is None else tuple(program.pilot.steered),
+        steered=() if program is None else tuple(program.steered),
         taken_over=sum(a.mode != Mode.GUIDED and b.mode == Mode.GUIDED for a, b in pairs),
         texts=tuple(log.texts),
         planned=() if program is None else tuple(program.planned),

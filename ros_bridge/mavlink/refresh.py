@@ -1,11 +1,18 @@
-"""Mission and fence, downloaded again every now and then, because nobody tells of a change."""
+"""Mission and fence, downloaded again every now and then, because nobody tells of a change.
+
+Pure: a :class:`Refresh` follows from the one before.
+"""
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from ros_bridge.core.fields import FieldError
 from ros_bridge.mavlink.download import Download, accept, due, note_question
-from ros_bridge.mavlink.link import FENCE, MISSION, Link
+from ros_bridge.mavlink.effects import AskItem, Thank
+from ros_bridge.mavlink.link import FENCE, MISSION
 from ros_bridge.mavlink.mission import Item
 
 PERIOD = 5.0
@@ -19,54 +26,63 @@ class Whole(NamedTuple):
     items: tuple[Item, ...]
 
 
+@dataclass(frozen=True)
 class Refresh:
-    """Mission and fence, downloaded again every :data:`PERIOD`; times in s on the
-    autopilot's clock.
+    """Mission and fence, downloaded again every :data:`PERIOD`; times in s on the autopilot's
+    clock.
     """
 
-    def __init__(self, link: Link) -> None:
-        self._link = link
-        self._running: dict[int, Download] = {}
-        self._began = 0.0
+    running: Mapping[int, Download] = field(default_factory=lambda: MappingProxyType({}))
+    """The downloads, by their MAV_MISSION_TYPE."""
+    began: float = 0.0
 
-    def hasten(self) -> None:
-        """Let both be downloaded at once."""
-        self._began = -math.inf
 
-    def ask(self, now: float) -> None:
-        """Ask for what is due."""
-        if not 0.0 <= now - self._began < PERIOD and now:
-            self._began = now
-            for kind in (MISSION, FENCE):
-                self._running.setdefault(kind, Download(kind))
-        for kind, download in self._running.items():
-            if due(download, now):
-                number = None if download.count is None else len(download.items)
-                self._link.ask_item(kind, number)
-                self._running[kind] = note_question(download, now)
+class Refreshed(NamedTuple):
+    """The state after a message or a question, what is to be sent, and what has come."""
 
-    def take(self, message: Any) -> Whole | None:
-        """Take in a MISSION_COUNT or MISSION_ITEM_INT, and return what is whole by it; None: not
-        yet. An item that is none ends the download and raises
-        :class:`ros_bridge.core.fields.FieldError`.
-        """
-        kind = getattr(message, "mission_type", MISSION)
-        if kind not in self._running:
-            return None
-        try:
-            download = self._running[kind] = accept(self._running[kind], message)
-        except FieldError:
-            self._end(kind)
-            raise
-        if not download.done:
-            return None
-        self._end(kind)
-        return Whole(kind, download.items)
+    refresh: Refresh
+    effects: tuple[AskItem | Thank, ...] = ()
+    whole: Whole | None = None
+    problem: FieldError | None = None  # the item that is none, for which a download has ended
 
-    def drop(self, kind: int) -> None:
-        """Give up a download whose items are not there any more; the next begins when it is due."""
-        self._running.pop(kind, None)
 
-    def _end(self, kind: int) -> None:
-        del self._running[kind]
-        self._link.thank(kind)
+def hasten(refresh: Refresh) -> Refresh:
+    """Let both be downloaded at once."""
+    return replace(refresh, began=-math.inf)
+
+
+def ask(refresh: Refresh, time: float) -> Refreshed:
+    """Ask for what is due."""
+    running, began = dict(refresh.running), refresh.began
+    if not 0.0 <= time - began < PERIOD and time:
+        began = time
+        for kind in (MISSION, FENCE):
+            running.setdefault(kind, Download(kind))
+    questions: list[AskItem] = []
+    for kind, download in running.items():
+        if due(download, time):
+            number = None if download.count is None else len(download.items)
+            questions.append(AskItem(kind, number))
+            running[kind] = note_question(download, time)
+    return Refreshed(Refresh(MappingProxyType(running), began), tuple(questions))
+
+
+def take(refresh: Refresh, message: Any) -> Refreshed:
+    """Take in a MISSION_COUNT or MISSION_ITEM_INT; an item that is none ends its download."""
+    kind = getattr(message, "mission_type", MISSION)
+    if kind not in refresh.running:
+        return Refreshed(refresh)
+    try:
+        download = accept(refresh.running[kind], message)
+    except FieldError as problem:
+        return Refreshed(drop(refresh, kind), (Thank(kind),), problem=problem)
+    if not download.done:
+        running = MappingProxyType({**refresh.running, kind: download})
+        return Refreshed(replace(refresh, running=running))
+    return Refreshed(drop(refresh, kind), (Thank(kind),), Whole(kind, download.items))
+
+
+def drop(refresh: Refresh, kind: int) -> Refresh:
+    """Give up a download; the next begins when it is due."""
+    running = {other: download for other, download in refresh.running.items() if other != kind}
+    return replace(refresh, running=MappingProxyType(running))

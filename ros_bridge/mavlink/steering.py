@@ -39,6 +39,18 @@ class Command(NamedTuple):
     airspeed: float  # m/s
 
 
+class Steered(NamedTuple):
+    """A period of the follower."""
+
+    time: float  # s
+    cross_track: float  # m
+    along_track: float
+    late: float  # s
+    speed: float  # over the ground, m/s
+    airspeed: float
+    told: Command
+
+
 class Air(NamedTuple):
     """The air that the aircraft flies in."""
 
@@ -63,8 +75,9 @@ class Follower(NamedTuple):
     """A plan that is followed."""
 
     legs: Legs
-    guide: Guide  # it remembers how late the aircraft is
+    path: Path  # the legs as plain floats
     wind: Wind  # in whose air mass the legs are
+    late: float = 0.0  # how much later than planned the aircraft was at its place, s
 
 
 def guide(
@@ -74,7 +87,7 @@ def guide(
     request, and the wind that it is flown in.
     """
     found = legs(plan_states(own, waypoints, wind=wind))
-    return Follower(found, Guide(Path(found, wind or NO_WIND), GAINS), wind or NO_WIND)
+    return Follower(found, Path(found, wind or NO_WIND), wind or NO_WIND)
 
 
 def errors(
@@ -95,8 +108,8 @@ def command(
     air: Air,
     speeds: tuple[float, float],
     bank_max: float,
-) -> Command:
-    """Return roll and airspeed for the coming period.
+) -> tuple[Command, Follower]:
+    """Return roll and airspeed for the coming period, and the follower after it.
 
     Args:
         follower: of the plan.
@@ -106,7 +119,8 @@ def command(
         speeds: least and greatest airspeed that the autopilot takes, m/s.
         bank_max: rad.
     """
-    _, turn = follower.guide.commands(state, time, PERIOD)
+    guidance = Guide(follower.path, GAINS, follower.late)
+    _, turn = guidance.commands(state, time, PERIOD)
     roll = -math.atan(turn * state.speed / GRAVITY)
     ahead = at(follower.legs, np.float64(time + SPEED_LAG), follower.wind)
     now = at(follower.legs, np.float64(time), follower.wind)
@@ -115,7 +129,8 @@ def command(
     east = float(ahead.speed * np.cos(ahead.heading)) * (1.0 + gain) - air.wind[0]
     north = float(ahead.speed * np.sin(ahead.heading)) * (1.0 + gain) - air.wind[1]
     wanted = math.hypot(east, north) + air.offset
-    return Command(
+    told = Command(
         min(max(roll, -bank_max), bank_max),
         min(max(wanted, speeds[0]), speeds[1]),
     )
+    return told, follower._replace(late=guidance.late)

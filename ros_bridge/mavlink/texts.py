@@ -1,50 +1,70 @@
 """What the program says: lines on its output, and texts to the ground station."""
 
 import math
-from typing import TextIO
+from dataclasses import replace
+from types import MappingProxyType
 
 from ros_bridge.core.fields import SECOND
-from ros_bridge.mavlink.link import Link
+from ros_bridge.mavlink.effects import Log, Say
+from ros_bridge.mavlink.state import Advance, State
 
 AGAIN = 5.0
 """Between two texts of the same kind, s."""
 
 
-class Texts:
-    """Says things, each kind only so often.
+def say(text: str) -> Say:
+    """Return what sends a text to the ground station."""
+    return Say(f"RLCAS: {text}")
+
+
+def log_and_say(state: State, text: str, time: int) -> Advance:
+    """Log and send a text; ``time`` is the autopilot's, ns."""
+    return Advance(state, (Log(text, time), say(text)))
+
+
+def tell(
+    state: State,
+    kind: str,
+    text: str,
+    time: int,
+    *,
+    send: bool,
+    more: str = "",
+    again: float = AGAIN,
+) -> Advance:
+    """Log a text, and send it, unless one of its kind has just been: then nothing is to be done.
 
     Args:
-        link: to the autopilot, by which the ground station hears.
-        out: where lines are written; None: nowhere.
+        state: with what was said before.
+        kind: of the text.
+        text: that is told.
+        time: the autopilot's, ns.
+        send: whether the ground station is told too.
+        more: that is only logged.
+        again: after which one of the kind is told again, s.
     """
+    seconds, said = time / SECOND, state.said
+    if 0.0 <= seconds - said.at.get(kind, -math.inf) < again:
+        return Advance(state)
+    at = MappingProxyType({**said.at, kind: seconds})
+    line = Log(f"{text} ({more})" if more else text, time)
+    effects = (line, say(text)) if send else (line,)
+    return Advance(replace(state, said=replace(said, at=at)), effects)
 
-    def __init__(self, link: Link, out: TextIO | None) -> None:
-        self._link, self._out = link, out
-        self._told: dict[str, float] = {}  # when a kind was told last, s
 
-    def log(self, text: str, now: int | None = None) -> None:
-        """Write a line; where it cannot be written, as on a full disk, nothing stops for it."""
-        if self._out is None:
-            return
-        moment = "" if now is None else f"{now / SECOND:8.2f} "
-        try:
-            print(f"{moment}{text}", file=self._out, flush=True)
-        except OSError:
-            self._out = None
+def tell_once(state: State, text: str, time: int) -> Advance:
+    """Log and send a text that has not been told yet."""
+    if text in state.said.once:
+        return Advance(state)
+    return Advance(_mark(state, text)).then(tell, text, text, time, send=True)
 
-    def send(self, text: str) -> None:
-        """Send a text to the ground station."""
-        self._link.say(f"RLCAS: {text}")
 
-    def tell(
-        self, kind: str, text: str, now: int, *, send: bool, more: str = "", again: float = AGAIN
-    ) -> bool:
-        """Log a text, and send it, unless one of its kind has just been; return whether it has."""
-        seconds = now / SECOND
-        if 0.0 <= seconds - self._told.get(kind, -math.inf) < again:
-            return False
-        self._told[kind] = seconds
-        self.log(f"{text} ({more})" if more else text, now)
-        if send:
-            self.send(text)
-        return True
+def log_once(state: State, text: str, time: int, *, kind: str = "") -> Advance:
+    """Log a text unless it, or one of its kind, has been logged."""
+    if (kind or text) in state.said.once:
+        return Advance(state)
+    return Advance(_mark(state, kind or text), (Log(text, time),))
+
+
+def _mark(state: State, kind: str) -> State:
+    return replace(state, said=replace(state.said, once=state.said.once | {kind}))

@@ -23,12 +23,14 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.nearest import MOST
 from ros_bridge.display.scene import DisplayScene
+from ros_bridge.mavlink import looking
 from ros_bridge.mavlink.adapter import SceneAdapter
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.link import COMPONENT, Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.options import options_of
-from ros_bridge.mavlink.program import RECOVERED, Program
+from ros_bridge.mavlink.program import Program
+from ros_bridge.mavlink.state import RECOVERED
 from ros_bridge.mavlink.udp import SILENT
 from tests.ros_bridge.displays import drawn
 from tests.ros_bridge.test_mavlink import PARAMETERS
@@ -264,7 +266,7 @@ def test_what_is_left_out_of_the_traffic_is_told_and_shown(tmp_path: Path) -> No
             autopilot.send(heartbeat(), position(600.0 + now % 1_000.0), vehicle)
             one.turn(0.05)
             told += texts(autopilot)
-        shown = SceneAdapter(one.rules, lambda change: None).after(DisplayScene(), one.view)
+        shown = SceneAdapter(one.setup.rules, lambda change: None).after(DisplayScene(), one.view)
         (line,) = (each for each in drawn(shown, one.view.time)["health"] if "left" in each["name"])
         assert "on the ground" in line["text"]
 
@@ -280,7 +282,7 @@ def test_where_the_autopilot_begins_anew_nothing_hangs_on_its_old_clock(program:
     autopilot.send(position(3_603.0), position(3_603.0))
     one.turn()
     assert list(one.view.received.situation.traffic) == ["abc123"]
-    assert not one.keeps_up(3_603 * SECOND)
+    assert not one.state.pace.keeps_up(3_603 * SECOND)
     autopilot.heard()
     autopilot.send(position(5.0))
     one.turn()
@@ -295,7 +297,7 @@ def test_where_the_autopilot_begins_anew_nothing_hangs_on_its_old_clock(program:
     for tenth in range(1, round(10 * (RECOVERED + 1.0))):
         autopilot.send(position(5.0 + 0.1 * tenth), heartbeat())
         one.turn(0.005)
-    assert one.keeps_up(one.view.time)
+    assert one.state.pace.keeps_up(one.view.time)
 
 
 @pytest.mark.parametrize("speed", [1.0, 6.0])
@@ -326,7 +328,7 @@ def test_a_display_that_fails_is_told_and_ends_nothing(program: Any) -> None:
     assert len(shown) >= 2
     told = texts(autopilot)
     assert told.count("display failed") == 1
-    assert one.keeps_up(one.view.time)
+    assert one.state.pace.keeps_up(one.view.time)
 
 
 def test_a_judgement_that_fails_is_told_and_promises_nothing(
@@ -336,11 +338,11 @@ def test_a_judgement_that_fails_is_told_and_promises_nothing(
     autopilot.send(heartbeat(), position(1.0))
     one.turn()
     with monkeypatch.context() as broken:
-        broken.setattr(Program, "_course", fail)
+        broken.setattr(looking, "course", fail)
         for second in (2.0, 3.0, 4.0):
             autopilot.send(heartbeat(), position(second))
             one.turn()
-        assert not one.keeps_up(one.view.time)
+        assert not one.state.pace.keeps_up(one.view.time)
         judged = one.view.judgement
         assert judged.plan is None and judged.verdict is None
         assert judged.problem.startswith("judgement failed: ValueError")

@@ -23,8 +23,8 @@ from envs.traffic.track_units import KNOT
 from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, fly
 from ros_bridge.mavlink.link import Link
 from ros_bridge.mavlink.messages import Mode
-from ros_bridge.mavlink.program import RECOVERED
 from ros_bridge.mavlink.sitl import HOME, Leg, Sitl, SitlError, folder, place
+from ros_bridge.mavlink.state import RECOVERED
 
 ROOT = Path(__file__).parents[2]
 try:

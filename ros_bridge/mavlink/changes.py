@@ -1,0 +1,64 @@
+"""Missions and fences that somebody changes in flight."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from commands.command import InputError
+from envs.formats.areas.geodetic import GeodeticArea
+from ros_bridge.core.fields import FieldError
+from ros_bridge.mavlink import mission, refresh
+from ros_bridge.mavlink.effects import Log
+from ros_bridge.mavlink.link import FENCE
+from ros_bridge.mavlink.mission import Item
+from ros_bridge.mavlink.state import Advance, State
+from ros_bridge.mavlink.texts import tell
+
+
+def areas_of(corners: Sequence[Item], clearance: float) -> tuple[GeodeticArea, ...]:
+    """Return the areas of a fence, or raise :class:`InputError`; the clearance from them in m."""
+    try:
+        return mission.fence(corners, clearance)
+    except FieldError as error:
+        raise InputError(f"the autopilot's fence: {error}") from None
+
+
+def take_item(state: State, message: Any, time: int, margin: float) -> Advance:
+    """Take in an item, or their count; what cannot be read leaves what is there."""
+    done = refresh.take(state.refresh, message)
+    after = Advance(replace(state, refresh=done.refresh), done.effects)
+    if done.problem is not None:
+        return after.then(tell, "download", str(done.problem), time, send=True)
+    if done.whole is None:
+        return after
+    if done.whole.kind == FENCE:
+        return after.then(_change_fence, done.whole.items, time, margin)
+    return after.then(_change_mission, done.whole.items, time)
+
+
+def _change_mission(state: State, items: tuple[Item, ...], time: int) -> Advance:
+    """Take over another mission; while a plan is flown, only note that there is one."""
+    if items[1:] == state.items[1:]:  # the first is home
+        return Advance(state)
+    if not state.control.flies:
+        line = Log(f"the mission has changed: {len(items)} items", time)
+        return Advance(replace(state, items=items, leg=None), (line,))
+    if state.pilot.replaced:
+        return Advance(state)
+    noted = replace(state, pilot=replace(state.pilot, replaced=True))
+    text = "mission changed by others: AUTO flies it"
+    return tell(noted, "mission", text, time, send=True)
+
+
+def _change_fence(state: State, corners: tuple[Item, ...], time: int, margin: float) -> Advance:
+    if corners == state.corners:
+        return Advance(state)
+    try:
+        fence = areas_of(corners, margin)
+    except InputError as problem:
+        return tell(state, "download", str(problem), time, send=True)
+    situation = replace(state.received.situation, fixed_areas=fence)
+    received = replace(state.received, situation=situation)
+    changed = replace(state, corners=corners, received=received)
+    text = f"fence has changed: {len(fence)} areas"
+    return tell(changed, "fence", text, time, send=True)

@@ -1,0 +1,98 @@
+"""Who flies at a moment, and what the autopilot is told: the step of
+:mod:`ros_bridge.mavlink.control` on what is known, and its orders.
+"""
+
+from dataclasses import replace
+
+from agents.assurance.state import FlyMode
+from ros_bridge.core.assurance import to_fly
+from ros_bridge.core.fields import SECOND
+from ros_bridge.mavlink import pilot
+from ros_bridge.mavlink.control import Control, Order, Phase, Seen, step
+from ros_bridge.mavlink.effects import Log, SetMode
+from ros_bridge.mavlink.judging import Judgement, to_follow
+from ros_bridge.mavlink.pilot import Piloted
+from ros_bridge.mavlink.refresh import hasten
+from ros_bridge.mavlink.state import LATE, Advance, Setup, State
+from ros_bridge.mavlink.texts import log_and_say, tell
+
+
+def decide(state: State, time: int, setup: Setup, *, failsafe: bool) -> Advance:
+    """Return what follows from a moment of the autopilot's, ns; ``failsafe``: whether its failsafe
+    has just set AUTO.
+    """
+    before = state.control
+    if before.phase is Phase.GUIDING:
+        noted = pilot.note_target(state.pilot, state.received.target)
+        state = replace(state, pilot=noted)
+    seen = _seen(state, time, setup)._replace(failsafe=failsafe)
+    done = step(before, seen, fly=state.fly)
+    after = Advance(replace(state, control=done.control))
+    if done.text:
+        after = after.then(log_and_say, done.text, time)
+    if done.control.phase is not before.phase:
+        after = after.then(_change_phase, before.phase, time, setup)
+    for order in done.orders:
+        after = after.then(_obey, order, time, before, setup)
+    if done.control.phase is Phase.GUIDING and not seen.fresh:
+        text = "own state cannot be used, nothing commanded"
+        after = after.then(tell, "stale", text, time, send=True)
+    return after
+
+
+def _seen(state: State, time: int, setup: Setup) -> Seen:
+    """Return what the step is to know."""
+    judgement, received, phase = state.judgement, state.received, state.control.phase
+    track, rejoin, seconds = received.situation.own, judgement.rejoin, time / SECOND
+    judges = seconds - state.pace.failing <= LATE  # else nobody watches what is flown
+    watching = phase is Phase.WATCHING
+    on_plan = to_fly(judgement.supervision) is FlyMode.PLAN
+    return Seen(
+        time=seconds,
+        mode=received.mode,
+        armed=received.heartbeat is not None and received.heartbeat.armed,
+        fresh=track.fault is None and track.age(time) <= setup.fresh.own,
+        conflict=_may_conflict(judgement, setup.rules.engage),
+        flyable=state.is_safe(time) if watching else to_follow(judgement) is not None and judges,
+        rejoined=on_plan and rejoin is not None and time >= rejoin.time,
+        diverted=phase is Phase.GUIDING and pilot.is_diverted(state.pilot, received.target),
+    )
+
+
+def _may_conflict(judgement: Judgement, engage: float) -> bool:
+    """Return whether a conflict is near, or may be because nothing can be judged."""
+    if judgement.conflict is None:
+        return judgement.problem != ""
+    return judgement.conflict.time <= engage
+
+
+def _change_phase(state: State, was: Phase, time: int, setup: Setup) -> Advance:
+    """Log that another phase has begun, and forget what belongs to the one before."""
+    control = state.control
+    line = Log(f"{was.value} -> {control.phase.value}", time)
+    if not control.flies:
+        released = pilot.release(state.pilot)
+        state = replace(state, pilot=released, refresh=hasten(state.refresh))
+    if control.phase is Phase.WATCHING:
+        state = replace(state, received=replace(state.received, target=None))  # it was ours
+        state = state.without_plan(setup.rules)
+    return Advance(state, (line,))
+
+
+def _obey(state: State, order: Order, time: int, before: Control, setup: Setup) -> Advance:
+    """Return what is sent for an order; ``before`` is the control that it follows from."""
+    if order is Order.RESTORE:
+        assert before.restore is not None  # it is what is ordered
+        return Advance(state, (SetMode(before.restore),))
+    after = _piloted(state, order, time, setup)
+    return Advance(replace(state, pilot=after.pilot), after.effects)
+
+
+def _piloted(state: State, order: Order, time: int, setup: Setup) -> Piloted:
+    flown, judgement, received = state.pilot, state.judgement, state.received
+    if order is Order.TAKE_OVER:
+        own = received.situation.own.last
+        return pilot.take_over(flown, judgement.supervision.held, own)
+    if order is Order.STEER:
+        return pilot.steer(flown, judgement, received, setup.vehicle, time)
+    return pilot.give_back(flown, received.current, judgement.rejoin, state.items)
