@@ -25,10 +25,10 @@ from benchmarks.sampling_planner import Task, is_right, require, solve
 from commands.command import Parser, real, run_cli
 from envs.aircraft import Aircraft
 from envs.areas import Area
-from envs.encounters import scenario
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.random_areas import random_areas
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.waypoints import RoutePoint
 

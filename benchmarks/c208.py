@@ -34,11 +34,11 @@ from envs.c208.guidance import follow
 from envs.c208.gymnasium_env import C208Env
 from envs.c208.point_mass import PointMassVehicle
 from envs.c208.vehicle import LOG_COLUMNS, C208Vehicle, FlightError, StartError
-from envs.encounters import scenario
 from envs.follower import PERIOD, deviation, offset
 from envs.frames import Air, Ground
 from envs.gym.gymnasium_env import DeconflictionEnv
 from envs.kinematics import VehicleState
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.waypoints import Legs, PlanStates, legs
 from envs.waypoints import at as along

@@ -17,7 +17,7 @@ from agents.policy.inference import Policy
 from benchmarks.measure import report
 from commands.command import Parser, run_cli, whole
 from envs.aircraft import PAPER
-from envs.encounters import scenario
+from envs.scenarios import scenario
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.runner.cluster import Cluster, connect_scheduler
 from eval.runner.payload import DECISIVE, Chunk, Work

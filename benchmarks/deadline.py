@@ -30,7 +30,7 @@ from commands.figures import save_figure
 from commands.files import write_file
 from commands.json_text import parse_json
 from envs.aircraft import PAPER
-from envs.encounters import scenario
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from agents.resolvability.classify import classify
 from benchmarks.measure import layers, report, seconds
 from commands.command import Parser, run_cli, whole
 from envs.aircraft import PAPER
-from envs.encounters import scenario
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns

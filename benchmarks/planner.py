@@ -31,9 +31,10 @@ from benchmarks.measure import (
 from benchmarks.questions import Question
 from commands.command import Parser, run_cli
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, scenario
+from envs.encounters import Encounter
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from envs.waypoints import RoutePoint

@@ -19,12 +19,13 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from benchmarks.measure import report, seconds
 from commands.command import Parser, run_cli, whole
-from envs import encounters, intruder, kinematics, observation, perception, relative, surrogate
+from envs import intruder, kinematics, observation, perception, relative, surrogate
 from envs.aircraft import PAPER
 from envs.outcome import RULES
+from envs.scenarios import geometry, sample, scenario
 
 WORLD = surrogate.World(RULES, PAPER)
-CIRCLE = encounters.scenario("circle", PAPER)
+CIRCLE = scenario("circle", PAPER)
 
 Advance = Callable[[PRNGKeyArray, surrogate.State], tuple[surrogate.State, Any]]
 """Advances encounters from a state with the draws of a key; also returns what was observed and the
@@ -86,7 +87,7 @@ def _step_naive(
     action_key, start_key = jax.random.split(key)
     action = jax.random.uniform(action_key, (2,), minval=-1.0, maxval=1.0)
     draws = jax.random.uniform(start_key, (2, 1, CIRCLE.dimensions))
-    fresh = surrogate.reset(encounters.sample(CIRCLE, draws, jnp)[0])
+    fresh = surrogate.reset(sample(CIRCLE, draws, jnp)[0])
     batch_of_one = jax.tree.map(lambda field: field[None], state)
     final, result = surrogate.step(batch_of_one, (action[:1], action[1:]), WORLD)
     following = surrogate.restart(final, fresh)
@@ -104,7 +105,7 @@ def library_trigonometry() -> ExitStack:
         "wrap": lambda angle, xp: jnp.mod(angle + jnp.pi, 2.0 * jnp.pi) - jnp.pi,
     }
     stack = ExitStack()
-    for module in (encounters, intruder, kinematics, observation, perception, relative):
+    for module in (geometry, intruder, kinematics, observation, perception, relative):
         for name, function in replacements.items():
             if hasattr(module, name):
                 stack.enter_context(mock.patch.object(module, name, function))

@@ -24,11 +24,12 @@ from benchmarks.measure import report, show
 from commands.command import Parser, run_cli, whole
 from envs.aircraft import PAPER
 from envs.angles import wrap
-from envs.encounters import Encounter, scenario
+from envs.encounters import Encounter
 from envs.frames import Air
 from envs.kinematics import SURROGATE, VehicleState, advance, commands
 from envs.outcome import RULES
 from envs.relative import bearing, distance, leg_separation, straight_cpa
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
 

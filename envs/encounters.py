@@ -1,20 +1,19 @@
-"""Encounters and their samplers: from unit-uniform draws to two or more aircraft in conflict.
+"""Encounters, and what a scenario draws them with: a sampler and modifiers, from unit-uniform draws
+to two or more aircraft in conflict.
 
-A sampler is a pure function of draws, so that jax keys and a counter-based numpy generator feed the
-same code. Courses differ clockwise as seen from above, as aviation counts them: an intruder of
-course difference +90 degrees comes from the left.
+Samplers and modifiers are pure functions of draws, so that jax keys and a counter-based numpy
+generator feed the same code. Courses differ clockwise as seen from above, as aviation counts them:
+an intruder of course difference +90 degrees comes from the left. Those that ship, and their names,
+are in :mod:`envs.scenarios`.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from commands.command import InputError
-from commands.extension import failure, is_extension
-from commands.registry import Registry
 from envs.aircraft import Aircraft
-from envs.angles import sincos, wrap
 from envs.arrays import Array, ArrayModule
 from envs.frames import Air
 from envs.intruder import Intent
@@ -22,7 +21,7 @@ from envs.kinematics import VehicleState
 from envs.perception import Coverage, Sensor
 from envs.reaction import Reaction
 from envs.relative import distance, straight_cpa
-from envs.trees import choose, map_leaves
+from envs.trees import map_leaves
 from envs.wind import Wind
 
 
@@ -65,8 +64,9 @@ def _no_changes(aircraft: Aircraft) -> Mapping[str, Any]:
 class Sampler(NamedTuple):
     """How the encounters of a scenario are drawn: a row of the table of scenarios.
 
-    A sampler of the user's own has the same form as those of :data:`SHIPPED`; it comes in by
-    :mod:`envs.scenarios`. Functions of a module can be sent to other processes, lambdas cannot.
+    A sampler of the user's own has the same form as those of :data:`envs.scenarios.SHIPPED`; it
+    comes in by :func:`envs.scenarios.register` or by its name. Functions of a module can be sent to
+    other processes, lambdas cannot.
     """
 
     encounters: Callable[["Scenario", Array, ArrayModule], tuple[Encounter, Array]]
@@ -76,16 +76,56 @@ class Sampler(NamedTuple):
     each: int  # draws that each of its intruders takes besides
     numbers: Callable[[Aircraft], Mapping[str, Any]] = _no_changes
     """(ownship) -> the fields of :class:`Scenario` in which it differs from ``circle``."""
+    modifiers: tuple[str, ...] = ()
+    """Names of the modifiers that its encounters always have."""
+    together: bool = False
+    """Whether they draw from the stream of the starts, as scenarios did that are older than
+    modifiers."""
+
+
+def _unchanged(
+    scenario: "Scenario", encounter: Encounter, draws: Array, xp: ArrayModule
+) -> tuple[Encounter, Array]:
+    """Return the encounters ``[N]`` as they are; all of them meet the conditions."""
+    return encounter, xp.ones(encounter.goal_x.shape, dtype=bool)
+
+
+class Modifier(NamedTuple):
+    """A change of the encounters that any sampler draws: a row of the table of modifiers.
+
+    It has draws of its own, and what is drawn of the other parts of a scenario does not depend on
+    it. Either it changes encounters, or its numbers are heeded by the sampler.
+    """
+
+    name: str
+    decides: tuple[str, ...] = ()
+    """In words, such as ``how intruders turn``: only one modifier of a scenario may."""
+    change: Callable[["Scenario", Encounter, Array, ArrayModule], tuple[Encounter, Array]] = (
+        _unchanged
+    )
+    """(scenario, encounters ``[N]``, draws ``[N, D]``, numpy or jax.numpy) -> the encounters
+    changed, and which of them meet the modifier's conditions, bool ``[N]``."""
+    shared: int = 0  # draws that an encounter takes
+    each: int = 0  # draws that each of its intruders takes besides
+    numbers: Callable[[Aircraft], Mapping[str, Any]] = _no_changes
+    """(ownship) -> fields of :class:`Scenario` that it sets."""
+    heeded: Callable[[Encounter], Array] | None = None
+    """(encounters) -> what is not 0 everywhere if the sampler heeds these numbers."""
+    moves: bool = False
+    """Whether it moves intruders and sees to the scenario's conditions itself."""
+    rounds: int = 1
+    """How often the scenario's attempts are made, each time with other draws, because its
+    conditions are seldom met."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A sampler and its numbers, which say what it draws.
+    """A sampler, the modifiers of its encounters, and its numbers, which say what it draws.
 
-    Pairs (low, high) are ranges of a uniform draw; SI units. What the numbers mean is said as
-    :func:`conflict_point` uses them, the geometry of the scenarios that ship; in a training for
-    several aircraft, ranges of speeds are arrays, ``[N]`` of the ownship and ``[N, 1]`` of the
-    intruders. :func:`scenario` makes them.
+    Pairs (low, high) are ranges of a uniform draw; SI units. What the numbers mean is said as the
+    geometry of the scenarios that ship uses them (:mod:`envs.scenarios.geometry`); in a training
+    for several aircraft, ranges of speeds are arrays, ``[N]`` of the ownship and ``[N, 1]`` of the
+    intruders. :func:`envs.scenarios.scenario` makes them.
     """
 
     name: str
@@ -109,113 +149,23 @@ class Scenario:
     velocity_std: float = 0.0  # noise of reported velocities, one sigma per axis, m/s
     latency: tuple[float, float] = (0.0, 0.0)  # age of the reports, s
     attempts: int = 8  # how many draws an encounter has to meet the conditions
+    modifiers: tuple[Modifier, ...] = ()
+    """In the order of :data:`envs.scenarios.MODIFIERS`; their draws follow the sampler's."""
+    together: bool = False  # whether sampler and modifiers draw from one stream
 
     @property
     def dimensions(self) -> int:
         """Unit-uniform draws that one attempt takes."""
-        return self.sampler.shared + self.sampler.each * self.intruders[1]
+        return sum(map(self.width, (self.sampler, *self.modifiers)))
 
     @property
-    def ships(self) -> bool:
-        """Whether the sampler is the toolkit's, not one of the user's own."""
-        return self.sampler.encounters is conflict_point
+    def rounds(self) -> int:
+        """How often the attempts are made, each time with other draws."""
+        return 1 if self.together else max((part.rounds for part in self.modifiers), default=1)
 
-
-def scenario(name: str, aircraft: Aircraft, **changes: Any) -> Scenario:
-    """Return a scenario by its name, scaled by the aircraft, with some of its fields changed.
-
-    Lengths are in separations, speeds in ``speed_max``, latencies in time steps; for the paper's
-    aircraft the numbers are the paper's.
-
-    Raises:
-        EncounterError: the name is unknown, or a field contradicts the aircraft; the message begins
-            with the field.
-    """
-    sampler = sampler_of(name)
-    separation, limits = aircraft.separation, aircraft.limits
-    # An aircraft that can stand still would never arrive at the conflict point.
-    speeds = (max(limits.speed_min, 0.2 * limits.speed_max), limits.speed_max)
-    circle = Scenario(
-        name,
-        sampler,
-        aircraft,
-        radius=(3.0 * separation, 10.0 * separation),
-        own_speed=speeds,
-        intruder_speed=speeds,
-        displacement=0.5 * separation,
-        min_initial_separation=separation,
-    )
-    chosen = replace(circle, **{**sampler.numbers(aircraft), **changes})
-    _check(chosen)
-    return chosen
-
-
-def sampler_of(name: str) -> Sampler:
-    """Return the sampler of a scenario that ships or has been registered; nothing is imported.
-
-    Raises:
-        EncounterError: there is none of that name.
-    """
-    if name not in SAMPLERS and is_extension(name):
-        raise EncounterError(
-            f"scenario {name!r} is not part of the toolkit and has not been loaded; expected "
-            f"--extension {name}, the key extensions: [{name}], or envs.scenarios.resolve({name!r})"
-        )
-    return SAMPLERS.find(name)
-
-
-def _check(chosen: Scenario) -> None:
-    """Refuse a scenario with a field that contradicts its aircraft."""
-    aircraft, limits = chosen.aircraft, chosen.aircraft.limits
-    whole = 2.0 * math.pi
-    speeds = "the speeds of the aircraft"
-    for name, low, high, why in (
-        ("radius", 0.1 * aircraft.separation, 1e3 * aircraft.separation, "0.1 to 1000 separations"),
-        ("own_speed", limits.speed_min, limits.speed_max, speeds),
-        ("intruder_speed", 0.0, aircraft.traffic_speed_max, "the speeds of its traffic"),
-        ("course_difference", -whole, whole, "radians"),
-        ("intruders", 1, MOST_INTRUDERS, "that an encounter can have"),
-        ("latency", 0.0, 2.0 * aircraft.dt, "two time steps of the aircraft"),
-    ):
-        first, last = getattr(chosen, name)
-        if not low <= first <= last <= high:
-            raise EncounterError(
-                f"{name} is [{first:g}, {last:g}]; expected [low, high] within {low:g} to "
-                f"{high:g}, {why}"
-            )
-    if not chosen.own_speed[0] > 0.0:
-        raise EncounterError(
-            f"own_speed begins at {chosen.own_speed[0]:g} m/s; expected a number above 0"
-        )
-    for name, high in (
-        ("displacement", math.inf),
-        ("min_initial_separation", math.inf),
-        ("conflicts_closer_than", math.inf),
-        ("turn_rate", 1.0 / aircraft.dt),
-        ("heading_change", math.pi),
-        ("position_std", math.inf),
-        ("velocity_std", math.inf),
-    ):
-        value = getattr(chosen, name)
-        if not 0.0 <= value <= high:
-            expected = f"0 to {high:g}" if math.isfinite(high) else "a number at least 0"
-            raise EncounterError(f"{name} is {value:g}; expected {expected}")
-
-
-def sample(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter, Array]:
-    """Return encounters ``[N]`` from draws ``[A, N, D]`` in [0, 1), D = ``scenario.dimensions``,
-    and which of them meet the scenario's conditions, ``[N]``.
-
-    Each takes the first of A attempts that meets them, else its last.
-    """
-    encounter, accepted = attempt(scenario, draws[0], xp)
-    for number in range(1, draws.shape[0]):
-        if xp.__name__ == "numpy" and accepted.all():
-            break
-        other, other_accepted = attempt(scenario, draws[number], xp)
-        encounter = choose(accepted, encounter, other, xp)
-        accepted = xp.logical_or(accepted, other_accepted)
-    return encounter, accepted
+    def width(self, part: Sampler | Modifier) -> int:
+        """Return the draws that the sampler or a modifier takes in one attempt."""
+        return part.shared + part.each * self.intruders[1]
 
 
 def pad(encounter: Encounter, count: int, xp: ArrayModule) -> Encounter:
@@ -240,140 +190,11 @@ def pad(encounter: Encounter, count: int, xp: ArrayModule) -> Encounter:
     )
 
 
-def attempt(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter, Array]:
-    """Return the encounters of one attempt, draws ``[N, D]``, and which of them meet the
-    conditions, ``[N]``.
-
-    Raises:
-        EncounterError: a sampler of the user's own fails, or returns something else.
-    """
-    if scenario.ships:
-        return scenario.sampler.encounters(scenario, draws, xp)
-    try:
-        made = scenario.sampler.encounters(scenario, draws, xp)
-    except EncounterError:
-        raise
-    except Exception as problem:
-        raise EncounterError(
-            f"scenario {scenario.name!r}: its sampler {failure(problem)}"
-        ) from problem
-    _check_shapes(scenario, made, draws.shape[0])
-    if xp.__name__ != "numpy" and not (made[0].wind is None and made[0].areas is None):
-        raise EncounterError(
-            f"scenario {scenario.name!r} has a wind or areas of its own; expected an evaluation "
-            "that heeds them (eval.monte_carlo)"
-        )
-    return made
-
-
-def _check_shapes(scenario: Scenario, made: object, count: int) -> None:
-    """Refuse what a sampler returned unless it is encounters ``[count]`` and a mask of them."""
-    where = f"scenario {scenario.name!r}: its sampler returns"
-    if not (isinstance(made, tuple) and len(made) == 2 and isinstance(made[0], Encounter)):
-        raise EncounterError(
-            f"{where} {type(made).__name__}; expected an envs.encounters.Encounter and which of "
-            "its rows are accepted"
-        )
-    encounter, accepted = made
-    wide = (count, scenario.intruders[1])
-    for name in ("own", "goal_x", "goal_y"):
-        _check_shape(f"{where} {name}", getattr(encounter, name), (count,))
-    _check_shape(f"{where} accepted", accepted, (count,))
-    for name in ("intruders", "mask", "intent"):
-        _check_shape(f"{where} {name}", getattr(encounter, name), wide)
-    _check_shape(f"{where} sensor", encounter.sensor, (count, 1))
-    for name in ("coverage", "separation", "reaction"):
-        if getattr(encounter, name) is not None:
-            _check_shape(f"{where} {name}", getattr(encounter, name), wide)
-    for name in ("wind", "areas"):
-        if getattr(encounter, name) is not None:
-            _check_shape(f"{where} {name}", getattr(encounter, name), (count,))
-
-
-def _check_shape(where: str, tree: Any, expected: tuple[int, ...]) -> None:
-    """Refuse an array, or a named tuple of arrays, of another shape."""
-    if hasattr(tree, "_fields"):
-        for name, field in tree._asdict().items():
-            _check_shape(f"{where}.{name}", field, expected)
-        return
-    shape = getattr(tree, "shape", type(tree).__name__)
-    if shape != expected:
-        raise EncounterError(f"{where} of shape {shape}; expected {expected}")
-
-
-class _Draws(NamedTuple):
-    """Draws of :func:`conflict_point` for encounters ``[N]``."""
-
-    radius: Array
-    course: Array
-    speed: Array
-    shift_x: Array
-    shift_y: Array
-    count: Array  # of the intruders
-    age: Array  # of the reports
-
-
-class _DrawsOfEach(NamedTuple):
-    """Draws of :func:`conflict_point` for their intruders ``[N, K]``."""
-
-    course: Array
-    speed: Array
-    shift_x: Array
-    shift_y: Array
-    turn_rate: Array
-    onset: Array
-    heading_change: Array
-
-
 def columns(draws: Array, first: int, most: int, count: int) -> list[Array]:
     """Return so many draws of each intruder, ``[N, K]`` each for K = ``most``, from draws
     ``[N, D]``, in which they stand from the column ``first`` on.
     """
     return [draws[:, first + i * most : first + (i + 1) * most] for i in range(count)]
-
-
-def conflict_point(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter, Array]:
-    """Return encounters ``[N]`` around a common conflict point (the paper's "circle" and variants
-    of it), from draws ``[N, 7 + 7 K]``, and which of them meet the conditions, ``[N]``.
-
-    Ownship and intruders start so far from the centre that they would meet there at the same time;
-    then every start is displaced.
-    """
-    fewest, most = scenario.intruders
-    shared = _Draws(*(draws[:, i] for i in range(7)))
-    each = _DrawsOfEach(*columns(draws, 7, most, 7))
-
-    radius = between(scenario.radius, shared.radius)
-    course = between((-math.pi, math.pi), shared.course)
-    speed = between(scenario.own_speed, shared.speed)
-    sine, cosine = sincos(course, xp)
-    goal_x, goal_y = radius * cosine, radius * sine
-    shift = (-scenario.displacement, scenario.displacement)
-    own: VehicleState[Air] = VehicleState(
-        between(shift, shared.shift_x) - goal_x,
-        between(shift, shared.shift_y) - goal_y,
-        course,
-        speed,
-    )
-
-    intruder_course = wrap(course[:, None] - between(scenario.course_difference, each.course), xp)
-    intruder_speed = between(scenario.intruder_speed, each.speed)
-    sine, cosine = sincos(intruder_course, xp)
-    back = (radius / speed)[:, None] * intruder_speed
-    intruders: VehicleState[Air] = VehicleState(
-        between(shift, each.shift_x) - back * cosine,
-        between(shift, each.shift_y) - back * sine,
-        intruder_course,
-        intruder_speed,
-    )
-    count = fewest + xp.floor(shared.count * (most - fewest + 1))
-    mask = xp.arange(most)[None, :] < count[:, None]
-
-    to_turn = each.turn_rate, each.onset, each.heading_change
-    intent = one_turn(scenario, own, intruders, to_turn, xp)
-    sensor = sensor_of(scenario, shared.age, xp)
-    accepted = meets_conditions(scenario, own, intruders, mask, xp)
-    return Encounter(own, goal_x, goal_y, intruders, mask, intent, sensor), accepted
 
 
 def one_turn(
@@ -444,77 +265,3 @@ def between(bounds: tuple[float, float], draw: Array) -> Array:
     """Return what unit-uniform draws ``[...]`` are in a range."""
     low, high = bounds
     return low + (high - low) * draw
-
-
-class _Conflicts(NamedTuple):
-    """Starts whose straight courses lose the separation, with courses that differ by about an
-    angle.
-    """
-
-    middle_deg: float
-    half_width_deg: float
-
-    def __call__(self, aircraft: Aircraft) -> Mapping[str, Any]:
-        low, high = self.middle_deg - self.half_width_deg, self.middle_deg + self.half_width_deg
-        return {
-            "course_difference": (math.radians(low), math.radians(high)),
-            "conflicts_closer_than": aircraft.separation,
-            "attempts": 48,
-        }
-
-
-def _turning(aircraft: Aircraft) -> Mapping[str, Any]:
-    return {"turn_rate": aircraft.limits.yaw_rate_max}
-
-
-def _noise_and_latency(aircraft: Aircraft) -> Mapping[str, Any]:
-    return {
-        "position_std": 0.03 * aircraft.separation,
-        "velocity_std": 0.03 * aircraft.limits.speed_max,
-        "latency": (aircraft.dt, 2.0 * aircraft.dt),
-    }
-
-
-def _several(aircraft: Aircraft) -> Mapping[str, Any]:
-    return {"intruders": (2, 8), "attempts": 24}
-
-
-def _around(numbers: Callable[[Aircraft], Mapping[str, Any]] = _no_changes) -> Sampler:
-    return Sampler(conflict_point, 7, 7, numbers)
-
-
-SHIPPED: dict[str, Sampler] = {
-    "circle": _around(),
-    "crossing_left": _around(_Conflicts(90.0, 45.0)),
-    "crossing_right": _around(_Conflicts(-90.0, 45.0)),
-    "head_on": _around(_Conflicts(180.0, 20.0)),
-    "same_course": _around(_Conflicts(0.0, 20.0)),
-    "maneuvering": _around(_turning),
-    "noisy": _around(_noise_and_latency),
-    "multi": _around(_several),
-}
-"""The scenarios that ship, by name."""
-
-SCENARIOS = tuple(SHIPPED)
-"""Their names."""
-
-
-def _check_sampler(name: str, sampler: Sampler) -> None:
-    for key in ("shared", "each"):
-        count: object = getattr(sampler, key)
-        if not isinstance(count, int) or count < 0:
-            raise EncounterError(
-                f"scenario {name!r}: {key} is {count!r}; expected how many draws it takes"
-            )
-
-
-SAMPLERS: Registry[Sampler] = Registry(
-    "scenario",
-    "a scenario (envs.encounters.Sampler)",
-    Sampler,
-    EncounterError,
-    SHIPPED,
-    _check_sampler,
-)
-"""The samplers of all scenarios that this process knows, by name; the user's own come in by
-:mod:`envs.scenarios`."""

@@ -13,8 +13,9 @@ from envs import draws
 from envs.aircraft import Aircraft
 from envs.areas import Area
 from envs.arrays import Array
-from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, sample
+from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario
 from envs.reaction import GIVES_WAY, TURNS_INTO
+from envs.scenarios.sampling import check_modifiers, draw_numbered, ships
 from envs.trees import map_leaves
 
 _STRONGEST = 100.0  # m/s of a wind
@@ -52,14 +53,12 @@ def encounters_of_seed(
             it has optional fields that the caller would not heed.
     """
     check_number(seed, first)
-    uniform = draws.uniforms(seed, first, count, (scenario.attempts, scenario.dimensions))
-    # Attempts lead in a sampler's draws, encounters in draws by position.
-    encounter, accepted = sample(scenario, np.swapaxes(uniform, 0, 1), np)
+    encounter, accepted = draw_numbered(scenario, seed, first, count)
     if not accepted.all():
         number = first + int(np.argmin(accepted))
         unmet = (
             f"does not meet the conditions of scenario {scenario.name!r} in "
-            f"{scenario.attempts} attempts"
+            f"{scenario.attempts * scenario.rounds} attempts"
         )
         raise EncounterError(
             f"encounter {number} of seed {seed} {unmet}; allow more, or other conditions"
@@ -85,10 +84,12 @@ def check_sampled(scenario: Scenario, encounter: Encounter) -> None:
     """Refuse encounters ``[N]`` of a sampler of the user's own that nobody could fly.
 
     Raises:
-        EncounterError: a field is not finite or out of range; the message names it.
+        EncounterError: a field is not finite or out of range, or a modifier has no effect; the
+            message names it.
     """
-    if scenario.ships:
+    if ships(scenario):
         return
+    check_modifiers(scenario, encounter)
     try:
         check_encounter(encounter, scenario.aircraft, encounter.goal_x.shape)
     except EncounterError as problem:

@@ -10,11 +10,12 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from envs import encounters, world
+from envs import world
 from envs.aircraft import Aircraft
-from envs.encounters import Encounter, Scenario
+from envs.encounters import Encounter, Scenario, pad
 from envs.perception import EVERYTHING
 from envs.reaction import NONE
+from envs.scenarios import sample
 from envs.trees import choose
 from envs.world import State, StepResult, World
 
@@ -64,8 +65,8 @@ def redraw_pool(
     draws = jax.random.uniform(draws_key, (1, total, dimensions))
     parts = []
     for scenario in scenarios:
-        drawn, accepted = encounters.sample(scenario, draws[..., : scenario.dimensions], jnp)
-        parts.append(encounters.pad(_accepted_only(drawn, accepted), most, jnp))
+        drawn, accepted = sample(scenario, draws[..., : scenario.dimensions], jnp)
+        parts.append(pad(_accepted_only(drawn, accepted), most, jnp))
     mixed: Encounter | None = None
     threshold = 0.0
     for drawn, weight in zip(_alike(parts, scenarios[0].aircraft), weights, strict=True):

@@ -16,8 +16,9 @@ from agents.planner.request.options import Options, check
 from agents.policy.inference import Policy
 from commands.command import require
 from envs.aircraft import Aircraft
-from envs.encounters import SAMPLERS, SCENARIOS, EncounterError, Scenario, sampler_of
+from envs.encounters import EncounterError, Scenario
 from envs.random_areas import MOST
+from envs.scenarios import MODIFIERS, expected, is_loaded, sampler_of
 
 FILE, TRACKS, MODEL = "file:", "tracks:", "lincoln:"
 PREFIXES: tuple[str, ...] = (FILE, TRACKS, MODEL)
@@ -154,14 +155,14 @@ class EncountersConfig(Strict):
     scenario: str = Field(
         default="circle",
         json_schema_extra={
-            "expected": (
-                f"one of {', '.join(SCENARIOS)}, module:name of your own, or "
-                f"{', '.join(f'{p}PATH' for p in PREFIXES)}"
+            "expected": expected(
+                f"module:name of your own, or {', '.join(f'{p}PATH' for p in PREFIXES)}"
             )
         },
     )
-    """Where the encounters come from: a scenario's name; module:name for a sampler of your own,
-    which is imported; file:PATH for a CSV file of your own; tracks:PATH for recorded tracks;
+    """Where the encounters come from: a scenario's name, and modifiers of it after +, such as
+    circle + standing + partly_seen; module:name for a sampler of your own, which is imported;
+    file:PATH for a CSV file of your own; tracks:PATH for recorded tracks;
     lincoln:PATH for traffic of an encounter model."""
     scenario_sha256: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     """SHA-256 that the scenario's file must have; null: any."""
@@ -189,6 +190,11 @@ class EncountersConfig(Strict):
                 raise ConfigError(f"{name!r} cannot be flown here; expected {known}")
             if name == prefix:
                 raise ConfigError(f"{name!r} names no file; expected {prefix}PATH")
+            if name.rpartition("+")[2].strip() in MODIFIERS:
+                raise ConfigError(
+                    f"{name!r} has a modifier; expected {prefix}PATH alone, or a geometry before "
+                    "the modifier, such as circle + standing"
+                )
             return f"{prefix}{locate(Path(name.removeprefix(prefix)), info)}"
         files = ", ".join(f"{each}PATH" for each in cls.files)
         own = "module:name of your own"
@@ -367,7 +373,7 @@ class MonteCarloConfig(PolicyConfig, ChunksConfig):
 
     @model_validator(mode="after")
     def _check(self) -> "MonteCarloConfig":
-        if self.file is None and self.aircraft is not None and self.scenario in SAMPLERS:
+        if self.file is None and self.aircraft is not None and is_loaded(self.scenario):
             self.sampled_scenario(self.aircraft.aircraft())
         if self.baseline != "none" and self.mode != "policy":
             raise ConfigError(f"baseline is {self.baseline!r}; expected none with mode {self.mode}")

@@ -16,10 +16,11 @@ from commands.command import InputError
 from commands.extension import is_extension
 from commands.yaml import YamlError, read
 from envs.aircraft import PAPER
-from envs.encounters import SAMPLERS, EncounterError, Scenario
+from envs.encounters import EncounterError, Scenario
 from envs.outcome import Rules
 from envs.rewards import REWARD_TERMS, TASK, TERMS, RewardError, Rewards, Term, with_scores
 from envs.rewards import table as reward_table
+from envs.scenarios import is_loaded
 from envs.scenarios import resolve as resolve_scenario
 
 SEED_END = 2**31
@@ -397,7 +398,7 @@ class TrainConfig(Strict):
 
     @model_validator(mode="after")
     def _check(self) -> "TrainConfig":
-        if all(entry.name in SAMPLERS for entry in self.scenarios):  # others are not loaded yet
+        if all(is_loaded(entry.name) for entry in self.scenarios):  # others are not loaded yet
             self._scenarios()
         other = (
             self.aircraft.aircraft()._replace(t_max=PAPER.t_max) != PAPER or self.family.share > 0.0

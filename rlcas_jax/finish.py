@@ -16,7 +16,7 @@ from agents.policy.schema import SetOf, new_metadata
 from agents.resolvability.classify import Verdict, classify
 from commands.files import write_file
 from envs.aircraft import Ratios, ratios
-from envs.encounters import scenario
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from rlcas_jax.config import FamilyConfig, TrainConfig
 from rlcas_jax.figures import training_figures

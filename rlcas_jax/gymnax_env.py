@@ -18,12 +18,11 @@ from gymnax.environments.environment import Environment
 from gymnax.environments.environment import EnvParams as AnyParams
 from gymnax.environments.environment import EnvState as AnyState
 
-from envs import encounters, surrogate
+from envs import scenarios, surrogate
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario
 from envs.observation import ROW, SIZE
 from envs.rewards import Transition, learning_reward, table, with_scores
-from envs.scenarios import resolve
 
 ENV_ID = "rlcas/Deconfliction-v0"
 
@@ -86,8 +85,8 @@ class Deconfliction(Environment[EnvState, EnvParams]):
                 f"intruders is {intruders}; expected a whole number from 1 to {MOST_INTRUDERS}"
             )
         if isinstance(scenario, str):
-            resolve(scenario)
-            scenario = encounters.scenario(scenario, aircraft or PAPER)
+            scenarios.resolve(scenario)
+            scenario = scenarios.scenario(scenario, aircraft or PAPER)
         elif aircraft not in (None, scenario.aircraft):
             raise EncounterError(
                 f"scenario {scenario.name!r} is another aircraft's; expected one of the given "
@@ -108,7 +107,7 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         """Draw an encounter and begin it."""
         key_start, key_seen = jax.random.split(key)
         draws = jax.random.uniform(key_start, (1, self.scenario.attempts, self.scenario.dimensions))
-        drawn, accepted = encounters.sample(self.scenario, draws, jnp)
+        drawn, accepted = scenarios.sample(self.scenario, draws, jnp)
         start = jax.tree.map(lambda field: field[jnp.argmax(accepted)], drawn)
         # The ownship may be slower than the one that the scenario was made for.
         limits = params.aircraft.limits

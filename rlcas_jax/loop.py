@@ -22,9 +22,10 @@ from agents.policy.inputs import evaluate_input, resolve, trial_scenes
 from commands.files import write_file
 from commands.installation import versions
 from envs.draws import uniforms
-from envs.encounters import Encounter, sample, scenario
+from envs.encounters import Encounter
 from envs.outcome import Outcome, Rules, reward
 from envs.rewards import TERMS, RewardError, shaping_of_first_step
+from envs.scenarios import sample, scenario, ships
 from envs.starts import check_sampled, encounters_of_seed
 from envs.trees import take
 from envs.world import World
@@ -388,7 +389,7 @@ def _check_scenarios(config: TrainConfig) -> None:
     for number, drawn in enumerate(config.training_scenarios()):
         draws = uniforms(0, 0, count, (1, drawn.dimensions)).swapaxes(0, 1)
         encounters, accepted = sample(drawn, draws, np)
-        if not drawn.ships:
+        if not ships(drawn):
             check_sampled(drawn, take(encounters, accepted))
             jax.eval_shape(lambda one, of=drawn: sample(of, one, jnp), draws)
         if accepted.mean() < _LEAST_ACCEPTED:

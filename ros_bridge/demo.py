@@ -29,6 +29,7 @@ from envs.areas import Area
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.random_areas import MOST, random_areas
+from envs.scenarios import expected, resolve, scenario
 from ros_bridge.core.aircraft import aircraft_of, load_policy
 from ros_bridge.transport.children import free_domain, start_node, stop
 
@@ -45,7 +46,7 @@ MARGINS = {"kinematic": 0.025, "point_mass": 0.05, "c208": 0.05}
 """
 
 _OPTIONS = (
-    ("scenarios", FOUR, "names with commas, or none"),
+    ("scenarios", FOUR, f"separated by commas, or none; {expected()}"),
     ("each", 1, "encounters of each scenario"),
     ("random", 0, "further encounters, of the scenario circle"),
     ("areas", 0, "random areas along the way of each, which must not be entered"),
@@ -140,18 +141,19 @@ class _Planned(NamedTuple):
 
 def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[_Planned]:
     """Yield what is to be flown, or raise ValueError for options that cannot be."""
-    from envs.encounters import scenario
     from envs.starts import encounters_of_seed
     from envs.trees import take
 
     _check_numbers(options, aircraft)
-    named = [name for name in options.scenarios.split(",") if name not in ("", "none")]
+    named = [name.strip() for name in options.scenarios.split(",")]
+    named = [name for name in named if name not in ("", "none")]
     wanted = [(name, options.each) for name in named]
     if options.random:
         wanted.append(("circle", options.random))
     if not wanted:
         raise ValueError("--scenarios is none and --random 0, expected something to fly")
     for name, count in wanted:
+        resolve(name)
         every = encounters_of_seed(scenario(name, aircraft), options.seed, 0, count)
         for number in range(count):
             yield _Planned(f"{name} {number}", take(every, [number]), number)

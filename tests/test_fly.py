@@ -18,8 +18,8 @@ from envs.aircraft import Aircraft
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Polygon
 from envs.kinematics import Limits, VehicleState, advance, commands
-from envs.own_separations import LEAST
 from envs.relative import leg_separation
+from envs.scenarios.own_separations import LEAST
 from eval.flights.static_obstacles import standing
 
 MAKE = runpy.run_path(str(Path(__file__).resolve().parent.parent / "docs" / "fly" / "make.py"))

@@ -13,10 +13,10 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, ValidationInfo, field_validator, model_serializer, model_validator
 
 from agents.config.load import AIRCRAFT, VEHICLES, ConfigError, Strict, file_of, load
-from commands.extension import is_extension
 from envs.aircraft import PAPER, Aircraft, new_aircraft
-from envs.encounters import SAMPLERS, SCENARIOS, EncounterError, Scenario, scenario
+from envs.encounters import EncounterError, Scenario
 from envs.kinematics import FASTEST, SURROGATE, Limits
+from envs.scenarios import canonical, expected, scenario
 
 
 def _degrees(angle: float) -> float:
@@ -202,29 +202,30 @@ def _each(function: Callable[[float], float], value: Any) -> Any:
 
 
 def known_scenario(name: str, more: str = "module:name of your own") -> str:
-    """Return the name of a scenario that ships, is registered or may be of the user's own; nothing
-    is imported. Others raise a ConfigError, whose message ends the list of names with ``more``.
+    """Return the name of a scenario whose geometry ships, is registered or may be of the user's
+    own, with its modifiers in their order; nothing is imported. Others raise a ConfigError, whose
+    message ends the list of geometries with ``more``.
     """
-    if name not in SAMPLERS and not is_extension(name):
-        raise ConfigError(f"{name!r} is unknown; {SAMPLERS.expected(name, more)}")
-    return name
+    try:
+        return canonical(name, more)
+    except EncounterError as problem:
+        raise ConfigError(str(problem).removeprefix("scenario ")) from None
 
 
 class ScenarioConfig(Strict):
-    """A scenario of :data:`envs.encounters.SCENARIOS` with its share of the encounters, some of its
-    numbers changed.
+    """A scenario, such as ``circle + noise``, with its share of the encounters, some of its numbers
+    changed.
 
     A number that is null is as the scenario has it, scaled by the aircraft.
     """
 
     name: str = Field(
         default="circle",
-        json_schema_extra={
-            "expected": f"one of {', '.join(SCENARIOS)}, or module:name of your own"
-        },
+        json_schema_extra={"expected": expected()},
     )
-    """The scenario that the numbers below change; `module:name` is an `envs.encounters.Sampler` of
-    your own, which uses the numbers that it needs."""
+    """The scenario that the numbers below change: a geometry, and modifiers of it after +, such as
+    circle + standing + partly_seen; `module:name` is an `envs.encounters.Sampler` of your own,
+    which uses the numbers that it needs."""
     weight: float = Field(default=1.0, gt=0.0)
     """Share of the encounters, relative to the other scenarios' weights."""
     units: Literal["si", "aircraft"] = "si"

@@ -15,7 +15,7 @@ from agents.policy.file import PolicyFile
 from commands.command import InputError
 from envs.aircraft import Aircraft, ratios
 from envs.arrays import Array
-from envs.own_separations import GREATEST, LEAST
+from envs.scenarios.own_separations import GREATEST, LEAST
 
 TRAFFIC_SPEED = (0.4, 1.3)
 """Intruders' speeds, in the ownship's greatest."""

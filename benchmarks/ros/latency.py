@@ -41,9 +41,9 @@ from benchmarks.ros.graph import (
 )
 from commands.command import Parser, run_cli, whole
 from envs.aircraft import PAPER
-from envs.encounters import scenario
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from ros_bridge.transport.children import stop

@@ -14,11 +14,11 @@ from gymnasium import error, spaces
 from numpy.typing import ArrayLike
 
 from envs.aircraft import Aircraft
-from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario, scenario
+from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario
 from envs.observation import ROW, SIZE
 from envs.outcome import Outcome, Rules
 from envs.rewards import with_scores
-from envs.scenarios import resolve
+from envs.scenarios import resolve, scenario
 from envs.world import World
 
 OUTCOMES = ("flying", *Outcome._fields)

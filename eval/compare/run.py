@@ -23,6 +23,7 @@ from eval.compare.resolvers import (
     entries_of,
 )
 from eval.compare.summary import SCHEMA_VERSION, Statistics, draw, show
+from eval.config import PREFIXES
 from eval.flights.aircraft import describe
 from eval.flights.chunks import Evaluation
 from eval.flights.simulate import ByPolicy
@@ -33,6 +34,7 @@ from eval.runner.options import (
     extension_option,
     last_options,
     named_source,
+    scenario_option,
 )
 from eval.runner.outputs import RunFolder
 
@@ -118,11 +120,7 @@ def _parser() -> argparse.ArgumentParser:
         help="another way to fly policies; may be repeated",
         **many,
     )
-    add(
-        "--scenario",
-        metavar="NAME",
-        help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)",
-    )
+    scenario_option(parser, *PREFIXES)
     add(
         "--set",
         metavar="KEY=VALUE",

@@ -28,10 +28,11 @@ from commands.files import write_file
 from envs.aircraft import Aircraft, Ratios, new_aircraft
 from envs.angles import wrap
 from envs.draws import normals
-from envs.encounters import Encounter, pad, scenario
+from envs.encounters import Encounter, pad
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.perception import Sensor, carry_back, perceive
+from envs.scenarios import scenario
 from envs.starts import OF_INTRUDERS, encounters_of_seed, join
 from envs.trees import map_leaves, take
 from envs.wind import NO_WIND

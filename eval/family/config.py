@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import Field, field_validator, model_validator
 
 from agents.config.load import ConfigError
+from agents.config.world import known_scenario
 from eval.config import PREFIXES, PolicyConfig
 
 
@@ -45,7 +46,7 @@ class FamilyConfig(PolicyConfig):
     def _scenario(cls, name: str) -> str:
         if name.startswith(PREFIXES):
             raise ConfigError(f"{name!r} is a file; expected a sampled scenario")
-        return name
+        return known_scenario(name)
 
     @field_validator("intruders")
     @classmethod

@@ -34,6 +34,7 @@ from eval.runner.options import (
     new_folder_option,
     policy_options,
     resume_option,
+    scenario_option,
     workers_option,
 )
 from eval.runner.outputs import ResumableFolder
@@ -156,7 +157,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="seed of encounters and sensor noise (default: 0)",
     )
-    add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
+    scenario_option(parser)
     kinds: Any = {"type": whole(1), "nargs": 2, "metavar": ("MIN", "MAX")}
     add("--intruders", help="fewest and most intruders of an encounter (default: 1 1)", **kinds)
     add(

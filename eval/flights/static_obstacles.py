@@ -25,7 +25,7 @@ from envs.areas import Circle, Keep, Place, Polygon
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState
-from envs.own_separations import LEAST
+from envs.scenarios.own_separations import LEAST
 
 _LARGEST = 2.0  # separations: radius of a disc that is not cut further
 _CUTS = 4  # times that a polygon is cut in two at most

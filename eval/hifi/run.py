@@ -13,6 +13,7 @@ from commands.command import require, whole
 from commands.progress import group_digits
 from envs.c208.flightgear import flightgear_at
 from envs.wind import Wind
+from eval.config import FILE
 from eval.hifi.config import HifiConfig
 from eval.hifi.flights import Campaign, prepare
 from eval.hifi.rows import HifiFolder, columns
@@ -20,7 +21,7 @@ from eval.hifi.summary import error_rows, rate_rows, summarise
 from eval.hifi.wind import options_in
 from eval.metrics.summary import print_table
 from eval.runner.command import Command, FlownNow, Resolved, run, summary_of_policy
-from eval.runner.options import first_options, last_options, named_evaluation
+from eval.runner.options import first_options, last_options, named_evaluation, scenario_option
 
 _DESCRIPTION = """\
 Fly what the planner, the policy or the assured loop decide on the true aircraft, a Cessna 208B in
@@ -61,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--mode", metavar="MODE", help="what decides: plan, closed or assured (default: plan)")
     add("--vehicle", metavar="NAME", help="what flies (default: c208_ex)")
     add("--condition", metavar="NAME", help="wind, turbulence, loading and sensors (default: calm)")
-    add("--scenario", metavar="NAME", help="a scenario's name or file:PATH (default: circle)")
+    scenario_option(parser, FILE)
     add("--flights", type=whole(1), metavar="N", help="how many (default: 200, or all of a file's)")
     add(
         "--seed",

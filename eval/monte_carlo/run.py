@@ -15,7 +15,7 @@ from agents.policy.domain import excess
 from commands.command import real, whole
 from commands.progress import group_digits
 from envs.kinematics import Limits
-from eval.config import MonteCarloConfig
+from eval.config import PREFIXES, MonteCarloConfig
 from eval.flights.aircraft import format_limits
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns, conditions_of, pick
 from eval.flights.sources import describe_tracks, say
@@ -36,6 +36,7 @@ from eval.runner.options import (
     named_evaluation,
     named_policy,
     override,
+    scenario_option,
 )
 from eval.runner.outputs import RunFolder
 
@@ -56,6 +57,7 @@ _EPILOG = """\
 examples:
   python -m eval.monte_carlo --policy runs/quick/policy.safetensors --out runs/circle
   python -m eval.monte_carlo --scenario multi --encounters 2000 --out runs/multi
+  python -m eval.monte_carlo --scenario "multi + standing + partly_seen" --out runs/standing
   python -m eval.monte_carlo --set changes.min_initial_separation=0 --out runs/unfiltered
   python -m eval.monte_carlo --policy mine.safetensors --aircraft uas --out runs/uas
   python -m eval.monte_carlo --areas zones.json --latitude 47 --longitude 8 --out runs/valley
@@ -115,11 +117,7 @@ def _parser() -> argparse.ArgumentParser:
         "again); default: policy"
     )
     add("--mode", metavar="MODE", help=f"what decides: {modes}")
-    add(
-        "--scenario",
-        metavar="NAME",
-        help="a name, file:PATH, tracks:PATH or lincoln:PATH (default: circle)",
-    )
+    scenario_option(parser, *PREFIXES)
     repair = (
         "drop and fill what is wrong in recorded tracks, and say what was done (default: "
         "refuse such files)"

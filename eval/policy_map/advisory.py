@@ -12,9 +12,9 @@ import numpy as np
 
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
-from envs.encounters import scenario
 from envs.frames import Air
 from envs.kinematics import VehicleState, commands
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import column
 from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly

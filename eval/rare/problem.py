@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from agents.resolvability.classify import Verdict
-from envs.encounters import Encounter, Scenario, sample
+from envs.encounters import Encounter, Scenario
+from envs.scenarios import sample
 from envs.starts import check_heeded
 from envs.trees import take
 from eval.flights.chunks import Conditioned, ReadyEvaluation

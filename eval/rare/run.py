@@ -34,6 +34,7 @@ from eval.runner.options import (
     new_folder_option,
     policy_options,
     resume_option,
+    scenario_option,
 )
 from eval.runner.outputs import RunFolder
 from eval.runner.parts import PartsFolder
@@ -187,7 +188,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     policy_options(parser)
     extension_option(parser)
-    add("--scenario", metavar="NAME", help="a sampled scenario (default: circle)")
+    scenario_option(parser)
     add("--seed", type=whole(0), metavar="N", help="seed of all draws (default: 0)")
     add(
         "--resolvable-only",

@@ -72,6 +72,19 @@ def extension_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def scenario_option(parser: argparse.ArgumentParser, *files: str, when: str = "") -> None:
+    """Add the option of the scenario; ``files`` are the prefixes of those that it may name, of
+    :data:`eval.config.PREFIXES`; the help begins with ``when``.
+    """
+    kinds = " or ".join(f"{kind}PATH" for kind in files)
+    own = "module:name of your own"
+    parser.add_argument(
+        "--scenario",
+        metavar="NAME",
+        help=f"{when}{scenarios.expected(own)}{kinds and f'; or {kinds}'} (default: circle)",
+    )
+
+
 def load_extensions(names: Iterable[str]) -> None:
     """Load and register the code that the user names: inputs of the network, and scenarios.
 
@@ -81,6 +94,8 @@ def load_extensions(names: Iterable[str]) -> None:
         InputError: there is no such code, or it cannot be used.
     """
     for name in names:
+        if name in scenarios.SAMPLERS:
+            continue
         if is_extension(name) and isinstance(load_extension(name, _EXTENSION), Sampler):
             scenarios.resolve(name)
         else:

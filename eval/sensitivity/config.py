@@ -6,6 +6,7 @@ from typing import Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from agents.config.load import ConfigError
+from agents.config.world import known_scenario
 from eval.config import PREFIXES, PolicyConfig, locate
 
 
@@ -49,4 +50,4 @@ class SensitivityConfig(PolicyConfig):
     def _scenario(cls, name: str) -> str:
         if name.startswith(PREFIXES):
             raise ConfigError(f"{name!r} has no numbers to vary; expected a sampled scenario")
-        return name
+        return known_scenario(name)

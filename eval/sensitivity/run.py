@@ -32,6 +32,7 @@ from eval.runner.options import (
     policy_options,
     resume_option,
     run_argument,
+    scenario_option,
     workers_option,
 )
 from eval.runner.outputs import ResumableFolder
@@ -162,7 +163,7 @@ def _parser() -> argparse.ArgumentParser:
         help="what is varied; may be repeated",
     )
     add("--mode", choices=modes, help="for --vary: what decides (default: policy)")
-    add("--scenario", metavar="NAME", help="for --vary: a sampled scenario (default: circle)")
+    scenario_option(parser, when="for --vary: ")
     policy_options(parser)
     extension_option(parser)
     add(

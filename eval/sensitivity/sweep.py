@@ -14,7 +14,7 @@ from agents.config.load import ConfigError
 from commands.command import real
 from commands.names import one_of
 from envs.aircraft import PAPER
-from envs.encounters import scenario
+from envs.scenarios import scenario
 from eval.monte_carlo.run import evaluate
 from eval.sensitivity.bins import rates, read_run, successes
 from eval.stats.paired import pairs, tango

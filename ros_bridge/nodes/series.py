@@ -5,8 +5,8 @@
 from functools import partial
 from typing import Any
 
-from envs.encounters import EncounterError, scenario
-from envs.scenarios import resolve
+from envs.encounters import EncounterError
+from envs.scenarios import resolve, scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from ros_bridge.nodes import simulator

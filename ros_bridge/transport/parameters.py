@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from commands.command import Parser, run_cli
 from envs.aircraft import Aircraft
+from envs.scenarios import expected
 from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
 from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD
 
@@ -432,7 +433,7 @@ PARAMETERS = (
         "simulator",
         "scenario",
         "crossing_left",
-        "scenario: a name in envs.encounters, or module:name of your own",
+        f"scenario: {expected()}",
         fixed=True,
     ),
     Parameter("simulator", "seed", 0, "seed of the encounters", fixed=True),

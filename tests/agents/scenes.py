@@ -14,11 +14,12 @@ from agents.planner.request.options import Options
 from agents.resolvability.classify import Replay
 from agents.resolvability.proof import STEP, STRIDE
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, scenario
+from envs.encounters import Encounter
 from envs.intruder import Intent
 from envs.kinematics import SURROGATE, Limits, VehicleState
 from envs.outcome import RULES
 from envs.perception import Sensor
+from envs.scenarios import scenario
 from envs.waypoints import PlanStates
 from tests.support import mirror_state
 

@@ -17,8 +17,9 @@ from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig, 
 from commands.command import run_cli
 from commands.yaml import read, write
 from envs.aircraft import PAPER, new_aircraft
-from envs.encounters import SAMPLERS, SCENARIOS, Scenario, scenario
+from envs.encounters import Scenario
 from envs.kinematics import SURROGATE
+from envs.scenarios import SAMPLERS, SCENARIOS, scenario
 
 
 class Inner(Strict):
@@ -496,6 +497,8 @@ def test_every_number_of_a_scenario_can_be_changed():
         "name",
         "sampler",
         "aircraft",
+        "modifiers",
+        "together",
     }
     assert set(ScenarioConfig.model_fields) - {"name", "weight", "units"} == numbers
 

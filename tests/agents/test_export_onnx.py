@@ -33,7 +33,7 @@ from agents.policy.schema import SetOf, new_metadata
 from agents.policy.set_features import set_inputs
 from commands.command import run_cli
 from envs.aircraft import PAPER, Ratios
-from envs.encounters import scenario
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 
 onnx = pytest.importorskip("onnx")

@@ -26,10 +26,10 @@ from agents.policy.inference import PARITY_TOLERANCE, Policy
 from agents.policy.schema import new_metadata
 from envs import surrogate
 from envs.aircraft import PAPER
-from envs.encounters import scenario
 from envs.kinematics import SURROGATE, VehicleState, advance, commands
 from envs.observation import NAMES
 from envs.outcome import RULES
+from envs.scenarios import scenario
 
 HIDDEN = (64, 64)
 ACTOR = Actor(HIDDEN, "mirror")

@@ -27,8 +27,8 @@ from benchmarks.safety.resimulation import CHECKS, Route, fly, resimulate
 from commands.command import ConfigError
 from envs.aircraft import PAPER
 from envs.areas import Area, Circle, Keep, Level, Polygon
-from envs.encounters import scenario
 from envs.kinematics import VehicleState
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from envs.waypoints import PlanStates, RoutePoint, at, legs

@@ -17,7 +17,8 @@ from scipy import stats
 from envs import surrogate
 from envs.aircraft import PAPER
 from envs.draws import normals, uniforms
-from envs.encounters import SCENARIOS, Encounter, EncounterError, Scenario, pad, sample, scenario
+from envs.encounters import Encounter, EncounterError, Scenario, pad
+from envs.scenarios import SCENARIOS, sample, scenario
 from envs.trees import choose, take
 from tests.support import angle_between
 

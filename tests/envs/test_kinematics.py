@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from envs import starts, world
 from envs.aircraft import PAPER
 from envs.backend import FLOATS
-from envs.encounters import scenario
 from envs.gym import flight
 from envs.intruder import KnownFlight, start, step
 from envs.kinematics import (
@@ -27,6 +26,7 @@ from envs.kinematics import (
     velocity,
 )
 from envs.outcome import RULES, judge, reward
+from envs.scenarios import scenario
 from envs.trees import take
 from envs.world import World
 from tests.support import (

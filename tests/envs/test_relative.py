@@ -12,11 +12,12 @@ from agents.config.world import AircraftConfig
 from envs import starts, world
 from envs.aircraft import PAPER, Aircraft, new_aircraft, ratios
 from envs.angles import atan2, sincos, wrap
-from envs.encounters import SCENARIOS, Encounter, EncounterError, scenario
+from envs.encounters import Encounter, EncounterError
 from envs.gym import flight
 from envs.kinematics import SURROGATE, Limits, VehicleState, advance
 from envs.observation import observe_set, rank_urgent
 from envs.relative import bearing, distance, leg_separation, straight_cpa
+from envs.scenarios import SCENARIOS, scenario
 from envs.trees import take
 from envs.world import World
 from tests.support import (

@@ -13,12 +13,13 @@ import pytest
 
 from envs import intruder, observation, outcome, surrogate
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, pad, sample, scenario
+from envs.encounters import Encounter, pad
 from envs.intruder import Intent
 from envs.kinematics import SURROGATE, VehicleState, advance, commands
 from envs.outcome import RULES
 from envs.perception import Sensor
 from envs.relative import leg_separation
+from envs.scenarios import sample, scenario
 from envs.surrogate import State, StepResult, World
 from tests.support import angle_between, mirror_state
 

@@ -14,9 +14,9 @@ from agents.policy.file import PolicyFile
 from agents.policy.inference import Policy
 from agents.policy.schema import new_metadata
 from envs.aircraft import PAPER
-from envs.encounters import scenario
 from envs.formats import encounter_file
 from envs.kinematics import SURROGATE
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from eval.monte_carlo import run as monte_carlo
 from eval.report import run as report

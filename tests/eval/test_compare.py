@@ -25,10 +25,11 @@ from agents.resolvability.classify import Verdict, replay
 from agents.resolvability.witness import least_cost
 from commands.command import InputError
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, EncounterError, scenario
+from envs.encounters import Encounter, EncounterError
 from envs.formats import encounter_file
 from envs.intruder import KnownFlight
 from envs.kinematics import SURROGATE
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed, join
 from envs.traffic.tracks import TrackError
 from envs.trees import take

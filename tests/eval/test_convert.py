@@ -17,10 +17,11 @@ from agents.config.keys import keys
 from agents.config.load import ConfigError
 from agents.config.pages import with_tables
 from envs.aircraft import PAPER
-from envs.encounters import EncounterError, scenario
+from envs.encounters import EncounterError
 from envs.formats import encounter_file
 from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from eval import convert

@@ -14,8 +14,8 @@ from agents.config.world import AircraftConfig
 from agents.policy.inference import OutsideDomainError, Policy
 from commands.command import InputError
 from envs.aircraft import PAPER, Aircraft, Ratios, new_aircraft, ratios
-from envs.encounters import scenario
 from envs.kinematics import Limits
+from envs.scenarios import scenario
 from eval.family import run as family
 from eval.family.aircraft import FAMILY, draw_aircraft
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns

@@ -16,11 +16,11 @@ from agents.planner.request.options import Options
 from commands.command import run_cli
 from envs.aircraft import PAPER
 from envs.draws import uniforms
-from envs.encounters import EncounterError, sample, scenario
+from envs.encounters import EncounterError
 from envs.formats import encounter_file
 from envs.outcome import RULES
 from envs.relative import straight_cpa
-from envs.scenarios import resolve
+from envs.scenarios import sample, scenario
 from envs.trees import column
 from eval.flights.chunks import Evaluation, ReadyEvaluation
 from eval.flights.plan_mode import fly_once, plan_at_start
@@ -188,18 +188,10 @@ def test_the_value_is_the_separation_of_the_flight(policy, mode: str) -> None:
     assert (values < RULES.separation).any() or mode == "plan"
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "envs.own_separations:separations",
-        "envs.partly_seen:partly_seen",
-        "envs.reacting_traffic:mixed",
-    ],
-)
-def test_what_the_file_of_lost_encounters_cannot_hold_is_refused(policy, name: str) -> None:
-    resolve(name)
-    with pytest.raises(EncounterError, match=f"scenario '{name}' has intruders"):
-        problem_of(policy, "policy", name)
+@pytest.mark.parametrize("modifier", ["own_separations", "partly_seen", "reacting"])
+def test_what_the_file_of_lost_encounters_cannot_hold_is_refused(policy, modifier: str) -> None:
+    with pytest.raises(EncounterError, match=rf"scenario 'circle \+ {modifier}' has intruders"):
+        problem_of(policy, "policy", f"circle + {modifier}")
 
 
 def test_noise_is_part_of_the_draws(policy) -> None:

@@ -15,7 +15,7 @@ from agents.learning import ppo
 from agents.learning.networks import Actor, Critic
 from envs import surrogate
 from envs.aircraft import PAPER
-from envs.encounters import pad, sample, scenario
+from envs.encounters import pad
 from envs.kinematics import VehicleState
 from envs.outcome import RULES
 from envs.rewards import (
@@ -27,6 +27,7 @@ from envs.rewards import (
     shaping_reward,
     turn_rate,
 )
+from envs.scenarios import sample, scenario
 from rlcas_jax.collect import Environment, Step, collect
 
 COUNT, STEPS, DISCOUNT, LAMBDA = 3, 10, 0.9, 0.7

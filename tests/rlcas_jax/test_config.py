@@ -20,8 +20,8 @@ from agents.config.pages import with_tables
 from agents.policy.inference import Policy
 from commands.yaml import write
 from envs.aircraft import PAPER
-from envs.encounters import SCENARIOS, scenario
 from envs.outcome import RULES
+from envs.scenarios import SCENARIOS, scenario
 from rlcas_jax.algorithm import ppo_settings
 from rlcas_jax.config import (
     NetworkConfig,

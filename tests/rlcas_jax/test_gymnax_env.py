@@ -17,8 +17,9 @@ from gymnax.environments import spaces
 
 from envs import surrogate
 from envs.aircraft import PAPER, new_aircraft
-from envs.encounters import EncounterError, scenario
+from envs.encounters import EncounterError
 from envs.kinematics import Limits
+from envs.scenarios import scenario
 from rlcas_jax.gymnax_env import ENV_ID, Deconfliction
 
 UAS = new_aircraft(Limits(15.0, 30.0, -1.0, 1.0, 0.2), 300.0)

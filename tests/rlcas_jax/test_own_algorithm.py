@@ -17,8 +17,8 @@ from agents.learning.algorithm import Setup
 from agents.learning.networks import Actor, Critic
 from agents.policy import file as policy_file
 from commands.command import InputError
-from envs.encounters import SHIPPED
 from envs.rewards import Term
+from envs.scenarios import SHIPPED
 from rlcas_jax import algorithm as own_algorithm
 from rlcas_jax import metrics
 from rlcas_jax.algorithm import algorithm_of, register

@@ -22,8 +22,8 @@ from agents.policy.schema import EXTENDED_SCHEMA, SetOf, new_metadata
 from agents.policy.set_features import TABLE, set_inputs, table
 from commands.command import InputError
 from envs.aircraft import PAPER, Ratios
-from envs.encounters import scenario
 from envs.kinematics import VehicleState
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.training import train

@@ -15,7 +15,6 @@ import pytest
 from agents.config.load import ConfigError, dump, load
 from envs import world
 from envs.aircraft import PAPER
-from envs.encounters import scenario
 from envs.outcome import RULES, Outcome
 from envs.rewards import (
     REWARD_TERMS,
@@ -27,6 +26,7 @@ from envs.rewards import (
     register,
     table,
 )
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import prepare

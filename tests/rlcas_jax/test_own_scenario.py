@@ -14,8 +14,8 @@ from agents.config.load import ConfigError, load
 from commands.extension import load_extension
 from envs import surrogate
 from envs.aircraft import PAPER
-from envs.encounters import SAMPLERS, EncounterError, Sampler, sample, scenario
-from envs.scenarios import register, resolve
+from envs.encounters import EncounterError, Sampler
+from envs.scenarios import SAMPLERS, register, resolve, sample, scenario
 from envs.starts import encounters_of_seed
 from envs.trees import map_leaves, take
 from eval.config import MonteCarloConfig
@@ -85,6 +85,20 @@ def test_its_numbers_are_changed_as_those_of_the_scenarios_that_ship():
     assert ((drawn.own.speed >= 60.0) & (drawn.own.speed <= 61.0)).all()
     with pytest.raises(EncounterError, match=r"^own_speed is \[10, 61\]"):
         scenario(NAME, PAPER, own_speed=(10.0, 61.0))
+
+
+def test_it_takes_modifiers_that_its_sampler_heeds():
+    name = f"{NAME} + noise + standing + partly_seen"
+    config = load(TrainConfig, None, [*TINY[:4], f"scenarios=[{{name: '{name}'}}]"])
+    assert [one.name for one in config.training_scenarios()] == [
+        f"{NAME} + noise + standing + partly_seen"
+    ]
+    drawn = encounters_of_seed(scenario(name, PAPER), 3, 0, 100, heeds=("coverage",))
+    assert (drawn.sensor.position_std == 30.0).all()
+    assert drawn.coverage is not None
+    assert (drawn.intruders.speed == 0.0).mean() == pytest.approx(0.25, abs=0.05)
+    with pytest.raises(EncounterError, match=r"trail \+ turns': its sampler does not heed .*turns"):
+        encounters_of_seed(scenario(f"{NAME} + turns", PAPER), 3, 0, 4)
 
 
 def test_a_name_alone_imports_nothing():

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from agents.config.load import load
-from envs import encounters, surrogate
+from envs import surrogate
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, scenario
+from envs.encounters import Encounter
 from envs.outcome import RULES, Outcome
+from envs.scenarios import sample, scenario
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.task import CompiledTask, TrainState, build, fly
 
@@ -186,7 +187,7 @@ def test_a_spread_changes_the_training_and_not_the_judgement(plain: CompiledTask
 def drawn_starts(count: int = 32) -> Encounter:
     circle = scenario("circle", PAPER)
     draws = np.random.default_rng(0).random((circle.attempts, count, circle.dimensions))
-    drawn, _ = encounters.sample(circle, draws, np)
+    drawn, _ = sample(circle, draws, np)
     return jax.tree.map(lambda a: jnp.asarray(a, bool if a.dtype == bool else jnp.float32), drawn)
 
 

@@ -17,9 +17,9 @@ from agents.planner.planner import plan
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.areas import Area, Circle
-from envs.encounters import scenario
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.relative import straight_cpa
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.waypoints import RoutePoint, Waypoint, at, legs, plan_states
 from envs.wind import Wind, over_ground

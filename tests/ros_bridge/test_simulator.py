@@ -33,8 +33,8 @@ from agents.planner.request.request import Altitude
 from agents.policy.inference import Policy
 from commands.command import InputError
 from envs.aircraft import PAPER
-from envs.encounters import scenario
 from envs.kinematics import C208_PUBLISHED
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.waypoints import Waypoint as LocalWaypoint
 from ros_bridge import demo

@@ -21,8 +21,8 @@ from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.angles import wrap
 from envs.areas import Area, Circle
-from envs.encounters import scenario
 from envs.kinematics import C208_PUBLISHED, UNLIMITED, Limits, VehicleState, advance
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import column, map_leaves, take
 from envs.waypoints import PlanStates, at, legs

@@ -19,9 +19,9 @@ from agents.planner.request.options import Options
 from agents.planner.request.request import Request
 from agents.planner.search.fallback_flight import ManoeuvreFlights, fly_out, stride_of
 from envs.aircraft import PAPER
-from envs.encounters import scenario
 from envs.kinematics import SURROGATE, VehicleState
 from envs.outcome import RULES
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
 

@@ -35,10 +35,11 @@ from agents.planner.search.goals import next_goals
 from agents.planner.search.rollout import roll
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER, new_aircraft, ratios
-from envs.encounters import Encounter, scenario
+from envs.encounters import Encounter
 from envs.formats.local_frame import LocalFrame
 from envs.formats.local_frame import distance as geodesic
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import map_leaves, take
 from envs.waypoints import RoutePoint, at, legs, plan_states

@@ -26,9 +26,10 @@ from agents.resolvability.reachable_bound import (
 )
 from agents.resolvability.reachable_set import Cells, States, last_time
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, scenario
+from envs.encounters import Encounter
 from envs.kinematics import SURROGATE, VehicleState, advance
 from envs.outcome import RULES
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed, join
 from envs.trees import take
 from tests.agents.scenes import CLOSE, CROWDED, INTERVAL, check_witness, duel

@@ -16,10 +16,11 @@ from agents.resolvability.reachable_bound import (
 )
 from agents.resolvability.witness import SECOND, least_cost
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, Scenario, scenario
+from envs.encounters import Encounter, Scenario
 from envs.intruder import Intent
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState
 from envs.outcome import RULES
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed, join
 from envs.trees import take
 from tests.agents.scenes import CLOSE, CROWDED, check_witness, duel, reflect

@@ -9,10 +9,10 @@ from agents.resolvability import causal, least_cost
 from agents.resolvability.classify import Method, Resolvability, Verdict, classify, replay
 from agents.resolvability.proof import LEAST_SHARE, containment_time, look_ahead
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, scenario
+from envs.encounters import Encounter
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
-from envs.scenarios import resolve
+from envs.scenarios import scenario
 from envs.starts import EVERY_FIELD, encounters_of_seed
 from envs.trees import take
 from tests.agents.scenes import CLOSE, CROWDED, check_witness, duel
@@ -25,7 +25,6 @@ def encounters() -> Encounter:
     """Two to four intruders from each of which 300 to 3000 m are to be kept, near enough that some
     are beyond help: 60.
     """
-    resolve(NAME)
     close = scenario(NAME, PAPER, radius=(2_000.0, 5_000.0))
     return encounters_of_seed(close, 4, 0, 60, heeds=EVERY_FIELD)
 

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from commands.text_file import json_of, lines_of, text_of
 from envs.aircraft import PAPER
 from envs.draws import uniforms
-from envs.encounters import SCENARIOS, Encounter, EncounterError, sample, scenario
+from envs.encounters import Encounter, EncounterError
 from envs.formats import encounter_file
 from envs.formats.encounter_file import COLUMNS, MOST_INTRUDERS, read, write
 from envs.formats.lincoln_file import read_lincoln
@@ -26,6 +26,7 @@ from envs.formats.track_files import read_daidalus
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
+from envs.scenarios import SCENARIOS, sample, scenario
 from envs.traffic.encounter_model import read_model
 from envs.traffic.tracks import TrackError
 from tests.envs.formats.test_adsb_file import pairs_of

@@ -15,9 +15,9 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.passive_env_checker import env_render_passive_checker
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from envs import encounters, starts, surrogate
+from envs import scenarios, starts, surrogate
 from envs.aircraft import PAPER, Aircraft, new_aircraft
-from envs.encounters import SCENARIOS, Encounter, EncounterError, scenario
+from envs.encounters import Encounter, EncounterError
 from envs.gym import flight
 from envs.gym.gymnasium_env import ENV_ID, DeconflictionEnv
 from envs.gym.gymnasium_vector import DeconflictionVectorEnv
@@ -27,6 +27,7 @@ from envs.observation import criticality
 from envs.outcome import RULES
 from envs.perception import Sensor
 from envs.rewards import RewardError
+from envs.scenarios import SCENARIOS, scenario
 from envs.trees import take
 
 INFO_KEYS = {"separation", "min_separation", "goal_distance", "time", "outcome", "encounter"}
@@ -129,7 +130,7 @@ def surrogate_flight(drawn, commands, noise, late):
 @pytest.mark.parametrize("scenario", list(SCENARIOS))
 def test_flight_in_floats_is_the_surrogate_within_a_micrometre(scenario):
     count, steps, late = 4, 300, scenario == "noisy"
-    drawn = starts.encounters_of_seed(encounters.scenario(scenario, PAPER), 11, 0, count)
+    drawn = starts.encounters_of_seed(scenarios.scenario(scenario, PAPER), 11, 0, count)
     commands = actions(steps, count)
     noise = np.zeros((steps, 4, count, drawn.mask.shape[1]))
     if late:
@@ -348,7 +349,7 @@ def test_a_violation_within_a_step_counts():
 def test_scenario_and_number_can_be_chosen_at_reset():
     for env in (DeconflictionEnv(), vector(2)):
         seen, info = env.reset(seed=4, options={"scenario": "head_on", "encounter": np.int64(9)})
-        expected = starts.encounters_of_seed(encounters.scenario("head_on", PAPER), 4, 9, 1)
+        expected = starts.encounters_of_seed(scenarios.scenario("head_on", PAPER), 4, 9, 1)
         own = np.ravel(seen)[1] * math.pi
         assert own == pytest.approx(expected.own.heading[0], abs=1e-5)
         assert np.ravel(info["encounter"])[0] == 9
@@ -357,7 +358,7 @@ def test_scenario_and_number_can_be_chosen_at_reset():
 
 
 def test_one_row_of_drawn_encounters_can_be_given():
-    drawn = starts.encounters_of_seed(encounters.scenario("multi", PAPER), 2, 0, 4)
+    drawn = starts.encounters_of_seed(scenarios.scenario("multi", PAPER), 2, 0, 4)
     env = DeconflictionEnv("multi")
     given, _ = env.reset(seed=1, options={"encounter": take(drawn, 3)})
     again, _ = env.reset(options={"encounter": take(drawn, slice(3, 4))})

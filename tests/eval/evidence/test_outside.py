@@ -20,8 +20,8 @@ from agents.planner.request.options import Options
 from agents.policy import novelty
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER, new_aircraft
-from envs.encounters import scenario
 from envs.kinematics import VehicleState
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import map_leaves
 from envs.waypoints import RoutePoint

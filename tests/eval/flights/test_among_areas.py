@@ -9,8 +9,8 @@ import shapely
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.areas import Area, Circle, Polygon
-from envs.encounters import scenario
 from envs.kinematics import VehicleState
+from envs.scenarios import scenario
 from envs.trees import take
 from eval.config import MonteCarloConfig
 from eval.flights.among_areas import judge, nearest, outlines, with_breaches

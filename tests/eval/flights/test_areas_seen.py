@@ -7,8 +7,9 @@ from agents.baselines.baselines import Sight
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.areas import Area, Circle
-from envs.encounters import Encounter, scenario
+from envs.encounters import Encounter
 from envs.kinematics import VehicleState
+from envs.scenarios import scenario
 from envs.trees import map_leaves
 from eval.config import MonteCarloConfig
 from eval.flights import chunks

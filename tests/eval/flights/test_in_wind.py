@@ -7,8 +7,8 @@ import pytest
 
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
-from envs.encounters import scenario
 from envs.relative import distance
+from envs.scenarios import scenario
 from eval.config import MonteCarloConfig
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns, pick
 from eval.flights.recorded import fly_recorded

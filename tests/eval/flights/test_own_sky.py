@@ -15,18 +15,11 @@ from agents.config.load import ConfigError
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.areas import Area, AreaError, Circle
-from envs.encounters import (
-    SAMPLERS,
-    EncounterError,
-    Sampler,
-    conflict_point,
-    sample,
-    scenario,
-)
+from envs.encounters import EncounterError, Sampler
 from envs.formats.areas import write_areas
 from envs.formats.local_frame import LocalFrame
-from envs.scenarios import register
-from envs.standing_traffic import standing
+from envs.scenarios import SAMPLERS, register, sample, scenario
+from envs.scenarios.geometry import conflict_point
 from envs.starts import check_encounter, encounters_of_seed
 from envs.wind import Wind, over_ground
 from eval.config import MonteCarloConfig
@@ -101,7 +94,7 @@ def test_who_does_not_heed_them_refuses_them() -> None:
 
 def test_what_is_refused_leaves_no_folder(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    asked = ["--mode", "plan", "--scenario", "envs.reacting_traffic:mixed", "--encounters", "4"]
+    asked = ["--mode", "plan", "--scenario", "circle + reacting", "--encounters", "4"]
     with pytest.raises(EncounterError, match="intruders that answer the ownship"):
         monte_carlo.main([*asked, "--workers", "1", "--out", str(out)])
     assert not out.exists()
@@ -115,8 +108,7 @@ def test_areas_that_are_none_are_refused() -> None:
 
 
 def test_traffic_that_stands_does_not_drift_in_the_wind() -> None:
-    register("standing", standing)
-    starts = encounters_of_seed(scenario("standing", PAPER), 4, 0, 60)
+    starts = encounters_of_seed(scenario("multi + standing", PAPER), 4, 0, 60)
     still = starts.mask & (starts.intruders.speed == 0.0)
     assert still.any() and not still.all()
     wind = Wind(np.full(60, 7.0), np.full(60, -11.0), np.zeros(60))

@@ -17,10 +17,10 @@ from agents.planner.request.encounters import request_of
 from agents.planner.request.request import Options
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, scenario
+from envs.encounters import Encounter
 from envs.kinematics import C208_PUBLISHED
 from envs.outcome import RULES
-from envs.scenarios import resolve
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from eval.flights.assured_mode import Assured, fly_assured
@@ -88,7 +88,6 @@ def test_refusing_is_no_success(encounters: Encounter, plans: Plans) -> None:
 @pytest.fixture(scope="module")
 def own_separations() -> Encounter:
     """Encounters from each of whose intruders 300 to 3000 m are to be kept: 30."""
-    resolve(OWN)
     return encounters_of_seed(scenario(OWN, PAPER), 5, 0, 30, heeds=("separation",))
 
 

@@ -16,10 +16,11 @@ from agents.policy.inference import Policy
 from commands.command import InputError
 from envs import surrogate
 from envs.aircraft import PAPER
-from envs.encounters import Encounter, scenario
+from envs.encounters import Encounter
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.world import begin
 from eval.flights import simulate

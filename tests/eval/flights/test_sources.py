@@ -303,6 +303,11 @@ def test_weighted_intervals_cover() -> None:
             ConfigError,
             "'lincoln:' names no file; expected lincoln:PATH",
         ),
+        (
+            ["--scenario", "lincoln:none.txt + standing"],
+            ConfigError,
+            "none.txt + standing' has a modifier; expected lincoln:PATH alone",
+        ),
         (["--scenario", "lincoln:none.txt"], EncounterError, "none.txt: there is no such file"),
         (["--scenario", "tracks:none.daa"], TrackError, "none.daa: there is no such file"),
         (

@@ -28,12 +28,11 @@ from envs.c208.conditions import Conditions
 from envs.c208.flightgear import FlightGear, flightgear_at
 from envs.c208.guidance import Path as Track
 from envs.c208.vehicle import FlightError
-from envs.encounters import scenario
 from envs.follower import PERIOD
 from envs.formats.local_frame import geocentric
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.outcome import RULES
-from envs.scenarios import resolve
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from envs.waypoints import Legs, PlanStates, at, legs
@@ -302,7 +301,6 @@ def test_the_usual_separation_of_each_changes_no_row(mode: str, areas: int) -> N
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["plan", "assured"])
 def test_safe_plans_keep_the_separation_of_each_intruder(mode: str) -> None:
-    resolve(SEPARATIONS)
     flying = campaign(f"mode={mode}", f"scenario={SEPARATIONS}", "seed=5")
     for number in range(2):
         one, row = fly(flying, number)

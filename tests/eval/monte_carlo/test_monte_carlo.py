@@ -24,9 +24,9 @@ from agents.policy.inference import Policy
 from commands.command import run_cli
 from commands.folder_lock import lock
 from envs.aircraft import PAPER
-from envs.encounters import scenario
 from envs.formats import encounter_file
 from envs.kinematics import SURROGATE
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from eval.config import MonteCarloConfig

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from agents.policy.inference import Policy
 from commands.figures import save_figure
 from envs.aircraft import PAPER
-from envs.encounters import scenario
 from envs.outcome import RULES
+from envs.scenarios import scenario
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.flights.recorded import Track, fly_recorded
 from eval.flights.simulate import OUTCOMES

@@ -22,7 +22,7 @@ from agents.config.load import ConfigError
 from agents.policy.file import PolicyFileError
 from commands.installation import versions
 from envs.aircraft import PAPER
-from envs.encounters import scenario
+from envs.scenarios import scenario
 from eval.hifi import run as hifi
 from eval.monte_carlo import run as monte_carlo
 

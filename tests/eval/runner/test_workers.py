@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 
 from agents.config.load import ConfigError
-from envs import encounters
+from envs import scenarios
 from envs.aircraft import PAPER
 from envs.encounters import EncounterError
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
@@ -28,7 +28,7 @@ CHUNKS = [Chunk(0, 4), Chunk(4, 4), Chunk(8, 4), Chunk(12, 4)]
 
 
 def evaluation(policy_path: Path, scenario: str = "circle", **changes: float) -> Evaluation:
-    return Evaluation(policy_path, encounters.scenario(scenario, PAPER, **changes), None, 0, PAPER)
+    return Evaluation(policy_path, scenarios.scenario(scenario, PAPER, **changes), None, 0, PAPER)
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom, multinomial
 
 from envs.aircraft import PAPER
-from envs.encounters import scenario
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.traffic.track_units import FOOT, NAUTICAL_MILE
 from eval.flights.simulate import Unmitigated

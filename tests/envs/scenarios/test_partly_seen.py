@@ -13,24 +13,22 @@ import pytest
 from agents.inference import Policy
 from envs import surrogate, world
 from envs.aircraft import PAPER
-from envs.encounters import SAMPLERS, Encounter, EncounterError, Scenario, scenario
+from envs.encounters import Encounter, EncounterError, Scenario
 from envs.kinematics import VehicleState
 from envs.outcome import RULES
 from envs.perception import EVERYTHING, Coverage, report
-from envs.scenarios import resolve
+from envs.scenarios import scenario
 from envs.starts import EVERY_FIELD, cast, check_encounter, encounters_of_seed
 from envs.surrogate import World, redraw_pool
 from envs.trees import map_leaves
 
-NAME = "envs.partly_seen:partly_seen"
+NAME = "circle + partly_seen"
 WORLD = World(RULES, PAPER)
 
 
 @pytest.fixture(scope="module")
-def chosen() -> Any:
-    resolve(NAME)
-    yield scenario(NAME, PAPER, intruders=(1, 4))
-    SAMPLERS.own.pop(NAME)
+def chosen() -> Scenario:
+    return scenario(NAME, PAPER, intruders=(1, 4))
 
 
 @pytest.fixture(scope="module")
@@ -118,10 +116,8 @@ def test_who_would_know_of_all_is_refused(chosen: Scenario):
 
 def test_late_reports_of_what_turns_are_where_it_was_headed():
     """Dead-reckoned over their age: right for what flies straight, wrong where it has turned."""
-    name = "envs.partly_seen:late"
-    resolve(name)
-    start = encounters_of_seed(scenario(name, PAPER), 3, 0, 200, heeds=EVERY_FIELD)
-    SAMPLERS.own.pop(name)
+    late = scenario("circle + turns + late", PAPER)
+    start = encounters_of_seed(late, 3, 0, 200, heeds=EVERY_FIELD)
     assert start.sensor.latency.min() >= PAPER.dt
     state = world.begin(start, np, history_dt=PAPER.dt)
     nothing, noise = np.zeros_like(start.goal_x), np.zeros((4, *start.mask.shape))

@@ -10,25 +10,23 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from envs import own_separations as module
 from envs import surrogate, world
 from envs.aircraft import PAPER
-from envs.encounters import SAMPLERS, Encounter, EncounterError, Scenario, scenario
+from envs.encounters import Encounter, EncounterError, Scenario
 from envs.outcome import RULES
-from envs.scenarios import resolve
+from envs.scenarios import own_separations as module
+from envs.scenarios import scenario
 from envs.starts import EVERY_FIELD, cast, check_encounter, encounters_of_seed
 from envs.surrogate import World, redraw_pool
 from envs.trees import map_leaves
 
-NAME = "envs.own_separations:separations"
+NAME = "circle + own_separations"
 WORLD = World(RULES, PAPER)
 
 
 @pytest.fixture(scope="module")
-def chosen() -> Any:
-    resolve(NAME)
-    yield scenario(NAME, PAPER)
-    SAMPLERS.own.pop(NAME)
+def chosen() -> Scenario:
+    return scenario(NAME, PAPER, intruders=(2, 4), attempts=24)
 
 
 @pytest.fixture(scope="module")

@@ -1,33 +1,28 @@
-"""The scenario of traffic that stands or drifts: its shares, its conditions, its similarity, and
+"""The modifier of traffic that stands or drifts: its shares, its conditions, its similarity, and
 parity of numpy and jax.
 """
-
-from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from envs import standing_traffic as module
 from envs import surrogate
 from envs.aircraft import PAPER, Aircraft
-from envs.encounters import SAMPLERS, Encounter, Scenario, sample, scenario
+from envs.encounters import Encounter
 from envs.outcome import RULES
-from envs.scenarios import resolve
+from envs.scenarios import sample, scenario
+from envs.scenarios import standing as module
 from envs.starts import encounters_of_seed
 from envs.surrogate import World
 from envs.trees import map_leaves
 
-NAME = "envs.standing_traffic:standing"
+NAME = "circle + standing"
 
 
 @pytest.fixture(scope="module")
 def drawn() -> Encounter:
-    resolve(NAME)
-    made = encounters_of_seed(scenario(NAME, PAPER, intruders=(2, 16)), 3, 0, 400)
-    SAMPLERS.own.pop(NAME)
-    return made
+    return encounters_of_seed(scenario(NAME, PAPER, intruders=(2, 16)), 3, 0, 400)
 
 
 def standing(drawn: Encounter) -> np.ndarray:
@@ -59,8 +54,7 @@ def test_they_stand_beside_the_way_and_leave_start_and_goal_free(drawn: Encounte
 
 
 def test_numpy_and_jax_draw_the_same():
-    chosen = scenario("circle", PAPER)
-    chosen = replace(chosen, sampler=module.standing, intruders=(1, 5))
+    chosen = scenario(NAME, PAPER, intruders=(1, 5))
     draws = np.random.default_rng(1).random((2, 200, chosen.dimensions)).astype(np.float32)
     ours, accepted = sample(chosen, draws, np)
     theirs, theirs_accepted = jax.jit(lambda d: sample(chosen, d, jnp))(draws)
@@ -78,8 +72,8 @@ def test_an_aircraft_of_twice_the_size_meets_the_same_scaled_by_two():
     large = replace_size(2.0)
     assert large.limits.speed_max == limits.speed_max
     draws = np.random.default_rng(2).random((1, 100, 7 + 12 * 4))
-    small, _ = sample(replace_sampler(scenario("circle", PAPER, intruders=(1, 4))), draws, np)
-    wide, _ = sample(replace_sampler(scenario("circle", large, intruders=(1, 4))), draws, np)
+    small, _ = sample(scenario(NAME, PAPER, intruders=(1, 4)), draws, np)
+    wide, _ = sample(scenario(NAME, large, intruders=(1, 4)), draws, np)
     np.testing.assert_allclose(wide.intruders.x, 2.0 * small.intruders.x, atol=1e-6)
     np.testing.assert_allclose(wide.intruders.y, 2.0 * small.intruders.y, atol=1e-6)
     np.testing.assert_allclose(wide.intruders.speed, small.intruders.speed)
@@ -93,10 +87,6 @@ def replace_size(factor: float) -> Aircraft:
         yaw_rate_max=limits.yaw_rate_max / factor,
     )
     return PAPER._replace(limits=smaller, separation=factor * PAPER.separation)
-
-
-def replace_sampler(chosen: Scenario) -> Scenario:
-    return replace(chosen, sampler=module.standing)
 
 
 def test_what_stands_stays_and_what_drifts_flies_straight(drawn: Encounter):
