@@ -11,7 +11,7 @@ from agents.planner.request.request import Options
 from agents.policy.inference import Policy
 from benchmarks.safety.adversary import random_aircraft
 from envs.aircraft import Aircraft
-from envs.encounters import scenario
+from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
 from envs.waypoints import ARCS, legs

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from envs import encounters, starts
+from envs import scenarios, starts
 from envs.aircraft import PAPER
 from envs.gym.gymnasium_env import DeconflictionEnv
 from eval.flights import simulate
@@ -21,7 +21,7 @@ def test_the_environment_flies_what_the_evaluator_flies(scenario):
             -1,
         )
 
-    family = encounters.scenario(scenario, PAPER)
+    family = scenarios.scenario(scenario, PAPER)
     noise = (
         simulate.sensor_noise(seed, 0, count, family.intruders[1]) if scenario == "noisy" else None
     )

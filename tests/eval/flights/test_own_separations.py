@@ -5,10 +5,9 @@ import pytest
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict, classify
 from envs.aircraft import PAPER
-from envs.encounters import scenario
 from envs.kinematics import SURROGATE
 from envs.outcome import RULES
-from envs.scenarios import resolve
+from envs.scenarios import resolve, scenario
 from envs.starts import EVERY_FIELD, encounters_of_seed
 from eval.flights.simulate import OUTCOMES, ByPolicy, fly
 
