@@ -205,7 +205,7 @@ JUSTIFIED = {
     "eval/plots/encounters.py": "metres in a kilometre",
     "eval/metrics/volumes.py": "volumes of standards",
     "agents/assurance/inputs.py": "bounds of what a message may hold",
-    "agents/kernel/separation.py": "seconds",
+    "agents/kernel/traffic.py": "seconds",
     "agents/planner/request/reports.py": "bounds of what a request may hold",
     "agents/planner/request/request.py": "bounds of what a request may hold",
     "ros_bridge/core/conversions.py": "bounds of what a message may hold",

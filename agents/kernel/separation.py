@@ -217,8 +217,7 @@ def chords(given: Pieces, traffic: Traffic) -> Chord:
     # A share s of the piece from its beginning, the motion leaves the chord by at most
     # 4 sagitta s (1 - s). Where the chord is nearest at an end, from which the range opens by at
     # least g s, the distance is smaller than there by at most (4 sagitta - g)^2 / (16 sagitta).
-    turns = (traffic.turn_time > 0.0) & (given.begin < traffic.turn_time)
-    turn = np.where(turns, np.abs(traffic.state.speed * traffic.turn_rate), 0.0)
+    turn = np.where(traffic.turn_time > 0.0, np.abs(traffic.state.speed * traffic.turn_rate), 0.0)
     length = given.end - given.begin
     sagitta = np.maximum((given.bend + turn) * (0.125 * length**2), 1e-12)
     opening = np.where(s <= 0.0, (x0 * dx + y0 * dy) / np.maximum(first, 1e-9), 0.0)

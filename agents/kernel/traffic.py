@@ -101,14 +101,14 @@ def positions(traffic: Traffic, time: Array) -> tuple[Array, Array]:
     """
     state = traffic.state
     x, y = (
-        start + state.speed * part(state.heading) * time
+        np.asarray(start + state.speed * part(state.heading) * time)
         for start, part in ((state.x, np.cos), (state.y, np.sin))
     )
     # Only turning ones are treated apart, so that the rounding of one does not depend on the
     # others.
     turning = (np.abs(traffic.turn_rate) > STRAIGHT) & (traffic.turn_time > 0.0)
     if turning.any():
-        turns = np.nonzero(np.broadcast_to(turning, x.shape))
+        turns = np.broadcast_to(turning, x.shape)
         some = map_leaves(lambda field: np.broadcast_to(field, x.shape)[turns], traffic)
         x[turns], y[turns] = _positions_of_turning(some, np.broadcast_to(time, x.shape)[turns])
     return x, y

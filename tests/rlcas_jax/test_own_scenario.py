@@ -89,7 +89,7 @@ def test_its_numbers_are_changed_as_those_of_the_scenarios_that_ship():
 
 def test_it_takes_modifiers_that_its_sampler_heeds():
     name = f"{NAME} + noise + standing + partly_seen"
-    config = load(TrainConfig, None, [*TINY[:4], f"scenarios=[{{name: '{name}'}}]"])
+    config = load(TrainConfig, None, [*TINY[:6], f"scenarios=[{{name: '{name}'}}]"])
     assert [one.name for one in config.training_scenarios()] == [
         f"{NAME} + noise + standing + partly_seen"
     ]

@@ -128,7 +128,8 @@ def test_a_fence_across_the_mission_is_flown_round_and_back(followed: Rules, asi
         assert judgement.conflict is None and judgement.problem == ""
         return
     assert judgement.conflict is not None and judgement.conflict.name == "f"
-    assert judgement.conflict.time == pytest.approx(25.0 - 150.0 / SPEED, abs=1.0)
+    kept = 150.0 + followed.settings.options.requirement.margin
+    assert judgement.conflict.time == pytest.approx(25.0 - kept / SPEED, abs=1.0)
     assert judgement.safe and judgement.rejoin is not None
     held = judgement.supervision.held
     assert held is not None and held.points[-1].time >= judgement.rejoin.time
