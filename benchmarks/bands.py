@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from agents.assurance.bands import Bands, heading_bands, speed_bands
 from agents.assurance.inputs import no_areas
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from agents.kernel.traffic import Requirement, Traffic
 from benchmarks.measure import hold_to_one_core, report
 from commands.command import Parser, run_cli, whole
@@ -73,7 +73,7 @@ def three_areas() -> np.ndarray:
         Area(Polygon(moving), velocity=(10.0, -5.0), clearance=100.0),
     )
     found = no_areas(1)
-    found[0] = tuple(Counted(number, area, 0.0, 900.0) for number, area in enumerate(areas))
+    found[0] = tuple(ActiveArea(number, area, 0.0, 900.0) for number, area in enumerate(areas))
     return found
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from agents.inference import Policy
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from agents.policy.inference import PARITY_TOLERANCE
 from envs.aircraft import Aircraft
 from envs.area_geometry import signed_distance
@@ -385,7 +385,7 @@ def test_the_policy_sees_polygons_as_in_evaluations(opened: Any) -> None:
             "(corners) => { areas = [polygonOf(corners, SMALLEST)]; return [standing()]; }", polygon
         )
         area = Area(Polygon(tuple(polygon)))
-        expected = standing([Counted(0, area, 0.0, math.inf)], 1.0, 0.0)
+        expected = standing([ActiveArea(0, area, 0.0, math.inf)], 1.0, 0.0)
         found = sorted((one["x"], one["y"], one["separation"]) for one in seen)
         discs = zip(expected.x, expected.y, np.maximum(expected.separation, LEAST), strict=True)
         np.testing.assert_allclose(found, sorted(discs), atol=1e-6)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.assurance.thresholds import Thresholds
-from agents.kernel.areas import AreaClearance, Counted, area_clearance, label, relevant
+from agents.kernel.areas import ActiveArea, AreaClearance, area_clearance, label, relevant
 from agents.kernel.clearance import Clearance, clearance
 from agents.kernel.trajectory import Trajectory, trajectory
 from agents.planner.request.options import L, Narrowed
@@ -55,7 +55,7 @@ def may_be_met(
     altitude: Altitude | None,
     ends: float,
     thresholds: Thresholds[L],
-) -> tuple[Counted, ...]:
+) -> tuple[ActiveArea, ...]:
     """Return the areas that the rest of a plan, the next one or a backup may meet.
 
     Args:
@@ -142,12 +142,12 @@ def nameless(count: int) -> Array:
     return np.full(count, "", dtype=object)
 
 
-def _first_lost(areas: tuple[Counted, ...], kept: Clearance) -> list[str]:
+def _first_lost(areas: tuple[ActiveArea, ...], kept: Clearance) -> list[str]:
     """Return what messages call the area that each of some rows loses first."""
     return [label(areas[k]) for k in np.argmin(kept.loss, axis=1)]
 
 
-def _mean_depth(plan_states: PlanStates, areas: tuple[Counted, ...]) -> Array:
+def _mean_depth(plan_states: PlanStates, areas: tuple[ActiveArea, ...]) -> Array:
     """Return how deep plan states ``[M, B]`` are in areas on average, m, ``[M]``."""
     depth = np.zeros(plan_states.x.shape)
     for one in areas:

@@ -21,7 +21,7 @@ import numpy as np
 
 from agents.assurance.between import free_runs, prove_between
 from agents.assurance.inputs import no_areas
-from agents.kernel.areas import Counted, area_clearance
+from agents.kernel.areas import ActiveArea, area_clearance
 from agents.kernel.clearance import Clearance, clearance
 from agents.kernel.separation import separation
 from agents.kernel.traffic import Requirement, Traffic
@@ -53,7 +53,7 @@ class Bands(NamedTuple):
     loss: Array
     # number of the intruder with which it is lost first; -1 where it is kept, or an area is earlier
     intruder: Array
-    # number of the area (agents.kernel.areas.Counted) of which it is lost first; -1 likewise
+    # number of the area (agents.kernel.areas.ActiveArea) of which it is lost first; -1 likewise
     area: Array
     # Smallest distance less the required one, m; a lower bound where it is more than a fifth of the
     # separation; inf without any of them.
@@ -109,8 +109,8 @@ def heading_bands(
         look_ahead: for how long each manoeuvre is looked at, s.
         targets: headings, rad, ``[B]`` or ``[N, B]``, ascending where :func:`stretches` is asked
             for; None: :data:`HEADINGS` of them.
-        areas: that each ownship may meet, as they are now (:class:`agents.kernel.areas.Counted`),
-            object ``[N]``; None: none.
+        areas: that each ownship may meet, as they are now, object ``[N]`` of tuples of
+            :class:`agents.kernel.areas.ActiveArea`; None: none.
     """
     if targets is None:
         targets = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS) - np.pi
@@ -170,7 +170,7 @@ def losses_on_course(
 
 
 def area_losses(
-    own: VehicleState[Air], areas: tuple[Counted, ...], margin: float, look_ahead: float
+    own: VehicleState[Air], areas: tuple[ActiveArea, ...], margin: float, look_ahead: float
 ) -> list[float]:
     """Return when an ownship ``[1]`` that flies straight on loses what it must keep of each area, s
     from now; inf: not within the look-ahead.

@@ -49,8 +49,7 @@ class Inputs(NamedTuple):
     velocity_std: Array  # one sigma per axis, m/s, [N, K]
     separation: Array = None  # to be kept from each, m, [N, K]; nan, None: the requirement's
     window: Window | None = None  # when each counts, s from now, [N, K]; None: always
-    # what areas each may meet, as they are now: tuples of planner.areas.Counted, object [N]; None:
-    # none
+    # that each may meet, as they are now: tuples of kernel.areas.ActiveArea, object [N]; None: none
     areas: Array = None
 
 

@@ -79,7 +79,7 @@ class Decision(NamedTuple):
     # what messages call the area that the backup enters first; "" where it does not
     backup_area: Array
     intruder_causes: Array  # bits of those that lie in each intruder, int32 [N, K]
-    areas: Array  # that each may meet, as they are now: tuples of planner.areas.Counted, object
+    areas: Array  # that each may meet, as they are now: tuples of kernel.areas.ActiveArea, object
 
 
 def start(count: int, intruders: int, thresholds: Thresholds[L]) -> Monitor:

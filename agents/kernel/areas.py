@@ -35,7 +35,7 @@ of a curve is bounded to some millimetres only.
 """
 
 
-class Counted(NamedTuple):
+class ActiveArea(NamedTuple):
     """An area that a plan may meet."""
 
     number: int  # its place in the request
@@ -47,7 +47,7 @@ class Counted(NamedTuple):
 class AreaClearance(NamedTuple):
     """What is kept from areas."""
 
-    areas: Sequence[Counted]  # K of them
+    areas: Sequence[ActiveArea]  # K of them
     required: Array  # signed distance, m, [N, K]
 
     @property
@@ -108,7 +108,7 @@ class AreaClearance(NamedTuple):
         )
 
 
-def area_clearance(areas: Sequence[Counted], x: Array, y: Array, margin: float) -> AreaClearance:
+def area_clearance(areas: Sequence[ActiveArea], x: Array, y: Array, margin: float) -> AreaClearance:
     """Return what trajectories that begin at places ``[N]``, m, keep from areas; the margin, m, is
     added to their clearances.
     """
@@ -125,7 +125,7 @@ def relevant(
     horizon: float,
     unknown_climb: float,
     margin: float,
-) -> tuple[Counted, ...]:
+) -> tuple[ActiveArea, ...]:
     """Return the areas that count within a horizon, and when.
 
     An area to be kept out of is left out where the ownship cannot reach its clearance and the
@@ -147,7 +147,7 @@ def relevant(
             continue
         if not in_reach(area, own.x, own.y, fastest * end, end, margin):
             continue
-        found.append(Counted(number, area, begin, end))
+        found.append(ActiveArea(number, area, begin, end))
     return tuple(found)
 
 
@@ -161,7 +161,7 @@ def in_reach(area: Area, x: Array, y: Array, far: float, end: float, margin: flo
     return not away > far + (math.hypot(*area.velocity) + max(area.growth, 0.0)) * end
 
 
-def label(one: Counted) -> str:
+def label(one: ActiveArea) -> str:
     """Return what messages call an area, such as ``areas[2] (north field)``."""
     name = f" ({one.area.name})" if one.area.name else ""
     return f"areas[{one.number}]{name}"
@@ -195,7 +195,7 @@ def _beyond(
     return (-math.inf, gap / -rate) if gap >= 0.0 else (math.inf, -math.inf)
 
 
-def required_distances(one: Counted, x: Array, y: Array, margin: float) -> Array:
+def required_distances(one: ActiveArea, x: Array, y: Array, margin: float) -> Array:
     """Return the signed distance that plans which begin at places ``[N]`` must keep, m."""
     wanted = np.full(np.shape(x), one.area.clearance + margin)
     if one.begin > 0.0:
@@ -203,13 +203,13 @@ def required_distances(one: Counted, x: Array, y: Array, margin: float) -> Array
     return np.clip(signed_distance(one.area, x, y) - NEARER, 0.0, wanted)
 
 
-def _counts(one: Counted, given: Pieces) -> Array:
+def _counts(one: ActiveArea, given: Pieces) -> Array:
     """Return in which pieces an area counts, bool ``[M, P]``."""
     return (given.end > 0.0) & (given.end >= one.begin) & (given.begin <= one.end)
 
 
 def _bound_area(
-    one: Counted, given: Pieces, required: Array, rows: Array, bound: Array, attained: Array
+    one: ActiveArea, given: Pieces, required: Array, rows: Array, bound: Array, attained: Array
 ) -> None:
     """Write what pieces ``[m, P]``, numbered ``rows``, keep of an area; only those that the
     rectangle about it does not tell to be far are set against its edges.

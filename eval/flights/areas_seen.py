@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents.baselines.baselines import Sight
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from envs.aircraft import Aircraft
 from envs.areas import Area
 from envs.kinematics import VehicleState
@@ -18,7 +18,7 @@ def what_stands(areas: Sequence[Area], aircraft: Aircraft) -> Standing:
     """Return what areas, as they are at the start, are to a resolver, ``[S]``; they count at all
     heights.
     """
-    counted = [Counted(n, one, one.valid_from, one.valid_until) for n, one in enumerate(areas)]
+    counted = [ActiveArea(n, one, one.valid_from, one.valid_until) for n, one in enumerate(areas)]
     return standing(counted, aircraft.separation, 0.0)
 
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from envs.areas import Circle, Keep, Place, Polygon
 from envs.arrays import Array
 from envs.frames import Air
@@ -61,7 +61,7 @@ class _Disc(NamedTuple):
     radius: float
 
 
-def standing(areas: Sequence[Counted], unit: float, margin: float) -> Standing:
+def standing(areas: Sequence[ActiveArea], unit: float, margin: float) -> Standing:
     """Return what areas are to the policy, ``[S]``.
 
     Args:

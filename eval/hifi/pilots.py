@@ -14,7 +14,7 @@ from agents.assurance.asking import ALONG, renew
 from agents.assurance.inputs import Inputs
 from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.tracker import Tracks, follow
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from agents.kernel.traffic import Traffic as Known
 from agents.planner.planner import Plans
 from agents.planner.request.encounters import route_of
@@ -202,7 +202,7 @@ class Assured:
             known = {**known, "areas": as_row(self._areas_met(float(clock), here))}
         return assurance.inputs(float(clock), one, seen, self._mask, **known)
 
-    def _areas_met(self, time: float, own: VehicleState[Air]) -> tuple[Counted, ...]:
+    def _areas_met(self, time: float, own: VehicleState[Air]) -> tuple[ActiveArea, ...]:
         """Return the areas that an ownship in the air mass may meet, s after the start."""
         amid, monitor = in_air_mass(self._areas, self._frame, time), self._monitor
         ends = float(monitor.plan.end[0] + monitor.started[0]) - time

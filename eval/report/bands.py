@@ -18,7 +18,7 @@ from agents.assurance.bands import (
     speed_bands,
 )
 from agents.assurance.inputs import no_areas
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from agents.kernel.traffic import Traffic
 from agents.planner.request.options import Options
 from envs.angles import wrap
@@ -107,7 +107,7 @@ def _areas_then(areas: tuple[Area, ...], steps: int, dt: float, ahead: float) ->
     found = no_areas(steps)
     for step in range(steps if areas else 0):
         now = (after(one, step * dt) for one in areas)
-        found[step] = tuple(Counted(n, one, 0.0, ahead) for n, one in enumerate(now))
+        found[step] = tuple(ActiveArea(n, one, 0.0, ahead) for n, one in enumerate(now))
     return found
 
 

@@ -31,7 +31,7 @@ from agents.assurance.bands import (
 from agents.assurance.single import Verdict
 from agents.assurance.state import Decision
 from agents.assurance.thresholds import BLIND, Thresholds
-from agents.kernel.areas import Counted, label
+from agents.kernel.areas import ActiveArea, label
 from agents.planner.request.options import L
 from envs.angles import wrap
 from envs.arrays import Array
@@ -108,7 +108,7 @@ class _Look(NamedTuple):
 class _Met(NamedTuple):
     """An area that is shown."""
 
-    area: Counted
+    area: ActiveArea
     loss: (
         float  # when its clearance is lost on the present course, s; inf: not within the look-ahead
     )
@@ -171,7 +171,7 @@ def _areas_met(
     ]
 
 
-def _subject(area: Counted) -> Subject:
+def _subject(area: ActiveArea) -> Subject:
     return Subject(Kind.AREA, label(area))
 
 

@@ -19,7 +19,7 @@ from agents.check.certificate import Wind as StatedWind
 from agents.check.chord import chord_bound
 from agents.check.separation import track_of
 from agents.kernel import areas, clearance, separation, trajectory
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from agents.kernel.levels import Altitude
 from agents.kernel.traffic import (
     Requirement,
@@ -318,7 +318,7 @@ def test_what_plans_must_keep_of_areas_is_the_proven_need() -> None:
         (x,), (y,) = place = rng.uniform(-3e3, 5e3, (2, 1))
         first = float(rng.choice([0.0, 30.0]))
         away = float(area_geometry.signed_distance(area, x, y))
-        need = areas.required_distances(Counted(0, area, first, 400.0), *place, margin)
+        need = areas.required_distances(ActiveArea(0, area, first, 400.0), *place, margin)
         proven = COQ["area_need"](area.clearance + margin, away, first)
         assert need.item() == pytest.approx(proven, abs=1e-9)
         less = areas._less_tolerance(need).item()

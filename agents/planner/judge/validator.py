@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.areas import Counted, area_clearance
+from agents.kernel.areas import ActiveArea, area_clearance
 from agents.kernel.clearance import LONGEST, Clearance, clearance
 from agents.kernel.separation import separation
 from agents.kernel.traffic import Requirement, Traffic
@@ -95,7 +95,7 @@ def validate(
     traffic: Traffic,
     requirement: Requirement,
     limits: Limits,
-    areas: Sequence[Counted] = (),
+    areas: Sequence[ActiveArea] = (),
     curves: Legs | None = None,
 ) -> Findings:
     """Return what is wrong with plans; one whose states are not finite or not in order of time is

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.kernel.areas import Counted, label
+from agents.kernel.areas import ActiveArea, label
 from agents.kernel.traffic import separations, within_window
 from agents.planner.answer import (
     Advisory,
@@ -241,7 +241,7 @@ def _begins_inside(request: Request) -> list[Reason]:
     return reasons
 
 
-def _area_finding(found: Findings, areas: Sequence[Counted], margin: float) -> Reason:
+def _area_finding(found: Findings, areas: Sequence[ActiveArea], margin: float) -> Reason:
     """Return where the clearance from an area is lost first."""
     number = CHECKS.index(Kind.AREA.value)
     time, x, y = (float(field[number]) for field in (found.time, found.x, found.y))
@@ -253,12 +253,12 @@ def _area_finding(found: Findings, areas: Sequence[Counted], margin: float) -> R
     return _of_area(Kind.AREA, one, what, time, x, y)
 
 
-def _side(one: Counted) -> str:
+def _side(one: ActiveArea) -> str:
     """Return on which side of an area flight is allowed."""
     return "inside" if one.area.keep is Keep.IN else "outside"
 
 
-def _of_area(kind: Kind, one: Counted, what: str, *place: float) -> Reason:
+def _of_area(kind: Kind, one: ActiveArea, what: str, *place: float) -> Reason:
     """Return a reason that tells an area by its number and its name."""
     return Reason(kind, f"areas[{one.number}]", f"{label(one)} {what}", *place)
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from agents.kernel.levels import Altitude
 from agents.kernel.traffic import Traffic, advance_reports, same_flight
 from agents.planner.answer import Excluded, Field, RequestError, Subject
@@ -56,7 +56,7 @@ class Request(NamedTuple):
     # velocity of the route's points towards east and north, m/s, [N] each; None: they stand still
     drift: tuple[Array, Array] | None = None
     # what of the areas a plan may meet, the same for all N; None: nothing
-    areas: Shared[tuple[Counted, ...]] | None = None
+    areas: Shared[tuple[ActiveArea, ...]] | None = None
     # numbers of the points in the route that was asked for, [N, R], what is passed left out; -1: a
     # point round an area; BEYOND: one beyond the route's end; None: they are all of the route
     of_route: Array | None = None

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.kernel.areas import Counted, label, relevant
+from agents.kernel.areas import ActiveArea, label, relevant
 from agents.kernel.levels import Altitude
 from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
 from agents.planner.request.advisories import assumed_climb
@@ -96,7 +96,7 @@ def _reachable_areas(
     own: VehicleState[Air],
     altitude: Altitude | None,
     options: Options[Narrowed],
-) -> tuple[Counted, ...]:
+) -> tuple[ActiveArea, ...]:
     """Return the areas that some plan of a request may meet."""
     end = float(np.max(latest_end(request, options)))
     fastest = max(own.speed, options.limits.speed_max) + SPEED_TOLERANCE
@@ -112,7 +112,10 @@ def _reachable_areas(
 
 
 def _without_points_in(
-    areas: Sequence[Counted], request: Request, own: VehicleState[Air], options: Options[Narrowed]
+    areas: Sequence[ActiveArea],
+    request: Request,
+    own: VehicleState[Air],
+    options: Options[Narrowed],
 ) -> tuple[Request, list[Advisory]]:
     """Return a request without the points of its route that lie in areas."""
     x, y = request.route_x[0], request.route_y[0]
@@ -147,7 +150,7 @@ def _without_points_in(
     return left, notes
 
 
-def _where_forbidden(one: Counted) -> str:
+def _where_forbidden(one: ActiveArea) -> str:
     """Return where a point lies that an area forbids."""
     if one.area.keep is Keep.IN:
         return f"lies outside of {label(one)} or in its clearance"
@@ -155,7 +158,10 @@ def _where_forbidden(one: Counted) -> str:
 
 
 def _with_points_round(
-    areas: tuple[Counted, ...], request: Request, own: VehicleState[Air], options: Options[Narrowed]
+    areas: tuple[ActiveArea, ...],
+    request: Request,
+    own: VehicleState[Air],
+    options: Options[Narrowed],
 ) -> Request:
     """Return a request with points round areas in its route where those lie in its way.
 
@@ -219,7 +225,7 @@ def _reach(request: Request, own: VehicleState[Air]) -> Array:
     return np.array(times)
 
 
-def _holders(areas: Sequence[Counted], x: Array, y: Array, time: Array, margin: float) -> Array:
+def _holders(areas: Sequence[ActiveArea], x: Array, y: Array, time: Array, margin: float) -> Array:
     """Return the number of the first area in which places lie at some times, s, or nearer to it
     than its clearance; -1: none; ``[M]``.
     """

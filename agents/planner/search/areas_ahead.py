@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, direct
 from envs.area_geometry import Parts, chord_distances, gain, own_frame
 from envs.arrays import Array
@@ -18,7 +18,7 @@ _PARTS = 4  # of the turn onto the goal
 
 
 def clearance(
-    areas: Sequence[Counted],
+    areas: Sequence[ActiveArea],
     required: Sequence[Array],
     flown: VehicleState[Air],
     times: Array,
@@ -38,7 +38,7 @@ def clearance(
 
 
 def way_clear(
-    areas: Sequence[Counted],
+    areas: Sequence[ActiveArea],
     required: Sequence[Array],
     own: VehicleState[Air],
     goal: tuple[Array, Array],
@@ -65,7 +65,7 @@ def way_clear(
 
 
 def _least(
-    areas: Sequence[Counted],
+    areas: Sequence[ActiveArea],
     required: Sequence[Array],
     places: tuple[Array, Array, Array],
     of: Array,

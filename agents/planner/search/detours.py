@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.areas import Counted, required_distances
+from agents.kernel.areas import ActiveArea, required_distances
 from envs.area_geometry import Parts, box_distance, chord_distances, gain, own_frame
 from envs.areas import Circle, Keep, Polygon
 from envs.arrays import Array
@@ -48,7 +48,7 @@ class Rings(NamedTuple):
 class Airspace(NamedTuple):
     """What a way must keep clear of."""
 
-    areas: tuple[Counted, ...]
+    areas: tuple[ActiveArea, ...]
     need: tuple[float, ...]  # signed distance to be kept from each, m
     rings: Rings
     speed: float  # of the flight, m/s
@@ -141,7 +141,7 @@ class Airspace(NamedTuple):
 
 
 def airspace(
-    areas: Sequence[Counted], own: VehicleState[Air], margin: float, pad: float, latest: float
+    areas: Sequence[ActiveArea], own: VehicleState[Air], margin: float, pad: float, latest: float
 ) -> Airspace:
     """Return what ways of an ownship keep clear of.
 
@@ -182,7 +182,7 @@ def _back(at: int, came: dict[int, int], places: dict[int, Place]) -> list[Place
     return way[::-1]
 
 
-def _points(one: Counted, own: VehicleState[Air], away: float) -> tuple[Array, Array]:
+def _points(one: ActiveArea, own: VehicleState[Air], away: float) -> tuple[Array, Array]:
     """Return points about an area from which its edges can be gone round, m."""
     shape = one.area.shape
     if isinstance(shape, Circle):

@@ -9,7 +9,7 @@ import pytest
 from agents.assurance.alerts import Alerting, Region, regions
 from agents.assurance.bands import Bands, area_losses, heading_bands, recovery, speed_bands
 from agents.assurance.inputs import no_areas
-from agents.kernel.areas import Counted, required_distances
+from agents.kernel.areas import ActiveArea, required_distances
 from agents.kernel.traffic import Requirement, Traffic
 from agents.kernel.trajectory import HOLDS
 from agents.planner import Options, plan
@@ -40,17 +40,17 @@ def nobody(count: int) -> Traffic:
     return Traffic.straight(VehicleState(*np.zeros((4, count, 0))))
 
 
-def of_rows(*areas: tuple[Counted, ...]) -> Any:
+def of_rows(*areas: tuple[ActiveArea, ...]) -> Any:
     found = no_areas(len(areas))
     found[:] = areas
     return found
 
 
-def counted(*areas: Area, end: float = 900.0) -> tuple[Counted, ...]:
-    return tuple(Counted(n, area, 0.0, end) for n, area in enumerate(areas))
+def counted(*areas: Area, end: float = 900.0) -> tuple[ActiveArea, ...]:
+    return tuple(ActiveArea(n, area, 0.0, end) for n, area in enumerate(areas))
 
 
-def sample(own: VehicleState, bands: Bands, number: int, one: Counted, kind: str) -> np.ndarray:
+def sample(own: VehicleState, bands: Bands, number: int, one: ActiveArea, kind: str) -> np.ndarray:
     """Return the clearances of one band's manoeuvre over the times, m, nan where the area does not
     count.
     """
@@ -79,7 +79,7 @@ def test_a_band_is_closed_where_its_manoeuvre_comes_too_near_to_an_area(kind: st
     for _ in range(25):
         own = random_states(rng, 1, extent=3_000.0)
         begin, end = sorted(rng.uniform(0.0, 150.0, 2)) if rng.random() < 0.3 else (0.0, 900.0)
-        area = Counted(7, random_area(rng), float(begin), float(end))
+        area = ActiveArea(7, random_area(rng), float(begin), float(end))
         compute = heading_bands if kind == "heading" else speed_bands
         bands = compute(own, nobody(1), REQUIREMENT, LIMITS, LOOK_AHEAD, areas=of_rows((area,)))
         for number in range(0, bands.target.shape[1], 6):
@@ -151,10 +151,10 @@ def test_an_area_that_does_not_count_or_cannot_be_reached_closes_nothing() -> No
     own = one(0.0, 0.0, 0.0, 80.0)
     ahead = Area(Circle(3_000.0, 0.0, 500.0))
     for area in (
-        Counted(0, ahead, 0.0, 10.0),
-        Counted(0, ahead, 130.0, 900.0),
-        Counted(0, Area(Circle(40_000.0, 0.0, 500.0)), 0.0, 900.0),
-        Counted(0, Area(Circle(0.0, 0.0, 25_000.0), Keep.IN), 0.0, 900.0),
+        ActiveArea(0, ahead, 0.0, 10.0),
+        ActiveArea(0, ahead, 130.0, 900.0),
+        ActiveArea(0, Area(Circle(40_000.0, 0.0, 500.0)), 0.0, 900.0),
+        ActiveArea(0, Area(Circle(0.0, 0.0, 25_000.0), Keep.IN), 0.0, 900.0),
     ):
         bands = heading_bands(
             own, nobody(1), REQUIREMENT, LIMITS, LOOK_AHEAD, areas=of_rows((area,))

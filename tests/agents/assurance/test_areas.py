@@ -14,7 +14,7 @@ from agents.assurance.inputs import no_areas
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import State
 from agents.assurance.thresholds import Cause, Thresholds
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from agents.kernel.traffic import Requirement
 from agents.kernel.trajectory import trajectory
 from agents.planner.recheck import reconstruct
@@ -40,7 +40,7 @@ STEP = 0.2  # s between samples
 END = 400.0
 
 
-def distances(plan_states: PlanStates, areas: tuple[Counted, ...], first: float = 0.0) -> list:
+def distances(plan_states: PlanStates, areas: tuple[ActiveArea, ...], first: float = 0.0) -> list:
     """Return the signed distances of one plan from its beginning or a time on, by area."""
     curves = legs(plan_states)
     times = np.arange(first, float(plan_states.time[0, -1]), STEP)
@@ -49,15 +49,15 @@ def distances(plan_states: PlanStates, areas: tuple[Counted, ...], first: float 
     return [signed_distance(one.area, state.x, state.y, times - first) for one in areas]
 
 
-def of_rows(*areas: tuple[Counted, ...]) -> np.ndarray:
+def of_rows(*areas: tuple[ActiveArea, ...]) -> np.ndarray:
     found = no_areas(len(areas))
     found[:] = areas
     return found
 
 
-def some(rng: np.random.Generator, most: int = 2) -> tuple[Counted, ...]:
+def some(rng: np.random.Generator, most: int = 2) -> tuple[ActiveArea, ...]:
     count = int(rng.integers(1, most + 1))
-    return tuple(Counted(n, random_area(rng), 0.0, END) for n in range(count))
+    return tuple(ActiveArea(n, random_area(rng), 0.0, END) for n in range(count))
 
 
 def test_the_rest_of_a_plan_is_lost_exactly_where_it_comes_too_near() -> None:
@@ -189,7 +189,7 @@ def test_without_an_answer_the_backup_stays_out_and_goes_on_doing_so() -> None:
     assert states[-1] is State.BACKUP
     backup = flight.watch.monitor.backup
     assert backup.safe[0] and backup.depth[0] == 0.0
-    away = distances(backup.plan_states, (Counted(0, near, 0.0, END),))[0]
+    away = distances(backup.plan_states, (ActiveArea(0, near, 0.0, END),))[0]
     assert away.min() >= near.clearance
 
 

@@ -11,7 +11,7 @@ import pytest
 from agents.assurance.alerts import Alerting, Region, regions
 from agents.assurance.bands import Bands, heading_bands, recovery, speed_bands, stretches
 from agents.assurance.inputs import no_areas
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from agents.kernel.traffic import Requirement, Traffic, predict, requirement_of, uncertainty
 from agents.planner.judge.validator import CHECKS, validate
 from agents.planner.planner import plan_many
@@ -286,7 +286,7 @@ def test_a_free_stretch_amid_uncertain_and_turning_intruders_and_areas_is_free(k
     compute = heading_bands if kind == "heading" else speed_bands
     lake = Area(Circle(4_000.0, 1_000.0, 900.0), velocity=(-10.0, 5.0), clearance=100.0)
     areas = no_areas(1)
-    areas[0] = (Counted(0, lake, 0.0, 400.0),)
+    areas[0] = (ActiveArea(0, lake, 0.0, 400.0),)
     lengths = 0.0
     for number in range(8):
         own = random_states(generator, 1, extent=0.0)

@@ -14,7 +14,7 @@ from agents.assurance.inputs import no_areas
 from agents.assurance.monitor import Thresholds
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import State
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from agents.kernel.traffic import Traffic
 from agents.planner.answer import Plan, RequestError
 from agents.planner.recheck import reconstruct
@@ -121,7 +121,7 @@ def test_what_is_asked_and_backed_up_is_over_the_ground(wind: Wind, calm: list[V
 def test_memory_goes_into_another_air_mass_and_back() -> None:
     watch, _ = watch_flight(WINDS[0])
     amid = no_areas(1)
-    amid[0] = (Counted(0, Area(Circle(4e3, 5e2, 3e2), velocity=(-5.0, 2.0)), 0.0, 1e3),)
+    amid[0] = (ActiveArea(0, Area(Circle(4e3, 5e2, 3e2), velocity=(-5.0, 2.0)), 0.0, 1e3),)
     memory = watch.monitor.memory._replace(areas=amid)
     watch = replace(watch, monitor=watch.monitor._replace(memory=memory))
     other = Frame(Wind(-3.0, 11.0, 1.5), 7.0)

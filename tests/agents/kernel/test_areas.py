@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from agents.kernel.areas import (
     NEARER,
-    Counted,
+    ActiveArea,
     area_clearance,
     relevant,
     required_distances,
@@ -58,7 +58,7 @@ def random_area(rng: np.random.Generator) -> Area:
 
 
 def kept_by(
-    plan_states: PlanStates, areas: Sequence[Counted], margin: float = 0.0, level: float = 0.0
+    plan_states: PlanStates, areas: Sequence[ActiveArea], margin: float = 0.0, level: float = 0.0
 ) -> Clearance:
     """Return what plans keep of areas, ``[N, K]``."""
     begin = plan_states.x[:, 0], plan_states.y[:, 0]
@@ -70,7 +70,7 @@ def wrong(kept: Clearance) -> np.ndarray:
     return np.isfinite(kept.loss).any(axis=1)
 
 
-def sample(plan_states: PlanStates, one: Counted) -> tuple[np.ndarray, np.ndarray]:
+def sample(plan_states: PlanStates, one: ActiveArea) -> tuple[np.ndarray, np.ndarray]:
     """Return times and the signed distances of plans then, ``[T, N]``, while the area counts."""
     curves, area = legs(plan_states), one.area
     times = np.arange(one.begin, min(one.end, float(plan_states.time[0, -1])) + 1e-9, STEP)
@@ -91,7 +91,7 @@ def test_a_plan_keeps_its_clearance_exactly_if_it_is_said_to(seed: int) -> None:
     kept, lost = 0, 0
     for _ in range(6):
         begin, end = sorted(rng.uniform(0.0, END, 2)) if rng.random() < 0.4 else (0.0, END)
-        one = Counted(3, random_area(rng), float(begin), float(end))
+        one = ActiveArea(3, random_area(rng), float(begin), float(end))
         margin = float(rng.choice([0.0, 0.02]))
         found = kept_by(plan_states, [one], margin)
         fails, margins, loss, leg, x, y = (
@@ -125,7 +125,9 @@ def test_the_first_and_the_nearest_of_several_areas_are_named() -> None:
         time=np.array([[0.0, 20.0, 40.0]]),
     )
     late, early, beside = Circle(3e3, 0.0, 200.0), Circle(1e3, 100.0, 150.0), Circle(2e3, 5e2, 3e2)
-    areas = [Counted(n, Area(disc), 0.0, 40.0) for n, disc in ((4, late), (7, early), (9, beside))]
+    areas = [
+        ActiveArea(n, Area(disc), 0.0, 40.0) for n, disc in ((4, late), (7, early), (9, beside))
+    ]
     found = kept_by(straight, areas)
     first = np.argmin(found.loss[0])
     assert (wrong(found)[0], areas[first].number, found.leg[0, first]) == (True, 7, 0)
@@ -147,7 +149,7 @@ def test_a_plan_that_begins_inside_the_clearance_must_not_come_nearer() -> None:
         rest = np.full(3, heading), np.full(3, 100.0), np.array([0.0, 20.0, 40.0])
         return PlanStates(*(field[None] for field in (x, y, *rest)))
 
-    one = Counted(0, Area(Circle(0.0, 0.0, 500.0), clearance=300.0), 0.0, 40.0)
+    one = ActiveArea(0, Area(Circle(0.0, 0.0, 500.0), clearance=300.0), 0.0, 40.0)
     for heading, lost in ((0.0, False), (math.pi / 2.0, False), (math.pi / 2.0 + 0.05, True)):
         plan_states = way(heading)
         assert wrong(kept_by(plan_states, [one]))[0] == lost, heading
@@ -159,7 +161,7 @@ def test_a_plan_that_begins_inside_the_clearance_must_not_come_nearer() -> None:
 def test_a_plan_that_begins_inside_keeps_nothing() -> None:
     plan_states = plans(20, 3)
     for keep, size in ((Keep.OUT, 9e3), (Keep.IN, 10.0)):
-        one = Counted(0, Area(Circle(0.0, 0.0, size), keep), 0.0, END)
+        one = ActiveArea(0, Area(Circle(0.0, 0.0, size), keep), 0.0, END)
         found = kept_by(plan_states, [one])
         assert wrong(found).all()
         np.testing.assert_array_equal(found.loss, 0.0)
@@ -174,7 +176,7 @@ def test_without_areas_nothing_is_wrong() -> None:
 def test_a_plan_is_judged_as_if_it_were_alone() -> None:
     rng = np.random.default_rng(8)
     plan_states = plans(20, 5)
-    areas = [Counted(n, random_area(rng), 0.0, END) for n in range(5)]
+    areas = [ActiveArea(n, random_area(rng), 0.0, END) for n in range(5)]
     together = kept_by(plan_states, areas)
     for n in range(20):
         alone = PlanStates(*(field[n : n + 1] for field in plan_states))
@@ -241,7 +243,7 @@ def test_nothing_that_is_left_out_can_be_met() -> None:
     met = 0
     for _ in range(40):
         area = random_area(rng)
-        one = Counted(0, area, 0.0, END)
+        one = ActiveArea(0, area, 0.0, END)
         lost = wrong(kept_by(plan_states, [one], margin=600.0))
         for n in range(0, 200, 10):
             own = VehicleState(*(float(field[n, 0]) for field in plan_states[:4]))
@@ -260,7 +262,7 @@ def test_an_area_that_shrinks_is_not_flown_through(shape: Polygon | Circle) -> N
     plan_states = PlanStates(*(np.array([row]) for row in ends))
     for growth, lost in ((0.0, True), (-0.3, True), (-60.0, False)):
         area = Area(shape, growth=growth, clearance=1.0)
-        found = kept_by(plan_states, [Counted(0, area, 0.0, 60.0)])
+        found = kept_by(plan_states, [ActiveArea(0, area, 0.0, 60.0)])
         assert wrong(found)[0] == lost
         assert (found.margin[0, 0] < 0.0) == lost
 
@@ -271,7 +273,7 @@ def test_second_opinion_on_a_corner() -> None:
         *(np.array([row]) for row in ([-50.0] * 2, [-2e3, 2e3], [math.pi / 2.0] * 2, [100.0] * 2)),
         time=np.array([[0.0, 40.0]]),
     )
-    found = kept_by(plan_states, [Counted(0, Area(corner, clearance=49.9), 0.0, 40.0)])
+    found = kept_by(plan_states, [ActiveArea(0, Area(corner, clearance=49.9), 0.0, 40.0)])
     line = shapely.LineString([(-50.0, -2e3), (-50.0, 2e3)])
     least = shapely.distance(line, shapely.Polygon(corner.outer))
     assert found.margin[0, 0] == pytest.approx(least - 49.9, abs=0.003)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents import check
-from agents.kernel.areas import Counted, required_distances
+from agents.kernel.areas import ActiveArea, required_distances
 from agents.planner.planner import plan
 from agents.planner.publish.certificate import Evidence
 from agents.planner.request.request import Altitude
@@ -100,7 +100,7 @@ def test_what_the_validator_keeps_is_accepted_and_what_is_accepted_is_kept(count
     rng, kinds = np.random.default_rng(count), set[tuple[bool, bool]]()
     for _ in range(count):
         area = beside(rng)
-        one = Counted(0, area, area.valid_from, float(states.time[0, -1]))
+        one = ActiveArea(0, area, area.valid_from, float(states.time[0, -1]))
         lost = bool(wrong(kept_by(states, [one], margin))[0])
         accepted = is_accepted(json.loads(Evidence(*asked, [area]).certificate()))
         assert accepted or lost

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.kernel.areas import Counted
+from agents.kernel.areas import ActiveArea
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.area_geometry import signed_distance
@@ -21,7 +21,7 @@ UNIT = PAPER.separation
 
 
 def what_is(*areas: Area) -> Standing:
-    return standing([Counted(n, one, 0.0, 100.0) for n, one in enumerate(areas)], UNIT, 0.0)
+    return standing([ActiveArea(n, one, 0.0, 100.0) for n, one in enumerate(areas)], UNIT, 0.0)
 
 
 @st.composite
