@@ -110,28 +110,30 @@ class Separation(NamedTuple):
         if traffic.window is not None:
             inside = (given.begin >= traffic.window.begin) & (given.end <= traffic.window.end)
             attained, straight = np.where(inside, attained, np.inf), straight & inside
-        # Before, half-way and after; what grows is convex, so that its secant is never less.
-        times = np.stack([given.begin, 0.5 * (given.begin + given.end), given.end])
-        required = self.required[pair][:, None] + growth(traffic, times, self.sigmas)
-        required = tolerated = np.broadcast_to(required, (3, *counts.shape))
+        # At the end; and of straight pieces at the beginning, half-way and at the end, each a part
+        # later, since of parts the end counts. What grows is convex: its secant is never less.
+        middle = 0.5 * (given.begin + given.end)
+        later = (time + given.part for time in (given.begin, middle, given.end))
+        grown = growth(traffic, np.stack([given.end, *later]), self.sigmas)
+        required = self.required[pair][:, None] + grown
+        required = tolerated = np.broadcast_to(required, (4, *counts.shape))
         if self.least is not None:
             tolerated = np.maximum(required - CLOSE, self.least[pair][:, None] - ROUNDING)
-        margin, tolerant = (chord.distance - each[2] for each in (required, tolerated))
+        margin, tolerant = (chord.distance - each[0] for each in (required, tolerated))
         enters, leaves = (np.array(field) for field in (given.begin, given.end))
         some = np.nonzero(straight & counts)
         if some[0].size:
             line, length = take(chord, some), (given.end - given.begin)[some]
             begin, end = (
                 each[some] + np.broadcast_to(error, counts.shape)[some] + line.sagitta
-                for each, error in ((tolerated[0], given.error_begin), (tolerated[2], given.error))
+                for each, error in ((tolerated[1], given.error_begin), (tolerated[3], given.error))
             )
             tolerant[some] = line.least_margin(begin, end)
-            slack = np.minimum(required - tolerated, CLOSE).max(axis=0)[some]
-            margin[some] = tolerant[some] - slack
+            margin[some] = tolerant[some] - (required - tolerated).max(axis=0)[some]
             first, last = line.within(begin, end)
             enters[some] = given.begin[some] + first * length
             leaves[some] = given.begin[some] + last * length
-        exact = straight & (0.5 * (tolerated[0] + tolerated[2]) - tolerated[1] <= _SECANT)
+        exact = straight & (0.5 * (tolerated[1] + tolerated[3]) - tolerated[2] <= _SECANT)
         return Bounds(
             distance=chord.distance,
             nearest=np.where(

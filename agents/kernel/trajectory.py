@@ -94,6 +94,7 @@ class Pieces(NamedTuple):
     bend: Array  # a bound of the acceleration, m/s^2
     error_begin: Array  # by which positions may be off at the beginning of the leg, m, [M, 1]
     error: Array  # by which they may be off at most, m, [M, 1]
+    part: Array  # how long a part of the leg's arcs lasts, s, [M, 1]
 
     @property
     def sagitta(self) -> Array:
@@ -225,6 +226,7 @@ def pieces(flown: Trajectory, row: Array, leg: Array) -> Pieces:
         bend=flown.bend[row, leg],
         error_begin=flown.error[row, leg, None],
         error=flown.error[row, leg, None],
+        part=step / FINE,
     )
 
 
@@ -252,6 +254,7 @@ def whole_legs(flown: Trajectory, row: Array, leg: Array) -> Pieces:
         bend=(8.0 * flown.sagitta[row, leg] / length**2)[:, None],
         error_begin=flown.error_begin[row, leg, None],
         error=flown.error[row, leg, None],
+        part=length[:, None] / (ARCS * FINE),
     )
 
 
@@ -282,9 +285,9 @@ def cut(arcs: Pieces, m: Array, p: Array) -> Pieces:
     """Return the parts, P = ``FINE``, of some arcs, by their numbers ``[Q]``: their row and their
     place in it.
     """
-    of_arc = {name: getattr(arcs, name)[m, p, None] for name in Pieces._fields[2:-2]}
-    error = arcs.error[m]
-    arc = arcs._replace(row=arcs.row[m], leg=arcs.leg[m], error_begin=error, error=error, **of_arc)
+    of_arc = {name: getattr(arcs, name)[m, p, None] for name in Pieces._fields[2:-3]}
+    row, leg, error, lasts = take((arcs.row, arcs.leg, arcs.error, arcs.part), m)
+    arc = Pieces(row=row, leg=leg, error_begin=error, error=error, part=lasts, **of_arc)
     part = (arc.end - arc.begin) / FINE
     time = arc.begin + np.arange(FINE + 1) * part
     x, y = along(arc, part)

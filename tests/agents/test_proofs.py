@@ -196,6 +196,7 @@ def test_validators_bound_is_the_proven_one() -> None:
         8.0 * sagittas[None],
         zero,
         zero,
+        zero,
     )
     found = separation.chords(pieces, still).distance
     proven = [
@@ -475,6 +476,7 @@ def test_positions_along_an_arc_are_the_proven_sum() -> None:
             *(np.zeros(1, dtype=int),) * 2,
             *(none,) * 6,
             *(none + value for value in (psi, v, w, a)),
+            none,
             none,
             none,
             none,
