@@ -1,0 +1,113 @@
+"""Mutants of the kernel, by its modules."""
+
+from tests.mutants.mutant import Mutant, mutants_of
+
+_CLEARANCE = "tests/agents/kernel/test_clearance.py"
+_AREAS = "tests/agents/kernel/test_areas.py"
+_VALIDATOR = "tests/agents/planner/test_validator.py"
+_PROOFS = "tests/agents/test_proofs.py"
+
+_OF_TRAJECTORY = (
+    # What a curve may leave its chord by.
+    ("0.125 * bend.max(axis=-1) * step[..., 0] ** 2", "0.0"),
+    ("np.hypot(curves.acceleration, quickest * curves.yaw_rate)", "np.abs(curves.acceleration)"),
+    ("error = curves.miss + position_error_bound(curves)", "error = position_error_bound(curves)"),
+    ("error = curves.miss + position_error_bound(curves)", "error = curves.miss"),
+    ("STRAIGHT = 1e-4", "STRAIGHT = 10.0"),
+    ("(x * x + y * y).max(axis=-1)", "(x * x).max(axis=-1)"),
+    # What is flown.
+    ("speed * (time - steers)", "speed * time"),
+    ("steering.acceleration * steers", "steering.acceleration * time"),
+    ("self.states.time - since[:, None], 0.0", "self.states.time, 0.0"),
+    # What has been flown.
+    ('"x0": arcs.x0[m, p] + east', '"x0": arcs.x0[m, p]'),
+    ('"heading": heading + yaw_rate * past', '"heading": heading'),
+    ("legs=self.legs._replace(time=self.legs.time - shift)", "legs=self.legs"),
+    # Parts.
+    ("x1=x[:, 1:]", "x1=x[:, :-1]"),
+    ("end=time[:, 1:]", "end=time[:, :-1]"),
+)
+
+_OF_CLEARANCE = (
+    ("CLOSE = 1e-3", "CLOSE = 1e-1"),
+    ("ROUNDING = 1e-6", "ROUNDING = 1e-2"),
+    ("unclear &= ~bounds.exact", "unclear &= bounds.exact"),
+    (
+        "decided = decided | (bounds.margin >= levels",
+        "decided = decided | (bounds.margin <= levels",
+    ),
+    ("np.maximum.at(flat.until, owner[m], ends)", "np.minimum.at(flat.until, owner[m], ends)"),
+    (
+        "nearer = distance[m, p] < flat.distance[row]",
+        "nearer = distance[m, p] > flat.distance[row]",
+    ),
+    ("lost_from[m_first, p_first] < flat.loss", "lost_from[m_first, p_first] > flat.loss"),
+    ("lost = ~(margin >= 0.0)", "lost = margin < -1.0"),
+)
+
+_OF_SEPARATION = (
+    # What is left out.
+    ("+ 0.125 * turn * (end - begin) ** 2", ""),
+    ("(flown.sagitta + flown.error)[..., None]", "0.0"),
+    ("near |= (bound <= attained) | (margin <= kept)", "near |= margin <= kept"),
+    ("near |= (bound <= attained) | (margin <= kept)", "near |= bound <= attained"),
+    ("counts = wide.mask & (end > 0.0)", "counts = (end > 0.0)"),
+    # What is required.
+    ("middle, given.end))", "middle, middle))"),
+    ("tolerated = np.maximum(required - CLOSE, ", "tolerated = np.minimum(required - CLOSE, "),
+    ("counts = (given.end > 0.0) & within_window", "counts = within_window"),
+    (
+        "begin, end = (\n                each[some] + ",
+        "begin, end = (\n                each[some] - ",
+    ),
+    ("_SECANT = 0.02", "_SECANT = 1e3"),
+    # Chords.
+    ("return distance - (begin + share * grows)", "return distance - begin"),
+    ("np.where(faster, nearest + after, 1.0)", "np.where(faster, nearest, 1.0)"),
+    ("np.where(c < 0.0, 0.0, c /", "np.where(c < 0.0, 1.0, c /"),
+    ("(given.bend + turn) * (0.125 * length**2)", "given.bend * (0.125 * length**2)"),
+    ("(given.bend + turn) * (0.125 * length**2)", "turn * (0.125 * length**2)"),
+    ("near - loss - given.error", "near - given.error"),
+    ("near - loss - given.error", "near - loss"),
+    ("np.maximum(opening, 0.0), 0.0) ** 2", "opening, 0.0) ** 2"),
+)
+
+_OF_AREAS = (
+    ("NEARER = 0.01", "NEARER = 1.0"),
+    ("counts & ~(far > required)", "counts & ~(far > -required)"),
+    ("return chord.bound + grown - lost,", "return chord.bound + grown,"),
+    ("return chord.bound + grown - lost,", "return chord.bound - lost,"),
+    ("np.maximum(required - CLOSE, -ROUNDING)", "required - 100.0"),
+    ("0.125 * given.bend * (given.end - given.begin) ** 2 + given.error", "given.error"),
+    ("(given.end >= one.begin) & (given.begin <= one.end)", "(given.end >= one.begin)"),
+    ("away + _least_gain(area, given) - _chord_error(given)", "away + _least_gain(area, given)"),
+    ("np.where(away > 0.0, away, -np.inf)", "away"),
+    ("np.minimum(gain(area) * given.begin,", "np.maximum(gain(area) * given.begin,"),
+)
+
+_OF_TRAFFIC = (
+    ("straight = state.speed * (time - turning)", "straight = state.speed * time"),
+    ("np.maximum(separation, np.minimum(wanted, away))", "np.minimum(wanted, away)"),
+    ("np.maximum(separation, np.minimum(wanted, away))", "np.maximum(separation, wanted)"),
+    ("away = np.where(traffic.window.begin > 0.0, np.inf, away)", "pass"),
+    ("(end >= window.begin - _EDGE)", "(end >= window.begin + 1.0)"),
+    ("drift = traffic.velocity_std * (traffic.age + time)", "drift = traffic.velocity_std * time"),
+    ("turn_time=turn_time, age=np.abs(age))", "turn_time=turn_time, age=age)"),
+)
+
+_CHANGES = {
+    "trajectory": (_OF_TRAJECTORY, (_CLEARANCE, _VALIDATOR, _PROOFS)),
+    "clearance": (_OF_CLEARANCE, (_CLEARANCE, _AREAS, _VALIDATOR, _PROOFS)),
+    "separation": (_OF_SEPARATION, (_CLEARANCE, _VALIDATOR, _PROOFS)),
+    "areas": (_OF_AREAS, (_AREAS, _PROOFS)),
+    "traffic": (
+        _OF_TRAFFIC,
+        (_CLEARANCE, _VALIDATOR, _PROOFS, "tests/agents/assurance/test_tracker.py"),
+    ),
+}
+
+MUTANTS: tuple[Mutant, ...] = tuple(
+    mutant
+    for module, (changes, tests) in _CHANGES.items()
+    for mutant in mutants_of(f"agents/kernel/{module}.py", changes, tests)
+)
