@@ -69,7 +69,6 @@ _OF_SEPARATION = (
     ("(given.bend + turn) * (0.125 * length**2)", "turn * (0.125 * length**2)"),
     ("near - loss - given.error", "near - given.error"),
     ("near - loss - given.error", "near - loss"),
-    ("np.maximum(opening, 0.0), 0.0) ** 2", "opening, 0.0) ** 2"),
 )
 
 _OF_AREAS = (
@@ -102,7 +101,13 @@ _CHANGES = {
     "areas": (_OF_AREAS, (_AREAS, _PROOFS)),
     "traffic": (
         _OF_TRAFFIC,
-        (_CLEARANCE, _VALIDATOR, _PROOFS, "tests/agents/assurance/test_tracker.py"),
+        (
+            _CLEARANCE,
+            _VALIDATOR,
+            _PROOFS,
+            "tests/agents/assurance/test_tracker.py",
+            "tests/agents/planner/test_levels.py",
+        ),
     ),
 }
 

@@ -278,3 +278,16 @@ def test_second_opinion_on_a_corner() -> None:
     least = shapely.distance(line, shapely.Polygon(corner.outer))
     assert found.margin[0, 0] == pytest.approx(least - 49.9, abs=0.003)
     assert not wrong(found)[0]
+
+
+def test_a_curve_that_bulges_towards_a_rectangle_is_not_thought_farther_than_it_is() -> None:
+    for seed in range(20):
+        plan_states = plans(1, 40 + seed)
+        every = Legs(
+            *(np.broadcast_to(field, (4_001, *field.shape[1:])) for field in legs(plan_states))
+        )
+        north = at(every, np.linspace(0.0, END, 4_001)).y.max() + 10.0
+        ring = ((-1e5, north), (1e5, north), (1e5, north + 1e4), (-1e5, north + 1e4))
+        one = ActiveArea(0, Area(Polygon(ring)), 0.0, END)
+        assert 9.9 <= kept_by(plan_states, [one], level=20.0).margin[0, 0] <= 10.001
+        assert 0.0 < kept_by(plan_states, [one]).margin[0, 0] <= 10.001

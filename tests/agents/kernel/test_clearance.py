@@ -5,8 +5,19 @@ import pytest
 
 from agents.kernel.clearance import Clearance, clearance
 from agents.kernel.separation import Separation, separation
-from agents.kernel.traffic import Requirement, Traffic, positions
-from agents.kernel.trajectory import Steering, Trajectory, manoeuvres, steered, straight, trajectory
+from agents.kernel.traffic import Requirement, Traffic, growth, positions
+from agents.kernel.trajectory import (
+    FINE,
+    Steering,
+    Trajectory,
+    cut,
+    manoeuvres,
+    pieces,
+    rest_of,
+    steered,
+    straight,
+    trajectory,
+)
 from envs.kinematics import VehicleState
 from envs.trees import column, map_leaves, take
 from envs.waypoints import at
@@ -169,3 +180,59 @@ def test_a_manoeuvre_is_flown_as_its_legs_say() -> None:
         assert here.x == pytest.approx(there.x[:, 0], abs=1e-6)
         assert here.y == pytest.approx(there.y[:, 0], abs=1e-6)
         assert here.speed == pytest.approx(there.speed[:, 0])
+
+
+def test_of_what_grows_the_least_margin_counts() -> None:
+    """Straight flights of both, some of which begin too near."""
+    flown, others = mission(11, 40), traffic(40, 3, 12)
+    vague = {"position_std": 30.0, "velocity_std": 1.5}
+    others = others._replace(
+        **{name: np.full(others.mask.shape, std) for name, std in vague.items()}
+    )
+    times, away = sampled(flown, others)
+    margins = away - REQUIRED - growth(others, times[:, None, None], 2.0)
+    found, least, there = kept(flown, others), margins.min(axis=0), others.mask
+    lost = there & (least < -1.0)
+    assert np.count_nonzero(lost) > 10
+    assert np.all(found.margin[there] <= least[there] + 1e-6)
+    # Less by what grows in a part of a leg, and by samples that miss the nearest.
+    assert np.all(found.margin[lost] >= least[lost] - 1.5)
+    first = times[np.argmax(margins < 0.0, axis=0)]
+    assert np.any(first[lost] == 0.0) and np.any(first[lost] > 0.0)
+    assert found.loss[lost] == pytest.approx(first[lost], abs=1.0)  # grazing ones are early
+
+
+def test_a_leg_stays_within_its_sagitta_of_uniform_motion() -> None:
+    flown = trajectory(plans(20, 13))
+    x, y, time = flown.states.x, flown.states.y, flown.states.time
+    for share in np.linspace(0.0, 1.0, 101):
+        for leg in range(10):
+            here = at(flown.legs, time[:, leg] + share * (time[:, leg + 1] - time[:, leg]))
+            straight_x = x[:, leg] + share * (x[:, leg + 1] - x[:, leg])
+            straight_y = y[:, leg] + share * (y[:, leg + 1] - y[:, leg])
+            off = np.hypot(here.x - straight_x, here.y - straight_y)
+            assert np.all(off <= flown.sagitta[:, leg] + flown.error[:, leg] + 1e-6)
+
+
+def test_what_a_leg_misses_and_what_leaves_it_is_its_error() -> None:
+    flown = trajectory(plans(3, 14))
+    missed = trajectory(flown.states, flown.legs._replace(miss=flown.legs.miss + 0.5))
+    np.testing.assert_allclose(missed.error, flown.error + 0.5)
+    rate, since = np.array([1.0, 2.0, 0.0]), np.array([0.0, 50.0, 10.0])
+    wider = flown.widened(rate, since)
+    lasts = np.maximum(flown.states.time - since[:, None], 0.0)
+    np.testing.assert_allclose(wider.error, flown.error + rate[:, None] * lasts[:, 1:])
+    np.testing.assert_allclose(wider.error_begin, flown.error + rate[:, None] * lasts[:, :-1])
+
+
+def test_the_rest_of_an_arc_goes_on_as_the_arc() -> None:
+    flown = trajectory(plans(10, 15))
+    began = np.random.default_rng(2).uniform(0.3, 1.7, 10) + 40.0  # within the first arc of a leg
+    row = np.arange(10)
+    later = rest_of(pieces(flown.since(began), row, np.full(10, 2)))
+    parts = cut(later, row, np.zeros(10, dtype=int))
+    assert later.begin[:, 0] == pytest.approx(0.0)
+    for p in range(FINE):
+        here = at(flown.legs, began + parts.end[:, p])
+        assert parts.x1[:, p] == pytest.approx(here.x, abs=1e-5)
+        assert parts.y1[:, p] == pytest.approx(here.y, abs=1e-5)
