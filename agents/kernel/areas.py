@@ -62,7 +62,7 @@ class AreaClearance(NamedTuple):
         """
         return True
 
-    def near(self, flown: Trajectory, level: Array, found: Clearance, *, closest: bool) -> Near:
+    def near(self, flown: Trajectory, levels: Array, found: Clearance, *, closest: bool) -> Near:
         """Return the legs that come near an area, and note the bounds of all others: what the
         rectangle about the area tells.
         """
@@ -76,7 +76,7 @@ class AreaClearance(NamedTuple):
                 near[:, k] = counts.any(axis=1)
                 continue
             margin = _far_bound(one.area, arcs) - self.required[row, k, None]
-            clear = margin > np.broadcast_to(level, found.margin.shape)[row, k, None]
+            clear = margin > levels[row, k, None]
             near[:, k] = (counts & ~clear).any(axis=1)
             far = np.where(counts & ~near[:, k, None], margin, np.inf).reshape(rows, -1)
             np.minimum(found.margin[:, k], far.min(axis=1), out=found.margin[:, k])
@@ -91,8 +91,9 @@ class AreaClearance(NamedTuple):
         required = np.broadcast_to(self.required[given.row, which][:, None], shape)
         for k in np.unique(which):
             rows = np.flatnonzero(which == k)
-            _bound_area(self.areas[k], take(given, rows), required[rows], rows, bound, attained)
-            counts[rows] = _counts(self.areas[k], take(given, rows))
+            bound[rows], attained[rows], counts[rows] = _bound_area(
+                self.areas[k], take(given, rows), required[rows]
+            )
         tolerated = _less_tolerance(required)
         return Bounds(
             distance=bound,
@@ -208,27 +209,26 @@ def _counts(one: ActiveArea, given: Pieces) -> Array:
     return (given.end > 0.0) & (given.end >= one.begin) & (given.begin <= one.end)
 
 
-def _bound_area(
-    one: ActiveArea, given: Pieces, required: Array, rows: Array, bound: Array, attained: Array
-) -> None:
-    """Write what pieces ``[m, P]``, numbered ``rows``, keep of an area; only those that the
-    rectangle about it does not tell to be far are set against its edges.
+def _bound_area(one: ActiveArea, given: Pieces, required: Array) -> tuple[Array, Array, Array]:
+    """Return a lower bound of the signed distance of pieces from an area, m, the least value that
+    is known to occur, m, and where the area counts, ``[M, P]`` each; only pieces that the rectangle
+    about the area does not tell to be far are set against its edges.
     """
-    counts = _counts(one, given)
+    counts = near = _counts(one, given)
+    bound, attained = np.full((2, *counts.shape), np.inf)
     if one.area.keep is Keep.OUT:
-        far = _far_bound(one.area, given)
-        bound[rows] = far
-        counts = counts & ~(far > required)
-    m, p = np.nonzero(counts)
+        bound = far = _far_bound(one.area, given)
+        near = counts & ~(far > required)
+    m, p = np.nonzero(near)
     chord = Chords(
-        *(np.broadcast_to(field, counts.shape)[m, p] for field in given[2:8]),
-        *(np.broadcast_to(field, counts.shape)[m, p] for field in (given.bend, given.error)),
+        *(np.broadcast_to(field, near.shape)[m, p] for field in given[2:8]),
+        *(np.broadcast_to(field, near.shape)[m, p] for field in (given.bend, given.error)),
     )
-    least, ends = bounds_of_chords(one.area, chord, required[m, p])
-    bound[rows[m], p] = least
+    bound[m, p], ends = bounds_of_chords(one.area, chord, required[m, p])
     # Where the area counts for a part of a piece only, its ends decide nothing.
     whole = (chord.begin >= one.begin) & (chord.end <= one.end)
-    attained[rows[m], p] = np.where(whole, ends, np.inf)
+    attained[m, p] = np.where(whole, ends, np.inf)
+    return bound, attained, counts
 
 
 class Chords(NamedTuple):

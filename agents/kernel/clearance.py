@@ -106,8 +106,10 @@ class Constraint(Protocol):
         """
         ...
 
-    def near(self, flown: Trajectory, level: Array, found: Clearance, *, closest: bool) -> Near:
-        """Return the legs that must be judged, and note bounds of the margins of all others."""
+    def near(self, flown: Trajectory, levels: Array, found: Clearance, *, closest: bool) -> Near:
+        """Return the legs that must be judged, and note bounds of the margins of all others, which
+        are above the levels of interest, m, ``[N, K]``.
+        """
         ...
 
     def bounds(self, given: Pieces, which: Array) -> Bounds:
@@ -131,7 +133,7 @@ def clearance(
     if found.margin.size == 0:
         return found
     levels = np.broadcast_to(level, found.margin.shape)
-    near = constraint.near(flown, level, found, closest=closest)
+    near = constraint.near(flown, levels, found, closest=closest)
     near = _judge_straight_legs(found, flown, constraint, near, levels, closest=closest)
     if near.row.size == 0:
         return found

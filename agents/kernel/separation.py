@@ -56,7 +56,7 @@ class Separation(NamedTuple):
         traffic, required, least = take((self.traffic, self.required, self.least), which)
         return Separation(traffic, required, least, self.sigmas)
 
-    def near(self, flown: Trajectory, level: Array, found: Clearance, *, closest: bool) -> Near:
+    def near(self, flown: Trajectory, levels: Array, found: Clearance, *, closest: bool) -> Near:
         """Return the legs that must be judged piece by piece, and note the bounds of all others.
 
         Of a leg that is left out the chord shows that nothing there is below the level of interest;
@@ -78,7 +78,7 @@ class Separation(NamedTuple):
         )
         required = self.required[:, None]
         margin = bound - (required + growth(wide, np.maximum(end, 0.0), self.sigmas))
-        near = ~(margin >= np.broadcast_to(level, found.margin.shape)[:, None])
+        near = ~(margin >= levels[:, None])
         if closest:
             away = np.sqrt(x * x + y * y)[:, :-1]
             # Where an intruder does not count at the beginning of a leg, its distance there is no

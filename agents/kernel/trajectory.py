@@ -96,12 +96,6 @@ class Pieces(NamedTuple):
     error: Array  # by which they may be off at most, m, [M, 1]
     part: Array  # how long a part of the leg's arcs lasts, s, [M, 1]
 
-    @property
-    def sagitta(self) -> Array:
-        """By how much a piece may leave its chord, m."""
-        length = self.end - self.begin
-        return 0.125 * self.bend * length * length
-
 
 def trajectory(states: PlanStates, curves: Legs | None = None) -> Trajectory:
     """Return what is flown between states ``[N, W]``, finite and in order of time; ``curves`` are

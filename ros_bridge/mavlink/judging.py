@@ -268,9 +268,9 @@ def _along_route(wanted: PlanTask, look_ahead: float) -> _Course:
     flown = float(own.speed) * look_ahead
     length = max(way[-1] - way[-2], _SHORT)
     on = 1.0 + max(flown - way[-1], 0.0) / length
-    end = (field[-2] + on * (field[-1] - field[-2]) for field in (x, y))
-    x, y, way = np.append(x[:-1], next(end)), np.append(y[:-1], next(end)), way.copy()
-    way[-1] = way[-2] + on * length
+    end_x, end_y = (field[-2] + on * (field[-1] - field[-2]) for field in (x, y))
+    x, y = np.append(x[:-1], end_x), np.append(y[:-1], end_y)
+    way = np.append(way[:-1], way[-2] + on * length)
     # The corners that are reached, each once, and where the ownship is at the end.
     corners = np.flatnonzero(np.diff(way, prepend=-np.inf) > _SHORT)
     ways = np.append(way[corners][way[corners] < flown - _SHORT], flown)
