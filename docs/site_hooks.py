@@ -115,9 +115,10 @@ def _code(root: Path) -> Iterator[tuple[str, str]]:
         for folder, lines in rows.items():
             if len(lines) > 1:
                 name = folder.relative_to(root).as_posix()
+                package = name.replace("/", ".")  # also the heading's id: what a role links to
                 yield (
                     f"reference/code/{name}/README.md",
-                    f"# {name.replace('/', '.')}\n\n{''.join(lines)}",
+                    f"# {package} {{ #{package} }}\n\n{''.join(lines)}",
                 )
 
 
