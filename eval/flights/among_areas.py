@@ -1,27 +1,33 @@
 """Encounters among random areas: which lie along each way, how the air mass sees them, and whether
-a flight entered one.
+a flight entered one: the whole of it, not samples (:mod:`agents.kernel.clearance`).
 
 The areas of an encounter follow from its number (:mod:`envs.random_areas`), as it does itself.
 """
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from agents.kernel.areas import ActiveArea, AreaClearance
+from agents.kernel.clearance import CLOSE, clearance
+from agents.kernel.trajectory import Trajectory, trajectory
 from envs.aircraft import Aircraft
 from envs.area_geometry import signed_distance
 from envs.areas import Area, Circle, after, in_air
 from envs.encounters import Encounter
-from envs.frames import Air, Ground
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.outcome import Rules
 from envs.random_areas import random_areas
+from envs.waypoints import ARCS, PlanStates
 from envs.wind import NO_WIND, Wind
+from eval.flights.areas_seen import at_all_heights
 from eval.flights.simulate import ENDS, OUTCOMES, Flights
 from eval.flights.trajectories import Trajectories
 
 _CORNERS = 72  # of a circle that is drawn
-_PARTS = 10  # of a time step, at whose ends a flight is looked at
 
 
 class AmongAreas(NamedTuple):
@@ -94,30 +100,59 @@ def as_row(areas: object) -> np.ndarray:
     return found
 
 
-def judge(flown: Trajectories[Ground], areas: np.ndarray, dt: float) -> AmongAreas:
-    """Return how near flights ``[N]`` came to their areas, object ``[N]``, both over the ground; dt
-    in s.
+def judge(flown: Trajectories[Air], areas: np.ndarray, wind: Wind | None, dt: float) -> AmongAreas:
+    """Return how near flights ``[N]`` in the air mass came to their areas, object ``[N]``, which
+    are over the ground at the start; steps of dt, s.
     """
     count = len(areas)
-    found = AmongAreas(np.full(count, np.inf), np.full(count, np.nan))
-    for n, some in enumerate(areas):
-        places = _places(VehicleState(*(field[:, n] for field in flown.own)), dt)
-        found.distance[n], found.breach[n] = nearest(some, *places)
-    return found
+    among = AmongAreas(np.full(count, np.inf), np.full(count, np.nan))
+    for n, drifting in enumerate(in_air_at(areas, wind, 0.0)):
+        own = VehicleState(*(field[np.isfinite(field[:, n]), n] for field in flown.own))
+        if drifting and own.x.size > 1:
+            steps = PlanStates(*(field[None] for field in (*own, dt * np.arange(own.x.size))))
+            among.distance[n], among.breach[n] = nearest(drifting, trajectory(steps))
+    return among
 
 
-def nearest(
-    areas: tuple[Area, ...], x: np.ndarray, y: np.ndarray, time: np.ndarray
-) -> tuple[float, float]:
-    """Return the smallest distance from areas less their clearance, m, inf without any, and when it
-    is first below 0, s, nan: never; at places, m, and times since the start, s, ``[T]``.
+def nearest(areas: Sequence[Area], flown: Trajectory) -> tuple[float, float]:
+    """Return the smallest distance of a flight ``[1, L]`` from areas less their clearance, m, inf
+    where none counts, and when it is first below 0, s, nan: never.
+
+    The distance is good to some mm, and where an area begins or ceases to count, to what is flown
+    in a part of an arc. Where the clearance is lost, it is that at the ends of arcs.
     """
-    if not (areas and np.size(time)):
-        return np.inf, np.nan
-    away = [signed_distance(one, x, y, time) - one.clearance for one in areas]
-    least = np.min(away, axis=0)
-    breach = float(time[np.argmax(least < 0.0)]) if least.min() < 0.0 else np.nan
-    return float(least.min()), breach
+    active = at_all_heights(areas)
+    constraint = AreaClearance(active, np.array([[area.clearance for area in areas]]))
+    distance = _least_at_arcs(active, flown)
+    if 0.0 <= distance < np.inf:
+        # The smallest is not greater: only pieces that come as near must be looked at closely.
+        nearer = constraint._replace(required=constraint.required + distance)
+        distance += float(clearance(flown, nearer).margin.min())
+        if distance > CLOSE:
+            return distance, math.nan
+    kept = clearance(flown, constraint)
+    loss = float(kept.loss.min(initial=np.inf))
+    if distance == np.inf:  # no area counts at the end of an arc
+        distance = float(kept.margin.min(initial=np.inf))
+    return distance, loss if math.isfinite(loss) else math.nan
+
+
+def _least_at_arcs(active: Sequence[ActiveArea], flown: Trajectory) -> float:
+    """Return the smallest distance of a flight ``[1, L]`` from areas less their clearance, m, at
+    the ends of arcs; inf where none counts there.
+    """
+    arcs, ends = flown.legs, flown.states
+    begins = arcs.time[..., None] + arcs.duration[..., None] * (np.arange(ARCS) / ARCS)
+    x, y, time = (
+        np.append(field, end[:, -1])
+        for field, end in ((arcs.x, ends.x), (arcs.y, ends.y), (begins, ends.time))
+    )
+    least = np.inf
+    for _, area, begin, end in active:
+        away = signed_distance(area, x, y, time) - area.clearance
+        counts = (time >= begin) & (time <= end)
+        least = min(least, float(away.min(where=counts, initial=np.inf)))
+    return least
 
 
 def with_breaches(flights: Flights, among: AmongAreas, rules: Rules) -> Flights:
@@ -144,31 +179,3 @@ def outlines(area: Area, time: float) -> list[np.ndarray]:
         ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         return [np.add((area.shape.x, area.shape.y), moved) + radius * ring]
     return [np.array(ring) + moved for ring in area.shape.rings]
-
-
-def _places(own: VehicleState[Ground], dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return places of a flight ``[T + 1]``, m, and their times, s: those recorded, and between two
-    of them on the cubic curve that has both velocities.
-    """
-    own = VehicleState(*(field[np.isfinite(field)] for field in own))
-    if own.x.size < 2:
-        return own.x, own.y, np.zeros(own.x.size)
-    x = _curve(own.x, dt * (own.speed * np.cos(own.heading)))
-    y = _curve(own.y, dt * (own.speed * np.sin(own.heading)))
-    return x, y, np.arange(x.size) * (dt / _PARTS)
-
-
-def _curve(place: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """Return a coordinate at the ends of all parts of time steps, m, by Hermite's cubic through
-    places, m, at which a step's way at the velocity is so long, m, ``[T + 1]`` both.
-    """
-    s = np.arange(_PARTS)[None] / _PARTS
-    weights = (
-        (1.0 + 2.0 * s) * (1.0 - s) ** 2,
-        s * (1.0 - s) ** 2,
-        s * s * (3.0 - 2.0 * s),
-        s * s * (s - 1.0),
-    )
-    ends = (place[:-1], way[:-1], place[1:], way[1:])
-    curve = sum(weight * end[:, None] for weight, end in zip(weights, ends, strict=True))
-    return np.append(np.ravel(curve), place[-1])

@@ -14,12 +14,16 @@ from envs.kinematics import VehicleState
 from eval.flights.static_obstacles import Standing, as_intruders, standing
 
 
+def at_all_heights(areas: Sequence[Area]) -> list[ActiveArea]:
+    """Return areas as they count where heights are not looked at: while they are valid."""
+    return [ActiveArea(n, area, area.valid_from, area.valid_until) for n, area in enumerate(areas)]
+
+
 def what_stands(areas: Sequence[Area], aircraft: Aircraft) -> Standing:
     """Return what areas, as they are at the start, are to a resolver, ``[S]``; they count at all
     heights.
     """
-    counted = [ActiveArea(n, one, one.valid_from, one.valid_until) for n, one in enumerate(areas)]
-    return standing(counted, aircraft.separation, 0.0)
+    return standing(at_all_heights(areas), aircraft.separation, 0.0)
 
 
 def what_stands_in_each(areas: np.ndarray, aircraft: Aircraft) -> Standing:

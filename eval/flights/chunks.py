@@ -29,7 +29,7 @@ from eval.flights.areas_seen import what_stands_in_each
 from eval.flights.assured_mode import fly_assured
 from eval.flights.compiled import Compiled
 from eval.flights.conditions import Flown, conditions, verdict_within
-from eval.flights.in_wind import carry, stand, to_ground, winds
+from eval.flights.in_wind import carry, stand, winds
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start, promised_separation
 from eval.flights.simulate import (
     ENDS,
@@ -348,8 +348,7 @@ def _judge_areas(
     """Return flights with their breaches of areas, and the columns that tell of areas."""
     if recorder is None or given.areas is None:
         return flights, {}
-    over_ground = to_ground(recorder.stack(), given.wind, aircraft.dt)
-    among = judge(over_ground, given.areas, aircraft.dt)
+    among = judge(recorder.stack(), given.areas, given.wind, aircraft.dt)
     return with_breaches(flights, among, aircraft.rules()), {
         "areas": np.array([len(some) for some in given.areas], dtype=np.int32),
         "min_area_clearance_m": np.where(np.isfinite(among.distance), among.distance, np.nan),

@@ -76,14 +76,15 @@ def fly_recorded(ready: ReadyEvaluation, numbers: Sequence[int]) -> Recorded:
     starts, _, wind, areas = given
     recorder = TrajectoryRecorder(starts)
     plans, flights = fly_in_mode(ready, given, recorder)
-    seen = to_ground(recorder.stack(), wind, aircraft.dt)
+    flown = recorder.stack()
     if areas is not None:
-        flights = with_breaches(flights, judge(seen, areas, aircraft.dt), aircraft.rules())
+        among = judge(flown, areas, wind, aircraft.dt)
+        flights = with_breaches(flights, among, aircraft.rules())
     if wind is not None and plans is not None:
         each = Wind(wind.east[:, None], wind.north[:, None])
         plan_states = on_ground(plans.proposals.plan_states, each)
         plans = plans._replace(proposals=plans.proposals._replace(plan_states=plan_states))
-    return Recorded(starts, plans, flights, seen, areas)
+    return Recorded(starts, plans, flights, to_ground(flown, wind, aircraft.dt), areas)
 
 
 def _noise(

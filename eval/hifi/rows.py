@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.kernel.trajectory import straight
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict, classify
 from envs.follower import PERIOD
@@ -147,8 +148,10 @@ def _among_areas(one: FlightRecord, row: dict[str, Any], rules: Rules) -> dict[s
     flight, found = one.flight, (np.inf, _NAN)
     if flight is not None:
         periods = slice(0, round(rules.t_max) * SUBSTEPS + 1)
-        x, y = flight.own.x[periods], flight.own.y[periods]
-        found = nearest(one.scene.areas, x, y, PERIOD * np.arange(x.size))
+        x, y = flight.own.x[None, periods], flight.own.y[None, periods]
+        if x.size > 1:  # straight on within a period
+            flown = straight(x, y, PERIOD * np.arange(x.size)[None])
+            found = nearest(one.scene.areas, flown)
     distance, breach = found
     said: dict[str, Any] = {
         "areas": len(one.scene.areas),

@@ -9,11 +9,13 @@ import shapely
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.areas import Area, Circle, Polygon
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.scenarios import scenario
 from envs.trees import take
+from envs.wind import Wind
 from eval.config import MonteCarloConfig
-from eval.flights.among_areas import judge, nearest, outlines, with_breaches
+from eval.flights.among_areas import judge, outlines, with_breaches
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns, pick
 from eval.flights.recorded import Recorded, fly_recorded
 from eval.flights.simulate import ENDS, OUTCOMES
@@ -72,12 +74,12 @@ def test_safe_plans_keep_out_of_areas_over_the_ground(mode: str, wind: tuple[flo
         assert found == pytest.approx(table["min_area_clearance_m"][number], abs=8.0)
 
 
-def straight(*speeds: float) -> Trajectories:
+def straight(*speeds: float) -> Trajectories[Air]:
     """Return straight flights to the east from the origin, of 100 s."""
     time = np.arange(101.0)[:, None]
     speed = np.broadcast_to(np.array(speeds), (101, len(speeds)))
-    own = VehicleState(speed * time, 0.0 * speed, 0.0 * speed, speed)
-    none = VehicleState(*np.zeros((4, 101, len(speeds), 0)))
+    own: VehicleState[Air] = VehicleState(speed * time, 0.0 * speed, 0.0 * speed, speed)
+    none: VehicleState[Air] = VehicleState(*np.zeros((4, 101, len(speeds), 0)))
     return Trajectories(own, none, np.zeros((100, len(speeds), 2)), np.full(speed[1:].shape, 2e3))
 
 
@@ -89,16 +91,52 @@ def test_a_breach_is_timed_and_ends_a_flight() -> None:
         (Area(Circle(4_000.0, 2_000.0, 500.0), velocity=(0.0, -20.0)),),
         (),
     ]
-    found = judge(straight(50.0, 50.0, 50.0), areas, 1.0)
-    assert found.breach[0] == pytest.approx((2_000.0 - 100.0) / 50.0, abs=0.11)
+    found = judge(straight(50.0, 50.0, 50.0), areas, None, 1.0)
+    assert found.breach[0] == pytest.approx((2_000.0 - 100.0) / 50.0, abs=0.01)
     assert found.distance[0] == pytest.approx(-600.0, abs=1.0)  # in its middle
     # The disc has moved by 20 m/s when the aircraft passes.
     time = np.arange(0.0, 100.0, 0.01)
     away = np.hypot(4_000.0 - 50.0 * time, 2_000.0 - 20.0 * time) - 500.0
     assert found.distance[1] == pytest.approx(away.min(), abs=0.5)
-    assert found.breach[1] == pytest.approx(time[np.argmax(away < 0.0)], abs=0.11)
+    assert found.breach[1] == pytest.approx(time[np.argmax(away < 0.0)], abs=0.02)
     assert found.distance[2] == np.inf and np.isnan(found.breach[2])
-    assert nearest((), np.zeros(3), np.zeros(3), np.arange(3.0))[0] == np.inf
+
+
+def spike(depth: float) -> Polygon:
+    """Return a triangle whose tip is so far, m, beyond the way of the flights to the east."""
+    return Polygon(((2_000.5, -500.0), (2_004.5, -500.0), (2_002.5, depth)))
+
+
+def test_a_breach_between_the_ends_of_arcs_is_one() -> None:
+    areas = np.empty(2, dtype=object)
+    areas[:] = [(Area(spike(50.0)),), (Area(spike(-0.5)),)]
+    found = judge(straight(50.0, 50.0), areas, None, 1.0)
+    assert found.breach[0] == pytest.approx(2_002.5 / 50.0, abs=0.04)
+    assert -2.0 < found.distance[0] < 0.0  # across the middle of it, between two places 5 m apart
+    assert np.isnan(found.breach[1])
+    assert found.distance[1] == pytest.approx(0.5, abs=0.01)
+
+
+def test_an_area_counts_while_it_is_valid() -> None:
+    valid = (30.0, 50.0), (-np.inf, 30.0), (35.015, 35.045), (200.0, 300.0)  # passed from 38 s on
+    areas = np.empty(4, dtype=object)
+    wall = Polygon(((1_900.0, -500.0), (3_000.0, -500.0), (3_000.0, 500.0), (1_900.0, 500.0)))
+    areas[:] = [(Area(wall, valid_from=begin, valid_until=end),) for begin, end in valid]
+    found = judge(straight(50.0, 50.0, 50.0, 50.0), areas, None, 1.0)
+    assert found.breach[0] == pytest.approx(38.0, abs=0.01)
+    assert np.isnan(found.breach[1:]).all()
+    assert found.distance[1] == pytest.approx(400.0, abs=0.2)
+    assert found.distance[2] <= 1_900.0 - 50.0 * 35.045  # between two ends of arcs
+    assert found.distance[3] == np.inf
+
+
+def test_a_flight_is_judged_in_its_wind() -> None:
+    wind = Wind(np.array([10.0]), np.array([0.0]))
+    areas = np.empty(1, dtype=object)
+    wall = Polygon(((3_000.0, -500.0), (4_000.0, -500.0), (4_000.0, 500.0), (3_000.0, 500.0)))
+    areas[0] = (Area(wall),)
+    found = judge(straight(50.0), areas, wind, 1.0)
+    assert found.breach[0] == pytest.approx(3_000.0 / 60.0, abs=0.01)
 
 
 def test_what_comes_first_is_the_outcome() -> None:
@@ -107,7 +145,7 @@ def test_what_comes_first_is_the_outcome() -> None:
     flown = flown._replace(outcome=np.array([lost, lost, 0], np.int8), duration=late)
     areas = np.empty(3, dtype=object)
     areas[:] = [()] * 3
-    among = judge(straight(50.0, 50.0, 50.0), areas, 1.0)
+    among = judge(straight(50.0, 50.0, 50.0), areas, None, 1.0)
     among = among._replace(breach=np.array([20.0, 80.0, 30.0]))
     ended = with_breaches(flown, among, PAPER.rules())
     assert [ENDS[code] for code in ended.outcome] == ["breach", "violation", "breach"]
