@@ -40,7 +40,8 @@ from envs.gym.gymnasium_env import DeconflictionEnv
 from envs.kinematics import VehicleState
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
-from envs.waypoints import Legs, PlanStates, legs
+from envs.trees import take
+from envs.waypoints import Legs, legs, repeat
 from envs.waypoints import at as along
 from envs.wind import NO_WIND, over_ground, through_air
 
@@ -56,7 +57,7 @@ class Plan(NamedTuple):
     """One plan to be flown."""
 
     own: VehicleState[Air]
-    legs: Legs
+    legs: Legs[Air]
     times: np.ndarray
     """Of the waypoints, s."""
 
@@ -82,9 +83,7 @@ def plans_of(count: int, name: str, seed: int) -> list[Plan]:
     ).proposals
     found = []
     for number in np.flatnonzero(proposals.safe):
-        plan_states = PlanStates(
-            *(np.asarray(field[number], dtype=float) for field in proposals.plan_states)
-        )
+        plan_states = take(proposals.plan_states, number)
         own: VehicleState[Air] = VehicleState(*(float(field[number]) for field in encounters.own))
         found.append(Plan(own, legs(plan_states), plan_states.time[1:]))
     return found
@@ -101,7 +100,7 @@ def judge(
         *(np.array(field) for field in zip(*states, strict=True))
     )
     flight = through_air(flown, NO_WIND, 0.0)  # plans are for still air
-    curves = Legs(*(np.broadcast_to(field, (clock.size, *field.shape)) for field in plan.legs))
+    curves = repeat(plan.legs, clock.size)
     # Begun near the place abeam: an aircraft a minute late on a winding path has several.
     found = deviation(curves, flight, clock - late)
     at = np.clip(np.round(plan.times / PERIOD).astype(int) - 1, 0, clock.size - 1)

@@ -74,7 +74,7 @@ class KinematicVehicle(Generic[F]):
 
 
 def guidance(
-    legs: Legs,
+    legs: Legs[Air],
     state: VehicleState[F],
     time: Array,
     dt: float = PERIOD,
@@ -134,7 +134,7 @@ def offset(state: VehicleState[F], reference: VehicleState[F]) -> tuple[Array, A
     return x * cosine + y * sine, y * cosine - x * sine
 
 
-def deviation(legs: Legs, state: VehicleState[Air], time: Array) -> Deviation:
+def deviation(legs: Legs[Air], state: VehicleState[Air], time: Array) -> Deviation:
     """Compare a state ``[...]`` with the legs ``[..., L]`` of a plan at a time on its clock, s.
 
     The point of the path abeam of the aircraft is found from where the plan is now, by its speed;

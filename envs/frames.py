@@ -7,7 +7,7 @@ exist for the type checker alone: at run time a state does not know its own, and
 returned or handed on: ``own: VehicleState[Ground] = VehicleState(...)``.
 """
 
-from typing import TYPE_CHECKING
+from envs.phantom import TypeVar
 
 
 class Ground:
@@ -23,11 +23,4 @@ class Unframed:
 
 
 # A function with F takes states of either frame, all of them of the same one.
-if TYPE_CHECKING:
-    from typing_extensions import TypeVar
-
-    F = TypeVar("F", default=Unframed)
-else:
-    from typing import TypeVar
-
-    F = TypeVar("F")
+F = TypeVar("F", default=Unframed)

@@ -13,15 +13,16 @@ into the air mass and :func:`at` a place on its legs back.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, overload
+from typing import Any, Generic, NamedTuple, overload
 
 import numpy as np
 
 from envs.angles import wrap
 from envs.arrays import Array
-from envs.frames import Air, Ground
+from envs.frames import Air, F, Ground
 from envs.kinematics import VehicleState
-from envs.wind import Wind, over_ground, through_air
+from envs.trees import map_leaves
+from envs.wind import NO_WIND, Wind, over_ground, through_air
 
 ARCS = 10
 """Arcs of a leg."""
@@ -64,8 +65,8 @@ class RoutePoint:
     y: float  # north, m
 
 
-class PlanStates(NamedTuple):
-    """States with their times, where legs begin and end; fields ``[..., W]``."""
+class PlanStates(NamedTuple, Generic[F]):
+    """States of a frame with their times, where legs begin and end; fields ``[..., W]``."""
 
     x: Array  # m
     y: Array
@@ -74,8 +75,10 @@ class PlanStates(NamedTuple):
     time: Array  # s, increasing along the last axis
 
 
-class Legs(NamedTuple):
-    """Curves between consecutive plan states; fields ``[...]``, those of arcs ``[..., ARCS]``."""
+class Legs(NamedTuple, Generic[F]):
+    """Curves between consecutive plan states, in their frame; fields ``[...]``, those of arcs
+    ``[..., ARCS]``.
+    """
 
     time: Array  # at the beginning, s
     duration: Array  # s
@@ -104,36 +107,35 @@ def plan_states(
     waypoints: Sequence[Waypoint],
     time: float = 0.0,
     wind: Wind | None = None,
-) -> PlanStates:
+) -> PlanStates[Air]:
     """Return the state at the request and the waypoints after it as arrays, ``[1 +
     len(waypoints)]``.
 
     The time of the request is in s. In a wind they are as the air mass sees them that lies over the
     ground at time 0.
     """
-    first = PlanStates(float(own.x), float(own.y), float(own.heading), float(own.speed), time)
-    rest = [
-        PlanStates(point.x, point.y, point.heading, point.speed, point.time) for point in waypoints
+    rows = [
+        (float(own.x), float(own.y), float(own.heading), float(own.speed), time),
+        *((point.x, point.y, point.heading, point.speed, point.time) for point in waypoints),
     ]
-    found = PlanStates(*np.array([first, *rest], dtype=float).T)
-    return found if wind is None else in_air(found, wind)
+    return in_air(PlanStates(*np.array(rows, dtype=float).T), NO_WIND if wind is None else wind)
 
 
-def in_air(plan_states: PlanStates, wind: Wind) -> PlanStates:
+def in_air(plan_states: PlanStates[Ground], wind: Wind) -> PlanStates[Air]:
     """Return plan states over the ground as the air mass sees them, ``[..., W]``."""
     return PlanStates(
         *through_air(VehicleState(*plan_states[:4]), wind, plan_states.time), plan_states.time
     )
 
 
-def on_ground(plan_states: PlanStates, wind: Wind) -> PlanStates:
+def on_ground(plan_states: PlanStates[Air], wind: Wind) -> PlanStates[Ground]:
     """Return plan states in the air mass as the ground sees them, ``[..., W]``."""
     return PlanStates(
         *over_ground(VehicleState(*plan_states[:4]), wind, plan_states.time), plan_states.time
     )
 
 
-def leg(a: Waypoint, b: Waypoint, wind: Wind | None = None) -> Legs:
+def leg(a: Waypoint, b: Waypoint, wind: Wind | None = None) -> Legs[Air]:
     """Return the curve between two waypoints, fields ``[]`` and ``[ARCS]``; in a wind, in the air
     mass.
     """
@@ -141,7 +143,7 @@ def leg(a: Waypoint, b: Waypoint, wind: Wind | None = None) -> Legs:
     return Legs(*(field[0] for field in legs(plan_states(own, [b], a.time, wind))))
 
 
-def legs(plan_states: PlanStates) -> Legs:
+def legs(plan_states: PlanStates[F]) -> Legs[F]:
     """Return the curves between consecutive plan states.
 
     The controls follow from Gauss-Newton steps on the end position, whose minimum-norm solution is
@@ -220,13 +222,20 @@ def _correction(control: Array, seconds: Array, arcs: Array, ends: Array, off: A
     return _EACH * (effect[:, 0] * m1 + effect[:, 1] * m2)
 
 
+def repeat(legs: Legs[F], count: int) -> Legs[F]:
+    """Return the legs of one plan, ``[L]``, as so many rows, ``[count, L]``: :func:`at` takes a row
+    for each time.
+    """
+    return map_leaves(lambda field: np.broadcast_to(field, (count, *np.shape(field))), legs)
+
+
 @overload
-def at(legs: Legs, time: Array, wind: None = None) -> VehicleState[Air]: ...
+def at(legs: Legs[F], time: Array, wind: None = None) -> VehicleState[F]: ...
 @overload
-def at(legs: Legs, time: Array, wind: Wind) -> VehicleState[Ground]: ...
+def at(legs: Legs[Air], time: Array, wind: Wind) -> VehicleState[Ground]: ...
 @overload
-def at(legs: Legs, time: Array, wind: Wind | None) -> VehicleState[Any]: ...
-def at(legs: Legs, time: Array, wind: Wind | None = None) -> VehicleState[Any]:
+def at(legs: Legs[Air], time: Array, wind: Wind | None) -> VehicleState[Any]: ...
+def at(legs: Legs[Any], time: Array, wind: Wind | None = None) -> VehicleState[Any]:
     """Return the state on legs ``[..., L]`` at a time (s), ``[...]``; before and after them their
     first and last arc go on.
 

@@ -77,7 +77,7 @@ def may_be_met(
 
 
 def rest(
-    plan: Trajectory, since: Array, areas: Array, off: Array, thresholds: Thresholds[Narrowed]
+    plan: Trajectory[Air], since: Array, areas: Array, off: Array, thresholds: Thresholds[Narrowed]
 ) -> Rest:
     """Return what the rest of plans ``[N]`` keeps.
 
@@ -109,7 +109,11 @@ def rest(
 
 
 def judge_backups(
-    plan_states: PlanStates, curves: Legs, areas: Array, of: Array, thresholds: Thresholds[Narrowed]
+    plan_states: PlanStates[Air],
+    curves: Legs[Air],
+    areas: Array,
+    of: Array,
+    thresholds: Thresholds[Narrowed],
 ) -> BackupsKeep:
     """Return what backups ``[M]`` from the present on keep.
 
@@ -147,7 +151,7 @@ def _first_lost(areas: tuple[ActiveArea, ...], kept: Clearance) -> list[str]:
     return [label(areas[k]) for k in np.argmin(kept.loss, axis=1)]
 
 
-def _mean_depth(plan_states: PlanStates, areas: tuple[ActiveArea, ...]) -> Array:
+def _mean_depth(plan_states: PlanStates[Air], areas: tuple[ActiveArea, ...]) -> Array:
     """Return how deep plan states ``[M, B]`` are in areas on average, m, ``[M]``."""
     depth = np.zeros(plan_states.x.shape)
     for one in areas:

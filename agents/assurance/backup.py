@@ -62,8 +62,8 @@ class Backup(NamedTuple):
 
     course: Array  # to turn onto, rad in [-pi, pi)
     speed: Array  # to reach, m/s
-    plan_states: PlanStates  # [N, B], their times from when the backup was refreshed
-    legs: Legs  # between them
+    plan_states: PlanStates[Air]  # [N, B], their times from when the backup was refreshed
+    legs: Legs[Air]  # between them
     started: Array  # when that was, on the monitor's clock, s; nan where there has never been one
     # smallest distance less the required one over the horizon, to intruders and areas, m
     clearance: Array
@@ -82,7 +82,7 @@ def grade(backup: Backup) -> Array:
 
 def backup_states(
     own: VehicleState[Air], course: Array, speed: Array, thresholds: Thresholds[Narrowed]
-) -> PlanStates:
+) -> PlanStates[Air]:
     """Return backups from the present states as plan states, ``[M, B]``; every leg has constant
     controls.
     """
@@ -304,7 +304,7 @@ def resting(count: int, thresholds: Thresholds[L]) -> Backup:
     )
 
 
-def straight_east(count: int, times: Array, limits: Limits) -> PlanStates:
+def straight_east(count: int, times: Array, limits: Limits) -> PlanStates[Air]:
     """Return plan states of a straight flight at a middle speed, ``[count, W]``."""
     time = np.broadcast_to(times, (count, times.size)).copy()
     zero, speed = np.zeros_like(time), 0.5 * (limits.speed_min + limits.speed_max)

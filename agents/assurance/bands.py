@@ -301,7 +301,9 @@ def _block(kind: _Kind, sky: _Sky, look_ahead: float) -> Bands:
     )
 
 
-def _fly(own: VehicleState[Air], rows: Array, steering: Steering, look_ahead: float) -> Trajectory:
+def _fly(
+    own: VehicleState[Air], rows: Array, steering: Steering, look_ahead: float
+) -> Trajectory[Air]:
     """Return manoeuvres ``[R, B]`` of ownships numbered ``rows`` as trajectories ``[R * B]``."""
     each = np.repeat(rows, steering.reached.shape[1])
     return manoeuvres(take(own, each), map_leaves(np.ravel, steering), look_ahead)
@@ -317,7 +319,9 @@ class _Kept(NamedTuple):
     area: Array
 
 
-def _keep(flown: Trajectory, own: VehicleState[Air], rows: Array, sky: _Sky, level: float) -> _Kept:
+def _keep(
+    flown: Trajectory[Air], own: VehicleState[Air], rows: Array, sky: _Sky, level: float
+) -> _Kept:
     """Return what manoeuvres ``[R * B]`` of ownships numbered ``rows`` keep of all that they may
     meet; clearances above a level, m, are lower bounds.
     """

@@ -32,7 +32,7 @@ def has(causes: Array, any_of: Cause) -> Array:
 
 
 def required_separations(
-    plan: Trajectory, traffic: Traffic, thresholds: Thresholds[Narrowed]
+    plan: Trajectory[Air], traffic: Traffic, thresholds: Thresholds[Narrowed]
 ) -> Array:
     """Return the separations that plans made against some intruders were required to keep, m, ``[N,
     K]``.

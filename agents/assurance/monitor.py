@@ -33,7 +33,7 @@ from envs.waypoints import PlanStates, at
 def activate(
     monitor: Monitor,
     rows: Array,
-    plan_states: PlanStates,
+    plan_states: PlanStates[Air],
     safe: Array,
     time: Array,
     traffic: Traffic,
@@ -172,7 +172,7 @@ def answer(
     monitor: Monitor,
     rows: Array,
     number: Array,
-    plan_states: PlanStates,
+    plan_states: PlanStates[Air],
     safe: Array,
     thresholds: Thresholds[Narrowed],
 ) -> tuple[Monitor, Array]:
@@ -241,8 +241,8 @@ def references(monitor: Monitor, time: Array, dt: float, count: int) -> VehicleS
 
 
 def _usable(
-    plan_states: PlanStates, wanted: Array, thresholds: Thresholds[Narrowed]
-) -> tuple[Array, Trajectory]:
+    plan_states: PlanStates[Air], wanted: Array, thresholds: Thresholds[Narrowed]
+) -> tuple[Array, Trajectory[Air]]:
     """Return the numbers of the plans ``[M]`` that are wanted and can be flown, and these as
     courses.
     """
@@ -256,7 +256,7 @@ def _usable(
 
 
 def _install(
-    monitor: Monitor, rows: Array, plan: Trajectory, started: Array, expected: Traffic
+    monitor: Monitor, rows: Array, plan: Trajectory[Air], started: Array, expected: Traffic
 ) -> Monitor:
     what = {"plan": plan, "started": started, "expected": expected, "sums": 0.0}
     causes = monitor.causes[rows] & int(Cause.BACKUP_UNSAFE | Cause.BACKUP_IN_AREA)

@@ -347,7 +347,7 @@ def reasons(
 
 def _plan_states(
     own: VehicleState[Ground], plan: Plan, frame: Frame, thresholds: Thresholds[Narrowed]
-) -> PlanStates:
+) -> PlanStates[Air]:
     """Return a plan's states in its air mass, ``[1, W + 1]``; nan where it has no trajectory, or
     not as many waypoints as expected.
     """
@@ -355,18 +355,18 @@ def _plan_states(
     if len(plan.waypoints) != count:
         return PlanStates(*(np.full((1, count + 1), np.nan) for _ in range(5)))
     wind = frame.wind if frame.moves else None
-    return PlanStates(*(field[None] for field in plan_states(own, plan.waypoints, wind=wind)))
+    return take(plan_states(own, plan.waypoints, wind=wind), None)
 
 
-def backup_states(watch: Watch) -> PlanStates:
+def backup_states(watch: Watch) -> PlanStates[Ground]:
     """Return the plan states of the backup at hand over the ground, ``[B]``, their times from when
     it was refreshed.
     """
     return _on_ground(watch.monitor, watch.frame)
 
 
-def _on_ground(monitor: Monitor, frame: Frame) -> PlanStates:
-    in_air = PlanStates(*(field[0] for field in monitor.backup.plan_states))
+def _on_ground(monitor: Monitor, frame: Frame) -> PlanStates[Ground]:
+    in_air = take(monitor.backup.plan_states, 0)
     began = float(monitor.backup.started[0])
     state = frame.to_ground(VehicleState(*in_air[:4]), in_air.time + began)
     return PlanStates(*state, in_air.time)

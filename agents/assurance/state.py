@@ -41,7 +41,7 @@ class Monitor(NamedTuple):
     on_backup: Array  # whether the backup is flown, bool; kept while nothing can be seen
     causes: Array  # bits of Cause, int32
     memory: Memory
-    plan: Trajectory  # the active plan; a placeholder where there is none
+    plan: Trajectory[Air]  # the active plan; a placeholder where there is none
     started: Array  # when the active plan was requested, s
     expected: Traffic  # the intruders that the active plan was made with, [N, K]
     sums: Array  # leaky sums of cross-track (m s), along-track (m s) and time error (s s), [N, 3]

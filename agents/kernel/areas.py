@@ -8,7 +8,7 @@ whole piece (theorem ``area_part_safe`` of proofs/Safe.v).
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -62,7 +62,9 @@ class AreaClearance(NamedTuple):
         """
         return True
 
-    def near(self, flown: Trajectory, levels: Array, found: Clearance, *, closest: bool) -> Near:
+    def near(
+        self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
+    ) -> Near:
         """Return the legs that come near an area, and note the bounds of all others: what the
         rectangle about the area tells.
         """

@@ -7,7 +7,7 @@ arc. The bound alone decides; nothing here knows how a plan was made. The second
 which shares nothing with this one, is :mod:`agents.check`.
 """
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -106,7 +106,9 @@ class Constraint(Protocol):
         """
         ...
 
-    def near(self, flown: Trajectory, levels: Array, found: Clearance, *, closest: bool) -> Near:
+    def near(
+        self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
+    ) -> Near:
         """Return the legs that must be judged, and note bounds of the margins of all others, which
         are above the levels of interest, m, ``[N, K]``.
         """
@@ -118,7 +120,7 @@ class Constraint(Protocol):
 
 
 def clearance(
-    flown: Trajectory, constraint: Constraint, level: Array = 0.0, *, closest: bool = False
+    flown: Trajectory[Any], constraint: Constraint, level: Array = 0.0, *, closest: bool = False
 ) -> Clearance:
     """Return what trajectories keep from time 0 on.
 
@@ -159,7 +161,7 @@ def clearance(
 
 def _judge_straight_legs(
     found: Clearance,
-    flown: Trajectory,
+    flown: Trajectory[Any],
     constraint: Constraint,
     near: Near,
     levels: Array,

@@ -5,7 +5,7 @@ Where two aircraft move on curves, the relative motion leaves the chord between 
 at most a h^2 / 8, a being the largest relative acceleration (proofs/Bound.v, proofs/Safe.v).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,7 +56,9 @@ class Separation(NamedTuple):
         traffic, required, least = take((self.traffic, self.required, self.least), which)
         return Separation(traffic, required, least, self.sigmas)
 
-    def near(self, flown: Trajectory, levels: Array, found: Clearance, *, closest: bool) -> Near:
+    def near(
+        self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
+    ) -> Near:
         """Return the legs that must be judged piece by piece, and note the bounds of all others.
 
         Of a leg that is left out the chord shows that nothing there is below the level of interest;

@@ -4,7 +4,7 @@ It may be in either frame, over the ground or through the air, in which distance
 (:mod:`envs.wind`), as long as intruders and areas are in it too.
 """
 
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple
 
 import numpy as np
 
@@ -31,11 +31,11 @@ _NODES, _FACTORS = (part[:, None, None] for part in np.polynomial.legendre.legga
 _SHARES, _WEIGHTS = 0.5 * (1.0 + _NODES), 0.5 * _FACTORS
 
 
-class Trajectory(NamedTuple):
-    """What is flown; fields ``[N, L]``, those of arcs ``[N, L, ARCS]``."""
+class Trajectory(NamedTuple, Generic[F]):
+    """What is flown, in a frame; fields ``[N, L]``, those of arcs ``[N, L, ARCS]``."""
 
-    states: PlanStates  # where legs begin and end, [N, L + 1]
-    legs: Legs
+    states: PlanStates[F]  # where legs begin and end, [N, L + 1]
+    legs: Legs[F]
     bend: Array  # a bound of the acceleration in each arc, along and across, m/s^2
     sagitta: Array  # a bound of the distance of each leg from uniform motion along its chord, m
     # By which positions may be off, m: what a leg misses its end by, and rounding; it grows evenly
@@ -48,7 +48,7 @@ class Trajectory(NamedTuple):
         """When the last leg ends, s, ``[N]``."""
         return self.states.time[:, -1]
 
-    def since(self, time: Array) -> "Trajectory":
+    def since(self, time: Array) -> "Trajectory[F]":
         """Return the same with times from another moment on, s, ``[N]``."""
         shift = np.asarray(time)[:, None]
         return self._replace(
@@ -56,7 +56,7 @@ class Trajectory(NamedTuple):
             legs=self.legs._replace(time=self.legs.time - shift),
         )
 
-    def widened(self, rate: Array, since: Array) -> "Trajectory":
+    def widened(self, rate: Array, since: Array) -> "Trajectory[F]":
         """Return the same for all that leaves it by so much more in a second, m/s, from a moment
         on, s, ``[N]`` each.
         """
@@ -97,7 +97,7 @@ class Pieces(NamedTuple):
     part: Array  # how long a part of the leg's arcs lasts, s, [M, 1]
 
 
-def trajectory(states: PlanStates, curves: Legs | None = None) -> Trajectory:
+def trajectory(states: PlanStates[F], curves: Legs[F] | None = None) -> Trajectory[F]:
     """Return what is flown between states ``[N, W]``, finite and in order of time; ``curves`` are
     the legs between them, if they are known already.
     """
@@ -116,7 +116,7 @@ def trajectory(states: PlanStates, curves: Legs | None = None) -> Trajectory:
     return Trajectory(states, curves, bend, sagitta, error, error)
 
 
-def straight(x: Array, y: Array, time: Array) -> Trajectory:
+def straight(x: Array, y: Array, time: Array) -> Trajectory[F]:
     """Return uniform motion from place to place, m, at times, s, in ascending order, ``[N, W]``
     each; at a place the velocity may change at once, as where a mission has its corners.
     """
@@ -128,7 +128,7 @@ def straight(x: Array, y: Array, time: Array) -> Trajectory:
         return np.repeat(field[..., None], ARCS, axis=-1)
 
     still = np.zeros((*duration.shape, ARCS))
-    curves = Legs(
+    curves: Legs[F] = Legs(
         time[:, :-1],
         duration,
         np.zeros(duration.shape),
@@ -143,7 +143,7 @@ def straight(x: Array, y: Array, time: Array) -> Trajectory:
     return trajectory(PlanStates(x, y, heading, speed, time), curves)
 
 
-def straight_on(own: VehicleState[F], until: float) -> Trajectory:
+def straight_on(own: VehicleState[F], until: float) -> Trajectory[F]:
     """Return aircraft ``[N]`` that fly straight on until a time, s."""
     time = np.broadcast_to(np.linspace(0.0, until, HOLDS + 2), (own.x.size, HOLDS + 2))
     far = own.speed[:, None] * time
@@ -165,7 +165,7 @@ def steered(own: VehicleState[F], steering: Steering, time: Array) -> VehicleSta
     return VehicleState(x + far * np.cos(heading), y + far * np.sin(heading), heading, speed)
 
 
-def manoeuvres(own: VehicleState[F], steering: Steering, until: float) -> Trajectory:
+def manoeuvres(own: VehicleState[F], steering: Steering, until: float) -> Trajectory[F]:
     """Return manoeuvres of aircraft ``[N]`` until a time, s: a leg that leads to the target, and
     :data:`HOLDS` in which it is held.
     """
@@ -188,11 +188,11 @@ def manoeuvres(own: VehicleState[F], steering: Steering, until: float) -> Trajec
     controls = np.zeros((2, *x.shape))
     controls[:, :, 0] = np.stack([steering.yaw_rate, steering.acceleration])[..., None]
     none = np.zeros(duration.shape)
-    curves = Legs(time[:, :-1], duration, none, x, y, heading, speed, *controls)
+    curves: Legs[F] = Legs(time[:, :-1], duration, none, x, y, heading, speed, *controls)
     return trajectory(PlanStates(*states, time), curves)
 
 
-def pieces(flown: Trajectory, row: Array, leg: Array) -> Pieces:
+def pieces(flown: Trajectory[Any], row: Array, leg: Array) -> Pieces:
     """Return the arcs of legs, by numbers of trajectories and of their legs ``[M]``, with P =
     ``ARCS``.
     """
@@ -224,7 +224,7 @@ def pieces(flown: Trajectory, row: Array, leg: Array) -> Pieces:
     )
 
 
-def whole_legs(flown: Trajectory, row: Array, leg: Array) -> Pieces:
+def whole_legs(flown: Trajectory[Any], row: Array, leg: Array) -> Pieces:
     """Return legs of uniform motion as a piece each, by numbers of trajectories and of their legs
     ``[M]``, with P = 1.
     """
@@ -313,7 +313,7 @@ def along(arcs: Pieces, part: Array) -> tuple[Array, Array]:
     return arcs.x0 + moved.real * time, arcs.y0 + moved.imag * time
 
 
-def position_error_bound(curves: Legs) -> Array:
+def position_error_bound(curves: Legs[Any]) -> Array:
     """Return the error of positions on each leg by Gauss-Legendre's rule, m, ``[..., L]``.
 
     Proven in proofs/Quadrature.v (``position_error_bound_sound``): below 1 nm on legs of 20 s,

@@ -17,7 +17,8 @@ from agents.planner.search.candidates import find_faults
 from envs.areas import Area
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.waypoints import PlanStates, RoutePoint, Waypoint, plan_states
+from envs.trees import take
+from envs.waypoints import RoutePoint, Waypoint, plan_states
 from envs.wind import Wind
 
 JOIN = 5
@@ -78,7 +79,7 @@ def recheck(  # noqa: PLR0913 - a plan, and all of a request
         request, _ = add_areas(request, areas, own_altitude, in_air, wind)
     except RequestError as error:
         return _void(plan, late, str(error))
-    curve = PlanStates(*(field[None] for field in plan_states(own, left, wind=wind)))
+    curve = take(plan_states(own, left, wind=wind), None)
     found = find_faults(curve, request, in_air)
     nearer = unproven_exclusions(excluded, left[-1]) if left else []
     if nearer:

@@ -35,6 +35,7 @@ from commands.json_text import parse_json
 from envs import draws
 from envs.aircraft import PAPER, Aircraft
 from envs.arrays import Array
+from envs.frames import Air
 from envs.kinematics import Limits
 from envs.trees import map_leaves, take
 from envs.waypoints import ARCS, PlanStates, legs
@@ -232,7 +233,12 @@ def _side_by_side(
 
 
 def judge(
-    tally: Tally, seed: int, requests: Drawn, plan_states: PlanStates, last: Array, options: Options
+    tally: Tally,
+    seed: int,
+    requests: Drawn,
+    plan_states: PlanStates[Air],
+    last: Array,
+    options: Options,
 ) -> None:
     """Judge SAFE plans ``[N]``: re-simulate all, re-fly some."""
     if len(last) == 0:
@@ -256,7 +262,7 @@ def judge(
 def _judge_within(
     tally: Tally,
     requests: Drawn,
-    plan_states: PlanStates,
+    plan_states: PlanStates[Air],
     last: Array,
     options: Options,
     limits: Limits,
@@ -279,7 +285,7 @@ def _judge_within(
         _blame(tally, "speed beyond the limit regained", requests, row)
 
 
-def _refly(tally: Tally, requests: Drawn, plan_states: PlanStates, options: Options) -> None:
+def _refly(tally: Tally, requests: Drawn, plan_states: PlanStates[Air], options: Options) -> None:
     """Fly SAFE plans ``[N]`` by the follower, one at least."""
     flight = refly(plan_states, requests.request, options.requirement, options.limits)
     near = int(np.sum(flight.separation < 1000.0))
@@ -414,14 +420,14 @@ def _blame(tally: Tally, check: str, requests: Drawn, row: int, **more: Any) -> 
     tally.blame(check, requests.number[row], family=family, options=variant, **more)
 
 
-def _exceeds_speed(plan_states: PlanStates, limits: Limits) -> Array:
+def _exceeds_speed(plan_states: PlanStates[Air], limits: Limits) -> Array:
     """Return where a plan accelerates to a speed beyond the limit, ``[N]``."""
     curves = legs(plan_states)
     after = curves.speed + curves.acceleration * (curves.duration[..., None] / ARCS)
     return ((after > limits.speed_max + 1e-3) & (curves.acceleration > 1e-6)).any(axis=(1, 2))
 
 
-def _use(plan_states: PlanStates, limits: Limits) -> dict[str, float]:
+def _use(plan_states: PlanStates[Air], limits: Limits) -> dict[str, float]:
     """Return the largest share of each limit that plans use."""
     curves = legs(plan_states)
     values = {

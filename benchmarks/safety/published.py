@@ -63,7 +63,7 @@ class Question(NamedTuple):
 class AsArrays(NamedTuple):
     """A plan as it is judged, in the air mass."""
 
-    plan_states: PlanStates
+    plan_states: PlanStates[Air]
     """``[21]``."""
     last: Array
     """Number of its last point of the route, ``[]``."""
@@ -284,7 +284,7 @@ def _counted(question: Question, answer: Plan, options: Options) -> Traffic:
     return question.truth.traffic._replace(mask=mask, window=Window(begin, end))
 
 
-def _plan_states(question: Question, answer: Plan) -> PlanStates:
+def _plan_states(question: Question, answer: Plan) -> PlanStates[Air]:
     """Return a published plan ``[W + 1]`` as the air mass sees it."""
     rows = [(*question.own, 0.0)]
     rows += [(one.x, one.y, one.heading, one.speed, one.time) for one in answer.waypoints]

@@ -62,7 +62,7 @@ class _Flying(NamedTuple):
     """Their places among all plans."""
     end: Array
     """When they arrive, s."""
-    curves: Legs
+    curves: Legs[Air]
     own: VehicleState[Air]
     planned: VehicleState[Air]
     """Where the plan is now."""
@@ -79,7 +79,7 @@ class _Flying(NamedTuple):
 
 
 def refly(
-    plan_states: PlanStates, request: Request, requirement: Requirement, limits: Limits
+    plan_states: PlanStates[Air], request: Request, requirement: Requirement, limits: Limits
 ) -> Reflight:
     """Fly plans ``[N]`` from the request to their last waypoint; the intruders fly as predicted.
 
@@ -114,7 +114,7 @@ def refly(
     return Reflight(found.separation, found.error, found.clearance < -1e-3, found.error > _ALLOWED)
 
 
-def _begin(plan_states: PlanStates, request: Request, requirement: Requirement) -> _Flying:
+def _begin(plan_states: PlanStates[Air], request: Request, requirement: Requirement) -> _Flying:
     """Return plans ``[N]`` at the request."""
     traffic, curves = request.traffic, legs(plan_states)
     required = required_distances(request.own.x + 1j * request.own.y, traffic, requirement)

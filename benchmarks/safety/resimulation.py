@@ -113,13 +113,13 @@ class Verdict(NamedTuple):
         self.wrong[CHECKS.index(check)] |= where.any(axis=tuple(range(1, where.ndim)))
 
 
-def fly(plan_states: PlanStates) -> Flown:
+def fly(plan_states: PlanStates[Air]) -> Flown:
     """Return a plan ``[W + 1]`` as it is flown, sampled every :data:`CLOSE` s at most."""
-    curves = legs(PlanStates(*(field[None] for field in plan_states)))
+    curves = legs(take(plan_states, None))
     parts = []
     for leg in range(curves.duration.shape[1]):
-        one = Legs(*(field[:, leg : leg + 1] for field in curves))
-        begin = PlanStates(*(field[None, leg : leg + 1] for field in plan_states))
+        one = take(curves, (slice(None), slice(leg, leg + 1)))
+        begin = take(plan_states, (None, slice(leg, leg + 1)))
         steps = math.ceil(float(one.duration.max()) / ARCS / CLOSE)
         samples = _integrate(begin, one, steps)
         # What is flown from a sample on; the last one has that before it.
@@ -175,7 +175,7 @@ def separations(traffic: Traffic, requirement: Requirement) -> Array:
 
 
 def resimulate(
-    plan_states: PlanStates,
+    plan_states: PlanStates[Air],
     own: VehicleState[Air],
     traffic: Traffic,
     route: Route,
@@ -208,13 +208,13 @@ def resimulate(
     return verdict
 
 
-def _is_finite(plan_states: PlanStates) -> Array:
+def _is_finite(plan_states: PlanStates[Air]) -> Array:
     """Return which plans ``[n, W + 1]`` have finite states and increasing times, ``[n]``."""
     finite = np.isfinite(np.stack(plan_states)).all(axis=(0, 2))
     return finite & (np.diff(plan_states.time, axis=1) > 0.0).all(axis=1)
 
 
-def _off_route(plan_states: PlanStates, route: Route, extend: bool) -> Array:
+def _off_route(plan_states: PlanStates[Air], route: Route, extend: bool) -> Array:
     """Return where the last waypoint is none of the route's, ``[n]``; ``extend``: beyond its end
     is right too.
     """
@@ -235,7 +235,7 @@ def _off_route(plan_states: PlanStates, route: Route, extend: bool) -> Array:
 
 
 def _judge(
-    plan_states: PlanStates,
+    plan_states: PlanStates[Air],
     own: VehicleState[Air],
     traffic: Traffic,
     options: Options,
@@ -262,7 +262,7 @@ def _judge(
 
 
 def _judge_waypoints(
-    verdict: Verdict, plan_states: PlanStates, own: VehicleState[Air], options: Options
+    verdict: Verdict, plan_states: PlanStates[Air], own: VehicleState[Air], options: Options
 ) -> None:
     """Judge where plans begin, the times of their waypoints, and the range of headings."""
     begin, end = take(plan_states, np.s_[:, 0]), take(plan_states, np.s_[:, -1])
@@ -278,7 +278,7 @@ def _judge_waypoints(
     verdict.note("heading", np.abs(plan_states.heading[:, 1:]) > math.pi + _EXACT)
 
 
-def _judge_controls(verdict: Verdict, curves: Legs, limits: Limits) -> None:
+def _judge_controls(verdict: Verdict, curves: Legs[Air], limits: Limits) -> None:
     """Judge turn rates and accelerations of the legs."""
     verdict.note("turn rate", np.abs(curves.yaw_rate) > limits.yaw_rate_max + _EXACT)
     verdict.note("acceleration", curves.acceleration > limits.acceleration_max + _EXACT)
@@ -303,13 +303,13 @@ class _Samples(NamedTuple):
     """From one to the next."""
 
 
-def _steps_of_arc(curves: Legs) -> int:
+def _steps_of_arc(curves: Legs[Air]) -> int:
     """Return in how many steps an arc is integrated, so that none is too long or turns too far."""
     steps = np.maximum(1.0 / COARSE, np.abs(curves.yaw_rate) / _TURN)  # a second
     return math.ceil(np.max(curves.duration[..., None] * steps) / ARCS)
 
 
-def _integrate(begin: PlanStates, curves: Legs, steps: int) -> _Samples:
+def _integrate(begin: PlanStates[Air], curves: Legs[Air], steps: int) -> _Samples:
     """Fly legs ``[n, L]`` from where they begin, each of their arcs in so many steps."""
     seconds = (curves.duration / (ARCS * steps))[..., None]
     rate, gain = (
@@ -329,7 +329,9 @@ def _integrate(begin: PlanStates, curves: Legs, steps: int) -> _Samples:
     )
 
 
-def _judge_flight(verdict: Verdict, samples: _Samples, end: PlanStates, limits: Limits) -> None:
+def _judge_flight(
+    verdict: Verdict, samples: _Samples, end: PlanStates[Air], limits: Limits
+) -> None:
     """Judge whether legs end at their waypoints ``[n, L]``, and the speeds on them."""
     final = _Samples(*(field[..., -1] for field in samples))
     verdict.note("leg", np.abs(final.place - end.x - 1j * end.y) > TOLERANCE)

@@ -43,7 +43,7 @@ class Path:
     The wind carries the legs along from time 0 on; the plan's clock was 0 at the time ``began``, s.
     """
 
-    def __init__(self, legs: Legs, wind: Wind = NO_WIND, began: float = 0.0) -> None:
+    def __init__(self, legs: Legs[Air], wind: Wind = NO_WIND, began: float = 0.0) -> None:
         self._wind, self._began = wind, began
         arcs = legs.x.shape[-1]
         part = (legs.duration / arcs)[:, None]

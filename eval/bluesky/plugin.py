@@ -21,7 +21,7 @@ from agents.planner.request.request import Altitude
 from commands.command import InputError
 from envs.aircraft import new_aircraft
 from envs.areas import Area, AreaError, Circle, Level, Polygon
-from envs.frames import Ground
+from envs.frames import Air, Ground
 from envs.kinematics import Limits, VehicleState, commands
 from envs.trees import map_leaves, take
 from envs.waypoints import Legs, RoutePoint, at, legs, plan_states
@@ -175,7 +175,7 @@ class RLCAS(_Resolution):
         self._said: set[str] = set()
         self._lasting: dict[str, float] = {}  # s, for how long an aircraft has been in conflict
         # When it was planned, the plan if SAFE, and the wind that it is flown in.
-        self.plans: dict[str, tuple[float, Legs | None, Wind | None]] = {}
+        self.plans: dict[str, tuple[float, Legs[Air] | None, Wind | None]] = {}
 
     @property
     def altactive(self) -> np.ndarray:

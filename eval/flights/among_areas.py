@@ -6,7 +6,7 @@ The areas of an encounter follow from its number (:mod:`envs.random_areas`), as 
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -114,7 +114,7 @@ def judge(flown: Trajectories[Air], areas: np.ndarray, wind: Wind | None, dt: fl
     return among
 
 
-def nearest(areas: Sequence[Area], flown: Trajectory) -> tuple[float, float]:
+def nearest(areas: Sequence[Area], flown: Trajectory[Any]) -> tuple[float, float]:
     """Return the smallest distance of a flight ``[1, L]`` from areas less their clearance, m, inf
     where none counts, and when it is first below 0, s, nan: never.
 
@@ -137,7 +137,7 @@ def nearest(areas: Sequence[Area], flown: Trajectory) -> tuple[float, float]:
     return distance, loss if math.isfinite(loss) else math.nan
 
 
-def _least_at_arcs(active: Sequence[ActiveArea], flown: Trajectory) -> float:
+def _least_at_arcs(active: Sequence[ActiveArea], flown: Trajectory[Any]) -> float:
     """Return the smallest distance of a flight ``[1, L]`` from areas less their clearance, m, at
     the ends of arcs; inf where none counts there.
     """

@@ -10,8 +10,8 @@ from envs.areas import Area
 from envs.encounters import Encounter
 from envs.frames import Ground
 from envs.trees import take
-from envs.waypoints import on_ground
-from envs.wind import Wind
+from envs.waypoints import PlanStates, on_ground
+from envs.wind import NO_WIND, Wind
 from eval.flights.among_areas import judge, with_breaches
 from eval.flights.assured_mode import fly_assured
 from eval.flights.chunks import (
@@ -42,10 +42,11 @@ class Track(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """Flights of M encounters, over the ground."""
+    """Flights of M encounters."""
 
     starts: Encounter  # ``[M]``
     plans: Plans | None  # made at the start, ``[M]``; None in mode policy
+    plan_states: PlanStates[Ground] | None  # of the plans, ``[M, W]``
     flights: Flights
     trajectories: Trajectories[Ground]
     areas: np.ndarray | None = None  # of each, object ``[M]``
@@ -80,11 +81,12 @@ def fly_recorded(ready: ReadyEvaluation, numbers: Sequence[int]) -> Recorded:
     if areas is not None:
         among = judge(flown, areas, wind, aircraft.dt)
         flights = with_breaches(flights, among, aircraft.rules())
-    if wind is not None and plans is not None:
-        each = Wind(wind.east[:, None], wind.north[:, None])
+    plan_states = None
+    if plans is not None:
+        each = NO_WIND if wind is None else Wind(wind.east[:, None], wind.north[:, None])
         plan_states = on_ground(plans.proposals.plan_states, each)
-        plans = plans._replace(proposals=plans.proposals._replace(plan_states=plan_states))
-    return Recorded(starts, plans, flights, to_ground(flown, wind, aircraft.dt), areas)
+    over_ground = to_ground(flown, wind, aircraft.dt)
+    return Recorded(starts, plans, plan_states, flights, over_ground, areas)
 
 
 def _noise(

@@ -20,7 +20,7 @@ from envs.follower import PERIOD, offset
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.trees import take
-from envs.waypoints import Legs, at
+from envs.waypoints import Legs, at, repeat
 from envs.wind import Wind, over_ground
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.flight import Flight
@@ -45,7 +45,7 @@ class Errors(NamedTuple):
 
 
 def against(
-    flight: Flight, legs: Legs, wind: Wind, surrogate: VehicleState[Air] | None = None
+    flight: Flight, legs: Legs[Air], wind: Wind, surrogate: VehicleState[Air] | None = None
 ) -> Errors:
     """Compare a flight from the plan's time 0 on with the plan's legs ``[L]``, in an air mass with
     this wind.
@@ -79,10 +79,9 @@ def against(
     )
 
 
-def _planned_state(legs: Legs, wind: Wind, time: np.ndarray) -> VehicleState[Ground]:
+def _planned_state(legs: Legs[Air], wind: Wind, time: np.ndarray) -> VehicleState[Ground]:
     """Return where a plan of legs ``[L]`` is over the ground at times, s, ``[T]``."""
-    curves = Legs(*(np.broadcast_to(field, (time.size, *field.shape)) for field in legs))
-    return over_ground(at(curves, time), wind, time)
+    return at(repeat(legs, time.size), time, wind)
 
 
 def roll_out(

@@ -77,7 +77,7 @@ class FlightRecord(NamedTuple):
 
     scene: Beginning
     made: Made | None = None  # the plan; None in mode closed
-    legs: Legs | None = None  # of the plan, in the air mass; None without one
+    legs: Legs[Air] | None = None  # of the plan, in the air mass; None without one
     flight: Flight | None = None  # None where it could not begin
     errors: Errors | None = None  # against the plan, in mode plan
     problem: str | None = None  # why it could not begin
@@ -162,7 +162,7 @@ def _fly_closed(campaign: Campaign, scene: Beginning, number: int, policy: Polic
 
 
 def _follow(
-    campaign: Campaign, record: FlightRecord, curves: Legs, number: int, policy: Policy
+    campaign: Campaign, record: FlightRecord, curves: Legs[Air], number: int, policy: Policy
 ) -> FlightRecord:
     """Return a record with the flight along its plan to the end, and the errors against it."""
     scene, made = record.scene, record.made

@@ -74,7 +74,7 @@ def plan_for(
     return Made(plan_among(request, amid, policy, in_air, floats=True), request, None)
 
 
-def unflyable(legs: Legs, reach: tuple[float, float]) -> str | None:
+def unflyable(legs: Legs[Air], reach: tuple[float, float]) -> str | None:
     """Return why a vehicle with a slowest and a fastest air speed, m/s, cannot fly legs ``[L]``;
     None where it can.
     """

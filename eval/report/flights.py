@@ -145,12 +145,12 @@ def _first_plan(batch: Recorded, row: int) -> tuple[np.ndarray | None, str | Non
     """Return the plan made at the start, east, north, m, and time, s, ``[3, W]``, and its status;
     None: without a trajectory, or in mode policy.
     """
-    if batch.plans is None:
+    if batch.plans is None or batch.plan_states is None:
         return None, None
-    made = batch.plans.proposals
-    flown = made.plan_states
-    plan = np.stack([flown.x[row], flown.y[row], flown.time[row]])
-    return plan if np.isfinite(plan).all() else None, STATUSES[int(made.safe[row])]
+    flown = take(batch.plan_states, row)
+    plan = np.stack([flown.x, flown.y, flown.time])
+    status = STATUSES[int(batch.plans.proposals.safe[row])]
+    return plan if np.isfinite(plan).all() else None, status
 
 
 def bands_of(

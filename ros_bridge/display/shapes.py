@@ -11,7 +11,7 @@ from envs.areas import Area, AreaError, Circle, Level
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.waypoints import Legs, Waypoint, at, legs, plan_states
+from envs.waypoints import Waypoint, at, legs, plan_states, repeat
 from ros_bridge.core.areas import to_local
 from ros_bridge.core.conversions import PlanPoint, Published, Route
 from ros_bridge.core.fields import SECOND, FieldError
@@ -86,8 +86,7 @@ def _curve(published: Published, frame: LocalFrame) -> _Curve:
     times = np.linspace(0.0, end, 1 + min(math.ceil(end / _STEP), _POINTS))
     with np.errstate(all="ignore"):
         curve = legs(plan_states(start, states[1:], wind=wind))
-        at_times = Legs(*(np.broadcast_to(part, (times.size, *np.shape(part))) for part in curve))
-        state = at(at_times, times, wind)
+        state = at(repeat(curve, times.size), times, wind)
     if not (np.isfinite(state.x).all() and np.isfinite(state.y).all()):
         # No aircraft flies it; what was said is drawn all the same.
         straight = [[*_place(s.x, s.y), round(began + s.time, 2)] for s in states]

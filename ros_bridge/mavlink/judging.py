@@ -30,7 +30,7 @@ from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.trees import take
-from envs.waypoints import Legs, RoutePoint, Waypoint, at, legs, plan_states
+from envs.waypoints import RoutePoint, Waypoint, at, legs, plan_states, repeat
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.assurance import (
     Supervision,
@@ -431,9 +431,7 @@ def _rejoin(answer: Plan, wanted: PlanTask) -> Rejoin:
     later = (one.time for one in answer.waypoints if one.time > answer.rejoin_time)
     times = np.array([answer.rejoin_time, *later])
     curve = legs(plan_states(wanted.own, answer.waypoints, wind=wind))
-    state = at(
-        Legs(*(np.broadcast_to(one, (times.size, *one.shape)) for one in curve)), times, wind
-    )
+    state = at(repeat(curve, times.size), times, wind)
     x = np.array([point.x for point in wanted.points])
     y = np.array([point.y for point in wanted.points])
     away = np.hypot(state.x[:, None] - x, state.y[:, None] - y)

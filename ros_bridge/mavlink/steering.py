@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from envs import frames
 from envs.c208.guidance import Guide, Lookahead, Path
 from envs.follower import deviation, offset
 from envs.frames import Ground
@@ -74,7 +75,7 @@ def sense(
 class Follower(NamedTuple):
     """A plan that is followed."""
 
-    legs: Legs
+    legs: Legs[frames.Air]
     path: Path  # the legs as plain floats
     wind: Wind  # in whose air mass the legs are
     late: float = 0.0  # how much later than planned the aircraft was at its place, s

@@ -8,6 +8,7 @@ newest SAFE plan until it is withdrawn. Messages are read by their fields; nothi
 from typing import TYPE_CHECKING, NamedTuple
 
 from envs.formats.local_frame import LocalFrame
+from envs.frames import Air
 from envs.waypoints import Legs, legs, plan_states
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.conversions import STATUS_SAFE, trajectory
@@ -83,11 +84,11 @@ class Guidance:
 class Flying(NamedTuple):
     """What is flown."""
 
-    legs: Legs  # through the air, which lies over the ground when they begin
+    legs: Legs[Air]  # through the air, which lies over the ground when they begin
     began: int  # when that is, ns
     wind: Wind | None  # None: still air
 
-    def legs_after(self, seconds: float) -> Legs:
+    def legs_after(self, seconds: float) -> Legs[Air]:
         """Return the legs in the air mass that lay over the ground so long before they begin."""
         blows = self.wind or NO_WIND
         return self.legs._replace(

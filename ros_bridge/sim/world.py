@@ -163,7 +163,7 @@ class EncounterFlight:
         rows = np.stack(self._intruders.vehicle, axis=-1).tolist()
         return {name: VehicleState(*row) for name, row in zip(self.names, rows, strict=True)}
 
-    def fly(self, curves: Legs, began: float, *, plan: bool) -> None:
+    def fly(self, curves: Legs[Air], began: float, *, plan: bool) -> None:
         """Fly other legs ``[L]`` from now on, whose clock was 0 at ``began`` (s); errors from a
         plan count.
         """

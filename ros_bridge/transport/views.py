@@ -18,7 +18,7 @@ from agents.planner.request.reports import arrays_of_reports, report_in_air
 from envs.areas import Area, Circle, Keep, Polygon, Ring
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.waypoints import Legs, Waypoint, at, legs, plan_states
+from envs.waypoints import Waypoint, at, legs, plan_states, repeat
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report
 from ros_bridge.core.tasks import PlanTask
@@ -163,8 +163,7 @@ def _line(plan: Plan, task: PlanTask) -> list[tuple[float, float]]:
     curve = legs(plan_states(task.own, plan.waypoints, wind=plan.wind))
     end = plan.waypoints[-1].time
     times = np.append(np.arange(0.0, end, _STEP), end)
-    each = Legs(*(np.broadcast_to(field, (times.size, *np.shape(field))) for field in curve))
-    state = at(each, times, plan.wind)
+    state = at(repeat(curve, times.size), times, plan.wind)
     return list(zip(state.x.tolist(), state.y.tolist(), strict=True))
 
 

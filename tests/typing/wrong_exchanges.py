@@ -8,18 +8,31 @@ from agents.assurance import monitor as monitors
 from agents.assurance.inputs import Inputs
 from agents.assurance.state import Monitor
 from agents.assurance.thresholds import Thresholds
-from agents.kernel.traffic import Traffic
+from agents.kernel.traffic import Requirement, Traffic
+from agents.kernel.trajectory import Trajectory, straight_on, trajectory
+from agents.planner.judge.validator import validate
 from agents.planner.planner import plan, plan_many
 from agents.planner.publish.certificate import Evidence
 from agents.planner.request.options import Narrowed, Options
 from agents.planner.request.reports import Intruder, arrays_of_reports
 from agents.planner.request.request import Request, check_request, in_wind
 from agents.policy.inference import Policy
+from envs.follower import deviation
 from envs.frames import Air, Ground
-from envs.kinematics import VehicleState
+from envs.kinematics import SURROGATE, VehicleState
 from envs.relative import straight_cpa
 from envs.trees import choose, column, map_leaves, take
-from envs.waypoints import Legs, RoutePoint, at, plan_states
+from envs.waypoints import (
+    Legs,
+    PlanStates,
+    RoutePoint,
+    at,
+    in_air,
+    legs,
+    on_ground,
+    plan_states,
+    repeat,
+)
 from envs.wind import Wind, over_ground, through_air
 
 ROUTE: list[RoutePoint] = []
@@ -37,7 +50,36 @@ def arguments(own: VehicleState[Ground], start: VehicleState[Air], policy: Polic
     straight_cpa(own, start, np)  # error
 
 
-def returned(own: VehicleState[Ground], legs: Legs, wind: Wind) -> VehicleState[Air]:
+def plans(ground: PlanStates[Ground], air: PlanStates[Air], traffic: Traffic, wind: Wind):
+    in_air(air, wind)  # error
+    on_ground(ground, wind)  # error
+    validate(ground, traffic, Requirement(1e3), SURROGATE)  # error
+    validate(air, traffic, Requirement(1e3), SURROGATE, curves=legs(ground))  # error
+    trajectory(ground, legs(air))  # error
+    bare, copied = PlanStates(0.0, 0.0, 0.0, 70.0, 0.0), PlanStates(*air)
+    in_air(bare, wind)  # error
+    in_air(copied, wind)  # error
+    in_air(air._replace(time=0.0), wind)  # error
+    in_air(map_leaves(np.add, ground, air), wind)  # error
+    in_air(take(air, 0), wind)  # error
+
+
+def curves(ground: PlanStates[Ground], start: VehicleState[Air], own: VehicleState[Ground]):
+    at(legs(ground), 0.0, Wind())  # error
+    at(repeat(legs(ground), 2), np.zeros(2), Wind())  # error
+    deviation(legs(ground), start, np.zeros(1))  # error
+    deviation(legs(plan_states(own, [])), own, np.zeros(1))  # error
+    over_ground(at(legs(ground), 0.0), Wind(), 0.0)  # error
+
+
+def trajectories(own: VehicleState[Ground], air: PlanStates[Air]) -> Trajectory[Air]:
+    if own.x > 0.0:
+        return straight_on(own, 60.0)  # error
+    flown: Trajectory[Ground] = trajectory(air)  # error
+    return flown.since(np.zeros(1))  # error
+
+
+def returned(own: VehicleState[Ground], legs: Legs[Air], wind: Wind) -> VehicleState[Air]:
     if wind.speed == 0.0:
         return own  # error
     return at(legs, 0.0, wind)  # error

@@ -91,12 +91,12 @@ class Findings(NamedTuple):
 
 
 def validate(
-    plan_states: PlanStates,
+    plan_states: PlanStates[Air],
     traffic: Traffic,
     requirement: Requirement,
     limits: Limits,
     areas: Sequence[ActiveArea] = (),
-    curves: Legs | None = None,
+    curves: Legs[Air] | None = None,
 ) -> Findings:
     """Return what is wrong with plans; one whose states are not finite or not in order of time is
     not judged further.
@@ -109,7 +109,7 @@ def validate(
         areas: that count.
         curves: the legs of the plan states, if they are known already.
     """
-    plan_states = PlanStates(*(np.asarray(field, dtype=float) for field in plan_states))
+    plan_states = map_leaves(partial(np.asarray, dtype=float), plan_states)
     count, points = plan_states.time.shape
     finite: Array = np.isfinite(np.stack(plan_states)).all(axis=0)
     ordered: Array = np.diff(plan_states.time, axis=-1) > 0.0
@@ -118,7 +118,7 @@ def validate(
         # A flight to the east at 1 m/s in the place of others makes the arrays whole; those are
         # judged by what is wrong with them only.
         second = np.arange(points) * 1.0
-        east = PlanStates(x=second, y=0.0, heading=0.0, speed=1.0, time=second)
+        east: PlanStates[Air] = PlanStates(x=second, y=0.0, heading=0.0, speed=1.0, time=second)
         curves = legs(map_leaves(partial(np.where, sound[:, None]), plan_states, east))
     found, both = Findings.blank(count), finite[:, 1:] & finite[:, :-1]
     in_order = (ordered & (plan_states.time[:, 1:] <= LONGEST)) | ~both
@@ -149,7 +149,7 @@ def validate(
     return found
 
 
-def _right_legs(curves: Legs, limits: Limits) -> tuple[Array, Array, Array, Array]:
+def _right_legs(curves: Legs[Air], limits: Limits) -> tuple[Array, Array, Array, Array]:
     """Return which legs end at their waypoints, and keep the limits of speed, of acceleration and
     of turn rate, bool ``[N, L]`` each.
     """

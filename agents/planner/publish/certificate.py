@@ -168,7 +168,7 @@ def _row(heights: Heights, vertical: float) -> list[float]:
 
 
 def _bounds(
-    plan_states: waypoints.PlanStates,
+    plan_states: waypoints.PlanStates[Air],
     reports: Sequence[Intruder[Air]],
     own_altitude: Altitude | None,
     options: Options[Narrowed],

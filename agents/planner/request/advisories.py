@@ -132,7 +132,7 @@ def own_separations(
 
 def skipped_points(
     request: Request,
-    plan_states: PlanStates,
+    plan_states: PlanStates[Air],
     first: int,
     last: int,
     route: Sequence[RoutePoint],

@@ -5,7 +5,7 @@ goes.
 import math
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Generic, Self
+from typing import Any, Generic, Self
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from agents.planner.request.fields import quote, real
 from envs.aircraft import Aircraft, AircraftError, new_aircraft
 from envs.arrays import Array
 from envs.kinematics import FASTEST, Limits, intersection
+from envs.phantom import TypeVar
 
 MAX_AGE = 5.0
 """Oldest report of an intruder that is planned with, time steps."""
@@ -91,16 +92,8 @@ class Narrowed:
     """What the uncertainty of the wind leaves of them; in still air, all."""
 
 
-# Whose limits options have, for the type checker alone, as frames are (envs/frames.py). `Options`
-# alone are those given.
-if TYPE_CHECKING:
-    from typing_extensions import TypeVar
-
-    L = TypeVar("L", default=Given)
-else:
-    from typing import TypeVar
-
-    L = TypeVar("L")
+# Whose limits options have, for the type checker alone. `Options` alone are those given.
+L = TypeVar("L", default=Given)
 
 
 @dataclass(frozen=True)

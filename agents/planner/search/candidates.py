@@ -13,6 +13,7 @@ from agents.planner.search.completion import complete
 from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.frames import Air
 from envs.trees import first_of_each, scatter, take
 from envs.waypoints import PlanStates
 from envs.wind import aim_point
@@ -28,7 +29,7 @@ class Proposals(NamedTuple):
     """Plans with findings, cost and clearance; fields ``[N]``."""
 
     # the request and the waypoints, [N, W + 1]; nan where there is no whole plan
-    plan_states: PlanStates
+    plan_states: PlanStates[Air]
     goal: Array  # number of the route's point at which it is rejoined; -1 without a plan
     # number of the route's point that ends the plan; -1 without one; beyond the route's own if
     # extended
@@ -63,10 +64,10 @@ class Plans(NamedTuple):
 def empty(count: int, waypoints: int) -> Proposals:
     """Return that there is no plan of so many waypoints, ``[count]``."""
     nan, none = np.full(count, np.nan), np.full(count, -1)
-    plan_states = PlanStates(*(np.full((count, waypoints + 1), np.nan) for _ in range(5)))
+    states = (np.full((count, waypoints + 1), np.nan) for _ in PlanStates._fields)
     no, never = np.zeros(count, dtype=bool), np.full(count, np.inf)
     return Proposals(
-        plan_states=plan_states,
+        plan_states=PlanStates(*states),
         goal=none,
         last=none.copy(),
         findings=Findings.empty(count),
@@ -78,7 +79,9 @@ def empty(count: int, waypoints: int) -> Proposals:
     )
 
 
-def find_faults(plan_states: PlanStates, request: Request, options: Options[Narrowed]) -> Findings:
+def find_faults(
+    plan_states: PlanStates[Air], request: Request, options: Options[Narrowed]
+) -> Findings:
     """Return what is wrong with plans ``[N]`` of requests."""
     areas = () if request.areas is None else request.areas.value
     return validate(plan_states, request.traffic, options.requirement, options.limits, areas)
@@ -146,7 +149,7 @@ def _cost(
 
 
 def _rejoining(
-    request: Request, plan_states: PlanStates, time: Array, options: Options[Narrowed]
+    request: Request, plan_states: PlanStates[Air], time: Array, options: Options[Narrowed]
 ) -> Array:
     """Return what plans ``[M]`` that rejoin at some times, s, cost by the time beside the route and
     the turns, that onto the next leg too, m; 0 where the next point is preferred to all others.

@@ -28,7 +28,7 @@ _SAME_PLACE = 1e-6  # m by which it may be missed
 class Completed(NamedTuple):
     """Whole plans, as in :class:`agents.planner.search.candidates.Proposals`; fields ``[N]``."""
 
-    plan_states: PlanStates
+    plan_states: PlanStates[Air]
     last: Array
     too_short: Array
     rejoin_time: Array
@@ -350,7 +350,7 @@ def _spread(count: int, tails: Array, piece: _Piece) -> Array:
 
 
 def _read_off(
-    plan_states: PlanStates,
+    plan_states: PlanStates[Air],
     options: Options[Narrowed],
     rollout: Rollout,
     tails: _Tails,

@@ -25,7 +25,7 @@ from envs.area_geometry import signed_distance
 from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.kinematics import VehicleState
 from envs.trees import take
-from envs.waypoints import Legs, PlanStates, Waypoint, at, legs
+from envs.waypoints import PlanStates, Waypoint, at, legs, repeat
 from envs.wind import NO_WIND, Wind, over_ground
 from tests.agents.assurance.test_backup import turning, winding
 from tests.agents.kernel.test_areas import random_area
@@ -44,8 +44,7 @@ def distances(plan_states: PlanStates, areas: tuple[ActiveArea, ...], first: flo
     """Return the signed distances of one plan from its beginning or a time on, by area."""
     curves = legs(plan_states)
     times = np.arange(first, float(plan_states.time[0, -1]), STEP)
-    every = Legs(*(np.broadcast_to(field[0], (times.size, *field.shape[1:])) for field in curves))
-    state = at(every, times)
+    state = at(repeat(take(curves, 0), times.size), times)
     return [signed_distance(one.area, state.x, state.y, times - first) for one in areas]
 
 

@@ -26,7 +26,8 @@ from agents.planner.request.request import Altitude
 from envs.area_geometry import gain
 from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.kinematics import VehicleState
-from envs.waypoints import Legs, PlanStates, at, legs
+from envs.trees import take
+from envs.waypoints import PlanStates, at, legs, repeat
 from tests.agents.planner.test_validator import plans
 from tests.envs.test_area_geometry import star, truth
 
@@ -77,8 +78,7 @@ def sample(plan_states: PlanStates, one: ActiveArea) -> tuple[np.ndarray, np.nda
     away = []
     for time in np.array_split(times[:, None], math.ceil(times.size / 100)):
         rows = len(time)
-        every = Legs(*(np.broadcast_to(field, (rows, *field.shape)) for field in curves))
-        state = at(every, np.broadcast_to(time, (rows, len(plan_states.time))))
+        state = at(repeat(curves, rows), np.broadcast_to(time, (rows, len(plan_states.time))))
         x, y = (v - w * time for v, w in zip((state.x, state.y), area.velocity, strict=True))
         away.append(truth(area.shape, area.keep, x, y) + gain(area) * time)
     return times, np.concatenate(away)
@@ -283,9 +283,7 @@ def test_second_opinion_on_a_corner() -> None:
 def test_a_curve_that_bulges_towards_a_rectangle_is_not_thought_farther_than_it_is() -> None:
     for seed in range(20):
         plan_states = plans(1, 40 + seed)
-        every = Legs(
-            *(np.broadcast_to(field, (4_001, *field.shape[1:])) for field in legs(plan_states))
-        )
+        every = repeat(take(legs(plan_states), 0), 4_001)
         north = at(every, np.linspace(0.0, END, 4_001)).y.max() + 10.0
         ring = ((-1e5, north), (1e5, north), (1e5, north + 1e4), (-1e5, north + 1e4))
         one = ActiveArea(0, Area(Polygon(ring)), 0.0, END)

@@ -29,7 +29,7 @@ from envs.c208.trim import TrimError, level_table, load_stored, solve
 from envs.c208.vehicle import C208Vehicle
 from envs.follower import PERIOD, deviation
 from envs.kinematics import SURROGATE, VehicleState, advance
-from envs.waypoints import Legs, PlanStates, at, legs
+from envs.waypoints import Legs, PlanStates, at, legs, repeat
 
 
 def test_the_files_that_ship_are_what_the_facts_give() -> None:
@@ -259,9 +259,7 @@ def test_a_path_is_the_legs(time: float, number: int) -> None:
 def errors(plan: Legs, states: list[VehicleState]) -> tuple[np.ndarray, np.ndarray]:
     clock = PERIOD * np.arange(1, len(states) + 1)
     flight = VehicleState(*(np.array(field) for field in zip(*states, strict=True)))
-    found = deviation(
-        Legs(*(np.broadcast_to(field, (clock.size, *field.shape)) for field in plan)), flight, clock
-    )
+    found = deviation(repeat(plan, clock.size), flight, clock)
     return np.abs(found.cross_track), np.abs(found.time)
 
 

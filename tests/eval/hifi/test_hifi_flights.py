@@ -35,7 +35,7 @@ from envs.outcome import RULES
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
-from envs.waypoints import Legs, PlanStates, at, legs
+from envs.waypoints import Legs, PlanStates, at, legs, repeat
 from envs.wind import NO_WIND, Wind, narrow, over_ground, through_air
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi import flights as hifi_flights
@@ -83,7 +83,7 @@ def fly(flying: Campaign, number: int) -> tuple[FlightRecord, dict[str, Any]]:
 
 
 def along(plan: Legs, time: np.ndarray) -> VehicleState:
-    return at(Legs(*(np.broadcast_to(field, (time.size, *field.shape)) for field in plan)), time)
+    return at(repeat(plan, time.size), time)
 
 
 def flight(own: VehicleState, late: np.ndarray) -> Flight:

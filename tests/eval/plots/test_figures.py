@@ -134,8 +134,9 @@ def test_the_sheet_flies_what_the_table_says(name: str, policy: Policy, policy_p
     pilot = ReadyEvaluation(evaluation, policy)
     table = columns(pilot, 0, 40)
     numbers = [39, 4, 17]
-    starts, _, _, paths, _ = fly_recorded(pilot, numbers)
-    assert len(starts.goal_x) == 3
+    flown = fly_recorded(pilot, numbers)
+    paths = flown.trajectories
+    assert len(flown.starts.goal_x) == 3
     for i, number in enumerate(numbers):
         steps = int(table["duration_s"][number])
         assert np.isfinite(paths.own.x[: steps + 1, i]).all()
