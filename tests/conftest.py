@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
-from agents.planner.search import budget
 from commands.command import InputError
 from commands.compiled import keep_compiled
 
@@ -22,11 +21,6 @@ settings.register_profile(
     "search", derandomize=False, max_examples=1000, print_blob=True, **_COMMON
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
-
-
-# The first plan of a process, or one beside other work, takes more than its deadline: tests have a
-# minute more, and those of the deadline itself take FINISH.
-FINISH, budget._FINISH = budget._FINISH, -60.0
 
 
 keep_compiled()  # pytest's workers and the programs that tests start inherit it

@@ -29,6 +29,7 @@ from envs.kinematics import VehicleState
 from envs.scenarios import SHIPPED, scenario
 from envs.starts import encounters_of_seed
 from envs.waypoints import RoutePoint
+from tests.agents.scenes import PATIENT
 
 ROOT = Path(__file__).resolve().parent.parent
 BLOCK = re.compile(r"(<!-- not run: [^>]+ -->\s+)?```(python|text)\n(.*?)```", re.DOTALL)
@@ -286,7 +287,7 @@ def test_a_plan_is_made_by_the_functions_that_the_table_names(question: str) -> 
     policy, route = Policy.load(), [RoutePoint(n, 5_000.0 * n, 0.0) for n in range(2, 12)]
     sys.setprofile(note)
     try:
-        plan(VehicleState(0.0, 0.0, 0.0, 75.0), [], route, policy)
+        plan(VehicleState(0.0, 0.0, 0.0, 75.0), [], route, policy, PATIENT)
     finally:
         sys.setprofile(None)
     named = IN_FILE.findall(table_of_answers()[question])

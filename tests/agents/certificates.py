@@ -11,6 +11,7 @@ from agents.planner import Intruder, plan
 from agents.planner.request.request import Altitude
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
+from tests.agents.scenes import PATIENT
 
 OWN = VehicleState(0.0, 0.0, 0.0, 80.0)
 HEIGHT = Altitude(2_500.0, "msl", 0.0)
@@ -24,7 +25,7 @@ ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
 
 def certificate() -> dict[str, Any]:
     """Return the certificate of a plan among two intruders, a third being out of the way."""
-    answer = plan(OWN, INTRUDERS, ROUTE, Policy.load(), own_altitude=HEIGHT)
+    answer = plan(OWN, INTRUDERS, ROUTE, Policy.load(), PATIENT, own_altitude=HEIGHT)
     assert answer.safe and len(answer.excluded) == 1 and answer.certificate is not None
     return json.loads(answer.certificate)
 

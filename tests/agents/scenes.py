@@ -1,5 +1,5 @@
-"""Scenes of the tests of monitor and resolvability: a plan east with reports, and encounters near
-the limits.
+"""Scenes of the tests of planner, monitor and resolvability: options of plans, a plan east with
+reports, and encounters near the limits.
 """
 
 import math
@@ -23,9 +23,14 @@ from envs.scenarios import scenario
 from envs.waypoints import PlanStates
 from tests.support import mirror_state
 
+PATIENT = Options.for_aircraft(PAPER, deadline_s=math.inf)
+"""Options of plans that no clock ends: a slow machine, or the first plan of a process, finds the
+same.
+"""
+
 SPEED = 75.0
 FAR = (0.0, 50_000.0)
-THRESHOLDS = Thresholds.for_plans(Options.for_aircraft(PAPER))
+THRESHOLDS = Thresholds.for_plans(PATIENT)
 NAN = math.nan
 
 

@@ -43,6 +43,7 @@ from tests.agents.certificates import (
     is_accepted,
     refusal,
 )
+from tests.agents.scenes import PATIENT
 
 ROOT = Path(__file__).parents[2]
 
@@ -65,6 +66,7 @@ def among_areas() -> dict[str, Any]:
         INTRUDERS,
         ROUTE,
         Policy.load(),
+        PATIENT,
         own_altitude=HEIGHT,
         wind=Wind(5.0, 3.0, 0.5),
         areas=areas,
@@ -147,9 +149,9 @@ def test_what_is_no_certificate_is_refused(data: dict[str, Any], field: str, val
 
 
 def test_only_a_safe_plan_has_a_certificate() -> None:
-    answer = plan(OWN, [VehicleState(500.0, 0.0, 0.0, 80.0)], ROUTE, Policy.load())
+    answer = plan(OWN, [VehicleState(500.0, 0.0, 0.0, 80.0)], ROUTE, Policy.load(), PATIENT)
     assert not answer.safe and answer.certificate is None
-    safe = plan(OWN, [], ROUTE, Policy.load())
+    safe = plan(OWN, [], ROUTE, Policy.load(), PATIENT)
     assert safe.certificate == pickle.loads(pickle.dumps(safe)).certificate
     assert replace(safe, status=Status.UNRESOLVED).certificate is None
 
@@ -277,7 +279,7 @@ def at_all_heights() -> dict[str, Any]:
             altitude=Altitude(1_000.0, "msl", 18.0, 10.0, 0.5),
         ),
     ]
-    answer = plan(OWN, intruders, ROUTE, Policy.load(), own_altitude=own)
+    answer = plan(OWN, intruders, ROUTE, Policy.load(), PATIENT, own_altitude=own)
     assert answer.safe and len(answer.excluded) == 2 and answer.certificate is not None
     found = json.loads(answer.certificate)
     assert len(found["apart"]) == 2 and is_accepted(found)
@@ -463,7 +465,7 @@ def test_an_aircraft_that_ships_is_named_alone(
 
 
 def test_a_certificate_says_which_flight_it_belongs_to(data: dict[str, Any]) -> None:
-    answer = plan(OWN, INTRUDERS, ROUTE, Policy.load(), own_altitude=HEIGHT)
+    answer = plan(OWN, INTRUDERS, ROUTE, Policy.load(), PATIENT, own_altitude=HEIGHT)
     named = json.loads(answer.certificate_with(time_ns=17, origin=(47.5, 8.25)) or b"")
     assert named["request"] == {
         "policy": Policy.load().sha256,

@@ -15,6 +15,7 @@ from benchmarks.safety.judgement import wrong
 from benchmarks.safety.mutation import mutate
 from envs.kinematics import VehicleState
 from tests.agents.certificates import HEIGHT, OWN, ROUTE, certificate, is_accepted, refusal
+from tests.agents.scenes import PATIENT
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def test_an_intruder_close_by_but_above_at_the_request_is_accepted() -> None:
     """It counts from 100 s on; at the request it is nearer than the separation."""
     above = Altitude(HEIGHT.value + 800.0, "msl", -2.0)
     near = Intruder(VehicleState(-300.0, 200.0, 2.5, 70.0), altitude=above)
-    answer = plan(OWN, [near], ROUTE, Policy.load(), own_altitude=HEIGHT)
+    answer = plan(OWN, [near], ROUTE, Policy.load(), PATIENT, own_altitude=HEIGHT)
     assert answer.safe and answer.windows[0].begin == pytest.approx(100.0, abs=1.0)
     data = json.loads(answer.certificate or b"")
     check.accept(data)

@@ -26,7 +26,7 @@ from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState
 from envs.trees import take
 from envs.waypoints import RoutePoint
 
-QUICK = Options.for_aircraft(PAPER, exhaustive=False, goals=1)
+QUICK = Options.for_aircraft(PAPER, deadline_s=math.inf, exhaustive=False, goals=1)
 POLICY = Policy.load()
 
 GOOD: dict[str, Any] = {
@@ -335,6 +335,7 @@ asked = st.builds(
     vertical_filter=st.sampled_from([0.0, 600.0]),
     fallback_cost_threshold=st.sampled_from([0.0, 1_500.0, math.inf]),
     exhaustive=st.just(False),
+    deadline_s=st.just(math.inf),
 )
 
 

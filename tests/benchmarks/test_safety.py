@@ -33,8 +33,9 @@ from envs.starts import encounters_of_seed
 from envs.trees import take
 from envs.waypoints import PlanStates, RoutePoint, at, legs
 from envs.wind import Wind
+from tests.agents.scenes import PATIENT
 
-OPTIONS = Options.for_aircraft(PAPER, exhaustive=False)
+OPTIONS = replace(PATIENT, exhaustive=False)
 ROUTE = [RoutePoint(100 + i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
 
 
@@ -341,7 +342,7 @@ def test_plans_in_wind_and_among_areas_are_judged_in_the_air_mass(policy: Policy
         asked = published.question(53, row, take(requests.request, row), 1_000.0)
         if asked.sky.wind is None or not asked.sky.areas:
             continue
-        answer = asked.ask(policy, replace(OPTIONS, deadline_s=1.0))
+        answer = asked.ask(policy, OPTIONS)
         if not answer.safe:
             continue
         states, last, request = take(published.as_arrays(asked, answer, OPTIONS), None)
@@ -619,7 +620,9 @@ def data() -> dict[str, Any]:
         Intruder(VehicleState(5_000.0, 600.0, -2.0, 70.0), altitude=Altitude(5_500.0, "msl", 0.0)),
     ]
     own = VehicleState(0.0, 0.0, 0.0, 80.0)
-    answer = plan(own, intruders, ROUTE, Policy.load(), own_altitude=Altitude(2_500.0, "msl", 0.0))
+    answer = plan(
+        own, intruders, ROUTE, Policy.load(), PATIENT, own_altitude=Altitude(2_500.0, "msl", 0.0)
+    )
     assert answer.certificate is not None
     return json.loads(answer.certificate)
 

@@ -49,7 +49,7 @@ SECOND = 1_000_000_000
 NOW = 1_700_000_000 * SECOND + 250_000_000
 FRAME = LocalFrame(47.0, 8.0)
 RULES = Rules()
-OPTIONS = Options.for_aircraft(PAPER)
+OPTIONS = Options.for_aircraft(PAPER, deadline_s=math.inf)  # no clock decides what is found
 THRESHOLDS = Thresholds.for_plans(OPTIONS)
 SETTINGS = Settings(
     OPTIONS, THRESHOLDS.turn_time, (THRESHOLDS.turn_rate_min, THRESHOLDS.turn_rate_max)

@@ -81,10 +81,13 @@ def publish_plan(
     situation: Situation, revision: int = 1, seconds: float = 0.0, settings: Settings = SETTINGS
 ) -> Published:
     wanted = task(situation, NOW + round(seconds * SECOND), settings)
-    # A busy machine may not find a plan in time.
-    options = replace(wanted.options, deadline_s=math.inf)
     result = plan(
-        wanted.own, wanted.intruders, wanted.points, Policy.load(), options, wind=wanted.wind
+        wanted.own,
+        wanted.intruders,
+        wanted.points,
+        Policy.load(),
+        wanted.options,
+        wind=wanted.wind,
     )
     assert result.safe
     start = start_point(wanted.frame, wanted.own, wanted.time, None)

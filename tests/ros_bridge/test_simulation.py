@@ -28,6 +28,7 @@ from ros_bridge.sim.guidance import Flying
 from ros_bridge.sim.plan_flight import PlanFlight, Verdict, plans_table
 from ros_bridge.sim.receivers import Quality, Receiver
 from ros_bridge.sim.world import VEHICLES, EncounterFlight, SimulationError, vehicle
+from tests.ros_bridge.scenes import OPTIONS
 
 NEEDS_JSBSIM = pytest.mark.skipif(
     importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed"
@@ -131,7 +132,7 @@ def test_flown_plan_keeps_its_separation(kind: str, bound: float):
     own = flight.own
     east, north = (flight.goal[0] - own.x) / 10.0, (flight.goal[1] - own.y) / 10.0
     route = [RoutePoint(n, own.x + east * n, own.y + north * n) for n in range(10, 90, 10)]
-    made = plan(own, list(flight.traffic.values()), route, Policy.load())
+    made = plan(own, list(flight.traffic.values()), route, Policy.load(), OPTIONS)
     assert made.safe
     flight.fly(legs(plan_states(own, made.waypoints)), 0.0, plan=True)
     while not flight.over() and flight.time < 300.0:
@@ -308,7 +309,7 @@ def take_up(late: float) -> PlanFlight:
     own = flight.own
     east, north = (flight.goal[0] - own.x) / 10.0, (flight.goal[1] - own.y) / 10.0
     route = [RoutePoint(n, own.x + east * n, own.y + north * n) for n in range(10, 90, 10)]
-    made = plan(own, list(flight.traffic.values()), route, Policy.load())
+    made = plan(own, list(flight.traffic.values()), route, Policy.load(), OPTIONS)
     assert made.safe
     while flight.time < late - 1e-6:
         flight.step()

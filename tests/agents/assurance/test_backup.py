@@ -25,7 +25,7 @@ from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.trees import take
 from envs.waypoints import PlanStates, RoutePoint, at, legs
-from tests.agents.scenes import causes_of, flying, on_plan, other, tell
+from tests.agents.scenes import PATIENT, causes_of, flying, on_plan, other, tell
 from tests.support import random_states
 
 REQUIREMENT = Requirement(1_000.0, margin=0.1)
@@ -219,7 +219,7 @@ def policy() -> Policy:
 
 @pytest.fixture(scope="module")
 def first(policy: Policy) -> Plan:
-    return plan(OWN, [parallel(0.0)], ROUTE, policy)
+    return plan(OWN, [parallel(0.0)], ROUTE, policy, PATIENT)
 
 
 def parallel(time: float) -> Intruder:
@@ -251,7 +251,7 @@ def test_one_aircraft_from_plan_to_replan(policy: Policy, first: Plan) -> None:
         why.message.startswith("separation of the rest of the plan is ") for why in verdict.reasons
     )
     assert verdict.ask is not None and len(verdict.ask.intruders) == 2
-    answer = plan(verdict.ask.own, verdict.ask.intruders, ROUTE, policy)
+    answer = plan(verdict.ask.own, verdict.ask.intruders, ROUTE, policy, PATIENT)
     assert answer.status is Status.SAFE
     refused, taken_up = watching.answer(
         watch, verdict.ask.number, replace(answer, status=Status.UNRESOLVED)

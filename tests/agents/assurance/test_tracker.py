@@ -31,7 +31,7 @@ from envs.angles import wrap
 from envs.kinematics import SURROGATE, VehicleState, advance, velocity
 from envs.trees import map_leaves
 from envs.waypoints import RoutePoint, at, legs, plan_states
-from tests.agents.scenes import THRESHOLDS
+from tests.agents.scenes import PATIENT, THRESHOLDS
 
 POSITION, VELOCITY = 30.0, 3.0
 
@@ -179,7 +179,7 @@ def test_rows_do_not_know_of_each_other() -> None:
 
 OWN = VehicleState(0.0, 0.0, 0.0, 75.0)
 ROUTE = [RoutePoint(index, 12_000.0 + 5_000.0 * index, 0.0) for index in range(9)]
-STRAIGHT = plan(OWN, [], ROUTE, Policy.load())
+STRAIGHT = plan(OWN, [], ROUTE, Policy.load(), PATIENT)
 TURNING = Intruder(VehicleState(4468.8, 1203.5, 2.973826, 96.0175), 5.0, math.radians(3.0), 26.704)
 reports = st.builds(
     Intruder,
@@ -208,7 +208,7 @@ def place_at(report: Intruder, time: np.ndarray) -> np.ndarray:
 
 
 def test_plan_keeps_the_separation_from_an_aged_turn_as_reported() -> None:
-    answer = plan(OWN, [TURNING], ROUTE, Policy.load())
+    answer = plan(OWN, [TURNING], ROUTE, Policy.load(), PATIENT)
     assert answer.safe
     time = np.linspace(0.0, answer.waypoints[-1].time, 4_000)
     path = map_leaves(
@@ -269,7 +269,7 @@ def test_traffic_that_does_not_follow_from_its_reports_is_refused(
 ) -> None:
     monkeypatch.setattr("agents.planner.request.request.advance_reports", lambda seen, age: seen)
     with pytest.raises(RequestError) as refused:
-        plan(OWN, [Intruder(OWN._replace(y=30_000.0)), TURNING], ROUTE, Policy.load())
+        plan(OWN, [Intruder(OWN._replace(y=30_000.0)), TURNING], ROUTE, Policy.load(), PATIENT)
     assert refused.value.field == "intruders[1]"
 
 

@@ -74,7 +74,7 @@ def test_requests_at_the_ends_of_what_is_valid_are_answered(request: dict[str, A
 def test_plans_that_all_last_too_long_among_areas_are_said_to() -> None:
     # 890 km at 36 m/s at most.
     slow = POLICY.for_aircraft(new_aircraft(Limits(18.0, 36.0, -0.5, 0.5, 0.17), 610.0))
-    quick = Options.for_aircraft(slow.aircraft, exhaustive=False)
+    quick = Options.for_aircraft(slow.aircraft, deadline_s=math.inf, exhaustive=False)
     own = VehicleState(0.0, 0.0, 0.0, 30.0)
     route = [RoutePoint(0, 8_000.0, 0.0), RoutePoint(1, 900_000.0, 0.0)]
     lake = Area(Circle(20_000.0, 8_000.0, 1_000.0))

@@ -18,12 +18,11 @@ from agents.planner.judge.audit import audit
 from agents.planner.judge.validator import CHECKS, validate
 from agents.planner.planner import plan
 from agents.planner.publish import publish
-from agents.planner.request.request import Options
 from agents.policy.inference import Policy
-from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
 from envs.trees import map_leaves, take
 from envs.waypoints import PlanStates, RoutePoint, Waypoint, at, legs
+from tests.agents.scenes import PATIENT
 from tests.support import random_states
 
 
@@ -407,13 +406,13 @@ def test_another_number_of_waypoints_is_found(count: int) -> None:
 
 def test_a_plan_that_is_published_wrongly_is_not_safe(monkeypatch: pytest.MonkeyPatch) -> None:
     policy, right = Policy.load(), publish._waypoints
-    assert plan(OWN, [], ROUTE * 1, policy, Options.for_aircraft(PAPER, extend_route=True)).safe
+    assert plan(OWN, [], ROUTE * 1, policy, replace(PATIENT, extend_route=True)).safe
 
     def twice(*values: object) -> tuple[Waypoint, ...]:
         points = right(*values)  # pyright: ignore[reportArgumentType]
         return (*points[:5], replace(points[5], index=points[4].index), *points[6:])
 
     monkeypatch.setattr(publish, "_waypoints", twice)
-    answer = plan(OWN, [], ROUTE, policy, Options.for_aircraft(PAPER, extend_route=True))
+    answer = plan(OWN, [], ROUTE, policy, replace(PATIENT, extend_route=True))
     assert answer.status is Status.UNRESOLVED
     assert {one.kind for one in answer.reasons} == {Kind.INDICES}

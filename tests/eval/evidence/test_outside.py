@@ -4,7 +4,6 @@ and scaled scenes.
 
 import json
 import math
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -28,6 +27,7 @@ from envs.waypoints import RoutePoint
 from eval.evidence.outside import SHIFTS, Flights, flag, fly_reported, inside, main
 from tests.agents.scenes import (
     NAN,
+    PATIENT,
     SPEED,
     THRESHOLDS,
     causes_of,
@@ -166,12 +166,12 @@ def test_traffic_out_of_range_is_said_and_changes_nothing_else() -> None:
 
 def test_a_plan_says_what_training_has_not_seen() -> None:
     own, seen = VehicleState(0.0, 0.0, 0.0, SPEED), VehicleState(6_000.0, 1_500.0, math.pi, 75.0)
-    calm = plan(own, [seen], ROUTE, policy())
+    calm = plan(own, [seen], ROUTE, policy(), PATIENT)
     assert calm.advisories == ()
-    answer = plan(own, [seen._replace(speed=200.0)], ROUTE, policy())
+    answer = plan(own, [seen._replace(speed=200.0)], ROUTE, policy(), PATIENT)
     assert any(str(one.field).startswith("novelty: ") for one in answer.advisories)
     slow = new_aircraft(PAPER.limits._replace(speed_min=30.0), PAPER.separation)
-    options = replace(Options.for_aircraft(slow), exhaustive=False)
+    options = Options.for_aircraft(slow, exhaustive=False, deadline_s=math.inf)
     outside = plan(own, [seen], ROUTE, policy().for_aircraft(slow, outside="allow"), options)
     assert (AdvisoryCode.OUTSIDE_DOMAIN, "speed_min") in [one[:2] for one in outside.advisories]
 
