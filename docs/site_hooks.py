@@ -115,10 +115,10 @@ def _code(root: Path) -> Iterator[tuple[str, str]]:
         for folder, lines in rows.items():
             if len(lines) > 1:
                 name = folder.relative_to(root).as_posix()
-                package = name.replace("/", ".")  # also the heading's id: what a role links to
+                module = name.replace("/", ".")  # also the heading's id: what a role links to
                 yield (
                     f"reference/code/{name}/README.md",
-                    f"# {package} {{ #{package} }}\n\n{''.join(lines)}",
+                    f"# {module} {{ #{module} }}\n\n{''.join(lines)}",
                 )
 
 
