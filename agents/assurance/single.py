@@ -5,11 +5,15 @@ more is missing, which is a reason; it is forgotten only where the caller says t
 
 States, plans and backups are over the ground. Inside, the monitor works in the air mass of the wind
 that its plan is flown in, with limits that hold in every wind within its uncertainty.
+
+It is a module of its own, below that of the messages (:mod:`ros_bridge.core.assurance`), because a
+program that has no messages, only metres and seconds, has its plan watched by it too.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -88,14 +92,17 @@ class Watch:
     names: tuple[str, ...]  # of the intruders, by place
     thresholds: Thresholds
     ask: Ask | None = None  # the last request
-    frame: Frame = STILL  # that the monitor works in
+    air: Frame = STILL  # that the monitor works in
     # The last reports of each with an altitude: when they held, s, and what they said of it.
     levels: Mapping[str, tuple[float, Intruder[Ground]]] = field(default_factory=dict)
 
     @property
     def thresholds_in_air(self) -> Thresholds[Narrowed]:
         """The thresholds in the monitor's air mass."""
-        return self.thresholds.in_wind(self.frame.wind)
+        return self.thresholds.in_wind(self.air.wind)
+
+
+_Watch = TypeVar("_Watch", bound=Watch)  # a watch, or one with more fields
 
 
 def begin(thresholds: Thresholds) -> Watch:
@@ -104,14 +111,14 @@ def begin(thresholds: Thresholds) -> Watch:
 
 
 def activate(
-    watch: Watch,
+    watch: _Watch,
     plan: Plan,
     own: VehicleState[Ground],
     intruders: Mapping[str, Intruder[Ground]],
     time: float,
     *,
     own_altitude: Altitude | None = None,
-) -> Watch:
+) -> _Watch:
     """Begin to watch a plan, with states, altitude and time, s, of its request; of one that is not
     SAFE the backup is flown.
 
@@ -122,9 +129,9 @@ def activate(
         watch, (*watch.names, *(name for name in intruders if name not in watch.names))
     )
     watch = _in_air_of(watch, plan, time)
-    frame = watch.frame
+    air = watch.air
     reports = [intruders.get(name, Intruder(_NOWHERE)) for name in watch.names]
-    given, age = arrays_of_reports([frame.report(one, time) for one in reports])
+    given, age = arrays_of_reports([air.report(one, time) for one in reports])
     traffic = advance_reports(
         given._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)),
         age,
@@ -132,7 +139,7 @@ def activate(
     window = windows(reports, own_altitude, watch.thresholds.options)
     traffic = traffic._replace(window=window)
     thresholds = watch.thresholds_in_air
-    plan_states = _plan_states(own, plan, frame, thresholds)
+    plan_states = _plan_states(own, plan, air, thresholds)
     safe = np.array([plan.safe])
     return replace(
         watch,
@@ -143,7 +150,7 @@ def activate(
 
 
 def step(
-    watch: Watch,
+    watch: _Watch,
     time: float,
     own: VehicleState[Ground] | None,
     intruders: Mapping[str, Intruder[Ground]],
@@ -152,7 +159,7 @@ def step(
     own_altitude: Altitude | None = None,
     gone: Sequence[str] = (),
     areas: Sequence[Area] = (),
-) -> tuple[Watch, Verdict]:
+) -> tuple[_Watch, Verdict]:
     """Judge one second, s, by the last reports; ``own`` is None where it is missing, ``gone`` do
     not count any more. The own altitude is as of now, and so are the areas, all that there are.
     """
@@ -163,14 +170,13 @@ def step(
         *(name for name in intruders if name not in known),
     )
     watch = _allocate(watch, names)
-    frame, reports = watch.frame, [intruders.get(name, Intruder(_MISSING)) for name in names]
+    air, reports = watch.air, [intruders.get(name, Intruder(_MISSING)) for name in names]
     # A turn is what two reports show, not what one says.
     in_air = [
-        with_state(one, frame.to_air(one.state, time - one.age), one.velocity_std)
-        for one in reports
+        with_state(one, air.to_air(one.state, time - one.age), one.velocity_std) for one in reports
     ]
     (seen, age), thresholds = arrays_of_reports(in_air), watch.thresholds_in_air
-    here = frame.to_air(own or _MISSING, time - own_age)
+    here = air.to_air(own or _MISSING, time - own_age)
     now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
     given = Inputs(
         time=now,
@@ -192,7 +198,7 @@ def step(
     }
     watch = replace(watch, levels=levels)
     asked = _ask(watch, monitor, decision, own_altitude) if decision.replan[0] else None
-    backup = _waypoints(monitor, frame) if np.isfinite(monitor.backup.started[0]) else ()
+    backup = _waypoints(monitor, air) if np.isfinite(monitor.backup.started[0]) else ()
     watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
     fly, state = FlyMode(int(decision.fly[0])), State(int(decision.state[0]))
     return watch, Verdict(state, fly, asked, reasons(decision, thresholds, names), backup, decision)
@@ -209,12 +215,12 @@ def _areas_met(
     found = no_areas(1)
     if areas:
         ends = watch.monitor.plan.end[0] + watch.monitor.started[0] - time
-        seen = [watch.frame.area(one, time) for one in areas]
+        seen = [watch.air.area(one, time) for one in areas]
         found[0] = may_be_met(seen, own, own_altitude, float(ends), watch.thresholds)
     return found
 
 
-def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
+def answer(watch: _Watch, number: int, plan: Plan) -> tuple[_Watch, bool]:
     """Hand in what the planner answered to a request; return also whether the plan is flown now.
 
     Raises:
@@ -225,10 +231,10 @@ def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
     asked = float(watch.monitor.requested_at[0])
     moved = _in_air_of(watch, plan, asked)
     thresholds = moved.thresholds_in_air
-    given = _plan_states(watch.ask.own, plan, moved.frame, thresholds)
+    given = _plan_states(watch.ask.own, plan, moved.air, thresholds)
     which, safe = np.array([number]), np.array([plan.safe])
     monitor, taken_up = monitors.answer(moved.monitor, _ONE, which, given, safe, thresholds)
-    if taken_up[0] or moved.frame == watch.frame:
+    if taken_up[0] or moved.air == watch.air:
         return replace(moved, monitor=monitor), bool(taken_up[0])
     # The active plan goes on, in its own air mass.
     refused, thresholds = np.array([False]), watch.thresholds_in_air
@@ -236,19 +242,19 @@ def answer(watch: Watch, number: int, plan: Plan) -> tuple[Watch, bool]:
     return replace(watch, monitor=monitor), False
 
 
-def _in_air_of(watch: Watch, plan: Plan, time: float) -> Watch:
+def _in_air_of(watch: _Watch, plan: Plan, time: float) -> _Watch:
     """Return the monitor in the air mass that lies over the ground at a time, s, and in which a
     plan that begins then is flown; the old one where there is none.
     """
     frame = frame_of(plan.wind or NO_WIND, time)
-    if not plan.waypoints or frame == watch.frame:
+    if not plan.waypoints or frame == watch.air:
         return watch
-    monitor = carry(watch.monitor, watch.frame, frame)
+    monitor = carry(watch.monitor, watch.air, frame)
     monitor = monitor._replace(backup=resting(1, watch.thresholds))
-    return replace(watch, monitor=monitor, frame=frame)
+    return replace(watch, monitor=monitor, air=frame)
 
 
-def _allocate(watch: Watch, names: tuple[str, ...]) -> Watch:
+def _allocate(watch: _Watch, names: tuple[str, ...]) -> _Watch:
     """Return the monitor with places for these intruders; one that had a place keeps its memory."""
     if names == watch.names:
         return watch
@@ -287,11 +293,11 @@ def _ask(watch: Watch, monitor: Monitor, decision: Decision, own_altitude: Altit
     """Return the request of one second: the last good reports with their ages, as the planner takes
     them.
     """
-    memory, frame = monitor.memory, watch.frame
+    memory, air = monitor.memory, watch.air
     here: VehicleState[Air] = VehicleState(*(float(field[0]) for field in decision.own))
-    own = frame.to_ground(here, float(memory.time[0]))
+    own = air.to_ground(here, float(memory.time[0]))
     when = np.where(np.isfinite(memory.seen), memory.seen, 0.0)
-    intruders = frame.to_ground(memory.intruders, when)
+    intruders = air.to_ground(memory.intruders, when)
     known = tuple(
         _at_its_level(
             _last_report(memory, intruders, place, watch.thresholds),
@@ -362,7 +368,7 @@ def backup_states(watch: Watch) -> PlanStates[Ground]:
     """Return the plan states of the backup at hand over the ground, ``[B]``, their times from when
     it was refreshed.
     """
-    return _on_ground(watch.monitor, watch.frame)
+    return _on_ground(watch.monitor, watch.air)
 
 
 def _on_ground(monitor: Monitor, frame: Frame) -> PlanStates[Ground]:

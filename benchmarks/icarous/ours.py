@@ -132,7 +132,7 @@ class _Resolver:
         self, now: float, own: VehicleState[Ground]
     ) -> tuple[list[_Row], VehicleState[Ground]]:
         """Return rows of one time step of flight after a moment, s, and the state at its end."""
-        aircraft, frame = self._given.aircraft, self._watch.frame
+        aircraft, frame = self._given.aircraft, self._watch.air
         period = PERIOD * aircraft.dt
         through = references(self._watch.monitor, now, period, _SUBSTEPS)
         air = frame.to_air(own, now)

@@ -1,9 +1,9 @@
 """The run-time monitor between messages: which plan is monitored, in which frame, and which reports
 it gets.
 
-Pure: :mod:`agents.assurance.single` with the situation of :mod:`ros_bridge.core.updates` as its
-input and published plans as its plans. The local frame is the monitor's own, about the start of the
-plan that it began with.
+Pure: a watch of :mod:`agents.assurance.single` with the situation of :mod:`ros_bridge.core.updates`
+as its input and published plans as its plans. The local frame is the monitor's own, about the start
+of the plan that it began with.
 """
 
 import math
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from agents.assurance import single as watch
+from agents.assurance import single
 from agents.assurance.single import Verdict, Watch
 from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Thresholds
@@ -29,7 +29,7 @@ from envs.waypoints import Waypoint
 from envs.wind import Wind
 from ros_bridge.core.areas import AreaReport, Placed
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
-from ros_bridge.core.conversions import STATUS_SAFE, PlanPoint, Published, trajectory
+from ros_bridge.core.conversions import STATUS_SAFE, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.motion import to_local
 from ros_bridge.core.reach import Reach, level, out_of_reach, vertically_apart
@@ -58,10 +58,11 @@ _UNKNOWN: VehicleState[Ground] = VehicleState(math.nan, math.nan, math.nan, math
 
 
 @dataclass(frozen=True)
-class Supervision:
-    """The state of the monitor; never changed in place."""
+class Supervision(Watch):
+    """A watch whose metres have a place on the Earth, and whose seconds a time; never changed in
+    place.
+    """
 
-    watch: Watch
     unknown: Unknown = USUAL
     categories: Categories = NO_CATEGORIES
     frame: LocalFrame | None = None
@@ -72,6 +73,7 @@ class Supervision:
     reported: "Mapping[str, Reported]" = field(default_factory=lambda: MappingProxyType({}))
     """What the monitor got last, by aircraft."""
     areas: "FrameAreas | None" = None  # None: none have been placed yet
+    verdict: Verdict | None = None  # the last one; None: before any
 
 
 class Reported(NamedTuple):
@@ -119,7 +121,10 @@ def initial(
     thresholds: Thresholds, unknown: Unknown = USUAL, categories: Categories = NO_CATEGORIES
 ) -> Supervision:
     """Return a monitor without a plan; ``unknown`` is taken for what reports lack."""
-    return Supervision(watch.begin(thresholds), unknown, categories)
+    begun = single.begin(thresholds)
+    return Supervision(
+        begun.monitor, begun.names, thresholds, unknown=unknown, categories=categories
+    )
 
 
 def activate(supervision: Supervision, situation: Situation, published: Published) -> Supervision:
@@ -133,9 +138,9 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
             LocalFrame(published.start.latitude, published.start.longitude),
             published.began,
         )
-        fresh = watch.begin(supervision.watch.thresholds)
+        fresh = initial(supervision.thresholds, supervision.unknown, supervision.categories)
         supervision = replace(
-            supervision, watch=fresh, frame=frame, zero=zero, reported=MappingProxyType({})
+            fresh, frame=frame, zero=zero, areas=supervision.areas, verdict=supervision.verdict
         )
     own, waypoints = to_frame(frame, published)
     tracks = ((name, situation.traffic.get(name)) for name in published.identifiers)
@@ -146,15 +151,15 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
         for name, track in tracks
         if track is not None and track.estimate is not None
     }
-    began = watch.activate(
-        supervision.watch,
+    began = single.activate(
+        supervision,
         reconstruct(waypoints, wind_of(frame, published)),
         own,
         intruders,
         _clock(zero, published.began),
         own_altitude=_own_altitude(supervision, situation, published.began),
     )
-    return replace(supervision, watch=began, held=published, revision=published.revision)
+    return replace(began, held=published, revision=published.revision)
 
 
 def withdraw(supervision: Supervision, revision: int) -> Supervision:
@@ -164,28 +169,24 @@ def withdraw(supervision: Supervision, revision: int) -> Supervision:
     supervision = replace(supervision, revision=revision, held=None)
     if supervision.frame is None or _state(supervision) is State.IDLE:
         return supervision
-    return replace(
-        supervision, watch=watch.activate(supervision.watch, reconstruct(()), _UNKNOWN, {}, 0.0)
-    )
+    return single.activate(supervision, reconstruct(()), _UNKNOWN, {}, 0.0)
 
 
-def step_monitor(
-    supervision: Supervision, situation: Situation, now: int
-) -> tuple[Supervision, Verdict | None]:
-    """Return the monitor after the present moment, ``now`` in ns, and its verdict; None before the
-    first plan.
+def step_monitor(supervision: Supervision, situation: Situation, now: int) -> Supervision:
+    """Return the monitor after the present moment, ``now`` in ns, with its verdict; it has none
+    before the first plan.
     """
     frame, zero = supervision.frame, supervision.zero
     if frame is None:
-        return supervision, None
+        return supervision
     own, own_age = None, 0.0
     track = situation.own
     if track.last is not None and track.fault is None:
         own, own_age = to_local(frame, track.last), _age(zero, track.last.time, now)
     traffic = _traffic(supervision, situation, now)
     areas = _place_areas(supervision.areas, situation, frame, now)
-    after, verdict = watch.step(
-        supervision.watch,
+    after, verdict = single.step(
+        supervision,
         _clock(zero, now),
         own,
         traffic.intruders,
@@ -194,14 +195,13 @@ def step_monitor(
         gone=traffic.gone,
         areas=[area for some in areas.placed for area in some.at(now)],
     )
-    after = replace(
-        supervision,
-        watch=after,
+    return replace(
+        after,
         reported=MappingProxyType(traffic.reported),
         asked=now if verdict.ask is not None else supervision.asked,
         areas=areas,
+        verdict=verdict,
     )
-    return after, verdict
 
 
 class _Traffic(NamedTuple):
@@ -214,7 +214,7 @@ class _Traffic(NamedTuple):
 
 def _traffic(supervision: Supervision, situation: Situation, now: int) -> _Traffic:
     """Return what the monitor is given; who cannot come near is left out."""
-    limits, known = supervision.watch.thresholds, supervision.watch.names
+    limits, known = supervision.thresholds, supervision.names
     own, frame = situation.own.last, supervision.frame
     assert frame is not None, "reports are placed in a frame"
     reach = None if own is None else _reach(own, now, supervision, situation)
@@ -268,56 +268,49 @@ def accept_answer(
     """Hand in what became of a request; None: there is no plan that may be flown. Return also
     whether it is flown.
     """
-    frame, ask = supervision.frame, supervision.watch.ask
-    if frame is None or ask is None:
+    frame = supervision.frame
+    if frame is None or supervision.ask is None:
         return supervision, False
     if published is None:
-        after, _ = watch.answer(supervision.watch, number, reconstruct(()))
-        return replace(supervision, watch=after), False
+        return single.answer(supervision, number, reconstruct(()))[0], False
     _, waypoints = to_frame(frame, published)
     # The runner began when the request arrived; the monitor counts from when it asked.
     late = (published.began - supervision.asked) / SECOND
     shifted = tuple(replace(point, time=point.time + late) for point in waypoints)
     plan = reconstruct(shifted, wind_of(frame, published))
-    after, taken_up = watch.answer(supervision.watch, number, plan)
+    after, taken_up = single.answer(supervision, number, plan)
     revision = max(supervision.revision, published.revision)
     held = published if taken_up else supervision.held
-    return replace(supervision, watch=after, held=held, revision=revision), taken_up
+    return replace(after, held=held, revision=revision), taken_up
 
 
 def to_fly(supervision: Supervision) -> FlyMode:
     """Return what is to be flown now."""
     if supervision.frame is None or _state(supervision) is State.IDLE:
         return FlyMode.NOTHING
-    return FlyMode.BACKUP if bool(supervision.watch.monitor.on_backup[0]) else FlyMode.PLAN
+    return FlyMode.BACKUP if bool(supervision.monitor.on_backup[0]) else FlyMode.PLAN
 
 
-class Backup(NamedTuple):
-    """A backup on the ellipsoid."""
+def backup(supervision: Supervision, altitude: Altitude | None) -> Published | None:
+    """Return the current backup as a plan without a number; None before the first own state.
 
-    began: int  # ns
-    start: PlanPoint
-    points: tuple[PlanPoint, ...]
-    wind: tuple[float, float]  # that it is flown in, east and north at its start, m/s
-    wind_std: float  # one sigma of both, m/s
-
-
-def backup(supervision: Supervision, altitude: Altitude | None) -> Backup:
-    """Return the backup at hand; ``altitude`` is the ownship's, which all of its points keep."""
-    at_hand, frame = supervision.watch.monitor.backup, supervision.frame
-    assert frame is not None, "a backup has a frame"
-    began = supervision.zero + round(float(at_hand.started[0]) * SECOND)
-    rows = np.stack(watch.backup_states(supervision.watch), axis=-1).tolist()
+    ``altitude`` is the ownship's, which all of its points keep.
+    """
+    started, frame = float(supervision.monitor.backup.started[0]), supervision.frame
+    if frame is None or not math.isfinite(started):
+        return None
+    began = supervision.zero + round(started * SECOND)
+    rows = np.stack(single.backup_states(supervision), axis=-1).tolist()
     waypoints = [Waypoint(number, *row) for number, row in enumerate(rows)]
     start, *points = geodetic_points(frame, waypoints, began, altitude)
-    air = supervision.watch.frame.wind
+    air = supervision.air.wind
     wind = true_wind(frame, air, start.latitude, start.longitude)
-    return Backup(began, start, tuple(points), wind, float(air.std))
+    return Published(bytes(16), 0, began, start, tuple(points), (), wind, float(air.std))
 
 
 def _reach(own: Report, now: int, supervision: Supervision, situation: Situation) -> Reach:
     """Return what matters to the ownship while the plan that is held lasts."""
-    limits, held = supervision.watch.thresholds, supervision.held
+    limits, held = supervision.thresholds, supervision.held
     options, unknown = limits.options, supervision.unknown
     separation, vertical = supervision.categories.greatest(
         limits.requirement.separation, options.vertical_filter
@@ -354,7 +347,7 @@ def _own_altitude(supervision: Supervision, situation: Situation, now: int) -> A
     last = situation.own.last
     if last is None:
         return None
-    climb = supervision.watch.thresholds.options.unknown_climb
+    climb = supervision.thresholds.options.unknown_climb
     return level(last.altitude, now - last.time, _undulation(situation), climb)
 
 
@@ -364,7 +357,7 @@ def _vertically_apart(other: Track, reach: Reach, supervision: Supervision) -> b
     if last is None:
         return False
     altitude = last.height(reach.unknown_climb)
-    usual = supervision.watch.thresholds.options.vertical_filter
+    usual = supervision.thresholds.options.vertical_filter
     required = supervision.categories.vertical.get(last.category, usual)
     return abs(vertically_apart(reach.own, altitude, last.time, reach)) > required
 
@@ -382,7 +375,7 @@ def _unusable_aircraft(situation: Situation, reach: Reach, limits: Thresholds) -
 
 
 def _state(supervision: Supervision) -> State:
-    return State(int(supervision.watch.monitor.state[0]))
+    return State(int(supervision.monitor.state[0]))
 
 
 def _clock(zero: int, time: int) -> float:
@@ -408,7 +401,7 @@ def _intruder(
     """Return a report in the monitor's frame, with its separations and its altitude."""
     report, categories = reported.report, supervision.categories
     position_std, velocity_std = report.spread(supervision.unknown)
-    climb = supervision.watch.thresholds.options.unknown_climb
+    climb = supervision.thresholds.options.unknown_climb
     return Intruder(
         reported.state,
         _age(supervision.zero, report.time, now),

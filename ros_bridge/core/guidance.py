@@ -1,7 +1,7 @@
 """What a display shows beside the plan: bands by true directions, and the alerts of intruders.
 
-Pure: the monitor's verdict, and the alerts of the second before, as input; numbers as the message
-``GuidanceBands`` has them as output.
+Pure: the monitor with its verdict, and the alerts of the second before, as input; numbers as the
+message ``GuidanceBands`` has them as output.
 """
 
 import math
@@ -28,7 +28,6 @@ from agents.assurance.bands import (
     recovery,
     speed_bands,
 )
-from agents.assurance.single import Verdict
 from agents.assurance.state import Decision
 from agents.assurance.thresholds import BLIND, Thresholds
 from agents.kernel.areas import ActiveArea, label
@@ -36,6 +35,7 @@ from agents.planner.request.options import L
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
+from ros_bridge.core.assurance import Supervision
 from ros_bridge.core.fields import SECOND
 
 TRACKS = np.arange(HEADINGS) * (360.0 / HEADINGS)
@@ -114,19 +114,16 @@ class _Met(NamedTuple):
     )
 
 
-def guidance(
-    shown: Shown,
-    names: tuple[str, ...],
-    verdict: Verdict,
-    now: int,
-    frame: LocalFrame,
-    thresholds: Thresholds[L],
-) -> tuple[Shown, Guidance | None]:
+def guidance(shown: Shown, judged: Supervision, now: int) -> tuple[Shown, Guidance | None]:
     """Return what is shown at a time, ns; None where the ownship's state is unknown, and within a
     time step of the last time. A clock that steps back begins anew.
 
-    ``names`` are those of the monitor's intruders, by place.
+    ``judged`` is the monitor as it was when it came to its verdict.
     """
+    verdict, frame, names = judged.verdict, judged.frame, judged.names
+    if verdict is None or frame is None:
+        return shown, None
+    thresholds = judged.thresholds_in_air
     measured, aircraft = verdict.measured, thresholds.options.aircraft
     if shown.time is not None and 0 <= now - shown.time < aircraft.dt * SECOND:
         return shown, None

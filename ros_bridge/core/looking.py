@@ -8,7 +8,6 @@ import math
 from dataclasses import replace
 
 from agents.assurance.frames import frame_of
-from agents.assurance.single import Verdict
 from agents.planner.answer import RequestError
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.assurance import Supervision, initial, step_monitor
@@ -19,11 +18,10 @@ from ros_bridge.core.situation import ACCURATE, Situation
 _OTHER_WIND = 1.0  # m/s from the wind that it began in, from which on it begins anew
 
 
-def look(
-    looking: Supervision, situation: Situation, now: int
-) -> tuple[Supervision, Verdict | None]:
-    """Return the monitor after the present moment, ``now`` in ns, and what it sees; None while the
-    ownship is unknown, or where its wind is so uncertain that nothing is left of its limits.
+def look(looking: Supervision, situation: Situation, now: int) -> Supervision:
+    """Return the monitor after the present moment, ``now`` in ns, with its verdict; it has none
+    while the ownship is unknown, or where its wind is so uncertain that nothing is left of its
+    limits.
 
     It begins anew where the ownship has flown far, or where the wind has changed.
     """
@@ -38,7 +36,7 @@ def _serves(looking: Supervision, own: Report) -> bool:
     if frame is None:
         return False
     at = frame.place(own.latitude, own.longitude)
-    wind, before = ownship_wind(frame, own, looking.unknown), looking.watch.frame.wind
+    wind, before = ownship_wind(frame, own, looking.unknown), looking.air.wind
     changed = math.hypot(wind.east - before.east, wind.north - before.north)
     near = math.hypot(float(at.x), float(at.y)) <= 0.5 * ACCURATE
     return near and changed <= _OTHER_WIND and wind.std == before.std
@@ -47,10 +45,9 @@ def _serves(looking: Supervision, own: Report) -> bool:
 def _begin(looking: Supervision, own: Report, now: int) -> Supervision:
     frame = LocalFrame(own.latitude, own.longitude)
     wind = ownship_wind(frame, own, looking.unknown)
-    fresh = initial(looking.watch.thresholds, looking.unknown, looking.categories)
+    fresh = initial(looking.thresholds, looking.unknown, looking.categories)
     try:
-        fresh.watch.thresholds.in_wind(wind)
+        fresh.thresholds.in_wind(wind)
     except RequestError:
         return fresh  # without a frame nothing is judged
-    watch = replace(fresh.watch, frame=frame_of(wind, 0.0))
-    return replace(fresh, watch=watch, frame=frame, zero=now)
+    return replace(fresh, air=frame_of(wind, 0.0), frame=frame, zero=now)

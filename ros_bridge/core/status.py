@@ -3,8 +3,7 @@
 import math
 from typing import Any, NamedTuple
 
-from agents.assurance import single as watch
-from agents.assurance.single import Verdict
+from agents.assurance.single import reasons
 from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Cause
 from ros_bridge.core.assurance import Supervision, to_fly
@@ -33,14 +32,12 @@ class Status(NamedTuple):
         return self._asdict() | plain
 
 
-def status(supervision: Supervision, verdict: Verdict | None) -> Status:
-    """Return what holds after a verdict, and after the answer that it asked for; None: before any
-    plan.
-    """
-    if verdict is None:
+def status(supervision: Supervision) -> Status:
+    """Return what holds after the last verdict, and after the answer that it asked for."""
+    if supervision.verdict is None:
         return Status()
-    monitor, measured = supervision.watch.monitor, verdict.measured
-    limits = supervision.watch.thresholds
+    monitor, measured = supervision.monitor, supervision.verdict.measured
+    limits = supervision.thresholds
     causes, flown = int(monitor.causes[0]), to_fly(supervision)
     found = Status(
         State(int(monitor.state[0])),
@@ -48,9 +45,7 @@ def status(supervision: Supervision, verdict: Verdict | None) -> Status:
         causes,
         tuple(
             why.message
-            for why in watch.reasons(
-                measured._replace(causes=monitor.causes), limits, supervision.watch.names
-            )
+            for why in reasons(measured._replace(causes=monitor.causes), limits, supervision.names)
         ),
         flown is FlyMode.PLAN and not causes & int(_BLIND),
     )

@@ -1,14 +1,12 @@
 """A display beside a program with a loop of its own, such as the one that speaks MAVLink."""
 
 import asyncio
-import math
 import socket
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
-from agents.assurance.single import Verdict
 from agents.assurance.state import FlyMode
 from ros_bridge.core import guidance
 from ros_bridge.core.assurance import Supervision, backup
@@ -70,7 +68,6 @@ def supervise(
     scene: DisplayScene,
     situation: Situation,
     supervision: Supervision,
-    verdict: Verdict | None,
     shown: guidance.Shown,
     now: int,
 ) -> tuple[DisplayScene, guidance.Shown]:
@@ -80,11 +77,10 @@ def supervise(
         scene: before.
         situation: what the program has received.
         supervision: its monitor.
-        verdict: the monitor's last one.
         shown: the alerts of the last time (:func:`ros_bridge.core.guidance.blank`: none).
         now: the program's clock, ns.
     """
-    limits = supervision.watch.thresholds_in_air
+    limits = supervision.thresholds_in_air
     scene = replace(
         scene.at(now),
         situation=situation,
@@ -93,15 +89,12 @@ def supervise(
         by_category=supervision.categories.separations,
         arrived={**scene.arrived, **_arrivals(situation), "status": now},
     )
-    if verdict is None:
+    if supervision.verdict is None:
         return replace(scene, monitor=None), shown
-    said = status(supervision, verdict)
+    said = status(supervision)
     flown = _backup(supervision, situation, said.fly, scene)
     scene = replace(scene, monitor=MonitorStatus(now, said), backup=flown)
-    if supervision.frame is None:
-        return scene, shown
-    names = supervision.watch.names
-    shown, found = guidance.guidance(shown, names, verdict, now, supervision.frame, limits)
+    shown, found = guidance.guidance(shown, supervision, now)
     if found is None:
         return scene, shown
     return replace(scene, guidance=_guidance(found, now)), shown
@@ -118,15 +111,12 @@ def _arrivals(situation: Situation) -> dict[str, int]:
 def _backup(
     supervision: Supervision, situation: Situation, flown: FlyMode, scene: DisplayScene
 ) -> Published | None:
-    begun = math.isfinite(float(supervision.watch.monitor.backup.started[0]))
-    if flown is not FlyMode.BACKUP or not begun:
+    if flown is not FlyMode.BACKUP:
         return None
     own = situation.own.last
     made = backup(supervision, None if own is None else own.altitude)
     revision = 0 if scene.backup is None else scene.backup.revision
-    return Published(
-        b"", revision, made.began, made.start, made.points, (), made.wind, made.wind_std
-    )
+    return None if made is None else made._replace(revision=revision)
 
 
 def _guidance(found: guidance.Guidance, now: int) -> Guidance:

@@ -57,13 +57,12 @@ class SceneAdapter:
         if now < scene.latest:  # the autopilot has begun anew
             self._looking, self._shown = self._begin()
         flies = view.control.phase in (Phase.TAKING, Phase.GUIDING)
-        if flies and judgement.verdict is not None:
-            supervision, verdict = judgement.supervision, judgement.verdict
+        if flies and judgement.supervision.verdict is not None:
+            supervision = judgement.supervision
         else:
-            self._looking, verdict = look(self._looking, situation, now)
-            supervision = self._looking
+            supervision = self._looking = look(self._looking, situation, now)
         filed = replace(situation, route=Held(_route(view)))
-        scene, self._shown = supervise(scene, filed, supervision, verdict, self._shown, now)
+        scene, self._shown = supervise(scene, filed, supervision, self._shown, now)
         if supervision is self._looking:
             plan = judgement.supervision.held if judgement.safe or flies else None
             scene = replace(scene, plan=plan, monitor=_advice(view))

@@ -254,12 +254,17 @@ def _promise_nothing(state: State, event: Judged) -> Advance:
     """Say that the judgement failed, and call nothing safe; where that lasts nothing is flown any
     more (:func:`ros_bridge.mavlink.flying.decide`).
     """
-    text, seconds = event.failure, event.began / SECOND
+    text, seconds, judgement = event.failure, event.began / SECOND, state.judgement
     failing = min(state.pace.failing, seconds)
     state = replace(
         state,
         pace=replace(state.pace, late=seconds, failing=failing),
-        judgement=replace(state.judgement, plan=None, verdict=None, problem=text),
+        judgement=replace(
+            judgement,
+            supervision=replace(judgement.supervision, verdict=None),
+            plan=None,
+            problem=text,
+        ),
     )
     return tell(state, "failed", f"{text}, separation not assured", event.began, send=True)
 

@@ -6,10 +6,8 @@
 from dataclasses import dataclass
 
 from ros_bridge.core.conversions import Published
-from ros_bridge.core.situation import Situation
 from ros_bridge.mavlink.clocks import Moment, Spent
-from ros_bridge.mavlink.course import Course
-from ros_bridge.mavlink.judging import Judgement
+from ros_bridge.mavlink.judging import Question
 from ros_bridge.mavlink.messages import Target
 from ros_bridge.mavlink.steering import Steered
 from ros_bridge.mavlink.view import View
@@ -124,19 +122,6 @@ class Judge:
     """
 
     moment: Moment
-
-
-@dataclass(frozen=True)
-class Question:
-    """Check the plan that is flown, or look along the mission and plan round a conflict there, and
-    answer with :class:`ros_bridge.mavlink.events.Answer`.
-    """
-
-    judgement: Judgement  # that holds
-    situation: Situation
-    course: Course
-    time: int  # ns, on the autopilot's clock
-    flown: bool  # whether a plan is flown
 
 
 Sent = Beat | AskRates | AskItem | Thank | Reposition | Steer | SetMode | SetCurrent | Say

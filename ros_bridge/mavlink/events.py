@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reports import Report
 from ros_bridge.mavlink.clocks import Moment, Spent
-from ros_bridge.mavlink.effects import Question
-from ros_bridge.mavlink.judging import Judgement
+from ros_bridge.mavlink.judging import Judgement, Question
 
 if TYPE_CHECKING:
     from pymavlink.dialects.v20 import ardupilotmega as dialect

@@ -4,32 +4,23 @@ Pure: a :class:`Judgement` follows from the one before, the situation and the ti
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from agents.assurance.alerts import Alerting
-from agents.assurance.single import Verdict
 from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Thresholds
-from agents.kernel.areas import area_clearance, relevant
-from agents.kernel.clearance import clearance
-from agents.kernel.separation import separation
-from agents.kernel.traffic import Requirement, growth
-from agents.kernel.trajectory import straight
+from agents.kernel.traffic import Requirement
 from agents.planner.answer import Advisory, AdvisoryCode, Field, Plan, RequestError
 from agents.planner.request.options import Options
-from agents.planner.request.request import check_request, in_wind
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
-from envs.area_geometry import signed_distance
-from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.trees import take
 from envs.waypoints import RoutePoint, Waypoint, at, legs, plan_states, repeat
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.assurance import (
@@ -50,6 +41,8 @@ from ros_bridge.core.replies import plan_points, start_point, to_frame, true_win
 from ros_bridge.core.reports import Unknown
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tasks import PlanTask, Settings, in_terms_of_messages, refusal_of, task
+from ros_bridge.mavlink.conflict import Conflict, conflict, earliest
+from ros_bridge.mavlink.course import Course
 from ros_bridge.mavlink.mission import SUB
 
 SPACING = 1.0
@@ -59,17 +52,6 @@ _SIGMAS = 2.0
 _BEHIND = 2.0  # separations beyond the loss before which no leg is rejoined
 _GOALS = 12  # of the mission's points, the nearest first, at which a plan may rejoin
 _ROUNDED = 1.0  # m by which a plan may be farther from a point when it has rejoined there
-_SHORT = 1e-6  # m, or m/s: of two places that are one
-
-
-class Conflict(NamedTuple):
-    """The first loss of the distance from an intruder or an area that a plan would have to keep,
-    where the mission is flown on.
-    """
-
-    name: str  # of the intruder or the area
-    time: float  # until then, s
-    required: float  # distance, m
 
 
 class Rules(NamedTuple):
@@ -95,21 +77,32 @@ class Rejoin(NamedTuple):
 
 @dataclass(frozen=True)
 class Judgement:
-    """What holds: the plan, its monitor and the conflict."""
+    """What holds: the conflict, the plan round it, and the monitor of that plan."""
 
     supervision: Supervision
     conflict: Conflict | None = None
     plan: Plan | None = None  # the last answer, safe or not
     rejoin: Rejoin | None = None  # where the plan comes back to the mission
-    revision: int = 0
     problem: str = ""  # why nothing can be planned; "": it can
     remarks: tuple[str, ...] = ()  # what was assumed, and what else the answer remarks on
-    verdict: Verdict | None = None
 
     @property
     def safe(self) -> bool:
         """Whether the last answer was a SAFE plan."""
         return self.plan is not None and self.plan.safe
+
+
+@dataclass(frozen=True)
+class Question:
+    """Check the plan that is flown, or look along the mission and plan round a conflict there, and
+    answer with :class:`ros_bridge.mavlink.events.Answer`.
+    """
+
+    judgement: Judgement  # that holds
+    situation: Situation
+    course: Course
+    time: int  # ns, on the autopilot's clock
+    flown: bool  # whether a plan is flown
 
 
 def rules(
@@ -156,6 +149,22 @@ def rules(
     return Rules(policy, settings, limits, times.reached.corrective, times.look_ahead)
 
 
+def answer(question: Question, rules: Rules) -> Judgement:
+    """Return the judgement that follows; it computes for as long as the rules let a plan take."""
+    held, known, ahead = question.judgement, question.situation, question.course
+    if question.flown:
+        return supervise(held, known, ahead.route, question.time, rules)
+    return watch(
+        held,
+        known,
+        ahead.route,
+        question.time,
+        rules,
+        ways=ahead.ways,
+        unplanned=ahead.unplanned,
+    )
+
+
 def watch(
     judgement: Judgement,
     situation: Situation,
@@ -184,7 +193,7 @@ def watch(
         request = task(situation, now, rules.settings, route)
         tasks = [replace(request, points=_points(request, way)) for way in ways] or [request]
         conflicts = (conflict(_ahead(one, 0.0), rules.look_ahead) for one in tasks)
-        first = _earliest(conflicts)
+        first = earliest(conflicts)
         judgement = replace(judgement, remarks=_remarks(request))
         if first is None or first.time > rules.engage:
             return replace(judgement, conflict=first, plan=None, problem="")
@@ -205,41 +214,26 @@ def supervise(
     rules: Rules,
 ) -> Judgement:
     """Check the plan that is flown, and plan anew where the monitor asks for it."""
-    supervision, verdict = step_monitor(judgement.supervision, situation, now)
-    judgement = replace(judgement, supervision=supervision, verdict=verdict)
+    supervision = step_monitor(judgement.supervision, situation, now)
+    judgement, verdict = replace(judgement, supervision=supervision), supervision.verdict
     if verdict is None or verdict.ask is None:
         return judgement
     number = verdict.ask.number
     try:
         wanted = task(situation, now, rules.settings, route)
         wanted = _not_before(wanted, judgement.rejoin)
-        answer = _answer(wanted, rules)
+        answer = _plan(wanted, rules)
     except Refusal as refusal:
         after, _ = accept_answer(supervision, number, None)
         return replace(judgement, supervision=after, problem=str(refusal))
     judgement = replace(judgement, remarks=_remarks(wanted, answer))
-    revision = judgement.revision + 1
-    sent = publish(answer, wanted, revision) if answer.safe else None
+    sent = publish(answer, wanted, supervision.revision + 1) if answer.safe else None
     after, taken_up = accept_answer(supervision, number, sent)
-    judgement = replace(judgement, supervision=after, revision=revision, problem="")
+    judgement = replace(judgement, supervision=after, problem="")
     if not taken_up:
         why = "; ".join(reason.message for reason in answer.reasons)
         return replace(judgement, problem=why or "the plan came too late")
     return replace(judgement, plan=answer, rejoin=_rejoin(answer, wanted))
-
-
-def conflict(wanted: PlanTask, look_ahead: float) -> Conflict | None:
-    """Return the first loss of what a plan would have to keep from an intruder or an area, within
-    some seconds where the ownship flies its route at its speed over the ground; None: none.
-    """
-    course = _along_route(wanted, look_ahead)
-    return _earliest((_first_intruder(wanted, course), _first_area(wanted, course)))
-
-
-def _earliest(conflicts: Iterable[Conflict | None]) -> Conflict | None:
-    """Return the first of some conflicts; None: none."""
-    some = (one for one in conflicts if one is not None)
-    return min(some, key=lambda one: one.time, default=None)
 
 
 def _points(wanted: PlanTask, route: Route) -> tuple[RoutePoint, ...]:
@@ -247,92 +241,6 @@ def _points(wanted: PlanTask, route: Route) -> tuple[RoutePoint, ...]:
     at = wanted.frame.place([one.latitude for one in route], [one.longitude for one in route])
     places = zip(route, at.x.tolist(), at.y.tolist(), strict=True)
     return tuple(RoutePoint(one.index, x, y) for one, x, y in places)
-
-
-class _Course(NamedTuple):
-    """Where the ownship is to be on its route, over the ground; fields ``[1, W]``, in between it
-    moves uniformly.
-    """
-
-    x: Array  # m
-    y: Array
-    time: Array  # s
-
-
-def _along_route(wanted: PlanTask, look_ahead: float) -> _Course:
-    """Return the course along the route at the present speed, straight on behind its end."""
-    own, points = wanted.own, wanted.points
-    x = np.array([own.x, *(point.x for point in points)])
-    y = np.array([own.y, *(point.y for point in points)])
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    flown = float(own.speed) * look_ahead
-    length = max(way[-1] - way[-2], _SHORT)
-    on = 1.0 + max(flown - way[-1], 0.0) / length
-    end_x, end_y = (field[-2] + on * (field[-1] - field[-2]) for field in (x, y))
-    x, y = np.append(x[:-1], end_x), np.append(y[:-1], end_y)
-    way = np.append(way[:-1], way[-2] + on * length)
-    # The corners that are reached, each once, and where the ownship is at the end.
-    corners = np.flatnonzero(np.diff(way, prepend=-np.inf) > _SHORT)
-    ways = np.append(way[corners][way[corners] < flown - _SHORT], flown)
-    time = ways / max(float(own.speed), _SHORT)
-    return _Course(
-        *(field[None] for field in (np.interp(ways, way, x), np.interp(ways, way, y), time))
-    )
-
-
-def _first_intruder(wanted: PlanTask, course: _Course) -> Conflict | None:
-    """Return the first loss of what a plan would have to keep from an intruder, in the air mass."""
-    try:
-        in_air = in_wind(wanted.options, wanted.wind)
-        request, _, counted = check_request(
-            wanted.own, wanted.intruders, wanted.points, in_air, wanted.own_altitude, wanted.wind
-        )
-    except RequestError as error:
-        raise refusal_of(error, wanted) from error
-    if not counted:
-        return None
-    (x, y, time), wind, keep = course, wanted.wind, wanted.options.requirement
-    flown = straight(x - wind.east * time, y - wind.north * time, time)
-    keeping = separation(request.traffic, request.own, keep)
-    kept = clearance(flown, keeping)
-    first = int(np.argmin(kept.loss[0]))
-    loss = float(kept.loss[0, first])
-    if not math.isfinite(loss):
-        return None
-    grown = growth(take(request.traffic, (0, slice(first, first + 1))), np.array(loss), keep.sigmas)
-    need = keeping.required[0, first] + np.max(grown)
-    return Conflict(wanted.identifiers[counted[first]], loss, float(need))
-
-
-def _first_area(wanted: PlanTask, course: _Course) -> Conflict | None:
-    """Return the first loss of what a plan would have to keep from an area; one that the ownship is
-    in already is none, since no plan is SAFE there.
-    """
-    margin, (x, y, time) = wanted.options.requirement.margin, course
-    areas = relevant(
-        wanted.areas,
-        wanted.own,
-        wanted.own_altitude,
-        fastest=float(wanted.own.speed),
-        horizon=float(time[0, -1]),
-        unknown_climb=wanted.options.unknown_climb,
-        margin=margin,
-    )
-    outside = [
-        area
-        for area in areas
-        if area.begin > 0.0 or signed_distance(area.area, wanted.own.x, wanted.own.y) >= 0.0
-    ]
-    if not outside:
-        return None
-    kept = clearance(straight(x, y, time), area_clearance(outside, x[:, 0], y[:, 0], margin))
-    first = int(np.argmin(kept.loss[0]))
-    loss = float(kept.loss[0, first])
-    if not math.isfinite(loss):
-        return None
-    area = outside[first]
-    name = area.area.name or f"areas[{area.number}]"
-    return Conflict(name, loss, area.area.clearance + margin)
 
 
 def publish(answer: Plan, wanted: PlanTask, revision: int) -> Published:
@@ -374,15 +282,13 @@ def to_follow(judgement: Judgement) -> ToFly | None:
     if kind is FlyMode.PLAN:
         key = ("plan", held.revision)
         return ToFly(key, frame, held.began, *to_frame(frame, held), wind)
-    if kind is FlyMode.BACKUP and math.isfinite(supervision.watch.monitor.backup.started[0]):
-        made = backup(supervision, None)
-        as_plan = Published(bytes(16), 0, made.began, made.start, made.points, ())
-        key = ("backup", made.began)
-        return ToFly(key, frame, made.began, *to_frame(frame, as_plan), wind)
-    return None
+    made = backup(supervision, None) if kind is FlyMode.BACKUP else None
+    if made is None:
+        return None
+    return ToFly(("backup", made.began), frame, made.began, *to_frame(frame, made), wind)
 
 
-def _answer(wanted: PlanTask, rules: Rules) -> Plan:
+def _plan(wanted: PlanTask, rules: Rules) -> Plan:
     try:
         return plan_task(wanted, rules.policy, exhaustive=False)
     except RequestError as error:
@@ -392,18 +298,17 @@ def _answer(wanted: PlanTask, rules: Rules) -> Plan:
 def _take_up(
     judgement: Judgement, situation: Situation, wanted: PlanTask, rules: Rules
 ) -> Judgement:
-    answer = _answer(wanted, rules)
+    answer = _plan(wanted, rules)
     judgement = replace(judgement, remarks=_remarks(wanted, answer))
     if not answer.safe:
         return replace(judgement, plan=answer, problem="")
-    revision = judgement.revision + 1
-    supervision = activate(judgement.supervision, situation, publish(answer, wanted, revision))
+    sent = publish(answer, wanted, judgement.supervision.revision + 1)
+    supervision = activate(judgement.supervision, situation, sent)
     return replace(
         judgement,
         supervision=supervision,
         plan=answer,
         rejoin=_rejoin(answer, wanted),
-        revision=revision,
         problem="",
     )
 

@@ -1,7 +1,7 @@
 """What lies ahead: from what is known to a question, and what its answer changes.
 
-The question is answered beside :func:`ros_bridge.mavlink.advance.advance`, by :func:`answer`,
-because a plan takes time.
+The question is answered beside :func:`ros_bridge.mavlink.advance.advance`, by
+:func:`ros_bridge.mavlink.judging.answer`, because a plan takes time.
 """
 
 from dataclasses import replace
@@ -10,10 +10,10 @@ from ros_bridge.core.fields import SECOND, FieldError, attempt
 from ros_bridge.mavlink import mission, telling
 from ros_bridge.mavlink.control import Phase
 from ros_bridge.mavlink.course import Course, course
-from ros_bridge.mavlink.effects import NotePlanned, Question
+from ros_bridge.mavlink.effects import NotePlanned
 from ros_bridge.mavlink.events import Answer, Look
 from ros_bridge.mavlink.intake import forget
-from ros_bridge.mavlink.judging import SPACING, Judgement, Rules, supervise, watch
+from ros_bridge.mavlink.judging import SPACING, Question
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.state import Advance, Leg, Setup, State
@@ -35,22 +35,6 @@ def look(state: State, event: Look, setup: Setup) -> Advance:
     return after.then(telling.tell_speed, event.moment, setup.deadline).then(_ask, time, setup)
 
 
-def answer(question: Question, rules: Rules) -> Judgement:
-    """Return what is to be done; it computes for as long as the rules let a plan take."""
-    held, known, ahead = question.judgement, question.situation, question.course
-    if question.flown:
-        return supervise(held, known, ahead.route, question.time, rules)
-    return watch(
-        held,
-        known,
-        ahead.route,
-        question.time,
-        rules,
-        ways=ahead.ways,
-        unplanned=ahead.unplanned,
-    )
-
-
 def take_answer(state: State, event: Answer, setup: Setup) -> Advance:
     """Take over a judgement, and say what follows from it."""
     question, judgement = event.question, event.judgement
@@ -58,7 +42,7 @@ def take_answer(state: State, event: Answer, setup: Setup) -> Advance:
     after = Advance(replace(state, judgement=judgement))
     if question.flown:
         after = after.then(telling.explain, time)
-        if judgement.revision != before.revision:
+        if judgement.supervision.held != before.supervision.held:
             after = after.then(telling.write_plan)
     else:
         after = after.then(telling.advise, time, setup.rules.engage)

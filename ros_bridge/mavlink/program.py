@@ -44,7 +44,6 @@ from ros_bridge.mavlink.effects import (
     Judge,
     Log,
     NotePlanned,
-    Question,
     Reposition,
     Say,
     Sent,
@@ -68,9 +67,8 @@ from ros_bridge.mavlink.events import (
     Tick,
 )
 from ros_bridge.mavlink.intake import Reading, Received
-from ros_bridge.mavlink.judging import Judgement, Rules
+from ros_bridge.mavlink.judging import Judgement, Question, Rules, answer
 from ros_bridge.mavlink.link import Link
-from ros_bridge.mavlink.looking import answer
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.options import options_of, rules_of
 from ros_bridge.mavlink.plan_file import geojson, kml

@@ -114,9 +114,8 @@ class State:
 
     def without_plan(self, rules: Rules) -> "State":
         """Return the state without a plan, whose next one gets another revision."""
-        revision = self.judgement.revision
-        supervision = replace(rules.begin(), revision=revision)
-        return replace(self, judgement=Judgement(supervision, revision=revision))
+        revision = self.judgement.supervision.revision
+        return replace(self, judgement=Judgement(replace(rules.begin(), revision=revision)))
 
     def view(self, time: int) -> View:
         """Return what is known at a time, ns."""

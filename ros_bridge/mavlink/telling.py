@@ -9,8 +9,8 @@ from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.adsb_live import OWN_TRACES
 from ros_bridge.core.fields import readable
 from ros_bridge.mavlink.clocks import Moment
+from ros_bridge.mavlink.conflict import Conflict
 from ros_bridge.mavlink.effects import Log, WritePlan
-from ros_bridge.mavlink.judging import Conflict
 from ros_bridge.mavlink.link import RACING
 from ros_bridge.mavlink.state import Advance, State
 from ros_bridge.mavlink.texts import log_once, tell, tell_once
@@ -50,7 +50,7 @@ def write_plan(state: State) -> Advance:
 
 def explain(state: State, time: int) -> Advance:
     """Log why the monitor is not content, where that changes."""
-    verdict, problem = state.judgement.verdict, state.judgement.problem
+    verdict, problem = state.judgement.supervision.verdict, state.judgement.problem
     reasons = () if verdict is None else verdict.reasons
     monitor = "" if verdict is None else verdict.state.name
     causes = frozenset(reason.cause for reason in reasons)

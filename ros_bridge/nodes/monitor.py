@@ -37,7 +37,7 @@ from rclpy.task import Future
 from rlcas_msgs.msg import AssuranceStatus, GuidanceBands, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 
-from agents.assurance.single import Ask, Verdict
+from agents.assurance.single import Ask
 from agents.assurance.state import FlyMode, State
 from ros_bridge.core.assurance import (
     Published,
@@ -98,15 +98,14 @@ class Monitor(ListeningNode):
             separations_by_category(self._value),
         )
         self._looking = self._supervision  # without a plan: for bands and alerts before the first
-        self._verdict: Verdict | None = None
-        self._judged = self._supervision  # what the verdict is about
+        self._judged = self._supervision  # as it came to its verdict
         self._heard_runner = 0
         self._differences: list[str] = []  # from the runner's parameters, a sentence each
         self._pending: _Pending | None = None
         self._waiting: Published | None = None  # a plan that may be the answer that is awaited
         self._backup_at = 0
         self._backups = 0
-        self._shown = blank(self._supervision.watch.thresholds)
+        self._shown = blank(self._supervision.thresholds)
         self._judged_at = self._judge_from = 0  # ns
         self._guide_from = -math.inf  # s of real time
 
@@ -115,9 +114,7 @@ class Monitor(ListeningNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to listen."""
         self._start()
-        self.get_logger().info(
-            f"aircraft {aircraft_text(self._supervision.watch.thresholds.options)}"
-        )
+        self.get_logger().info(f"aircraft {aircraft_text(self._supervision.thresholds.options)}")
         self._listen(self._on_health, private=False)
         self._subscribe(topics.PLAN, self._on_trajectory)
         self._subscribe(topics.DIAGNOSTICS, self._on_diagnostics)
@@ -152,7 +149,7 @@ class Monitor(ListeningNode):
     def _read_plan(self, message: Trajectory) -> Published | None:
         """Return a plan that may be flown; None: the message holds none, and why is logged."""
         try:
-            return read_plan(message, self._supervision.watch.thresholds)
+            return read_plan(message, self._supervision.thresholds)
         except FieldError as error:
             self.get_logger().error(str(error))
             return None
@@ -176,12 +173,13 @@ class Monitor(ListeningNode):
 
     def _judge(self, now: int) -> None:
         self._forget(now)
-        self._supervision, self._verdict = step_monitor(self._supervision, self._situation, now)
+        self._supervision = step_monitor(self._supervision, self._situation, now)
         self._judged = self._supervision  # a plan that is taken up may know other intruders
-        if self._verdict is not None:
+        verdict = self._judged.verdict
+        if verdict is not None:
             self._give_up_waiting(now)
-            if self._verdict.ask is not None:
-                self._request(self._verdict.ask, now)
+            if verdict.ask is not None:
+                self._request(verdict.ask, now)
         self._judged_at = now
 
     def _request(self, ask: Ask, now: int) -> None:
@@ -257,16 +255,17 @@ class Monitor(ListeningNode):
         if to_fly(self._supervision) is not FlyMode.BACKUP:
             self._backup_at = 0
             return
-        begun = math.isfinite(self._supervision.watch.monitor.backup.started[0])
-        if begun and now - self._backup_at >= _BACKUP_AGAIN:
+        if now - self._backup_at < _BACKUP_AGAIN:
+            return
+        own = self._situation.own.last
+        made = backup(self._supervision, None if own is None else own.altitude)
+        if made is not None:
             self._backup_at, self._backups = now, self._backups + 1
-            self._backup.publish(self._backup_message())
+            self._backup.publish(self._backup_message(made))
 
-    def _backup_message(self) -> Trajectory:
+    def _backup_message(self, made: Published) -> Trajectory:
         """Return the backup that is flown."""
-        own, frame = self._situation.own.last, self._value("map_frame")
-        altitude = None if own is None else own.altitude
-        made = backup(self._supervision, altitude)
+        frame = self._value("map_frame")
         message = trajectory_message(Trajectory.STATUS_BACKUP, made.began, frame, self._backups)
         message.start = point_message(made.start)
         message.waypoints = [point_message(point) for point in made.points]
@@ -278,23 +277,17 @@ class Monitor(ListeningNode):
         """Publish bands and alerts, once in a time step, of what a verdict judged; before the first
         plan, of a monitor that has none.
         """
-        judged, verdict = self._judged, self._verdict
-        if verdict is None:
-            self._looking, verdict = look(self._looking, self._situation, now)
-            judged = self._looking
-        watched, frame = judged.watch, judged.frame
-        if verdict is None or frame is None:
-            return
-        self._shown, found = guidance(
-            self._shown, watched.names, verdict, now, frame, watched.thresholds_in_air
-        )
+        judged = self._judged
+        if judged.verdict is None:
+            judged = self._looking = look(self._looking, self._situation, now)
+        self._shown, found = guidance(self._shown, judged, now)
         if found is not None:
             self._guidance.publish(_message(found, now, self._value("map_frame")))
 
     def _describe(self, message: AssuranceStatus) -> None:
         """Write into a status what holds."""
-        limits = self._supervision.watch.thresholds
-        fields = status(self._supervision, self._verdict).fields() | {
+        limits = self._supervision.thresholds
+        fields = status(self._supervision).fields() | {
             "cross_track_limit": limits.cross_track,
             "along_track_limit": limits.along_track,
             "time_error_limit": limits.time_error,
@@ -311,7 +304,7 @@ class Monitor(ListeningNode):
         return -1.0 if self._heard_runner == 0 else (now - self._heard_runner) / SECOND
 
     def _on_health(self) -> None:
-        state = State(int(self._supervision.watch.monitor.state[0]))
+        state = State(int(self._supervision.monitor.state[0]))
         problem = state.name if state in (State.DENIED, State.BACKUP) else ""
         level = DiagnosticStatus.WARN
         silence = self._silence(self._now())
@@ -326,7 +319,8 @@ class Monitor(ListeningNode):
             "flown": to_fly(self._supervision).name,
             "silence of the runner, s": f"{silence:.2f}",
         }
-        outside = [] if self._verdict is None else self._verdict.outside
+        verdict = self._judged.verdict
+        outside = [] if verdict is None else verdict.outside
         self._publish_health((level, problem), outside, values)
 
 

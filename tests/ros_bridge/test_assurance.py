@@ -137,13 +137,14 @@ def test_a_plan_in_a_wind_is_monitored_in_it():
     for second in range(1, 13):
         place = at(curves, np.float64(second), wind)
         situation = situation_at(float(second), place)
-        supervision, verdict = step_monitor(supervision, situation, NOW + second * SECOND)
+        supervision = step_monitor(supervision, situation, NOW + second * SECOND)
+        verdict = supervision.verdict
         assert verdict is not None
         assert verdict.state is State.MONITORING, verdict.reasons
         assert abs(verdict.measured.cross_track.item()) < 0.1
     # In still air the same flight is not the plan.
     calm = activate(initial(THRESHOLDS), situation, held._replace(wind=(0.0, 0.0), revision=9))
-    _, verdict = step_monitor(calm, situation, NOW + 12 * SECOND)
+    verdict = step_monitor(calm, situation, NOW + 12 * SECOND).verdict
     assert verdict is not None
     assert abs(verdict.measured.cross_track.item()) > 0.2
 
@@ -153,8 +154,8 @@ def test_the_uncertainty_of_the_wind_counts_in_the_monitor_as_in_the_plan():
     situation = traffic(heard(own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xE5)), 0.0)
     held = publish_plan(situation, settings=settings)
     assert (held.wind, held.wind_std) == ((0.0, 0.0), 1.5)
-    watch = activate(initial(THRESHOLDS), situation, held).watch
-    assert watch.frame.wind == (0.0, 0.0, 1.5)
+    watch = activate(initial(THRESHOLDS), situation, held)
+    assert watch.air.wind == (0.0, 0.0, 1.5)
     assert watch.monitor.state[0] == State.MONITORING
     assert watch.thresholds_in_air.limits == in_wind(OPTIONS, Wind(std=1.5)).limits
 
@@ -185,7 +186,8 @@ def test_a_plan_whose_wind_is_too_uncertain_is_refused(std: float, field: str):
 
 
 def test_there_is_no_verdict_before_the_first_plan():
-    supervision, verdict = step_monitor(initial(THRESHOLDS), heard(), NOW)
+    supervision = step_monitor(initial(THRESHOLDS), heard(), NOW)
+    verdict = supervision.verdict
     assert verdict is None
     assert to_fly(supervision) is FlyMode.NOTHING
     assert to_fly(withdraw(supervision, 1)) is FlyMode.NOTHING
@@ -203,7 +205,8 @@ def test_report_handed_over_again_is_in_order(first: int, steps: list[int]):
         now += step
         if now - NOW - first > SECOND:
             break
-        supervision, verdict = step_monitor(supervision, situation, now)
+        supervision = step_monitor(supervision, situation, now)
+        verdict = supervision.verdict
         assert verdict is not None
         assert [why.message for why in verdict.reasons] == []
         assert verdict.state is State.MONITORING
@@ -215,7 +218,7 @@ def test_reports_are_handed_over_far_enough_apart_to_show_a_turn():
     for tenth in range(1, 11):
         seconds = 0.1 * tenth
         situation = own(traffic(situation, seconds), seconds)
-        supervision, _ = step_monitor(supervision, situation, NOW + round(seconds * SECOND))
+        supervision = step_monitor(supervision, situation, NOW + round(seconds * SECOND))
         times_given.append(supervision.reported["4b1a2c"].report.time)
     times = sorted(set(times_given))
     assert len(times) >= 3
@@ -225,9 +228,10 @@ def test_reports_are_handed_over_far_enough_apart_to_show_a_turn():
 def test_changed_report_is_handed_over_at_once():
     supervision, situation = begin_watch()
     situation = own(traffic(situation, 0.5), 0.5)
-    supervision, _ = step_monitor(supervision, situation, NOW + SECOND // 2)
+    supervision = step_monitor(supervision, situation, NOW + SECOND // 2)
     situation = own(traffic(situation, 0.6, heading=-0.5 * math.pi, x=FAR - 45.0), 0.6)
-    supervision, verdict = step_monitor(supervision, situation, NOW + round(0.6 * SECOND))
+    supervision = step_monitor(supervision, situation, NOW + round(0.6 * SECOND))
+    verdict = supervision.verdict
     assert supervision.reported["4b1a2c"].report.time == NOW + round(0.6 * SECOND)
     assert verdict is not None and verdict.measured.intruder_velocity[0] > 50.0
 
@@ -265,7 +269,8 @@ def test_a_plan_survives_noise_that_is_declared(seed: int):
             taken = publish_plan(situation, seconds=5.0)
             supervision = activate(supervision, situation, taken)
             curve = legs(plan_states(*to_frame(FRAME, taken)))
-        supervision, verdict = step_monitor(supervision, situation, now)
+        supervision = step_monitor(supervision, situation, now)
+        verdict = supervision.verdict
         asked += verdict is not None and verdict.ask is not None
     assert asked == 0
 
@@ -274,7 +279,8 @@ def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
     supervision, situation = begin_watch()
     bad = aircraft(0.0, 9_000.0, 0.0, 75.0, id="bad001", latitude=math.nan, time=NOW + SECOND)
     situation = updates.traffic(own(traffic(situation, 1.0), 1.0), bad, NOW + SECOND, RULES)
-    supervision, verdict = step_monitor(supervision, situation, NOW + SECOND)
+    supervision = step_monitor(supervision, situation, NOW + SECOND)
+    verdict = supervision.verdict
     assert verdict is not None and verdict.state is State.DENIED
     (said,) = (why.message for why in verdict.reasons if "lack a report" in why.message)
     assert said.startswith("intruders lack a report") and said.endswith(" (bad001)")
@@ -283,7 +289,7 @@ def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
         traffic={name: track for name, track in situation.traffic.items() if name != "bad001"},
     )
     situation = own(traffic(situation, 2.0), 2.0)
-    _, verdict = step_monitor(supervision, situation, NOW + 2 * SECOND)
+    verdict = step_monitor(supervision, situation, NOW + 2 * SECOND).verdict
     assert verdict is not None and verdict.state is State.MONITORING
 
 
@@ -304,14 +310,16 @@ def test_an_answer_that_came_late_is_flown_on_its_own_times():
     situation = own(traffic(situation, 1.0), 1.0)
     ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
     situation = updates.traffic(situation, ahead, NOW + SECOND, RULES)
-    supervision, verdict = step_monitor(supervision, situation, NOW + SECOND)
+    supervision = step_monitor(supervision, situation, NOW + SECOND)
+    verdict = supervision.verdict
     assert verdict is not None and verdict.ask is not None
     # The runner begins 80 ms after the monitor has asked.
     answer = publish_plan(situation, revision=2, seconds=1.08)
     supervision, taken_up = accept_answer(supervision, verdict.ask.number, answer)
     assert taken_up and supervision.held == answer
     situation = own(traffic(situation, 1.1), 1.1)
-    supervision, verdict = step_monitor(supervision, situation, NOW + round(1.1 * SECOND))
+    supervision = step_monitor(supervision, situation, NOW + round(1.1 * SECOND))
+    verdict = supervision.verdict
     assert verdict is not None and verdict.state is State.MONITORING
     assert abs(float(verdict.measured.along_track[0])) < 0.1
     assert abs(float(verdict.measured.time_error[0])) < 1e-3
@@ -322,11 +330,12 @@ def test_a_refusal_denies_the_plan():
     situation = own(traffic(situation, 1.0), 1.0)
     ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
     situation = updates.traffic(situation, ahead, NOW + SECOND, RULES)
-    supervision, verdict = step_monitor(supervision, situation, NOW + SECOND)
+    supervision = step_monitor(supervision, situation, NOW + SECOND)
+    verdict = supervision.verdict
     assert verdict is not None and verdict.ask is not None
     supervision, taken_up = accept_answer(supervision, verdict.ask.number, None)
     assert not taken_up
-    assert State(int(supervision.watch.monitor.state[0])) in (State.DENIED, State.BACKUP)
+    assert State(int(supervision.monitor.state[0])) in (State.DENIED, State.BACKUP)
 
 
 @pytest.mark.parametrize(
@@ -374,7 +383,8 @@ def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():
         for second in range(1, 9):
             now = NOW + second * SECOND
             known = own(traffic(known, float(second)), float(second))
-            left, verdict = step_monitor(left, known, now)
+            left = step_monitor(left, known, now)
+            verdict = left.verdict
         assert verdict is not None
         assert (verdict.state is State.MONITORING) == reached
 
@@ -383,7 +393,7 @@ def test_areas_of_the_topic_and_of_a_file_are_monitored_and_stay_with_the_frame(
     supervision, situation = begin_watch()
     now = NOW + SECOND
     situation = own(situation, 1.0)
-    _, verdict = step_monitor(supervision, situation, now)
+    verdict = step_monitor(supervision, situation, now).verdict
     assert verdict is not None and verdict.state is State.MONITORING
     latitude, longitude = geodetic_place(6_000.0, 0.0)
     disc = GeodeticArea("disc", centre=(latitude, longitude), radius=500.0)
@@ -394,18 +404,19 @@ def test_areas_of_the_topic_and_of_a_file_are_monitored_and_stay_with_the_frame(
         replace(situation, areas=Held(AreaReport(now, (disc,)))),
         replace(situation, areas=Held(AreaReport(now - 20 * SECOND, (coming,)))),
     ):
-        after, verdict = step_monitor(supervision, among_areas, now)
+        after = step_monitor(supervision, among_areas, now)
+        verdict = after.verdict
         assert verdict is not None and verdict.state is State.REPLAN_REQUESTED
         assert [why.field for why in verdict.reasons] == ["areas"]
-        again, _ = step_monitor(after, among_areas, now + SECOND // 2)
+        again = step_monitor(after, among_areas, now + SECOND // 2)
         assert again.areas is after.areas
         # Where the newest cannot be used, those before count on.
         crossed = disc._replace(centre=None, rings=(((47.0, 8.0), (47.1, 8.0), (47.2, 8.0)),))
         spoilt = replace(among_areas, areas=Held(AreaReport(now, (crossed,))))
-        _, verdict = step_monitor(after, spoilt, now + SECOND // 2)
+        verdict = step_monitor(after, spoilt, now + SECOND // 2).verdict
         assert verdict is not None and verdict.state is State.REPLAN_REQUESTED
     beside = disc._replace(centre=geodetic_place(6_000.0, 20_000.0))
-    _, verdict = step_monitor(supervision, replace(situation, fixed_areas=(beside,)), now)
+    verdict = step_monitor(supervision, replace(situation, fixed_areas=(beside,)), now).verdict
     assert verdict is not None and verdict.state is State.MONITORING
 
 

@@ -112,7 +112,7 @@ def test_the_monitor_keeps_them_too_and_knows_altitudes() -> None:
     supervision = activate(
         initial(THRESHOLDS, USUAL, CATEGORIES), situation, publish_plan(situation)
     )
-    _, verdict = step_monitor(supervision, situation, NOW)
+    verdict = step_monitor(supervision, situation, NOW).verdict
     assert verdict is not None
     traffic = verdict.measured.traffic
     assert traffic.separation.tolist() == [[2_500.0]]
@@ -123,11 +123,11 @@ def test_the_monitor_keeps_them_too_and_knows_altitudes() -> None:
     sinking = crossing(900.0, 0)
     sinking.velocity.z = -5.0
     situation = heard(sinking, own=own)
-    _, verdict = step_monitor(
+    verdict = step_monitor(
         activate(initial(THRESHOLDS, USUAL, CATEGORIES), situation, publish_plan(situation)),
         situation,
         NOW,
-    )
+    ).verdict
     assert verdict is not None
     window = verdict.measured.traffic.window
     assert window is not None and window.end[0, 0] == pytest.approx(100.0, abs=1e-3)

@@ -34,10 +34,8 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     now = NOW + SECOND
     situation = with_report(traffic(before, 1.0), "new001", 7_000.0, 0.0, math.pi)
     situation = updates.ownship(situation, message, now, RULES)
-    supervision, verdict = step_monitor(supervision, situation, now)
-    scene, shown = supervise(
-        DisplayScene(), situation, supervision, verdict, blank(THRESHOLDS), now
-    )
+    supervision = step_monitor(supervision, situation, now)
+    scene, shown = supervise(DisplayScene(), situation, supervision, blank(THRESHOLDS), now)
     found = drawn(scene, now)
     assert found["separation"] == THRESHOLDS.requirement.separation
     assert found["plan"]["revision"] == plan.revision
@@ -46,7 +44,8 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     assert {one["id"]: one["level"] for one in found["alerts"]}["new001"] == 2
     east = found["bands"]["track_deg"].index(90.0)
     assert found["bands"]["track_region"][east] == 2
-    later, _ = supervise(scene, situation, supervision, None, shown, now + SECOND)
+    unjudged = replace(supervision, verdict=None)
+    later, _ = supervise(scene, situation, unjudged, shown, now + SECOND)
     assert drawn(later, now + SECOND)["monitor"] is None
 
 
@@ -59,8 +58,8 @@ def test_a_backup_is_shown_in_the_wind_that_it_is_flown_in():
     supervision = withdraw(activate(initial(THRESHOLDS), before, plan), plan.revision + 1)
     own = aircraft(75.0, 0.0, 0.0, 75.0, id="own", valid=0xE5, wind=blows, time=now)
     situation = updates.ownship(traffic(before, 1.0), own, now, RULES)
-    supervision, verdict = step_monitor(supervision, situation, now)
-    scene, _ = supervise(DisplayScene(), situation, supervision, verdict, blank(THRESHOLDS), now)
+    supervision = step_monitor(supervision, situation, now)
+    scene, _ = supervise(DisplayScene(), situation, supervision, blank(THRESHOLDS), now)
     assert scene.backup is not None
     assert scene.backup.wind == pytest.approx((12.0, -9.0), abs=1e-3)
     assert scene.backup.wind_std == 1.5

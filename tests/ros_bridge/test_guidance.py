@@ -44,16 +44,9 @@ def display(situation: Situation, frame: LocalFrame | None = None) -> Guidance:
     place = at(legs(plan_states(start, points)), np.float64(1.0))
     own = aircraft(*(float(value) for value in place), id="own", time=NOW + SECOND)
     situation = updates.ownship(situation, own, NOW + SECOND, RULES)
-    supervision, verdict = step_monitor(supervision, situation, NOW + SECOND)
-    assert verdict is not None and supervision.frame is not None
-    _, found = guidance(
-        blank(THRESHOLDS),
-        supervision.watch.names,
-        verdict,
-        NOW + SECOND,
-        frame or supervision.frame,
-        THRESHOLDS,
-    )
+    supervision = step_monitor(supervision, situation, NOW + SECOND)
+    judged = replace(supervision, frame=frame or supervision.frame)
+    _, found = guidance(blank(THRESHOLDS), judged, NOW + SECOND)
     assert found is not None
     return found
 
@@ -119,17 +112,11 @@ def test_where_nothing_is_free_there_is_a_way_out() -> None:
 def test_nothing_is_shown_of_an_ownship_that_is_unknown() -> None:
     before = traffic(heard(), 0.0)
     supervision = activate(initial(THRESHOLDS), before, publish_plan(before))
-    supervision, verdict = step_monitor(supervision, before, NOW + 10 * SECOND)
-    assert verdict is not None and supervision.frame is not None
+    supervision = step_monitor(supervision, before, NOW + 10 * SECOND)
+    verdict = supervision.verdict
+    assert verdict is not None
     assert verdict.state is State.DENIED
     assert verdict.measured.causes[0] & Cause.OWN_STALE
     shown_before = blank(THRESHOLDS)
-    after, found = guidance(
-        shown_before,
-        supervision.watch.names,
-        verdict,
-        NOW + 10 * SECOND,
-        supervision.frame,
-        THRESHOLDS,
-    )
+    after, found = guidance(shown_before, supervision, NOW + 10 * SECOND)
     assert found is None and after is shown_before

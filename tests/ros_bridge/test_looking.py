@@ -34,16 +34,17 @@ def situation_in(wind: tuple[float, float] | None) -> Situation:
 
 
 def wind_of(looking: Supervision) -> Wind:
-    return looking.watch.frame.wind
+    return looking.air.wind
 
 
 def assert_as_for_plans(looking: Supervision) -> None:
     unsure = in_wind(OPTIONS, wind_of(looking))
-    assert looking.watch.thresholds_in_air.limits == unsure.limits != OPTIONS.limits
+    assert looking.thresholds_in_air.limits == unsure.limits != OPTIONS.limits
 
 
 def test_a_wind_that_is_not_reported_may_blow_from_anywhere() -> None:
-    looking, seen = look(initial(THRESHOLDS), situation_in(None), NOW)
+    looking = look(initial(THRESHOLDS), situation_in(None), NOW)
+    seen = looking.verdict
     assert seen is not None
     assert wind_of(looking) == Wind(std=USUAL.wind_std)
     assert_as_for_plans(looking)
@@ -52,7 +53,8 @@ def test_a_wind_that_is_not_reported_may_blow_from_anywhere() -> None:
 @pytest.mark.parametrize("wind", [(0.0, 0.0), (8.0, -6.0)])
 def test_a_wind_that_is_reported_is_as_uncertain_as_for_plans(wind: tuple[float, float]) -> None:
     situation = situation_in(wind)
-    looking, seen = look(initial(THRESHOLDS), situation, NOW)
+    looking = look(initial(THRESHOLDS), situation, NOW)
+    seen = looking.verdict
     assert seen is not None
     assert wind_of(looking) == pytest.approx((*wind, USUAL.reported_wind_std))
     assert wind_of(looking) == task(situation, NOW, SETTINGS).wind
@@ -60,26 +62,30 @@ def test_a_wind_that_is_reported_is_as_uncertain_as_for_plans(wind: tuple[float,
 
 
 def test_it_begins_anew_where_the_wind_becomes_known_or_unknown() -> None:
-    looking, _ = look(initial(THRESHOLDS), situation_in(None), NOW)
-    looking, seen = look(looking, situation_in((0.0, 0.0)), NOW)
+    looking = look(initial(THRESHOLDS), situation_in(None), NOW)
+    looking = look(looking, situation_in((0.0, 0.0)), NOW)
+    seen = looking.verdict
     assert seen is not None and wind_of(looking) == Wind(std=USUAL.reported_wind_std)
-    assert look(looking, situation_in((0.5, 0.5)), NOW)[0].watch.frame == looking.watch.frame
-    looking, _ = look(looking, situation_in((8.0, -6.0)), NOW)
+    assert look(looking, situation_in((0.5, 0.5)), NOW).air == looking.air
+    looking = look(looking, situation_in((8.0, -6.0)), NOW)
     assert wind_of(looking) == pytest.approx((8.0, -6.0, USUAL.reported_wind_std))
-    looking, _ = look(looking, situation_in(None), NOW)
+    looking = look(looking, situation_in(None), NOW)
     assert wind_of(looking) == Wind(std=USUAL.wind_std)
 
 
 def test_nothing_is_seen_where_an_uncertain_wind_leaves_nothing_of_the_limits() -> None:
     unsure = initial(THRESHOLDS, USUAL._replace(wind_std=40.0))
-    looking, seen = look(unsure, situation_in(None), NOW)
+    looking = look(unsure, situation_in(None), NOW)
+    seen = looking.verdict
     assert seen is None
-    looking, seen = look(looking, situation_in(None), NOW)
+    looking = look(looking, situation_in(None), NOW)
+    seen = looking.verdict
     assert seen is None
-    looking, seen = look(looking, situation_in((8.0, -6.0)), NOW)
+    looking = look(looking, situation_in((8.0, -6.0)), NOW)
+    seen = looking.verdict
     assert seen is not None
     unsure = initial(THRESHOLDS, USUAL._replace(reported_wind_std=40.0))
-    assert look(unsure, situation_in((8.0, -6.0)), NOW)[1] is None
+    assert look(unsure, situation_in((8.0, -6.0)), NOW).verdict is None
 
 
 def test_who_can_come_near_in_a_wind_within_its_uncertainty_counts() -> None:
@@ -90,5 +96,5 @@ def test_who_can_come_near_in_a_wind_within_its_uncertainty_counts() -> None:
     situation = heard(silent, own=own)
     for std, counts in ((0.0, False), (5.0, True)):
         begun = initial(THRESHOLDS, USUAL._replace(reported_wind_std=std))
-        looking, _ = look(begun, situation, NOW)
-        assert ("4b1a2c" in looking.watch.names) == counts
+        looking = look(begun, situation, NOW)
+        assert ("4b1a2c" in looking.names) == counts

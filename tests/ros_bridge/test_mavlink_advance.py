@@ -28,7 +28,6 @@ from ros_bridge.mavlink.effects import (
     Beat,
     Effect,
     Judge,
-    Question,
     Reposition,
     Say,
     SetCurrent,
@@ -48,7 +47,7 @@ from ros_bridge.mavlink.events import (
     Tick,
 )
 from ros_bridge.mavlink.intake import Reading, Received, take
-from ros_bridge.mavlink.judging import Judgement, rules, watch
+from ros_bridge.mavlink.judging import Judgement, Question, rules, watch
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.mission import Item, remaining_items, route
 from ros_bridge.mavlink.state import LATE, Advance, Setup, State
@@ -204,9 +203,10 @@ class Flight:
                 self.take(Look(moment), turn)
                 self.take(Judged(moment.time, moment, FAILURE if turn.fails else ""), turn)
             case Question(judgement=before) if not turn.fails:
-                danger = replace(self.world.danger, revision=before.revision + 1)
+                danger, number = self.world.danger, before.supervision.revision + 1
+                supervision = replace(danger.supervision, revision=number)
                 clear = Judgement(self.world.setup.rules.begin())
-                answer = danger if turn.danger else clear
+                answer = replace(danger, supervision=supervision) if turn.danger else clear
                 self.take(Answer(effect, answer, Spent(0.1, 0.1)), turn)
             case Show() if turn.blind:
                 self.take(ShowingFailed("display failed", round(self.clock * SECOND)))

@@ -108,8 +108,8 @@ def test_runner_and_monitor_agree_about_a_name_at_two_near_places(apart: float, 
             plan = publish_plan(situation, seconds=seconds)
             supervision = activate(initial(THRESHOLDS), situation, plan)
         if supervision is not None:
-            supervision, _ = step_monitor(supervision, situation, at(seconds))
-            states.append(State(int(supervision.watch.monitor.state[0])))
+            supervision = step_monitor(supervision, situation, at(seconds))
+            states.append(State(int(supervision.monitor.state[0])))
     assert set(states) == {State.MONITORING}
     wanted = task(situation, at(20.0 - every), SETTINGS)
     [intruder] = wanted.intruders

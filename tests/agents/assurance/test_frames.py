@@ -85,7 +85,7 @@ def calm() -> list[Verdict]:
 @pytest.mark.parametrize("wind", WINDS)
 def test_verdicts_are_those_of_still_air(wind: Wind, calm: list[Verdict]) -> None:
     watch, told = watch_flight(wind)
-    assert watch.frame == Frame(wind, 0.0)
+    assert watch.air == Frame(wind, 0.0)
     assert {State.MONITORING, State.REPLAN_REQUESTED} <= {verdict.state for verdict in told}
     for still, blown in zip(calm, told, strict=True):
         assert (still.state, still.fly) == (blown.state, blown.fly)
@@ -125,9 +125,9 @@ def test_memory_goes_into_another_air_mass_and_back() -> None:
     memory = watch.monitor.memory._replace(areas=amid)
     watch = replace(watch, monitor=watch.monitor._replace(memory=memory))
     other = Frame(Wind(-3.0, 11.0, 1.5), 7.0)
-    there = carry(watch.monitor, watch.frame, other)
+    there = carry(watch.monitor, watch.air, other)
     assert not np.allclose(there.memory.intruders.speed, watch.monitor.memory.intruders.speed)
-    back = carry(there, other, watch.frame)
+    back = carry(there, other, watch.air)
 
     def same(a: Any, b: Any) -> None:
         if a.dtype != object:
@@ -163,7 +163,7 @@ def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:
         points.append(Waypoint(n, *place, ask.own.heading, ask.own.speed, 20.0 * n))
     moved, taken = single.answer(watch, ask.number, reconstruct(tuple(points), second))
     assert taken
-    assert moved.frame == Frame(second, float(asked))
+    assert moved.air == Frame(second, float(asked))
     seconds = 15.0 - asked
     here = ask.own._replace(x=ask.own.x + vx * seconds, y=ask.own.y + vy * seconds)
     _, verdict = single.step(moved, 15.0, here, reports(first, 15.0))
@@ -171,7 +171,7 @@ def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:
     assert verdict.measured.cross_track.item() == pytest.approx(0.0, abs=1e-6)
     # An answer that cannot be flown leaves the active plan where it is.
     kept, refused = single.answer(watch, ask.number, reconstruct((), second))
-    assert not refused and kept.frame == watch.frame
+    assert not refused and kept.air == watch.air
 
 
 @pytest.mark.parametrize("wind", WINDS)
@@ -231,7 +231,7 @@ def test_backups_keep_the_limits_in_every_wind(wind: Wind) -> None:
 @pytest.mark.parametrize("wind", UNSURE)
 def test_the_uncertainty_of_the_plan_s_wind_reaches_the_monitor(wind: Wind) -> None:
     watch, told = watch_flight(wind)
-    assert watch.frame.wind == wind
+    assert watch.air.wind == wind
     assert not goes_beyond(watch.monitor.backup.legs, wind)
     turning = 0
     for verdict in told:

@@ -1,0 +1,131 @@
+"""The first loss of what a plan would have to keep, where the mission is flown on."""
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.kernel.areas import area_clearance, relevant
+from agents.kernel.clearance import clearance
+from agents.kernel.separation import separation
+from agents.kernel.traffic import growth
+from agents.kernel.trajectory import straight
+from agents.planner.answer import RequestError
+from agents.planner.request.request import check_request, in_wind
+from envs.area_geometry import signed_distance
+from envs.arrays import Array
+from envs.trees import take
+from ros_bridge.core.tasks import PlanTask, refusal_of
+
+_SHORT = 1e-6  # m, or m/s: of two places that are one
+
+
+class Conflict(NamedTuple):
+    """The first loss of the distance from an intruder or an area that a plan would have to keep,
+    where the mission is flown on.
+    """
+
+    name: str  # of the intruder or the area
+    time: float  # until then, s
+    required: float  # distance, m
+
+
+def conflict(task: PlanTask, look_ahead: float) -> Conflict | None:
+    """Return the first loss of what a plan would have to keep from an intruder or an area, within
+    some seconds where the ownship flies its route at its speed over the ground; None: none.
+    """
+    course = _along_route(task, look_ahead)
+    return earliest((_first_intruder(task, course), _first_area(task, course)))
+
+
+def earliest(conflicts: Iterable[Conflict | None]) -> Conflict | None:
+    """Return the first of some conflicts; None: none."""
+    some = (conflict for conflict in conflicts if conflict is not None)
+    return min(some, key=lambda conflict: conflict.time, default=None)
+
+
+class _Course(NamedTuple):
+    """Where the ownship is to be on its route, over the ground; fields ``[1, W]``, in between it
+    moves uniformly.
+    """
+
+    x: Array  # m
+    y: Array
+    time: Array  # s
+
+
+def _along_route(task: PlanTask, look_ahead: float) -> _Course:
+    """Return the course along the route at the present speed, straight on behind its end."""
+    own, points = task.own, task.points
+    x = np.array([own.x, *(point.x for point in points)])
+    y = np.array([own.y, *(point.y for point in points)])
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    flown = float(own.speed) * look_ahead
+    length = max(way[-1] - way[-2], _SHORT)
+    on = 1.0 + max(flown - way[-1], 0.0) / length
+    end_x, end_y = (field[-2] + on * (field[-1] - field[-2]) for field in (x, y))
+    x, y = np.append(x[:-1], end_x), np.append(y[:-1], end_y)
+    way = np.append(way[:-1], way[-2] + on * length)
+    # The corners that are reached, each once, and where the ownship is at the end.
+    corners = np.flatnonzero(np.diff(way, prepend=-np.inf) > _SHORT)
+    ways = np.append(way[corners][way[corners] < flown - _SHORT], flown)
+    time = ways / max(float(own.speed), _SHORT)
+    return _Course(
+        *(field[None] for field in (np.interp(ways, way, x), np.interp(ways, way, y), time))
+    )
+
+
+def _first_intruder(task: PlanTask, course: _Course) -> Conflict | None:
+    """Return the first loss of what a plan would have to keep from an intruder, in the air mass."""
+    try:
+        in_air = in_wind(task.options, task.wind)
+        request, _, counted = check_request(
+            task.own, task.intruders, task.points, in_air, task.own_altitude, task.wind
+        )
+    except RequestError as error:
+        raise refusal_of(error, task) from error
+    if not counted:
+        return None
+    (x, y, time), wind, keep = course, task.wind, task.options.requirement
+    flown = straight(x - wind.east * time, y - wind.north * time, time)
+    keeping = separation(request.traffic, request.own, keep)
+    kept = clearance(flown, keeping)
+    first = int(np.argmin(kept.loss[0]))
+    loss = float(kept.loss[0, first])
+    if not math.isfinite(loss):
+        return None
+    grown = growth(take(request.traffic, (0, slice(first, first + 1))), np.array(loss), keep.sigmas)
+    need = keeping.required[0, first] + np.max(grown)
+    return Conflict(task.identifiers[counted[first]], loss, float(need))
+
+
+def _first_area(task: PlanTask, course: _Course) -> Conflict | None:
+    """Return the first loss of what a plan would have to keep from an area; one that the ownship is
+    in already is none, since no plan is SAFE there.
+    """
+    margin, (x, y, time) = task.options.requirement.margin, course
+    areas = relevant(
+        task.areas,
+        task.own,
+        task.own_altitude,
+        fastest=float(task.own.speed),
+        horizon=float(time[0, -1]),
+        unknown_climb=task.options.unknown_climb,
+        margin=margin,
+    )
+    outside = [
+        area
+        for area in areas
+        if area.begin > 0.0 or signed_distance(area.area, task.own.x, task.own.y) >= 0.0
+    ]
+    if not outside:
+        return None
+    kept = clearance(straight(x, y, time), area_clearance(outside, x[:, 0], y[:, 0], margin))
+    first = int(np.argmin(kept.loss[0]))
+    loss = float(kept.loss[0, first])
+    if not math.isfinite(loss):
+        return None
+    area = outside[first]
+    name = area.area.name or f"areas[{area.number}]"
+    return Conflict(name, loss, area.area.clearance + margin)
