@@ -22,7 +22,7 @@ from agents.assurance.areas import may_be_met
 from agents.assurance.backup import resting
 from agents.assurance.frames import STILL, Frame, carry, frame_of
 from agents.assurance.inputs import Inputs, Memory, no_areas
-from agents.assurance.state import Decision, FlyMode, Monitor, State, start
+from agents.assurance.state import Decision, FlyMode, Monitor, State, rearrange, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.kernel.levels import Altitude
 from agents.kernel.traffic import advance_reports
@@ -33,7 +33,7 @@ from agents.planner.request.reports import Intruder, arrays_of_reports, windows,
 from envs.areas import Area
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
-from envs.trees import map_leaves, take
+from envs.trees import take
 from envs.waypoints import PlanStates, Waypoint, plan_states
 from envs.wind import NO_WIND
 
@@ -258,35 +258,9 @@ def _allocate(watch: _Watch, names: tuple[str, ...]) -> _Watch:
     """Return the monitor with places for these intruders; one that had a place keeps its memory."""
     if names == watch.names:
         return watch
-    old, new = watch.monitor, start(1, len(names), watch.thresholds)
-    into = [place for place, name in enumerate(names) if name in watch.names]
-    of = [watch.names.index(names[place]) for place in into]
-
-    def move(fresh: np.ndarray, had: np.ndarray) -> np.ndarray:
-        result = np.array(fresh)
-        result[:, into] = had[:, of]
-        return result
-
-    given = {
-        name: map_leaves(move, getattr(new.memory, name), getattr(old.memory, name))
-        for name in (
-            "intruders",
-            "seen",
-            "turn_rate",
-            "position_std",
-            "velocity_std",
-            "separation",
-            "window",
-            "drift",
-        )
-    }
-    rest = {
-        name: map_leaves(move, getattr(new, name), getattr(old, name))
-        for name in ("expected", "request_traffic")
-    }
-    return replace(
-        watch, monitor=old._replace(memory=old.memory._replace(**given), **rest), names=names
-    )
+    place_of = {name: place for place, name in enumerate(watch.names)}
+    before = [place_of.get(name, -1) for name in names]
+    return replace(watch, monitor=rearrange(watch.monitor, before, watch.thresholds), names=names)
 
 
 def _ask(watch: Watch, monitor: Monitor, decision: Decision, own_altitude: Altitude | None) -> Ask:

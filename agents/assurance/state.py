@@ -1,5 +1,6 @@
 """What a run-time monitor remembers and decides; see ``agents.assurance``."""
 
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from agents.planner.request.options import L
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState
+from envs.trees import map_leaves
 
 
 class State(IntEnum):
@@ -106,4 +108,43 @@ def start(count: int, intruders: int, thresholds: Thresholds[L]) -> Monitor:
         answered=np.zeros(count, dtype=np.int64),
         request_traffic=no_traffic,
         backup=resting(count, thresholds),
+    )
+
+
+_BY_PLACE = (
+    "intruders",
+    "seen",
+    "turn_rate",
+    "position_std",
+    "velocity_std",
+    "separation",
+    "window",
+    "drift",
+)
+"""Fields of a memory that are of intruders, ``[N, K]``."""
+
+
+def rearrange(monitor: Monitor, places: Sequence[int], thresholds: Thresholds[L]) -> Monitor:
+    """Return monitors ``[N]`` with other places of intruders: of each where it was before; -1: it
+    is new, and nothing is remembered of it.
+    """
+    fresh = start(len(monitor.state), len(places), thresholds)
+    known = [place for place, before in enumerate(places) if before >= 0]
+    before = [places[place] for place in known]
+
+    def move(field: Array, had: Array) -> Array:
+        result = np.array(field)
+        result[:, known] = had[:, before]
+        return result
+
+    memory = monitor.memory._replace(
+        **{
+            name: map_leaves(move, getattr(fresh.memory, name), getattr(monitor.memory, name))
+            for name in _BY_PLACE
+        }
+    )
+    return monitor._replace(
+        memory=memory,
+        expected=map_leaves(move, fresh.expected, monitor.expected),
+        request_traffic=map_leaves(move, fresh.request_traffic, monitor.request_traffic),
     )
