@@ -78,13 +78,12 @@ class _Latch(NamedTuple):
     """Causes that begin beyond a limit and end below a share of it; fields ``[N]``."""
 
     before: Array  # causes of the second before
-    on: Array  # which rows fly a plan, bool
     leave: float  # the share
 
     def bits(self, value: Array, limit: Array, cause: Cause) -> Array:
         """Return the bit of a cause where a value is beyond, else 0, ``[..., N]``."""
         beyond = value > np.where(has(self.before, cause), self.leave * limit, limit)
-        return np.where(self.on & beyond, int(cause), 0)
+        return np.where(beyond, int(cause), 0)
 
 
 def judge(
@@ -105,9 +104,8 @@ def judge(
     Returns:
         The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured.
     """
-    on = follows_plan(monitor)
     since = memory.time - monitor.started
-    latch = _Latch(monitor.causes, on, thresholds.leave)
+    latch = _Latch(monitor.causes, thresholds.leave)
     off = deviation(monitor.plan.legs, own, since)
     sums, of_errors = _judge_errors(monitor, memory, off, ~has(causes, BLIND), latch, thresholds)
     left = monitor.plan.end - since
@@ -115,21 +113,21 @@ def judge(
 
     offset = np.hypot(off.cross_track, off.along_track)
     separation, loss, close = _outlook(monitor, own, traffic, since, offset, thresholds)
-    of_separation = np.where(on[:, None] & close, int(Cause.SEPARATION), 0)
+    of_separation = np.where(close, int(Cause.SEPARATION), 0)
     amid = rest(monitor.plan, since, memory.areas, offset, thresholds)
-    of_rest = np.where(on & amid.lost, int(Cause.AREA), 0)
+    of_rest = np.where(amid.lost, int(Cause.AREA), 0)
 
     deviations = _deviations(monitor, traffic, since)
     concern = _of_concern(separation, traffic, thresholds)
     share = np.where(concern, deviations.share_of(thresholds), 0.0)
     of_deviation = latch.bits(share.T, 1.0, Cause.INTRUDER_DEVIATION).T  # a row is a monitor's
-    of_each = (of_each | of_separation | of_deviation).astype(np.int32)
-
-    causes = causes | of_errors | of_end | of_rest | np.bitwise_or.reduce(of_each, axis=-1)
-    causes = np.where(on, causes, causes & ~int(WANTING & ~_REPORTS)).astype(np.int32)
+    # Of a plan that is not flown only reports are wanted.
+    counts = np.where(follows_plan(monitor), -1, ~int(WANTING & ~_REPORTS))
+    of_each = ((of_each | of_separation | of_deviation) & counts[:, None]).astype(np.int32)
+    causes = (causes | of_errors | of_end | of_rest) & counts
     return (
         sums,
-        causes,
+        (causes | np.bitwise_or.reduce(of_each, axis=-1)).astype(np.int32),
         Measured(
             cross_track=off.cross_track,
             along_track=off.along_track,
@@ -160,7 +158,6 @@ def _judge_errors(
     limits = np.array([thresholds.cross_track, thresholds.along_track, thresholds.time_error])
     elapsed = memory.time - monitor.memory.time
     sums = _leaky_sums(monitor.sums, errors, elapsed, seen, thresholds)
-    sums = np.where(latch.on[:, None], sums, 0.0)
     lasting = np.max(sums / (thresholds.sustained * thresholds.memory * limits), axis=-1)
     causes = latch.bits(lasting, 1.0, Cause.ACCUMULATED)
     for column, cause in enumerate((Cause.CROSS_TRACK, Cause.ALONG_TRACK, Cause.TIME_ERROR)):
@@ -217,9 +214,9 @@ def _outlook(
     kept = clearance(
         monitor.plan.since(since), Separation(traffic, edge, None, requirement.sigmas), level
     )
-    close = (kept.margin < 0.0) & traffic.mask
+    close = kept.margin < 0.0
     loss = np.min(np.where(np.isfinite(level), kept.loss, np.inf), axis=-1, initial=np.inf)
-    return np.where(traffic.mask, edge + kept.margin, np.inf), loss, close
+    return edge + kept.margin, loss, close
 
 
 class _Deviations(NamedTuple):
@@ -243,7 +240,6 @@ def _deviations(monitor: Monitor, traffic: Traffic, since: Array) -> _Deviations
     """
     expected = monitor.expected
     there = predict(expected, since[:, None])
-    there = there._replace(speed=expected.state.speed)
     position = distance(traffic.state.x - there.x, traffic.state.y - there.y, np)
     (vx, vy), (to_vx, to_vy) = velocity(traffic.state, np), velocity(there, np)
     change = distance(vx - to_vx, vy - to_vy, np)

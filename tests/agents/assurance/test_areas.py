@@ -250,3 +250,12 @@ def test_to_leave_a_clearance_is_no_reason_for_a_plan() -> None:
         assert flight.step(float(time), behind).state is State.MONITORING
     towards = Area(Circle(2_500.0 + 1_000.0, 0.0, 500.0), clearance=1_500.0)
     assert flight.step(30.5, towards).state is not State.MONITORING
+
+
+def test_the_own_distance_from_the_plan_must_be_left_beyond_a_clearance() -> None:
+    beside = Area(Circle(9_000.0, 1_500.0 + 0.5 * MARGIN + 2.0, 1_000.0), clearance=500.0)
+    for left, there in ((0.0, False), (-18.0, False), (-24.0, True)):
+        flight = Flight()
+        own = flight.own(0.0)._replace(y=left)
+        _, verdict = single.step(flight.watch, 0.0, own, {}, areas=(beside,))
+        assert bool(Cause(int(verdict.measured.causes[0])) & Cause.AREA) is there

@@ -13,7 +13,7 @@ from agents.assurance.frames import Frame, carry
 from agents.assurance.inputs import no_areas
 from agents.assurance.monitor import Thresholds
 from agents.assurance.single import Verdict, Watch
-from agents.assurance.state import State
+from agents.assurance.state import Monitor, State, rearrange
 from agents.kernel.areas import ActiveArea
 from agents.kernel.traffic import Traffic
 from agents.planner.answer import Plan, RequestError
@@ -147,6 +147,63 @@ def test_memory_goes_into_another_air_mass_and_back() -> None:
     )
     assert moved_on > mine + 0.1
     assert again == pytest.approx(mine, abs=1e-9)
+
+
+def test_what_is_remembered_stays_where_it_is_over_the_ground() -> None:
+    watch, _ = watch_flight(WINDS[0])
+    new = Frame(Wind(-3.0, 11.0), 7.0)
+    there = carry(watch.monitor, watch.air, new)
+
+    def places(monitor: Monitor, air: Frame) -> list[Any]:
+        """Return states over the ground, and how far intruders seem to have flown over it."""
+        memory, drift = monitor.memory, monitor.memory.drift
+        length = memory.seen - drift.began
+        since: VehicleState = VehicleState(drift.x, drift.y, 0.0 * length, 1.0 + 0.0 * length)
+        return [
+            air.to_ground(memory.own, memory.own_time),
+            air.to_ground(memory.intruders, memory.seen),
+            air.to_ground(monitor.expected.state, monitor.started[:, None]),
+            air.to_ground(monitor.request_traffic.state, monitor.requested_at[:, None]),
+            air.to_ground(since, drift.began)[:2],
+            drift.flown_x + air.wind.east * length,
+            drift.flown_y + air.wind.north * length,
+        ]
+
+    assert (watch.monitor.memory.seen > watch.monitor.memory.drift.began).all()
+    map_leaves(
+        lambda mine, other: np.testing.assert_allclose(mine, other, atol=1e-6),
+        tuple(places(watch.monitor, watch.air)),
+        tuple(places(there, new)),
+    )
+
+
+def test_a_plan_expects_in_another_air_mass_what_it_had_expected_there_at_first() -> None:
+    """Of a turn through an uncertain wind, too, whose report is old."""
+    turn = Intruder(other_at(0.0), 2.0, turn_rate=0.02, turn_time=12.0, velocity_std=0.3)
+    first, second = (Wind(5.0, 1.0, std) for std in (0.5, 2.0))
+    own = over_ground(own_at(0.0), first, 0.0)
+    had, fresh = (
+        single.activate(single.begin(THRESHOLDS), plan_in(wind), own, {"a": turn}, 0.0)
+        for wind in (first, second)
+    )
+    there = carry(had.monitor, had.air, fresh.air).expected
+    assert there.velocity_std.item() > had.monitor.expected.velocity_std.item()
+    assert there.velocity_std.item() == pytest.approx(
+        fresh.monitor.expected.velocity_std.item(), abs=1e-9
+    )
+
+
+def test_intruders_keep_what_is_known_of_them_in_whatever_place() -> None:
+    watch, _ = watch_flight(NO_WIND)
+    before = watch.monitor
+    moved = rearrange(before, [-1, 0, -1], THRESHOLDS)
+    assert np.isfinite(moved.memory.seen).tolist() == [[False, True, False]]
+    assert moved.expected.mask.tolist() == [[False, True, False]]
+    back = rearrange(moved, [1], THRESHOLDS)
+    map_leaves(np.testing.assert_array_equal, back, before)
+    # Two that change places are still themselves.
+    two = rearrange(rearrange(before, [0, -1], THRESHOLDS), [1, 0], THRESHOLDS)
+    map_leaves(np.testing.assert_array_equal, rearrange(two, [1], THRESHOLDS), before)
 
 
 def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:

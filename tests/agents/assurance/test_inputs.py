@@ -14,9 +14,11 @@ from agents import assurance
 from agents.assurance.inputs import blank, update
 from agents.assurance.monitor import Cause, FlyMode, Inputs, State
 from agents.assurance.thresholds import BLIND
+from agents.kernel.traffic import Window
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, take
 from tests.agents.scenes import (
+    FAR,
     NAN,
     SPEED,
     THRESHOLDS,
@@ -361,3 +363,114 @@ def test_an_aged_turn_is_advanced_along_its_arc_and_lasts_less() -> None:
     assert traffic.state.y[0, 0] == pytest.approx(
         radius * (math.cos(0.03) - math.cos(turned)), abs=1e-6
     )
+
+
+@pytest.mark.parametrize("std", [NAN, math.inf, -1.0, 1e5])
+@pytest.mark.parametrize("name", ["position_std", "velocity_std"])
+def test_a_report_whose_accuracy_is_no_size_is_no_report(name: str, std: float) -> None:
+    monitor, _ = tell(flying(), 0.0)
+    monitor, _ = tell(monitor, 1.0, **{name: np.full((1, 1), std)})
+    assert causes_of(monitor) & Cause.INTRUDER_MISSING
+    assert monitor.memory.seen[0, 0] == 0.0
+    assert monitor.memory.position_std[0, 0] == monitor.memory.velocity_std[0, 0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("time", "age"), [(1.0, 0.0), (0.5, 0.0), (NAN, 0.0), (2.0, 1.2), (2.0, -1.0)]
+)
+def test_what_does_not_count_changes_nothing_that_is_remembered(time: float, age: float) -> None:
+    """A clock that does not go on, and reports from before the last ones or from the future."""
+    monitor, _ = tell(flying(), 0.0)
+    monitor, _ = tell(monitor, 1.0)
+    before = monitor.memory
+    given = assurance.inputs(
+        time,
+        on_plan(1.0, left=7.0),
+        other(500.0, 9_000.0),
+        own_age=np.array([age]),
+        age=np.full((1, 1), age),
+        position_std=np.full((1, 1), 3.0),
+    )
+    after = assurance.step(monitor, given, THRESHOLDS)[0].memory
+    for name in ("own", "own_time", "intruders", "seen", "position_std", "turn_rate", "drift"):
+        for had, kept in zip(flat(getattr(before, name)), flat(getattr(after, name)), strict=True):
+            np.testing.assert_array_equal(had, kept)
+
+
+def test_of_an_intruder_that_comes_back_nothing_from_before_counts() -> None:
+    monitor, _ = tell(flying(), 0.0)
+    monitor, _ = tell(monitor, 1.0, seen=UNSEEN, mask=np.array([[False]]))
+    # Two reports that no aircraft could send, of which the first is forgotten.
+    monitor, decision = tell(monitor, 2.0, seen=other(8_000.0, 40_000.0, 2.0))
+    assert not causes_of(monitor) & (Cause.IMPOSSIBLE_RATE | Cause.CONTRADICTION)
+    assert decision.traffic.turn_rate[0, 0] == 0.0
+    # What it sends may be older than what the one before it sent.
+    monitor, _ = tell(monitor, 3.0, seen=UNSEEN, mask=np.array([[False]]))
+    monitor, _ = tell(monitor, 4.0, age=np.full((1, 1), 2.5))
+    assert not causes_of(monitor) & Cause.INTRUDER_OUT_OF_ORDER
+
+
+@pytest.mark.parametrize("name", ["position_std", "velocity_std"])
+def test_a_declared_noise_is_outside_the_domain_beyond_its_range(name: str) -> None:
+    _, most = THRESHOLDS.traffic[name]
+    for share, there in ((0.99, False), (1.01, True)):
+        monitor, _ = tell(flying(), 0.0, **{name: np.full((1, 1), share * most)})
+        assert bool(causes_of(monitor) & Cause.OUTSIDE_RANGE) is there
+
+
+@pytest.mark.parametrize(
+    ("std", "over", "there"),
+    [(0.0, -0.1, False), (0.0, 2.0, True), (2.0, 9.0, False), (2.0, 14.0, True)],
+)
+def test_a_speed_is_outside_the_domain_beyond_its_range_and_its_noise(
+    std: float, over: float, there: bool
+) -> None:
+    _, most = THRESHOLDS.traffic["intruder_speed"]
+    seen = far(0.0)._replace(speed=np.full((1, 1), most + over))
+    monitor, _ = tell(flying(), 0.0, seen=seen, velocity_std=np.full((1, 1), std))
+    assert bool(causes_of(monitor) & Cause.OUTSIDE_RANGE) is there
+
+
+def test_an_intruder_is_lost_when_its_last_report_is_older_than_plans_may_use() -> None:
+    for late, there in ((-0.01, False), (0.01, True)):
+        monitor, _ = tell(flying(), 0.0)
+        monitor, _ = tell(monitor, THRESHOLDS.intruder_age + late, seen=UNSEEN)
+        assert bool(causes_of(monitor) & Cause.INTRUDER_STALE) is there
+
+
+def test_nothing_is_outside_the_domain_of_an_intruder_that_has_never_been_seen() -> None:
+    monitor, _ = tell(flying(), 0.0, seen=UNSEEN)
+    assert not causes_of(monitor) & (
+        Cause.OUTSIDE_RANGE | Cause.IMPOSSIBLE_RATE | Cause.CONTRADICTION
+    )
+
+
+def test_when_an_intruder_counts_goes_on_with_the_clock() -> None:
+    window = Window(np.full((1, 1), 10.0), np.full((1, 1), 40.0))
+    monitor, _ = tell(flying(), 0.0, window=window)
+    for time in (1.0, 4.0):
+        monitor, decision = tell(monitor, time, seen=UNSEEN)
+        left = decision.traffic.window
+        assert left is not None
+        assert left.begin.item() == pytest.approx(10.0 - time)
+        assert left.end.item() == pytest.approx(40.0 - time)
+
+
+def test_a_turn_lasts_over_a_repeated_report_and_ends_with_a_gap() -> None:
+    monitor = flying()
+    for time in (0.0, 1.0, 2.0):
+        monitor, decision = tell(monitor, time, seen=other(*FAR, heading=0.03 * time))
+    assert decision.traffic.turn_rate.item() == pytest.approx(0.03)
+    again = {"seen": other(*FAR, heading=0.06), "age": np.ones((1, 1))}
+    repeated, decision = tell(monitor, 3.0, **again)
+    assert decision.traffic.turn_rate.item() == pytest.approx(0.03)
+    _, decision = tell(repeated, 9.0, seen=other(*FAR, heading=0.3))
+    assert decision.traffic.turn_rate.item() == 0.0
+
+
+def test_a_jump_of_the_velocity_is_no_turn_and_a_fast_turn_is_as_fast_as_one_can() -> None:
+    most = THRESHOLDS.turn_rate_max
+    for rate, expected in ((0.9 * most, 0.9 * most), (1.1 * most, most), (math.pi / 2.0, 0.0)):
+        monitor, _ = tell(flying(), 0.0)
+        _, decision = tell(monitor, 1.0, seen=far(1.0)._replace(heading=np.full((1, 1), rate)))
+        assert decision.traffic.turn_rate.item() == pytest.approx(expected)

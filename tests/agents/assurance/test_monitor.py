@@ -9,6 +9,7 @@ import pytest
 from agents import assurance
 from agents.assurance.monitor import Cause, FlyMode, State
 from agents.kernel.traffic import Traffic
+from envs.kinematics import VehicleState
 from envs.waypoints import PlanStates
 from tests.agents.scenes import (
     NAN,
@@ -24,6 +25,7 @@ from tests.agents.scenes import (
     tell,
 )
 
+NOWHERE: VehicleState = VehicleState(*(np.array([NAN]) for _ in range(4)))
 HEAD_ON = 9_000.0  # m ahead at first: the loss of separation is more than 50 s away
 
 
@@ -241,6 +243,15 @@ def test_an_urgent_loss_does_not_wait_for_an_answer() -> None:
     assert state_of(monitor) is State.REPLAN_REQUESTED
 
 
+def test_an_urgent_loss_does_not_wait_until_a_plan_may_be_asked_for_again() -> None:
+    near = 75.0 * 2 * 15.0 + 1_000.0
+    monitor, decision = tell(flying(), 0.0, on_plan(0.0, left=30.0))
+    monitor, accepted = reply(monitor, decision, safe=True)
+    assert accepted.all()
+    monitor, decision = tell(monitor, 1.0, seen=opposing(1.0, near))
+    assert state_of(monitor) is State.BACKUP and not decision.replan[0]
+
+
 def test_only_the_answer_to_the_last_request_counts() -> None:
     monitor = flying()
     numbers = []
@@ -289,6 +300,39 @@ def test_where_no_plan_follows_one_that_has_ended_the_backup_is_flown() -> None:
     monitor, decision = tell(monitor, 412.0)
     monitor, accepted = reply(monitor, decision, safe=True, plan_states=straight(412.0))
     assert accepted.all() and state_of(monitor) is State.MONITORING
+
+
+def test_while_the_ownship_is_not_seen_what_is_flown_stays() -> None:
+    """Also where the plan ends meanwhile; what is flown next is decided when it is seen again."""
+    monitor, _ = tell(flying(), 399.0)
+    monitor, decision = tell(monitor, 401.0, NOWHERE)
+    assert state_of(monitor) is State.DENIED and decision.fly[0] == FlyMode.PLAN
+    monitor, decision = tell(monitor, 402.0)
+    assert state_of(monitor) is State.BACKUP and decision.fly[0] == FlyMode.BACKUP
+
+
+def test_no_plan_is_asked_for_where_it_would_begin_nowhere() -> None:
+    monitor, decision = tell(flying(), 0.0, seen=opposing(0.0))
+    monitor, _ = reply(monitor, decision, safe=False)
+    monitor, decision = tell(monitor, 5.0, NOWHERE, mask=np.array([[False]]))
+    assert decision.fly[0] == FlyMode.BACKUP and not decision.replan[0]
+
+
+def test_a_refusal_is_told_as_long_as_the_backup_is_flown_for_it() -> None:
+    monitor, decision = tell(flying(), 0.0, seen=opposing(0.0))
+    monitor, _ = reply(monitor, decision, safe=False)
+    monitor, _ = tell(monitor, 1.0, mask=np.array([[False]]))
+    assert causes_of(monitor) & Cause.REFUSED
+
+
+def test_a_refusal_outlasts_a_moment_in_which_the_ownship_is_not_seen() -> None:
+    # Carried on it would be back on its plan after a second.
+    back = on_plan(0.0, left=30.0)._replace(heading=np.array([-0.3]))
+    monitor, decision = tell(flying(), 0.0, back)
+    monitor, _ = reply(monitor, decision, safe=False)
+    monitor, _ = tell(monitor, 1.0, NOWHERE)
+    assert not causes_of(monitor) & Cause.CROSS_TRACK
+    assert causes_of(monitor) & Cause.REFUSED
 
 
 def test_references_lead_along_the_plan_or_the_backup() -> None:
