@@ -5,12 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.mutants import check, kernel
+from tests.mutants import check, kernel, monitor
 from tests.mutants.__main__ import outcome
 from tests.mutants.mutant import ROOT, Mutant, mutated
 
 
-@pytest.mark.parametrize("mutants", [check.MUTANTS, kernel.MUTANTS], ids=["check", "kernel"])
+@pytest.mark.parametrize(
+    "mutants",
+    [check.MUTANTS, kernel.MUTANTS, monitor.MUTANTS],
+    ids=["check", "kernel", "monitor"],
+)
 def test_mutants_are_changes_that_parse(mutants: tuple[Mutant, ...]) -> None:
     assert len(set(mutants)) == len(mutants)
     for mutant in mutants:

@@ -188,11 +188,7 @@ def answer(
         The monitors, and which of the plans are flown now, ``[M]``.
     """
     rows = np.asarray(rows)
-    current = (
-        (number == monitor.requested[rows])
-        & (monitor.answered[rows] < number)
-        & (monitor.state[rows] != State.IDLE)
-    )
+    current = (number == monitor.requested[rows]) & (monitor.answered[rows] < number)
     blind = has(monitor.causes[rows], BLIND)
     usable, plan = _usable(plan_states, np.asarray(safe) & current & ~blind, thresholds)
     memory, when, known = take(

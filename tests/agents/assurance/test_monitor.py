@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from agents import assurance
+from agents.assurance.inputs import no_areas
 from agents.assurance.monitor import Cause, FlyMode, State
+from agents.kernel.areas import ActiveArea
 from agents.kernel.traffic import Traffic
+from envs.areas import Area, Circle
 from envs.kinematics import VehicleState
 from envs.waypoints import PlanStates
 from tests.agents.scenes import (
@@ -252,6 +255,17 @@ def test_an_urgent_loss_does_not_wait_until_a_plan_may_be_asked_for_again() -> N
     assert state_of(monitor) is State.BACKUP and not decision.replan[0]
 
 
+def test_an_unsafe_rest_does_not_wait_where_no_plan_may_be_asked_for() -> None:
+    """An intruder is lost, and an area lies ahead, though farther than what is urgent."""
+    monitor, _ = tell(flying(), 0.0)
+    areas = no_areas(1)
+    areas[0] = (ActiveArea(0, Area(Circle(9_000.0, 0.0, 1_000.0)), 0.0, 400.0),)
+    lost = other(NAN, NAN)
+    monitor, decision = tell(monitor, THRESHOLDS.intruder_age + 1.0, seen=lost, areas=areas)
+    assert decision.loss[0] > THRESHOLDS.urgent and not decision.replan[0]
+    assert state_of(monitor) is State.BACKUP
+
+
 def test_only_the_answer_to_the_last_request_counts() -> None:
     monitor = flying()
     numbers = []
@@ -272,6 +286,24 @@ def test_only_the_answer_to_the_last_request_counts() -> None:
     assert accepted.all() and monitor.answered[0] == numbers[1]
     _, accepted = assurance.answer(monitor, row, numbers[1], straight(4.0), safe, THRESHOLDS)
     assert not accepted.any(), "an answer counts once"
+
+
+@pytest.mark.parametrize("safe", [True, False])
+def test_an_answer_while_the_ownship_is_not_seen_changes_nothing_that_is_flown(safe: bool) -> None:
+    monitor, asked = tell(flying(), 0.0, seen=opposing(0.0))
+    monitor, _ = tell(monitor, 1.0, NOWHERE, far(1.0) if safe else opposing(1.0))
+    after, accepted = reply(monitor, asked, safe=safe, plan_states=straight(0.0))
+    assert not accepted.any()
+    assert state_of(after) is State.DENIED and not after.on_backup[0]
+
+
+def test_a_new_plan_begins_without_the_errors_of_the_last() -> None:
+    monitor, decision = tell(flying(), 0.0, on_plan(0.0, left=30.0))
+    monitor, decision = tell(monitor, 2.0, on_plan(2.0, left=30.0))
+    assert monitor.sums[0, 0] > 0.0
+    monitor, decision = tell(monitor, 4.0, on_plan(4.0, left=30.0))
+    monitor, accepted = reply(monitor, decision, safe=True)
+    assert accepted.all() and not monitor.sums.any()
 
 
 def test_a_safe_plan_that_came_too_late_to_be_safe_is_refused() -> None:

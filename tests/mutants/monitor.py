@@ -1,0 +1,205 @@
+"""Mutants of what decides what the monitor says, by its modules."""
+
+from tests.mutants.mutant import Mutant, mutants_of
+
+_FOLDER = "tests/agents/assurance"
+_MONITOR = f"{_FOLDER}/test_monitor.py"
+_INPUTS = f"{_FOLDER}/test_inputs.py"
+_AREAS = f"{_FOLDER}/test_areas.py"
+_BACKUP = f"{_FOLDER}/test_backup.py"
+_FRAMES = f"{_FOLDER}/test_frames.py"
+_CONFORMANCE = f"{_FOLDER}/test_conformance.py"
+_OUTSIDE = "tests/eval/evidence/test_outside.py"
+
+_OF_MONITOR = (
+    # What is not safe is not flown, and says so.
+    ("state=int(State.DENIED), on_backup=True, causes", "state=int(State.DENIED), causes"),
+    ("causes |= np.where(~idle & ~backup.safe, int(Cause.BACKUP_UNSAFE), 0)", "pass"),
+    ("causes |= np.where(~idle & (backup.depth > 0.0), int(Cause.BACKUP_IN_AREA), 0)", "pass"),
+    ("causes |= np.where(asked.refused, int(Cause.REFUSED), 0)", "pass"),
+    ("causes |= np.where(asked.silent, int(Cause.NO_ANSWER), 0)", "pass"),
+    ("causes & int(BLIND | LOST | DOUBTFUL), causes)", "causes, causes)"),
+    # When the backup is flown, and when it is left.
+    ("urgent = measured.loss <= thresholds.urgent", "urgent = measured.loss > thresholds.urgent"),
+    ("(asked.hopeless | (asked.held_up & urgent))", "asked.hopeless"),
+    ("(asked.hopeless | (asked.held_up & urgent))", "(asked.held_up & urgent)"),
+    ("(asked.hopeless | (asked.held_up & urgent))", "(asked.hopeless | asked.held_up)"),
+    ("has(causes, UNSAFE) & (asked", "(asked"),
+    ("ended = now - monitor.started >= monitor.plan.end", "ended = now < 0.0"),
+    ("(monitor.on_backup | ((at_once | ended) & ~blind)) & ~idle", "(at_once | ended) & ~blind"),
+    ("((at_once | ended) & ~blind)", "(at_once | ended)"),
+    # When a plan is asked for.
+    ("request_traffic=take(traffic, asking), requested_at", "requested_at"),
+    ("unmet = has(causes, WANTING) | monitor.on_backup", "unmet = monitor.on_backup"),
+    ("WANTING) | monitor.on_backup | blind", "WANTING) | blind"),
+    ("monitor.on_backup | blind\n", "monitor.on_backup\n"),
+    ("has(monitor.causes, Cause.REFUSED) & unmet", "has(monitor.causes, Cause.REFUSED)"),
+    (">= thresholds.replan_interval - 1e-9", ">= thresholds.replan_interval - 1.0"),
+    ("rested & (~pending | silent)", "rested & ~pending"),
+    ("| silent) & ~blind & ~lost", "| silent) & ~lost"),
+    ("~blind & ~lost & ~idle", "~blind & ~idle"),
+    ("(pending & ~may_ask) | ~rested | silent", "(pending & ~may_ask) | silent"),
+    ("hopeless=refused | lost | silent", "hopeless=refused | silent"),
+    ("sighted = np.flatnonzero(~(idle | blind))", "sighted = np.flatnonzero(~idle)"),
+    # Which state wins.
+    ("denied = has(causes, LOST | DOUBTFUL) | ", "denied = has(causes, LOST) | "),
+    ("has(causes, LOST | DOUBTFUL) | (wants & unanswered)", "has(causes, LOST | DOUBTFUL)"),
+    ("unanswered=asked.refused | asked.silent", "unanswered=asked.refused"),
+    (
+        "has(causes, BLIND), on_backup, denied, wants],\n        [State.IDLE, State.DENIED, State.BACKUP,",
+        "on_backup, has(causes, BLIND), denied, wants],\n        [State.IDLE, State.BACKUP, State.DENIED,",
+    ),
+    # Which answers are taken up.
+    ("(number == monitor.requested[rows])", "(number <= monitor.requested[rows])"),
+    ("& (monitor.answered[rows] < number)", ""),
+    ("np.asarray(safe) & current & ~blind", "np.asarray(safe) & current"),
+    ("        - thresholds.resolution\n", "        + 10.0\n"),
+    ("(kept.margin >= 0.0).all(axis=-1) & ~amid.lost", "~amid.lost"),
+    ("(kept.margin >= 0.0).all(axis=-1) & ~amid.lost", "(kept.margin >= 0.0).all(axis=-1)"),
+    ("causes=result.causes[refused] | int(Cause.REFUSED)", "causes=result.causes[refused]"),
+    ("seeing = rows[current & ~accepted & ~blind]", "seeing = rows[current & ~accepted]"),
+    ("result.on_backup[seeing] | has(result.causes[seeing], UNSAFE)", "result.on_backup[seeing]"),
+    (
+        "on_backup = result.on_backup[seeing] | has(result",
+        "on_backup = has(result",
+    ),
+    (
+        "rows[\n        validate(take(plan_states, rows), nobody, thresholds.requirement, "
+        "thresholds.limits).safe\n    ]",
+        "rows",
+    ),
+    ('"expected": expected, "sums": 0.0}', '"expected": expected}'),
+)
+
+_OF_CONFORMANCE = (
+    ("required_separation - thresholds.separation_band", "required_separation"),
+    (
+        "np.maximum(\n        separations(traffic, thresholds.requirement),\n",
+        "np.minimum(\n        separations(traffic, thresholds.requirement),\n",
+    ),
+    ("self.leave * limit", "limit"),
+    # What is measured against the plan.
+    ("~has(causes, BLIND), latch", "has(causes, BLIND) | True, latch"),
+    ("thresholds.plan_ending - left, 0.0", "-left, 0.0"),
+    ("np.hypot(off.cross_track, off.along_track)", "np.abs(off.cross_track)"),
+    ("np.where(concern, deviations.share_of(thresholds), 0.0)", "deviations.share_of(thresholds)"),
+    ("np.where(follows_plan(monitor), -1, ~int(WANTING & ~_REPORTS))", "np.full(since.shape, -1)"),
+    ("~int(WANTING & ~_REPORTS)", "~int(WANTING)"),
+    (
+        "np.min(separation, axis=-1, initial=np.inf) - offset",
+        "np.min(separation, axis=-1, initial=np.inf)",
+    ),
+    ("loss=np.minimum(loss, amid.loss)", "loss=loss"),
+    ("loss=np.minimum(loss, amid.loss)", "loss=amid.loss"),
+    ("memory.areas, offset, thresholds)", "memory.areas, 0.0 * offset, thresholds)"),
+    # Errors that last.
+    ("(seen & finite)[:, None]", "finite[:, None]"),
+    ("before * np.exp(-seconds / thresholds.memory)", "before"),
+    ("thresholds.sustained * thresholds.memory * limits", "thresholds.memory * limits"),
+    ("elapsed = memory.time - monitor.memory.time", "elapsed = 0.0 * memory.time + 1.0"),
+    # The rest of the plan.
+    ("separation < thresholds.concern + more", "separation < thresholds.concern"),
+    ("np.minimum(planned, requirement_of(traffic, own, requirement))", "planned"),
+    (
+        "np.minimum(planned, requirement_of(traffic, own, requirement))",
+        "requirement_of(traffic, own, requirement)",
+    ),
+    (
+        "least + thresholds.separation_band, least - thresholds.resolution",
+        "least - thresholds.resolution, least - thresholds.resolution",
+    ),
+    ("- thresholds.resolution + off)", "- thresholds.resolution)"),
+    ("np.where(follows_plan(monitor)[:, None], 0.0, -np.inf)", "np.full(off.shape, -np.inf)"),
+    ("monitor.plan.since(since), Separation", "monitor.plan, Separation"),
+    # Intruders that fly otherwise.
+    ("np.maximum(self.position / place, self.velocity / motion)", "self.velocity / motion"),
+    ("np.maximum(self.position / place, self.velocity / motion)", "self.position / place"),
+    ("_NOISE = 3.0", "_NOISE = 0.0"),
+    ("np.where(new, np.inf, error)", "np.where(new, 0.0, error)"),
+    (
+        "np.hypot(uncertainty(expected, since[:, None]), uncertainty(traffic, 0.0))",
+        "uncertainty(traffic, 0.0)",
+    ),
+    (
+        "np.hypot(uncertainty(expected, since[:, None]), uncertainty(traffic, 0.0))",
+        "uncertainty(expected, since[:, None])",
+    ),
+    ("np.hypot(expected.velocity_std, traffic.velocity_std)", "expected.velocity_std"),
+    ("np.hypot(expected.velocity_std, traffic.velocity_std)", "traffic.velocity_std"),
+)
+
+_OF_INPUTS = (
+    # Which reports count.
+    ("(given.time > memory.time)", "(given.time >= memory.time)"),
+    ("good = sane & ordered & clock\n", "good = sane & ordered\n"),
+    ("good = sane & ordered & clock\n", "good = sane & clock\n"),
+    ("        & _spread(given.position_std)\n", ""),
+    ("        & _spread(given.velocity_std)\n", ""),
+    ("np.where(given.mask, memory.seen, -np.inf)", "memory.seen"),
+    (
+        "good = sane & ordered & clock[:, None] & given.mask",
+        "good = sane & clock[:, None] & given.mask",
+    ),
+    ("good = sane & ordered & clock[:, None] & given.mask", "good = sane & ordered & given.mask"),
+    # What lies in them.
+    ("outside = outside | (speed > SIGMAS * memory.velocity_std)", "pass"),
+    ('outside |= excess(thresholds.traffic["position_std"], memory.position_std) > 0.0', "pass"),
+    ('outside |= excess(thresholds.traffic["velocity_std"], memory.velocity_std) > 0.0', "pass"),
+    (
+        "~(now - memory.seen <= thresholds.intruder_age)",
+        "now - memory.seen > thresholds.intruder_age + 1.0",
+    ),
+    ("now < memory.drift.rate_until", "now < -np.inf"),
+    # Where all are.
+    # Turns.
+    # Sense.
+)
+
+
+_OF_FRAMES = (
+    ("intruders=state(memory.intruders, memory.seen)", "intruders=memory.intruders"),
+    ("areas=_areas(memory, old, new)", "areas=memory.areas"),
+    ("expected=traffic(monitor.expected, monitor.started)", "expected=monitor.expected"),
+    (
+        "request_traffic=traffic(monitor.request_traffic, monitor.requested_at)",
+        "request_traffic=monitor.request_traffic",
+    ),
+    ("turned_error(turn, new.wind.std - old.wind.std)", "0.0 * turn"),
+    ("(given.turn_time + given.age)", "given.turn_time"),
+    (
+        "there = new.to_air(old.to_ground(given, time), time)",
+        "there = new.to_air(old.to_ground(given, 0.0 * time), 0.0 * time)",
+    ),
+    ("(old.wind.north - new.wind.north) * length", "(new.wind.north - old.wind.north) * length"),
+    (
+        "state = self.to_air(given.state, time - given.age)",
+        "state = self.to_air(given.state, time)",
+    ),
+)
+
+_OF_STATE = (
+    ("if before >= 0]\n", "if before > 0]\n"),
+    ("expected=map_leaves(move, fresh.expected, monitor.expected)", "expected=fresh.expected"),
+    (
+        "request_traffic=map_leaves(move, fresh.request_traffic, monitor.request_traffic)",
+        "request_traffic=fresh.request_traffic",
+    ),
+)
+
+
+_CHANGES = {
+    "agents/assurance/monitor.py": (
+        _OF_MONITOR,
+        (_CONFORMANCE, _MONITOR, _INPUTS, _AREAS, _OUTSIDE),
+    ),
+    "agents/assurance/conformance.py": (_OF_CONFORMANCE, (_CONFORMANCE, _AREAS, _BACKUP, _MONITOR)),
+    "agents/assurance/inputs.py": (_OF_INPUTS, (_INPUTS, _FRAMES, _OUTSIDE)),
+    "agents/assurance/frames.py": (_OF_FRAMES, (_FRAMES, _AREAS)),
+    "agents/assurance/state.py": (_OF_STATE, (_FRAMES,)),
+}
+
+MUTANTS: tuple[Mutant, ...] = tuple(
+    mutant
+    for file, (changes, tests) in _CHANGES.items()
+    for mutant in mutants_of(file, changes, tests)
+)
