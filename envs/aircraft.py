@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from commands.command import InputError
 from envs.arrays import Array
+from envs.compiled import scalar
 from envs.kinematics import FASTEST, Limits
 from envs.outcome import Rules
 
@@ -61,6 +62,7 @@ class Ratios(NamedTuple):
     turn_radius: Array  # of the circle at speed_max and the greatest yaw rate, in D
 
 
+@scalar
 def ratios(limits: Limits, separation: Array) -> Ratios:
     """Return the limits in units of the separation (m) and of the greatest speed; floats or
     ``[...]``.

@@ -11,6 +11,7 @@ import math
 
 from envs.arrays import Array, ArrayModule
 from envs.backend import FLOATS
+from envs.compiled import scalar, scalar_as
 
 _TWO_PI = 2.0 * math.pi
 _HALF_PI = 0.5 * math.pi
@@ -38,6 +39,7 @@ _ATAN = (
 _TINY = 1e-30
 
 
+@scalar
 def wrap(angle: Array, xp: ArrayModule) -> Array:
     """Return the angle (rad, any shape) wrapped to [-pi, pi)."""
     wrapped = angle - _TWO_PI * xp.floor((angle + math.pi) * (1.0 / _TWO_PI))
@@ -46,13 +48,11 @@ def wrap(angle: Array, xp: ArrayModule) -> Array:
     return xp.where(wrapped < -math.pi, -math.pi, wrapped)
 
 
-def sincos(angle: Array, xp: ArrayModule) -> tuple[Array, Array]:
-    """Return sine and cosine of an angle in [-3/2 pi, 3/2 pi] (rad, any shape).
+def _library_sincos(angle: float, xp: ArrayModule) -> tuple[float, float]:
+    return math.sin(angle), math.cos(angle)
 
-    Headings are wrapped, and half a step's turn on top of one stays far inside the range.
-    """
-    if xp is FLOATS:
-        return math.sin(angle), math.cos(angle)
+
+def _polynomial_sincos(angle: Array, xp: ArrayModule) -> tuple[Array, Array]:
     size = xp.abs(angle)
     sine = xp.copysign(1.0, angle) * _odd(xp.minimum(size, math.pi - size), _SIN)
     # cos(a) = sin(pi/2 - a); beyond pi fold once more so that the polynomial stays in its range.
@@ -60,12 +60,20 @@ def sincos(angle: Array, xp: ArrayModule) -> tuple[Array, Array]:
     return sine, _odd(folded, _SIN)
 
 
-def atan2(y: Array, x: Array, xp: ArrayModule) -> Array:
-    """Return the angle of the vector (x, y) in [-pi, pi] (rad, any shape); 0 for the null
-    vector.
+@scalar_as(_library_sincos, _polynomial_sincos)
+def sincos(angle: Array, xp: ArrayModule) -> tuple[Array, Array]:
+    """Return sine and cosine of an angle in [-3/2 pi, 3/2 pi] (rad, any shape).
+
+    Headings are wrapped, and half a step's turn on top of one stays far inside the range.
     """
-    if xp is FLOATS:
-        return math.atan2(y, x)
+    return (_library_sincos if xp is FLOATS else _polynomial_sincos)(angle, xp)
+
+
+def _library_atan2(y: float, x: float, xp: ArrayModule) -> float:
+    return math.atan2(y, x)
+
+
+def _polynomial_atan2(y: Array, x: Array, xp: ArrayModule) -> Array:
     size_x, size_y = xp.abs(x), xp.abs(y)
     quotient = xp.minimum(size_x, size_y) / xp.maximum(xp.maximum(size_x, size_y), _TINY)
     angle = _odd(quotient, _ATAN)
@@ -74,10 +82,19 @@ def atan2(y: Array, x: Array, xp: ArrayModule) -> Array:
     return xp.where(y < 0.0, -angle, angle)
 
 
+@scalar_as(_library_atan2, _polynomial_atan2)
+def atan2(y: Array, x: Array, xp: ArrayModule) -> Array:
+    """Return the angle of the vector (x, y) in [-pi, pi] (rad, any shape); 0 for the null
+    vector.
+    """
+    return (_library_atan2 if xp is FLOATS else _polynomial_atan2)(y, x, xp)
+
+
+@scalar
 def _odd(x: Array, coefficients: tuple[float, ...]) -> Array:
     """Evaluate x * (c0 + c1 x^2 + c2 x^4 + ...)."""
     square = x * x
     total = coefficients[-1]
-    for coefficient in reversed(coefficients[:-1]):
-        total = total * square + coefficient
+    for number in range(len(coefficients) - 2, -1, -1):
+        total = total * square + coefficients[number]
     return total * x

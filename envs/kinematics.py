@@ -11,6 +11,7 @@ from typing import Generic, NamedTuple
 
 from envs.angles import sincos, wrap
 from envs.arrays import Array, ArrayModule
+from envs.compiled import scalar
 from envs.frames import F
 
 
@@ -85,6 +86,7 @@ def intersection(first: Limits, second: Limits) -> Limits:
     return both
 
 
+@scalar
 def commands(action: Array, limits: Limits, xp: ArrayModule) -> tuple[Array, Array]:
     """Return the acceleration (m/s^2) and yaw rate (rad/s) that an action asks for, ``[...]`` each.
 
@@ -99,12 +101,14 @@ def commands(action: Array, limits: Limits, xp: ArrayModule) -> tuple[Array, Arr
     return acceleration, steering * limits.yaw_rate_max
 
 
+@scalar
 def velocity(state: VehicleState[F], xp: ArrayModule) -> tuple[Array, Array]:
     """Return the velocity's east and north components, m/s, ``[...]`` each."""
     sine, cosine = sincos(state.heading, xp)
     return state.speed * cosine, state.speed * sine
 
 
+@scalar
 def advance(
     state: VehicleState[F],
     acceleration: Array,
@@ -142,6 +146,7 @@ def advance(
     return VehicleState(state.x + east_1 + east_2, state.y + north_1 + north_2, heading, speed)
 
 
+@scalar
 def _arc(
     heading: Array,
     speed: Array,

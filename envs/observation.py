@@ -12,6 +12,7 @@ from envs.aircraft import Aircraft
 from envs.angles import sincos
 from envs.arrays import Array, ArrayModule
 from envs.backend import FloatNamespace
+from envs.compiled import scalar
 from envs.frames import F
 from envs.kinematics import VehicleState
 from envs.relative import RelativeMotion, bearing, cpa_of_motion, distance, relative_motion
@@ -187,6 +188,7 @@ def decode(observation: Sequence[Array], aircraft: Aircraft, xp: ArrayModule) ->
     )
 
 
+@scalar
 def criticality(
     own: VehicleState[F], intruders: VehicleState[F], aircraft: Aircraft, xp: ArrayModule
 ) -> Array:
@@ -207,6 +209,7 @@ def criticality(
     )
 
 
+@scalar
 def rank_motion(
     motion: RelativeMotion, separation: Array, time_unit: Array, xp: ArrayModule
 ) -> Array:

@@ -6,10 +6,12 @@ import numpy as np
 
 from envs.angles import atan2, wrap
 from envs.arrays import Array, ArrayModule
+from envs.compiled import scalar
 from envs.frames import F
 from envs.kinematics import VehicleState, velocity
 
 
+@scalar
 def distance(x: Array, y: Array, xp: ArrayModule) -> Array:
     """Return the length of the vector (x, y), m, ``[...]``."""
     return xp.sqrt(x * x + y * y)
@@ -22,6 +24,7 @@ def chord(x0: Array, y0: Array, x1: Array, y1: Array) -> Array:
     return distance(x0 + s * dx, y0 + s * dy, np)
 
 
+@scalar
 def at_share(own: VehicleState[F], other: VehicleState[F], share: Array) -> VehicleState[F]:
     """Return an intruder at a share of its distance, on the same bearing; all ``[...]``."""
     x = own.x + share * (other.x - own.x)
@@ -66,6 +69,7 @@ def straight_cpa(own: VehicleState[F], other: VehicleState[F], xp: ArrayModule) 
     return cpa_of_motion(relative_motion(own, other, xp), xp)
 
 
+@scalar
 def cpa_of_motion(motion: RelativeMotion, xp: ArrayModule) -> StraightCpa:
     """Predict the closest point of approach of a relative motion ``[...]`` that stays as it is."""
     x, y, vx, vy = motion
@@ -73,6 +77,7 @@ def cpa_of_motion(motion: RelativeMotion, xp: ArrayModule) -> StraightCpa:
     return StraightCpa(time, distance(x + vx * time, y + vy * time, xp))
 
 
+@scalar
 def leg_separation(
     own: VehicleState[F],
     own_next: VehicleState[F],
@@ -93,6 +98,7 @@ def leg_separation(
     return step_separation(first, relative_motion(own_next, other_next, xp), dt, xp).distance
 
 
+@scalar
 def relative_motion(
     own: VehicleState[F], other: VehicleState[F], xp: ArrayModule
 ) -> RelativeMotion:
@@ -100,6 +106,7 @@ def relative_motion(
     return RelativeMotion(other.x - own.x, other.y - own.y, *_relative_velocity(own, other, xp))
 
 
+@scalar
 def step_separation(
     first: RelativeMotion, last: RelativeMotion, dt: Array, xp: ArrayModule
 ) -> Closest:
@@ -129,6 +136,7 @@ def step_separation(
     return Closest(xp.sqrt(smallest), s)
 
 
+@scalar
 def _relative_velocity(
     own: VehicleState[F], other: VehicleState[F], xp: ArrayModule
 ) -> tuple[Array, Array]:

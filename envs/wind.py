@@ -14,6 +14,7 @@ import numpy as np
 from envs.angles import wrap
 from envs.arrays import Array, ArrayModule
 from envs.backend import FLOATS
+from envs.compiled import scalar
 from envs.frames import Air, Ground
 from envs.kinematics import Limits, VehicleState
 
@@ -84,6 +85,7 @@ def turned_error(turn: Array, error: Array) -> Array:
     return np.minimum(np.abs(turn), 2.0) * error
 
 
+@scalar
 def aim_point(
     own: VehicleState[Air],
     goal: tuple[Array, Array],

@@ -1,11 +1,14 @@
 """The intruders as the planner predicts them, and the separation that is required from each."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.backend import FLOATS
+from envs.compiled import scalar
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import column, map_leaves
@@ -127,6 +130,26 @@ def _positions_of_turning(traffic: Traffic, time: Array) -> tuple[Array, Array]:
     return x, y
 
 
+@scalar
+def predict_one(
+    state: VehicleState[Air], turn_rate: float, turn_time: float, time: float
+) -> VehicleState[Air]:
+    """Return :func:`predict` of one intruder in plain floats."""
+    if not (abs(turn_rate) > STRAIGHT and turn_time > 0.0):
+        x = state.x + state.speed * math.cos(state.heading) * time
+        y = state.y + state.speed * math.sin(state.heading) * time
+        heading = state.heading + turn_rate * min(time, turn_time)
+        return VehicleState(x, y, wrap(heading, FLOATS), state.speed)
+    turning = min(time, turn_time)
+    half = 0.5 * turn_rate * turning
+    chord = 2.0 * state.speed * math.sin(half) / turn_rate
+    middle, after = state.heading + half, state.heading + 2.0 * half
+    straight = state.speed * (time - turning)
+    x = state.x + chord * math.cos(middle) + straight * math.cos(after)
+    y = state.y + chord * math.sin(middle) + straight * math.sin(after)
+    return VehicleState(x, y, wrap(state.heading + turn_rate * turning, FLOATS), state.speed)
+
+
 def same_flight(reports: Traffic, age: Array, traffic: Traffic) -> Array:
     """Return whether intruders as of the request fly on as their reports say, which are of some
     age then, s; bool ``[N, K]``.
@@ -160,6 +183,13 @@ def advance_reports(reports: Traffic, age: Array) -> Traffic:
     turn_time = np.where(turn_rate == 0.0, 0.0, np.maximum(reports.turn_time - age, 0.0))
     turning = reports._replace(turn_rate=turn_rate)
     return turning._replace(state=predict(turning, age), turn_time=turn_time, age=np.abs(age))
+
+
+@scalar
+def uncertainty_of_one(position_std: float, velocity_std: float, age: float, time: float) -> float:
+    """Return :func:`uncertainty` of one intruder in plain floats, m."""
+    drift = velocity_std * (age + time)
+    return math.sqrt(position_std * position_std + drift * drift)
 
 
 def uncertainty(traffic: Traffic, time: Array) -> Array:

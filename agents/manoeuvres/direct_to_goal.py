@@ -3,13 +3,13 @@ clear of the traffic.
 """
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from envs.angles import atan2, sincos, wrap
 from envs.arrays import Array, ArrayModule
+from envs.compiled import scalar
 from envs.frames import Air, F
 from envs.kinematics import Limits, VehicleState, velocity
 
@@ -37,6 +37,7 @@ def arc_end(state: VehicleState[F], arc: Array, length: Array) -> tuple[Array, A
     return state.x + chord * np.cos(middle), state.y + chord * np.sin(middle)
 
 
+@scalar
 def end_speed(
     length: Array, speed: Array, seconds: Array, limits: Limits, xp: ArrayModule
 ) -> tuple[Array, Array]:
@@ -55,6 +56,15 @@ def end_speed(
     return wanted, xp.logical_and(seconds >= 0.0, xp.logical_or(xp.logical_not(hurry), enough))
 
 
+@scalar
+def arc_end_of_one(state: VehicleState[F], arc: float, length: float) -> tuple[float, float]:
+    """Return :func:`arc_end` of one arc of plain floats, m."""
+    half = 0.5 * arc
+    chord = length * (math.sin(half) / half if half != 0.0 else 1.0)
+    middle = state.heading + half
+    return state.x + chord * math.cos(middle), state.y + chord * math.sin(middle)
+
+
 class Turn(NamedTuple):
     """A turn towards a point, and the straight line from its end to the point; fields ``[...]``."""
 
@@ -65,41 +75,61 @@ class Turn(NamedTuple):
     possible: Array  # bool
 
 
+@scalar
 def turn_onto(
+    own: VehicleState[Air], point: tuple[Array, Array], radius: Array, xp: ArrayModule
+) -> Turn:
+    """Return the turns with some radius, m, after which points, m, lie straight ahead, ``[...]``,
+    as good as :mod:`envs.angles` has them: to choose by.
+
+    A point inside the turning circle, or behind a turn of more than half a circle, has none.
+    """
+    sine, cosine = sincos(own.heading, xp)
+    sides = _sides(own, point, radius, sine, cosine, xp)
+    course = atan2(sides.y, sides.x, xp) + sides.side * atan2(radius, sides.length, xp)
+    return _turn(own, sides, course, xp)
+
+
+def turn_exactly_onto(own: VehicleState[Air], point: tuple[Array, Array], radius: Array) -> Turn:
+    """Return :func:`turn_onto` by numpy's own trigonometry: for what is flown."""
+    sides = _sides(own, point, radius, np.sin(own.heading), np.cos(own.heading), np)
+    course = np.arctan2(sides.y, sides.x) + sides.side * np.arctan2(radius, sides.length)
+    return _turn(own, sides, course, np)
+
+
+class _Sides(NamedTuple):
+    """Points as the centre of the turn onto them sees them; fields ``[...]``."""
+
+    side: Array  # of the turn, 1 left, -1 right
+    x: Array  # from the centre, m
+    y: Array
+    square: Array  # of the tangent's length, m^2; negative inside the circle
+    length: Array  # of the tangent, m
+
+
+@scalar
+def _sides(
     own: VehicleState[Air],
     point: tuple[Array, Array],
     radius: Array,
+    sine: Array,
+    cosine: Array,
     xp: ArrayModule,
-    *,
-    exact: bool = False,
-) -> Turn:
-    """Return the turns with some radius (m) after which points, m, lie straight ahead, ``[...]``.
-
-    A point inside the turning circle, or behind a turn of more than half a circle, has none.
-
-    Args:
-        own: where the turns begin.
-        point: place of each point.
-        radius: of the turning circles.
-        xp: array namespace.
-        exact: by numpy's own trigonometry, for what is flown; else by that of
-            :mod:`envs.angles`, for what is only chosen by.
-    """
-    sine, cosine = (np.sin(own.heading), np.cos(own.heading)) if exact else sincos(own.heading, xp)
+) -> _Sides:
     dx, dy = point[0] - own.x, point[1] - own.y
     side = xp.where(dy * cosine - dx * sine >= 0.0, 1.0, -1.0)
     from_x, from_y = dx + side * radius * sine, dy - side * radius * cosine
     square = from_x * from_x + from_y * from_y - radius * radius
-    length = xp.sqrt(xp.maximum(square, 0.0))
-    if exact:
-        course = np.arctan2(from_y, from_x) + side * np.arctan2(radius, length)
-    else:
-        course = atan2(from_y, from_x, xp) + side * atan2(radius, length, xp)
-    angle = wrap(side * (course - own.heading), xp)
+    return _Sides(side, from_x, from_y, square, xp.sqrt(xp.maximum(square, 0.0)))
+
+
+@scalar
+def _turn(own: VehicleState[Air], sides: _Sides, course: Array, xp: ArrayModule) -> Turn:
+    angle = wrap(sides.side * (course - own.heading), xp)
     # A point straight ahead must not become a full circle by rounding; one to be turned to by more
     # than half a circle is behind.
-    possible = xp.logical_and(square > 0.0, angle > -1e-6)
-    return Turn(side, xp.maximum(angle, 0.0), length, course, possible)
+    possible = xp.logical_and(sides.square > 0.0, angle > -1e-6)
+    return Turn(sides.side, xp.maximum(angle, 0.0), sides.length, course, possible)
 
 
 class DirectRoute(NamedTuple):
@@ -115,6 +145,7 @@ class DirectRoute(NamedTuple):
     possible: Array  # whether there is such a way in time, bool
 
 
+@scalar
 def direct(
     own: VehicleState[Air],
     goal: tuple[Array, Array],
@@ -132,18 +163,12 @@ def direct(
     turning = turn.angle * (1.0 / task.turn_rate)
     straight = xp.maximum(turn.length - task.radius, 0.0)
     wanted, in_time = end_speed(straight, own.speed, task.until - time - turning, task.limits, xp)
-    return DirectRoute(
-        side=turn.side,
-        circle=circle,
-        turn=turn.angle,
-        turning=turning,
-        course=wrap(turn.course, xp),
-        straight=straight,
-        speed=wanted,
-        possible=xp.logical_and(turn.possible, in_time),
-    )
+    possible = xp.logical_and(turn.possible, in_time)
+    course = wrap(turn.course, xp)
+    return DirectRoute(turn.side, circle, turn.angle, turning, course, straight, wanted, possible)
 
 
+@scalar
 def arrival(
     own: VehicleState[Air],
     goal: tuple[Array, Array],
@@ -160,6 +185,7 @@ def arrival(
     return time + way.turning + rise + level / way.speed, way.course, way.speed
 
 
+@scalar
 def clear(
     own: VehicleState[Air],
     goal: tuple[Array, Array],
@@ -180,6 +206,7 @@ def clear(
     return keeps_clear(own, way, other, required, time, task, xp, window)
 
 
+@scalar
 def keeps_clear(
     own: VehicleState[Air],
     way: DirectRoute,
@@ -201,12 +228,18 @@ def keeps_clear(
     seconds = way.turning * (1.0 / _PARTS)
     sagitta = own.speed * task.turn_rate * seconds * seconds * 0.125
     least_square = (required + sagitta) * xp.abs(required + sagitta)
-    for number, (chord_x, chord_y) in enumerate(_chords(own, way, xp)):
-        step_x, step_y = other_vx * seconds - chord_x, other_vy * seconds - chord_y
+    chords = _chords(own, way, xp)
+    ahead_x, ahead_y = chords.x, chords.y
+    for number in range(_PARTS):
+        step_x, step_y = other_vx * seconds - ahead_x, other_vy * seconds - ahead_y
         begin = time + number * seconds
         near = _nearest_while_it_counts(x, y, step_x, step_y, begin, seconds, window, xp)
         possible = xp.logical_and(possible, near >= least_square)
         x, y = x + step_x, y + step_y
+        ahead_x, ahead_y = (
+            ahead_x * chords.cosine - ahead_y * chords.sine,
+            ahead_y * chords.cosine + ahead_x * chords.sine,
+        )
 
     # In a hurry the speed changes on the way; the mean one is good enough to choose by.
     lasts = way.straight / (0.5 * (own.speed + way.speed))
@@ -220,10 +253,17 @@ def keeps_clear(
     return xp.logical_and(possible, near >= required * xp.abs(required))
 
 
-def _chords(
-    own: VehicleState[Air], way: DirectRoute, xp: ArrayModule
-) -> Iterator[tuple[Array, Array]]:
-    """Yield the chords of the quarters of a direct route's turn, east and north, m."""
+class _Chords(NamedTuple):
+    """The chords of the quarters of a direct route's turn; fields ``[...]``."""
+
+    x: Array  # of the first one, east, m
+    y: Array  # north
+    cosine: Array  # of the angle from one to the next
+    sine: Array
+
+
+@scalar
+def _chords(own: VehicleState[Air], way: DirectRoute, xp: ArrayModule) -> _Chords:
     sine, cosine = sincos(own.heading, xp)
     half_sine, half_cosine = sincos(0.5 * (way.turn * (1.0 / _PARTS)), xp)
     length = 2.0 * way.circle * half_sine
@@ -231,15 +271,10 @@ def _chords(
     aside = way.side * half_sine
     ahead_x, ahead_y = cosine * half_cosine - sine * aside, sine * half_cosine + cosine * aside
     part_sine = way.side * 2.0 * half_sine * half_cosine
-    part_cosine = 1.0 - 2.0 * half_sine * half_sine
-    for _ in range(_PARTS):
-        yield length * ahead_x, length * ahead_y
-        ahead_x, ahead_y = (
-            ahead_x * part_cosine - ahead_y * part_sine,
-            ahead_y * part_cosine + ahead_x * part_sine,
-        )
+    return _Chords(length * ahead_x, length * ahead_y, 1.0 - 2.0 * half_sine * half_sine, part_sine)
 
 
+@scalar
 def _nearest_while_it_counts(
     x: Array,
     y: Array,
@@ -256,21 +291,23 @@ def _nearest_while_it_counts(
     The step leads from (x, y) along (step_x, step_y), m, begins at a time and lasts so long, s.
     """
     if window is None:
-        return _nearest(x, y, step_x, step_y, xp)
+        return _nearest(x, y, step_x, step_y, 0.0, 1.0, xp)
     length = xp.maximum(lasts, 1e-9)
-    low, high = (xp.clip((when - begin) / length, 0.0, 1.0) for when in window)
+    low = xp.clip((window[0] - begin) / length, 0.0, 1.0)
+    high = xp.clip((window[1] - begin) / length, 0.0, 1.0)
     inside = xp.logical_and(window[0] <= begin + lasts, begin <= window[1])
-    return xp.where(inside, _nearest(x, y, step_x, step_y, xp, low, high), xp.inf)
+    return xp.where(inside, _nearest(x, y, step_x, step_y, low, high, xp), math.inf)
 
 
+@scalar
 def _nearest(
     x: Array,
     y: Array,
     step_x: Array,
     step_y: Array,
+    low: Array,
+    high: Array,
     xp: ArrayModule,
-    low: Array = 0.0,
-    high: Array = 1.0,
 ) -> Array:
     """Return the squared distance from the origin to the line from (x, y) along a step, from one
     share of it to another, m^2.

@@ -5,8 +5,8 @@ accelerating or at a steady speed; intruders fly straight on. A manoeuvre is a c
 between points of its path, and the separation along a chord is that of its closest point: within
 some hundredths of a separation of that of the path.
 
-:class:`MinSeparationOfOne` is the scalar twin of :func:`min_separation`, for the planner's flights
-step by step; a test holds the two together.
+:class:`MinSeparationOfOne` is :func:`min_separation` for one scene: numpy's calls, or where it is
+compiled the loops of :func:`min_separations_of_one`. Tests hold the three together.
 """
 
 import math
@@ -22,6 +22,7 @@ from envs.aircraft import Ratios
 from envs.angles import atan2, sincos
 from envs.arrays import Array, ArrayModule
 from envs.backend import EXACT_FLOATS
+from envs.compiled import scalar
 from envs.trees import map_leaves
 
 HORIZON = 10.0
@@ -191,6 +192,7 @@ class _Chords(NamedTuple):
     shortening: Array  # length over the sum of the speeds at both ends, times the span
 
 
+@scalar
 def _chords(turn: float, radius: float) -> _Chords:
     """Return the chords of a turn (rad, left positive) on a circle of a radius (D)."""
     turning = min(abs(turn) * radius, _LONGEST)
@@ -209,22 +211,22 @@ class MinSeparationOfOne:
         """Prepare the manoeuvres of an aircraft; ratios are floats."""
         self._ratios = ratios
         # Of each manoeuvre, after a column for the start; the turns to the goal are not known yet.
-        self._fixed = np.zeros((4, COUNT, _PIECES + 1))
+        self.fixed = np.zeros((4, COUNT, _PIECES + 1))
         fixed = [_chords(turn, ratios.turn_radius) for turn in TURNS]
-        self._fixed[:, :-_TO_GOAL, 1:] = np.stack(fixed, axis=1)
+        self.fixed[:, :-_TO_GOAL, 1:] = np.stack(fixed, axis=1)
         limit = np.where(THROTTLES < 0.0, ratios.acceleration_min, ratios.acceleration_max)
-        self._acceleration = (limit * np.abs(THROTTLES))[:, None]
+        self.acceleration = limit * np.abs(THROTTLES)
 
     def __call__(self, seen: Scene) -> np.ndarray:
         """Return the least separation of each manoeuvre, D, ``[22]``; without intruders far
         away.
         """
-        speed, ratios, known = seen.own_speed, self._ratios, self._fixed.copy()
+        speed, ratios, known = seen.own_speed, self._ratios, self.fixed.copy()
         to_goal = _chords(math.atan2(seen.goal_y, seen.goal_x), ratios.turn_radius)
         known[:, -_TO_GOAL:, 1:] = np.array(to_goal)[:, None]
         ends, courses, shortening = known[0], known[1:3, :, 1:], known[3, :, 1:]
         times, spans = ends[:, 1:], ends[:, 1:] - ends[:, :-1]
-        speeds = speed + self._acceleration * ends
+        speeds = speed + self.acceleration[:, None] * ends
         np.maximum(speeds, min(ratios.speed_min, speed), out=speeds)
         np.minimum(speeds, max(speed, 1.0), out=speeds)
         # Both axes at once, [2, 22, 10] and for intruders [2, K, 22, 10]: half the calls, the same
@@ -248,6 +250,79 @@ class MinSeparationOfOne:
         return np.sqrt(np.minimum.reduce(square, axis=(0, 2), initial=1e6))
 
 
+@scalar
+def min_separations_of_one(
+    seen: Scene, share: np.ndarray, fixed: np.ndarray, acceleration: np.ndarray
+) -> np.ndarray:
+    """Return what :class:`MinSeparationOfOne` does, in loops to be compiled.
+
+    Args:
+        seen: scene of plain floats, the intruders' fields arrays.
+        share: of each intruder, ``[K]``.
+        fixed: chords of the manoeuvres of an aircraft, and
+        acceleration: theirs; attributes of that class.
+    """
+    speed, slowest, fastest = (
+        seen.own_speed,
+        min(seen.ratios.speed_min, seen.own_speed),
+        max(seen.own_speed, 1.0),
+    )
+    to_goal = _chords(math.atan2(seen.goal_y, seen.goal_x), seen.ratios.turn_radius)
+    # At the ends of all chords, one manoeuvre after the other, [22 * 10].
+    time, span, x, y, step_x, step_y, nearest = np.empty((7, COUNT * _PIECES))
+    for m in range(COUNT):
+        own_x, own_y, begin, before = 0.0, 0.0, 0.0, min(max(speed, slowest), fastest)
+        for p in range(_PIECES):
+            if m < COUNT - _TO_GOAL:
+                end, cosine, sine, shortening = (
+                    fixed[0, m, p + 1],
+                    fixed[1, m, p + 1],
+                    fixed[2, m, p + 1],
+                    fixed[3, m, p + 1],
+                )
+            else:
+                end, cosine, sine, shortening = (
+                    to_goal.times[p],
+                    to_goal.cosine[p],
+                    to_goal.sine[p],
+                    to_goal.shortening[p],
+                )
+            after = min(max(speed + acceleration[m] * end, slowest), fastest)
+            length = (after + before) * (end - begin) * shortening
+            i = m * _PIECES + p
+            time[i], span[i], step_x[i], step_y[i] = (
+                end,
+                end - begin,
+                length * cosine,
+                length * sine,
+            )
+            own_x += step_x[i]
+            own_y += step_y[i]
+            x[i], y[i], begin, before, nearest[i] = own_x, own_y, end, after, 1e6
+    for k in range(len(seen.x)):
+        vx, vy, weight = seen.vx[k], seen.vy[k], share[k] * share[k]
+        for i in range(COUNT * _PIECES):
+            there_x, there_y = seen.x[k] + vx * time[i] - x[i], seen.y[k] + vy * time[i] - y[i]
+            over_x, over_y = vx * span[i] - step_x[i], vy * span[i] - step_y[i]
+            along = over_x * over_x + over_y * over_y + 1e-8
+            back = min(max((there_x * over_x + there_y * over_y) / along, 0.0), 1.0)
+            there_x -= back * over_x
+            there_y -= back * over_y
+            nearest[i] = min(nearest[i], (there_x * there_x + there_y * there_y) * weight)
+    return np.sqrt(_least_of_rows(nearest))
+
+
+@scalar
+def _least_of_rows(values: np.ndarray) -> np.ndarray:
+    """Return the smallest of each ten values, ``[22]``."""
+    least = np.empty(COUNT)
+    for m in range(COUNT):
+        least[m] = values[m * _PIECES]
+        for p in range(1, _PIECES):
+            least[m] = min(least[m], values[m * _PIECES + p])
+    return least
+
+
 def steering(seen: Scene, xp: ArrayModule) -> Array:
     """Return the turn of each manoeuvre at its beginning, 1 to the left at the greatest yaw rate,
     ``[..., 22]``.
@@ -257,13 +332,15 @@ def steering(seen: Scene, xp: ArrayModule) -> Array:
     return xp.concatenate([fixed, xp.stack([to_goal] * _TO_GOAL, axis=-1)], axis=-1)
 
 
-def steering_of_one(seen: Scene) -> np.ndarray:
+@scalar
+def turns_of_one(seen: Scene) -> np.ndarray:
     """Return :func:`steering` of one scene of plain floats."""
     turns = _SIGNS_OF_ALL.copy()
     turns[-_TO_GOAL:] = _turn_to_goal(seen, EXACT_FLOATS)
     return turns
 
 
+@scalar
 def _turn_to_goal(seen: Scene, xp: ArrayModule) -> Array:
     """Return the turn to the goal; one that takes less than a tenth of a unit of time (a time step)
     is as gentle.

@@ -9,8 +9,7 @@ From an intruder with a separation of its own the distance counts in that: its *
 its own separation. Places and velocities stay as they are; the inputs take the share.
 """
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ import numpy as np
 from envs.aircraft import Ratios, ratios
 from envs.angles import sincos
 from envs.arrays import Array, ArrayModule
-from envs.backend import FLOATS
+from envs.compiled import scalar
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance
@@ -118,50 +117,53 @@ def as_seen(around: Scene, xp: ArrayModule) -> Scene:
     )
 
 
+@scalar
 def _within_sight(x: Array, y: Array, xp: ArrayModule) -> tuple[Array, Array]:
     nearer = xp.minimum(1.0, FARTHEST / xp.maximum(distance(x, y, xp), 1e-6))
     return x * nearer, y * nearer
 
 
+@scalar
 def scene_of_one(
     own: VehicleState[Air],
-    intruders: Sequence[VehicleState[Air]],
+    intruders: VehicleState[Air],
     goal_x: float,
     goal_y: float,
     limits: Limits,
     separation: float,
+    xp: ArrayModule,
 ) -> Scene:
-    """Return the scene of plain floats in SI units, of intruders lists of those that exist."""
+    """Return the scene of plain floats in SI units, of intruders fields ``[K]`` of those that
+    exist, lists or arrays.
+    """
     length, speed = 1.0 / separation, 1.0 / limits.speed_max
-    sine, cosine = math.sin(own.heading), math.cos(own.heading)
-
-    def place_in_scene(x: float, y: float) -> tuple[float, float]:
-        ahead, left = _rotate((x - own.x) * length, (y - own.y) * length, cosine, sine)
-        nearer = min(1.0, FARTHEST / max(math.hypot(ahead, left), 1e-6))
-        return ahead * nearer, left * nearer
-
-    places = [place_in_scene(one.x, one.y) for one in intruders]
-    velocities = [
-        _rotate(
-            one.speed * speed * math.cos(one.heading),
-            one.speed * speed * math.sin(one.heading),
-            cosine,
-            sine,
-        )
-        for one in intruders
-    ]
-    goal = place_in_scene(goal_x, goal_y)
+    sine, cosine = sincos(own.heading, xp)
+    count = len(intruders.x)
+    x, y, vx, vy = xp.row(count), xp.row(count), xp.row(count), xp.row(count)
+    for k in range(count):
+        x[k], y[k] = _place_in_scene(own, intruders.x[k], intruders.y[k], sine, cosine, length, xp)
+        course_sine, course_cosine = sincos(intruders.heading[k], xp)
+        pace = intruders.speed[k] * speed
+        vx[k], vy[k] = _rotate(pace * course_cosine, pace * course_sine, cosine, sine)
+    ahead, left = _place_in_scene(own, goal_x, goal_y, sine, cosine, length, xp)
     return Scene(
-        own_speed=own.speed * speed,
-        goal_x=goal[0],
-        goal_y=goal[1],
-        x=[x for x, _ in places],
-        y=[y for _, y in places],
-        vx=[vx for vx, _ in velocities],
-        vy=[vy for _, vy in velocities],
-        mask=[True] * len(intruders),
-        ratios=ratios(limits, separation),
+        own.speed * speed, ahead, left, x, y, vx, vy, True, ratios(limits, separation), None
     )
+
+
+@scalar
+def _place_in_scene(
+    own: VehicleState[Air],
+    x: float,
+    y: float,
+    sine: float,
+    cosine: float,
+    length: float,
+    xp: ArrayModule,
+) -> tuple[float, float]:
+    """Return a place, m, as it is seen."""
+    ahead, left = _rotate((x - own.x) * length, (y - own.y) * length, cosine, sine)
+    return _within_sight(ahead, left, xp)
 
 
 OWN_NUMBERS = 7
@@ -255,17 +257,33 @@ def mirror(seen: Scene, xp: ArrayModule) -> tuple[Scene, Array]:
     return seen._replace(goal_y=seen.goal_y * sign, y=seen.y * each, vy=seen.vy * each), sign
 
 
-def mirror_one(seen: Scene) -> tuple[Scene, float]:
-    """Return :func:`mirror` of a scene of plain floats."""
-    share = [1.0] * len(seen.x) if seen.share is None else seen.share
-    intruders = zip(seen.x, seen.y, seen.vx, seen.vy, share, strict=True)
-    goal = seen.goal_x, seen.goal_y
-    total = sum(_towards(*one, seen.own_speed, goal, FLOATS) for one in intruders)
-    sign = math.copysign(1.0, total + 1e-20 * seen.goal_y)
-    if sign > 0.0:
-        return seen, sign
-    y, vy = [-y for y in seen.y], [-vy for vy in seen.vy]
-    return seen._replace(goal_y=-seen.goal_y, y=y, vy=vy), sign
+@scalar
+def mirror_one(seen: Scene, share: Array, xp: ArrayModule) -> tuple[Scene, float]:
+    """Return :func:`mirror` of a scene of plain floats, whose lists or arrays it overwrites; shares
+    ``[K]``.
+    """
+    goal, total = (seen.goal_x, seen.goal_y), 0.0
+    for k in range(len(seen.x)):
+        total += _towards(
+            seen.x[k], seen.y[k], seen.vx[k], seen.vy[k], share[k], seen.own_speed, goal, xp
+        )
+    sign = xp.copysign(1.0, total + 1e-20 * seen.goal_y)
+    for k in range(len(seen.x)):
+        seen.y[k] *= sign
+        seen.vy[k] *= sign
+    mirrored = Scene(
+        seen.own_speed,
+        seen.goal_x,
+        seen.goal_y * sign,
+        seen.x,
+        seen.y,
+        seen.vx,
+        seen.vy,
+        seen.mask,
+        seen.ratios,
+        seen.share,
+    )
+    return mirrored, sign
 
 
 # What is on the line to the goal, to rounding, counts as left: two aircraft that are exact images
@@ -273,6 +291,7 @@ def mirror_one(seen: Scene) -> tuple[Scene, float]:
 _TIE = 1e-9
 
 
+@scalar
 def _towards(
     x: Array,
     y: Array,
@@ -298,6 +317,7 @@ def _towards(
     return weight * ((goal_x * y - goal_y * x) / away + _TIE)
 
 
+@scalar
 def _rotate(x: Array, y: Array, cosine: Array, sine: Array) -> tuple[Array, Array]:
     """Return a vector in a frame turned to the left by an angle."""
     return x * cosine + y * sine, y * cosine - x * sine

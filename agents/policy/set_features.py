@@ -6,7 +6,7 @@ do not change with the order of the intruders, nor with absent ones. :data:`BUIL
 of the toolkit's own; :func:`table` adds the user's (:mod:`agents.policy.inputs`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from agents.policy.scene import NOWHERE, Scene, mirror
 from commands.command import InputError
 from envs.arrays import Array, ArrayModule
 from envs.backend import FLOATS
+from envs.compiled import scalar
 from envs.relative import distance
 
 SEPARATION_UNIT = 0.03
@@ -135,7 +136,7 @@ def _ownship(seen: Scene, xp: ArrayModule) -> Array:
     # Manoeuvres along the last axis: there numpy adds up a row in the same order whatever the
     # number of rows.
     separation = xp.stack(list(candidate_manoeuvres.min_separation(seen, xp)), axis=-1)
-    margin = _margin(separation, xp)  # [..., 22]
+    margin = margin_of(separation, xp)  # [..., 22]
     own = own_part(seen, xp.zeros_like(seen.own_speed), xp)
     best = _best(margin, candidate_manoeuvres.steering(seen, xp), xp)
     return xp.concatenate([xp.stack([*own, *best], axis=-1), margin], axis=-1)
@@ -143,8 +144,7 @@ def _ownship(seen: Scene, xp: ArrayModule) -> Array:
 
 def _intruder(seen: Scene, xp: ArrayModule) -> Array:
     """Return the toolkit's inputs of intruders for mirrored scenes, ``[..., K, 16]``."""
-    to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
-    cosine, sine = seen.goal_x / to_goal, seen.goal_y / to_goal
+    cosine, sine = course_to_goal(seen, xp)
     each = each_part(
         seen.x,
         seen.y,
@@ -213,23 +213,20 @@ BUILT_IN = (
 
 
 def set_inputs_of_one(
-    seen: Scene, separation: np.ndarray, inputs: InputTable
+    seen: Scene, share: Sequence[float], separation: np.ndarray, inputs: InputTable
 ) -> tuple[list[float], list[list[float]]]:
     """Return the inputs for one mirrored scene of plain floats: for the ownship, and a list for
-    each intruder present.
+    each intruder present, whose shares are ``[K]``.
 
-    The scalar twin of :func:`set_inputs`, for the planner's flights step by step. ``separation`` is
-    what :func:`agents.policy.candidate_manoeuvres.min_separation` gives of the scene, ``[22]``. The
-    user's own inputs have no twin: they are computed on arrays of one scene.
+    ``separation`` is what :func:`agents.policy.candidate_manoeuvres.min_separation` gives of the
+    scene, ``[22]``. The user's own inputs are computed on arrays of one scene.
     """
-    margin = _margin(separation, np)
-    best = _best(margin, candidate_manoeuvres.steering_of_one(seen), np)
+    margin = margin_of(separation, np)
+    best = _best(margin, candidate_manoeuvres.turns_of_one(seen), np)
     own = [*own_part(seen, 0.0, FLOATS), *map(float, best), *margin.tolist()]
-    to_goal = distance(seen.goal_x, seen.goal_y, FLOATS) + 1e-6
-    course = seen.goal_x / to_goal, seen.goal_y / to_goal
-    share = [None] * len(seen.x) if seen.share is None else seen.share
+    course = course_to_goal(seen, FLOATS)
     intruders = zip(seen.x, seen.y, seen.vx, seen.vy, share, strict=True)
-    each = [each_part(*one, seen.own_speed, course, FLOATS) for one in intruders]
+    each = [list(each_part(*one, seen.own_speed, course, FLOATS)) for one in intruders]
     if inputs is not TABLE:
         batch = batch_of_one(seen)
         for row in inputs.extra:
@@ -245,6 +242,7 @@ def batch_of_one(seen: Scene) -> Scene:
     """Return a scene of plain floats as one of arrays ``[1]`` and ``[1, K]``, with one absent
     intruder where there is none.
     """
+    seen = seen._replace(mask=[True] * len(seen.x))
     if not seen.x:
         seen = seen._replace(x=[NOWHERE], y=[0.0], vx=[0.0], vy=[0.0], mask=[False], share=None)
     return Scene(
@@ -261,7 +259,8 @@ def batch_of_one(seen: Scene) -> Scene:
     )
 
 
-def own_part(seen: Scene, zero: Array, xp: ArrayModule) -> list[Array]:
+@scalar
+def own_part(seen: Scene, zero: Array, xp: ArrayModule) -> tuple[Array, ...]:
     """Return what describes the ownship, its goal and its limits, 12 times ``[...]``; ``zero`` has
     that shape.
     """
@@ -269,24 +268,32 @@ def own_part(seen: Scene, zero: Array, xp: ArrayModule) -> list[Array]:
     speed, ratios = seen.own_speed, seen.ratios
     radius = speed * ratios.turn_radius
     # Of the turning circles.
-    outside = [
-        distance(seen.goal_x, seen.goal_y - side * radius, xp) - radius for side in (1.0, -1.0)
-    ]
-    return [
+    outside_left = distance(seen.goal_x, seen.goal_y - radius, xp) - radius
+    outside_right = distance(seen.goal_x, seen.goal_y + radius, xp) - radius
+    return (
         (2.0 * speed - 1.0 - ratios.speed_min) / (1.0 - ratios.speed_min),
         speed,
         seen.goal_x / to_goal,
         seen.goal_y / to_goal,
         to_goal * 0.1 - 1.0,
         soft(to_goal, xp),
-        *(soft(2.0 * each, xp) for each in outside),
+        soft(2.0 * outside_left, xp),
+        soft(2.0 * outside_right, xp),
         zero + 4.0 * (ratios.speed_min - 0.5),
         zero + soft(10.0 * ratios.acceleration_min, xp),
         zero + soft(10.0 * ratios.acceleration_max, xp),
         zero + soft(ratios.turn_radius, xp),
-    ]
+    )
 
 
+@scalar
+def course_to_goal(seen: Scene, xp: ArrayModule) -> tuple[Array, Array]:
+    """Return the cosine and sine of the goal's direction, ``[...]`` each."""
+    to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
+    return seen.goal_x / to_goal, seen.goal_y / to_goal
+
+
+@scalar
 def each_part(
     x: Array,
     y: Array,
@@ -296,7 +303,7 @@ def each_part(
     pace: Array,
     course: tuple[Array, Array],
     xp: ArrayModule,
-) -> list[Array]:
+) -> tuple[Array, ...]:
     """Return what describes an intruder, 16 times ``[..., K]``, beside own speed and the cosine and
     sine of the goal's direction.
 
@@ -305,7 +312,7 @@ def each_part(
     away = distance(x, y, xp) + 1e-6
     relative, (cosine, sine) = vx - pace, course
     counted, units = (away, _UNITS) if share is None else (away * share, _in_shares(share))
-    return [
+    flown = (
         x / away,
         y / away,
         xp.minimum(counted * 0.1 - 1.0, 1.0),
@@ -314,12 +321,13 @@ def each_part(
         vy,
         relative,
         (x * relative + y * vy) / away,
-        *passing(x, y, relative, vy, units, xp),
-        # The same for the course that leads straight to the goal: is it time to turn back?
-        *passing(x, y, vx - pace * cosine, vy - pace * sine, units, xp),
-    ]
+    )
+    # The same for the course that leads straight to the goal: is it time to turn back?
+    home_x, home_y = vx - pace * cosine, vy - pace * sine
+    return flown + passing(x, y, relative, vy, units, xp) + passing(x, y, home_x, home_y, units, xp)
 
 
+@scalar
 def _in_shares(share: Array) -> PassingUnits:
     """Return the units of :func:`passing` for an intruder with a separation of its own."""
     # Not by _replace, which takes three times as long: it is asked at every step of a flight.
@@ -327,7 +335,8 @@ def _in_shares(share: Array) -> PassingUnits:
     return PassingUnits(slow, horizon, per_time, per_length * share, per_far * share, floor)
 
 
-def _margin(separation: Array, xp: ArrayModule) -> Array:
+@scalar
+def margin_of(separation: Array, xp: ArrayModule) -> Array:
     """Return how far manoeuvres stay beyond the required separation, squashed."""
     return soft((separation - 1.0) * (1.0 / SEPARATION_UNIT), xp)
 
@@ -347,6 +356,7 @@ def _best(margin: Array, steering: Array, xp: ArrayModule) -> tuple[Array, Array
     return most, (share * throttles).sum(axis=-1) / whole, (share * steering).sum(axis=-1) / whole
 
 
+@scalar
 def passing(
     x: Array, y: Array, vx: Array, vy: Array, units: PassingUnits, xp: ArrayModule
 ) -> tuple[Array, Array, Array, Array]:
@@ -374,6 +384,7 @@ def passing(
     )
 
 
+@scalar
 def soft(value: Array, xp: ArrayModule) -> Array:
     """Return a value squashed to (-1, 1)."""
     return value / (1.0 + xp.abs(value))

@@ -18,6 +18,7 @@ from agents.policy.set_features import InputTable, SetInputs, set_inputs, set_in
 from envs.aircraft import Aircraft, ratios
 from envs.angles import atan2
 from envs.arrays import Array, ArrayModule
+from envs.backend import FLOATS
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.observation import decode
@@ -120,9 +121,12 @@ class SetNetwork:
         1 or -1.
         """
         limits, separation = self._aircraft.limits, self._aircraft.separation
-        found = scene_of_one(own, intruders, goal_x, goal_y, limits, separation)
-        seen, sign = mirror_one(found._replace(share=share))
-        return *set_inputs_of_one(seen, self._min_separation(seen), self._inputs), sign
+        shares = [1.0] * len(intruders) if share is None else share
+        fields: VehicleState[Air] = VehicleState(*_transposed(intruders))
+        found = scene_of_one(own, fields, goal_x, goal_y, limits, separation, FLOATS)
+        seen, sign = mirror_one(found._replace(share=share), shares, FLOATS)
+        separations = self._min_separation(seen)
+        return *set_inputs_of_one(seen, shares, separations, self._inputs), sign
 
     def _of_scenes(self, seen: Scene) -> np.ndarray:
         """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders."""
@@ -140,6 +144,11 @@ class SetNetwork:
             for at in blocks
         )
         return np.concatenate([self._of_scenes(part) for part in parts])
+
+
+def _transposed(states: Sequence[VehicleState[Air]]) -> Sequence[Sequence[float]]:
+    """Return the fields of states, a sequence each."""
+    return list(zip(*states, strict=True)) or [()] * len(VehicleState._fields)
 
 
 def _min_separation(aircraft: Aircraft) -> MinSeparationOfOne:

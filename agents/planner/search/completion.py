@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, end_speed, turn_onto
+from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, end_speed, turn_exactly_onto
 from agents.planner.request.options import Narrowed, Options, task_of
 from agents.planner.request.request import Request, drift_points, latest_end
 from agents.planner.search.rollout import Rollout
@@ -197,7 +197,7 @@ def _legs_to(onward: _Onward, when: Array, task: DirectTask) -> _Legs:
     """Return the legs to where the points are at some times, s."""
     begin, began, direct = onward.begin, onward.began, onward.direct
     x, y = drift_points(onward.place, onward.drift, when)
-    turn = turn_onto(begin, (x, y), begin.speed / task.turn_rate, np, exact=True)
+    turn = turn_exactly_onto(begin, (x, y), begin.speed / task.turn_rate)
     arc = np.where(turn.possible, turn.side * turn.angle, 0.0)
     turned = began + np.abs(arc) / task.turn_rate
     legs = _Legs(

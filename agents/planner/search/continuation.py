@@ -10,11 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.traffic import Traffic, predict, uncertainty
-from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, arrival, direct
+from agents.kernel.traffic import Traffic, predict, uncertainty, uncertainty_of_one
+from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, arc_end_of_one, arrival, direct
 from agents.planner.request.options import Narrowed, Options, task_of
 from agents.planner.request.request import Request
 from envs.arrays import Array
+from envs.backend import FLOATS
+from envs.compiled import scalar
 from envs.frames import Air
 from envs.kinematics import VehicleState, velocity
 from envs.trees import column, map_leaves, scatter, take
@@ -181,6 +183,119 @@ class RouteBeyond(NamedTuple):
             first=first,
             last=np.minimum(first + legs.length / pace, end[:, None]),
         )
+
+
+class RouteBeyondOfOne(NamedTuple):
+    """The route of one request beyond its goal, as compiled code takes it, and the intruders that
+    exist; fields ``[K]`` of those, or empty.
+    """
+
+    legs: _RouteLegs  # [L]
+    next_x: float
+    next_y: float
+    points: Array  # [P]
+    straight: VehicleState[Air]
+    position_std: Array
+    velocity_std: Array
+    age: Array
+    begin: Array  # of the windows; empty: all count always
+    end: Array
+    sigmas: float
+    until: float
+
+
+def of_one(beyond: RouteBeyond, row: int) -> RouteBeyondOfOne:
+    """Return the route of the request numbered ``row``."""
+    traffic = take(beyond.traffic, row)
+    there, window, none = traffic.mask, traffic.window, np.zeros(0)
+    return RouteBeyondOfOne(
+        legs=take(beyond.legs, row),
+        next_x=float(beyond.next_x[row]),
+        next_y=float(beyond.next_y[row]),
+        points=beyond.points[row],
+        straight=take(take(beyond.straight, row), there),
+        position_std=traffic.position_std[there],
+        velocity_std=traffic.velocity_std[there],
+        age=traffic.age[there],
+        begin=none if window is None else window.begin[there],
+        end=none if window is None else window.end[there],
+        sigmas=float(beyond.sigmas),
+        until=float(beyond.until),
+    )
+
+
+@scalar
+def clear_beyond(
+    own: VehicleState[Air],
+    goal: tuple[float, float],
+    required: Array,
+    time: float,
+    beyond: RouteBeyondOfOne,
+    task: DirectTask,
+) -> bool:
+    """Return :meth:`RouteBeyond.clear` of one state in plain floats; ``required`` is ``[K]``."""
+    at_goal, course, speed = arrival(own, goal, time, task, FLOATS)
+    there = VehicleState(goal[0], goal[1], course, speed)
+    way = direct(there, (beyond.next_x, beyond.next_y), at_goal, task, FLOATS)
+    x, y = arc_end_of_one(there, way.side * way.turn, speed * way.turning)
+    turned, turning = at_goal + way.turning, max(way.turning, 1e-9)
+    chord = (x - there.x) / turning, (y - there.y) / turning
+    if not _line_clear((there.x, there.y), chord, at_goal, turned, required, beyond):
+        return False
+    at_next = turned + (way.straight + task.radius) / speed
+    velocity = speed * math.cos(way.course), speed * math.sin(way.course)
+    if not _line_clear((x, y), velocity, turned, at_next, required, beyond):
+        return False
+    end = math.inf
+    for length in beyond.points:
+        reached = at_next + length / speed
+        if beyond.until <= reached < end:
+            end = reached
+    legs = beyond.legs
+    for number in range(len(legs.x)):
+        first = at_next + legs.begin[number] / speed
+        last = min(first + legs.length[number] / speed, end)
+        velocity = speed * math.cos(legs.course[number]), speed * math.sin(legs.course[number])
+        begin = legs.x[number], legs.y[number]
+        if not _line_clear(begin, velocity, first, last, required, beyond):
+            return False
+    return True
+
+
+@scalar
+def _line_clear(
+    place: tuple[float, float],
+    velocity: tuple[float, float],
+    begin: float,
+    end: float,
+    required: Array,
+    beyond: RouteBeyondOfOne,
+) -> bool:
+    """Return whether the flight along a line, from a time to another, keeps clear of all."""
+    if not end > begin:
+        return True
+    for k in range(len(required)):
+        first, last = begin, end
+        if len(beyond.begin) > 0:
+            first, last = max(first, beyond.begin[k]), min(last, beyond.end[k])
+            if not last > first:
+                continue
+        speed, heading = beyond.straight.speed[k], beyond.straight.heading[k]
+        vx, vy = speed * math.cos(heading), speed * math.sin(heading)
+        x = beyond.straight.x[k] + vx * begin - place[0]
+        y = beyond.straight.y[k] + vy * begin - place[1]
+        vx, vy = vx - velocity[0], vy - velocity[1]
+        nearest = -(x * vx + y * vy) / max(vx * vx + vy * vy, 1e-9)
+        nearest = min(max(nearest, first - begin), last - begin)
+        x, y = x + vx * nearest, y + vy * nearest
+        needed = required[k]
+        if beyond.velocity_std[k] > 0.0:
+            std = beyond.position_std[k], beyond.velocity_std[k], beyond.age[k]
+            grown = uncertainty_of_one(std[0], std[1], std[2], last)
+            needed += beyond.sigmas * (grown - uncertainty_of_one(std[0], std[1], std[2], 0.0))
+        if x * x + y * y < needed * abs(needed):
+            return False
+    return True
 
 
 class _Lines(NamedTuple):

@@ -1,0 +1,155 @@
+"""A decision of the policy for one aircraft, in plain floats and loops: what is compiled
+(:mod:`envs.compiled`) for the planner's flights, in which one decision follows from the other.
+
+Without numba :meth:`agents.policy.set_network.SetNetwork.of_one` gives the same, by numpy.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.policy.candidate_manoeuvres import (
+    COUNT,
+    THROTTLES,
+    min_separations_of_one,
+    turns_of_one,
+)
+from agents.policy.scene import mirror_one, scene_of_one
+from agents.policy.set_features import ALIKE, course_to_goal, each_part, margin_of, own_part
+from envs.arrays import Array
+from envs.backend import FLOATS
+from envs.compiled import scalar
+from envs.frames import Air
+from envs.kinematics import Limits, VehicleState
+
+
+class FlatLayers(NamedTuple):
+    """Layers of a network, one after the other in one array, so that all networks are of one type
+    for the compiler.
+    """
+
+    sizes: np.ndarray  # numbers that go into the first layer, and come out of each, [L + 1]
+    values: np.ndarray  # of each layer the kernel, row by row, and the bias
+
+
+class Decider(NamedTuple):
+    """A policy for an aircraft, as compiled code takes it."""
+
+    limits: Limits  # of the aircraft
+    separation: float  # m
+    fixed: np.ndarray  # as of :func:`agents.policy.candidate_manoeuvres.min_separations_of_one`
+    acceleration: np.ndarray
+    encoder: FlatLayers  # of each intruder
+    trunk: FlatLayers
+
+
+def flat(layers: list[tuple[np.ndarray, np.ndarray]]) -> FlatLayers:
+    """Return layers, a kernel ``[in, out]`` and a bias ``[out]`` each, in one array."""
+    sizes = [len(layers[0][0]), *(len(bias) for _, bias in layers)]
+    values = [part.ravel() for layer in layers for part in layer]
+    return FlatLayers(np.array(sizes), np.concatenate(values))
+
+
+@scalar
+def decide(
+    own: VehicleState[Air],
+    intruders: VehicleState[Air],
+    share: np.ndarray,
+    goal_x: float,
+    goal_y: float,
+    decider: Decider,
+) -> tuple[float, float]:
+    """Return throttle and steering, not clipped.
+
+    Args:
+        own: state, floats in SI units.
+        intruders: states of those that are looked at, arrays ``[K]``.
+        share: of each, ``[K]``; 1: it has the aircraft's separation.
+        goal_x: m.
+        goal_y: m.
+        decider: the policy.
+    """
+    unmirrored = scene_of_one(
+        own, intruders, goal_x, goal_y, decider.limits, decider.separation, FLOATS
+    )
+    seen, sign = mirror_one(unmirrored, share, FLOATS)
+    separation = min_separations_of_one(seen, share, decider.fixed, decider.acceleration)
+    margin, best = _margins(separation, turns_of_one(seen))
+    encoded = decider.encoder.sizes[-1]
+    inputs = np.empty(decider.trunk.sizes[0], decider.trunk.values.dtype)
+    own_size = inputs.size - encoded
+    _write(inputs, 0, own_part(seen, 0.0, FLOATS))
+    _write(inputs, own_size - COUNT - 3, best)
+    inputs[own_size - COUNT : own_size] = margin
+    inputs[own_size:] = -1.0
+    course = course_to_goal(seen, FLOATS)
+    of_intruder = np.empty(decider.encoder.sizes[0], decider.encoder.values.dtype)
+    for k in range(len(seen.x)):
+        numbers = each_part(
+            seen.x[k],
+            seen.y[k],
+            seen.vx[k],
+            seen.vy[k],
+            share[k],
+            seen.own_speed,
+            course,
+            FLOATS,
+        )
+        _write(of_intruder, 0, numbers)
+        code = through(of_intruder, decider.encoder, True)
+        for i in range(encoded):
+            inputs[own_size + i] = max(inputs[own_size + i], code[i])
+    action = through(inputs, decider.trunk, False)
+    return float(action[0]), float(action[1]) * sign
+
+
+@scalar
+def _write(into: np.ndarray, first: int, numbers: tuple[float, ...]) -> None:
+    """Write numbers into an array from a place on."""
+    for i in range(len(numbers)):
+        into[first + i] = numbers[i]
+
+
+@scalar
+def _margins(
+    separation: np.ndarray, turns: np.ndarray
+) -> tuple[np.ndarray, tuple[float, float, float]]:
+    """Return how far manoeuvres stay beyond the required separation, squashed, ``[22]``, and the
+    margin, throttle and turn of the best, as :mod:`agents.policy.set_features` defines it.
+    """
+    margin = np.empty(COUNT)
+    for m in range(COUNT):
+        margin[m] = margin_of(separation[m], FLOATS)
+    most, whole, throttle, turn = margin.max(), 0.0, 0.0, 0.0
+    for m in range(COUNT):
+        behind = (most - margin[m]) * (1.0 / ALIKE)
+        share = 1.0 / (1.0 + behind * behind)
+        whole += share
+        throttle += share * THROTTLES[m]
+        turn += share * turns[m]
+    return margin, (most, throttle / whole, turn / whole)
+
+
+@scalar
+def through(numbers: np.ndarray, layers: FlatLayers, last_too: bool) -> Array:
+    """Return the output of layers with tanh between them, and after the last if asked."""
+    at, count = 0, len(layers.sizes) - 1
+    for number in range(count):
+        # Slices from 0 on and loops over columns: vector instructions without a change of order.
+        out = layers.sizes[number + 1]
+        after = np.zeros(out, numbers.dtype)
+        for i in range(layers.sizes[number]):
+            row, factor = layers.values[at : at + out], numbers[i]
+            for j in range(out):
+                after[j] += factor * row[j]
+            at += out
+        bias = layers.values[at : at + out]
+        at += out
+        for j in range(out):
+            after[j] += bias[j]
+        if last_too or number < count - 1:
+            for j in range(out):
+                after[j] = math.tanh(after[j])
+        numbers = after
+    return numbers

@@ -1,0 +1,221 @@
+"""Scalar code compiled by numba, where it is installed (extra ``fast``): the one module that
+imports it.
+
+A *scalar* function computes with plain floats and loops and is marked by :func:`scalar`: compiled
+code may call it, and in Python it stays what it is. Functions over an ``xp`` are scalar where they
+are called with :data:`~envs.backend.FLOATS`, so that one source serves arrays, floats and compiled
+code. An :class:`Entry` is a scalar function that Python calls compiled. There are few: a call costs
+some microseconds, a signature some seconds to compile.
+
+Nothing is compiled in flight. :func:`prepare` compiles all entries, or loads them from a folder of
+the user's cache that is named by a digest of the sources, numba, numpy and the processor; from then
+on arguments of other types are refused (TypeError). Before that, and without numba, entries are not
+:attr:`~Entry.ready`, and callers take the interpreted way.
+"""
+
+import hashlib
+import importlib.util
+import inspect
+import math
+import os
+import platform
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from envs.backend import EXACT_FLOATS, FLOATS
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+Arguments = tuple[Any, ...]
+
+_SOURCES = ("envs", "agents")  # folders beside each other that hold what is compiled
+# Each with what is compiled where the last argument is FLOATS, and where it is not.
+_SCALARS: list[tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]] = []
+_ENTRIES: list["Entry"] = []
+
+
+def scalar(function: Function) -> Function:
+    """Mark a function that compiled code may call."""
+    _SCALARS.append((function, function, function))
+    return function
+
+
+def scalar_as(
+    of_floats: Callable[..., Any], otherwise: Callable[..., Any]
+) -> Callable[[Function], Function]:
+    """Mark a function that chooses by its last argument, ``xp``: compiled code calls the first of
+    the given ones, of the same arguments, where that is :data:`~envs.backend.FLOATS`, and the
+    second where it is not.
+    """
+
+    def mark(function: Function) -> Function:
+        _SCALARS.append((function, of_floats, otherwise))
+        return function
+
+    return mark
+
+
+class Entry:
+    """A scalar function that Python calls compiled.
+
+    Args:
+        function: that is compiled.
+        examples: gives a list of arguments for each signature. Arrays are contiguous in them and in
+            every call.
+    """
+
+    def __init__(
+        self, function: Callable[..., Any], examples: Callable[[], list[Arguments]]
+    ) -> None:
+        self.function, self._examples = function, examples
+        self._compiled: Any = None
+        _ENTRIES.append(self)
+
+    @property
+    def ready(self) -> bool:
+        """Whether it is compiled."""
+        return self._compiled is not None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call it compiled."""
+        return self._compiled(*arguments)
+
+    def _compile(self, numba: Any, *, cache: bool) -> None:
+        """Compile each signature, or load it, and refuse all others from now on."""
+        compiled = numba.njit(self.function, cache=cache)
+        for arguments in self._examples():
+            compiled.compile(tuple(map(numba.typeof, arguments)))
+        compiled.disable_compile()
+        self._compiled = compiled
+
+
+def installed() -> bool:
+    """Return whether numba is installed."""
+    return importlib.util.find_spec("numba") is not None
+
+
+def prepare() -> bool:
+    """Compile all entries, or load them from the cache; return whether numba is there to do it.
+
+    The first time that takes about a minute, later about a second.
+    """
+    if not installed():
+        return False
+    waiting = [entry for entry in _ENTRIES if not entry.ready]
+    if waiting:
+        import numba
+
+        _teach()
+        folder = cache_folder()
+        numba.config.CACHE_DIR = "" if folder is None else str(folder)
+        for entry in waiting:
+            entry._compile(numba, cache=folder is not None)
+    return True
+
+
+def forget() -> None:
+    """Take the interpreted way, until :func:`prepare` is called again."""
+    for entry in _ENTRIES:
+        entry._compiled = None
+
+
+def cache_folder() -> Path | None:
+    """Return the folder that compiled code is kept in; None: none can be written, and every process
+    compiles anew.
+    """
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    folder = root / "rlcas-toolkit" / "compiled" / _digest()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError:
+        return None
+
+
+def _digest() -> str:
+    """Return a digest of all that compiled code depends on. numba itself would not see that a
+    function has changed which another file calls.
+    """
+    import llvmlite.binding as llvm
+    import numba
+
+    sums, root = hashlib.sha256(), Path(__file__).resolve().parents[1]
+    for package in _SOURCES:
+        for path in sorted((root / package).rglob("*.py")):
+            sums.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    processor = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+    versions = numba.__version__, np.__version__, platform.python_version()
+    sums.update(repr((processor, versions)).encode())
+    return sums.hexdigest()[:16]
+
+
+_taught = 0  # scalar functions that numba knows
+
+
+def _teach() -> None:
+    """Let compiled code call the scalar functions, and the functions of the floats' namespaces."""
+    global _taught  # noqa: PLW0603
+    from numba import extending, types
+    from numba.core.imputils import lower_constant
+
+    if _taught == 0:
+        of_floats = _new_namespace("Floats", FLOATS, extending, types, lower_constant)
+        _new_namespace("ExactFloats", EXACT_FLOATS, extending, types, lower_constant)
+        _taught_floats.append(of_floats)
+    for function, of_floats, otherwise in _SCALARS[_taught:]:
+        extending.overload(function, strict=False)(_chooser(of_floats, otherwise))
+    _taught = len(_SCALARS)
+
+
+_taught_floats: list[Any] = []  # the type of FLOATS
+
+
+def _chooser(of_floats: Callable[..., Any], otherwise: Callable[..., Any]) -> Callable[..., Any]:
+    def choose(*arguments: Any, **named: Any) -> Callable[..., Any]:
+        given = [*arguments, *named.values()]
+        return of_floats if given and given[-1] is _taught_floats[0] else otherwise
+
+    return choose
+
+
+def _always(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return what chooses a function for all types; numba wants the function's own signature."""
+
+    def choose(*_arguments: Any) -> Callable[..., Any]:
+        return function
+
+    vars(choose)["__signature__"] = inspect.signature(function)
+    return choose
+
+
+def _new_namespace(name: str, namespace: Any, extending: Any, types: Any, constant: Any) -> Any:
+    """Make a type of a namespace of floats, whose functions are those of its own, compiled."""
+    kind = type(name, (types.Opaque,), {"__init__": lambda self: types.Opaque.__init__(self, name)})
+    of_floats = kind()
+    extending.register_model(kind)(extending.models.OpaqueModel)
+    extending.typeof_impl.register(type(namespace))(lambda _value, _context: of_floats)
+    constant(kind)(lambda context, _builder, _type, _value: context.get_dummy_value())
+    for each, function in _FUNCTIONS.items():
+        extending.overload_method(kind, each)(_always(function))
+    return of_floats
+
+
+# The functions of a namespace, after the namespace itself.
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "row": lambda xp, count: np.zeros(count),
+    "sqrt": lambda xp, value: math.sqrt(value),
+    "floor": lambda xp, value: math.floor(value),
+    "abs": lambda xp, value: abs(value),
+    "copysign": lambda xp, value, sign: math.copysign(value, sign),
+    "minimum": lambda xp, one, other: min(one, other),
+    "maximum": lambda xp, one, other: max(one, other),
+    "logical_and": lambda xp, one, other: one and other,
+    "logical_or": lambda xp, one, other: one or other,
+    "logical_not": lambda xp, value: not value,
+    "where": lambda xp, condition, yes, no: yes if condition else no,
+    "clip": lambda xp, value, low, high: low if value < low else high if value > high else value,
+}
