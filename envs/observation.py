@@ -188,7 +188,6 @@ def decode(observation: Sequence[Array], aircraft: Aircraft, xp: ArrayModule) ->
     )
 
 
-@scalar
 def criticality(
     own: VehicleState[F], intruders: VehicleState[F], aircraft: Aircraft, xp: ArrayModule
 ) -> Array:
@@ -204,9 +203,19 @@ def criticality(
 
     Ownship and aircraft are ``[..., 1]``, the intruders ``[..., K]``.
     """
-    return rank_motion(
-        relative_motion(own, intruders, xp), aircraft.separation, aircraft.time_unit, xp
-    )
+    return criticality_of(own, intruders, aircraft.separation, aircraft.time_unit, xp)
+
+
+@scalar
+def criticality_of(
+    own: VehicleState[F],
+    intruders: VehicleState[F],
+    separation: Array,
+    time_unit: Array,
+    xp: ArrayModule,
+) -> Array:
+    """Return :func:`criticality` for an aircraft's separation, m, and time unit, s."""
+    return rank_motion(relative_motion(own, intruders, xp), separation, time_unit, xp)
 
 
 @scalar

@@ -12,16 +12,21 @@ import numpy as np
 from agents.policy.candidate_manoeuvres import (
     COUNT,
     THROTTLES,
+    MinSeparationOfOne,
     min_separations_of_one,
     turns_of_one,
 )
 from agents.policy.scene import mirror_one, scene_of_one
 from agents.policy.set_features import ALIKE, course_to_goal, each_part, margin_of, own_part
+from envs.aircraft import ratios
 from envs.arrays import Array
 from envs.backend import FLOATS
-from envs.compiled import scalar
+from envs.compiled import Entry, scalar
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
+
+Layers = list[tuple[np.ndarray, np.ndarray]]
+"""Kernel ``[in, out]`` and bias ``[out]`` of each."""
 
 
 class FlatLayers(NamedTuple):
@@ -44,11 +49,35 @@ class Decider(NamedTuple):
     trunk: FlatLayers
 
 
-def flat(layers: list[tuple[np.ndarray, np.ndarray]]) -> FlatLayers:
-    """Return layers, a kernel ``[in, out]`` and a bias ``[out]`` each, in one array."""
+def _flat(layers: Layers) -> FlatLayers:
     sizes = [len(layers[0][0]), *(len(bias) for _, bias in layers)]
     values = [part.ravel() for layer in layers for part in layer]
     return FlatLayers(np.array(sizes), np.concatenate(values))
+
+
+def decider(
+    limits: Limits,
+    separation: float,
+    min_separation: MinSeparationOfOne,
+    encoder: Layers,
+    trunk: Layers,
+) -> Decider:
+    """Return a policy for an aircraft of some limits and separation, m."""
+    return Decider(
+        Limits(*map(float, limits)),
+        float(separation),
+        min_separation.fixed,
+        min_separation.acceleration,
+        _flat(encoder),
+        _flat(trunk),
+    )
+
+
+def example() -> Decider:
+    """Return a policy of the types that compiled code takes: a network in float32."""
+    layers = [(np.zeros((1, 1), np.float32), np.zeros(1, np.float32))]
+    limits = Limits(1.0, 2.0, -1.0, 1.0, 1.0)
+    return decider(limits, 1.0, MinSeparationOfOne(ratios(limits, 1.0)), layers, layers)
 
 
 @scalar
@@ -153,3 +182,14 @@ def through(numbers: np.ndarray, layers: FlatLayers, last_too: bool) -> Array:
                 after[j] = math.tanh(after[j])
         numbers = after
     return numbers
+
+
+def _examples() -> list[tuple[object, ...]]:
+    zero = np.zeros(1)
+    own: VehicleState[Air] = VehicleState(0.0, 0.0, 0.0, 1.0)
+    intruders: VehicleState[Air] = VehicleState(zero, zero, zero, zero)
+    return [(own, intruders, zero, 0.0, 0.0, example())]
+
+
+DECIDE = Entry(decide, _examples)
+"""Compiled :func:`decide`."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from agents.policy import novelty
+from agents.policy.decision import Decider
 from agents.policy.domain import Departure, OutsideDomainError, domain, unlike
 from agents.policy.eight_network import EightNetwork
 from agents.policy.file import PolicyFile, PolicyFileError, parse, read
@@ -39,7 +40,7 @@ TOLERANCE = 1e-5
 
 _SHIPPED = "data/policy.safetensors"
 _BOUND = 1.0 + TOLERANCE
-_NOT_FINITE = (
+NOT_FINITE = (
     "the policy gives an action that is not finite; expected finite states and bounded weights"
 )
 
@@ -136,6 +137,13 @@ class Policy:
         aircraft.
         """
         return domain(self._content, self.aircraft)
+
+    @property
+    def decider(self) -> Decider | None:
+        """This policy as compiled code takes it; None: it decides interpreted, because it has
+        inputs of the user's own, is in float64, or is of schema 1.
+        """
+        return self._resolver.decider if isinstance(self._resolver, SetNetwork) else None
 
     def check_intruders(self, count: int) -> None:
         """Raise an OutsideDomainError for more intruders than in training, unless
@@ -286,7 +294,7 @@ class Policy:
             intruders, share = self._most_critical(own, intruders, share)
         throttle, steering = self._resolver.of_one(own, intruders, goal_x, goal_y, share)
         if not (isfinite(throttle) and isfinite(steering)):
-            raise ValueError(_NOT_FINITE)
+            raise ValueError(NOT_FINITE)
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
 
     def _most_critical(
@@ -375,7 +383,7 @@ def _shape(name: str, values: Array, shape: tuple[int, ...]) -> np.ndarray:
 
 def _clip(actions: np.ndarray) -> np.ndarray:
     if not np.isfinite(actions).all():
-        raise ValueError(_NOT_FINITE)
+        raise ValueError(NOT_FINITE)
     return np.clip(actions, -1.0, 1.0)
 
 

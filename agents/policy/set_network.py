@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from agents.policy.candidate_manoeuvres import MinSeparationOfOne
+from agents.policy.decision import DECIDE, Decider, Layers, decider
 from agents.policy.file import PolicyFile
 from agents.policy.scene import Scene, mirror_one, scene, scene_of_one, unpack_rows
 from agents.policy.set_features import InputTable, SetInputs, set_inputs, set_inputs_of_one
@@ -24,9 +25,6 @@ from envs.kinematics import VehicleState
 from envs.observation import decode
 from envs.relative import distance
 from envs.trees import map_leaves
-
-Layers = list[tuple[np.ndarray, np.ndarray]]
-"""Kernel ``[in, out]`` and bias ``[out]`` of each."""
 
 _SCENES = 256  # at a time, whose numbers stay in cache; changes no bit
 
@@ -43,11 +41,22 @@ class SetNetwork:
         self._encoder = content.layers("each", dtype)
         self._trunk = content.layers("hidden", dtype) + content.layers("head", dtype)
         self._min_separation = _min_separation(self._aircraft)
+        self.decider = self._new_decider()
+
+    def _new_decider(self) -> Decider | None:
+        """Return this network as compiled code takes it; None: it has inputs of the user's own, or
+        is in float64.
+        """
+        if self._inputs.extra or self._dtype != np.float32:
+            return None
+        limits, separation = self._aircraft.limits, self._aircraft.separation
+        return decider(limits, separation, self._min_separation, self._encoder, self._trunk)
 
     def for_aircraft(self, aircraft: Aircraft) -> "SetNetwork":
         """Return the network for states of another aircraft."""
         other = copy(self)
         other._aircraft, other._min_separation = aircraft, _min_separation(aircraft)
+        other.decider = other._new_decider()
         return other
 
     def of_parity(self, rows: np.ndarray) -> np.ndarray:
@@ -94,6 +103,12 @@ class SetNetwork:
         share: Sequence[float] | None = None,
     ) -> tuple[float, float]:
         """Return the action of one aircraft in plain floats."""
+        if self.decider is not None and DECIDE.ready:
+            states = np.array(intruders, dtype=float).reshape(-1, len(VehicleState._fields))
+            fields: VehicleState[Air] = VehicleState(*np.ascontiguousarray(states.T))
+            shares = np.ones(len(intruders)) if share is None else np.array(share, dtype=float)
+            here: VehicleState[Air] = VehicleState(*map(float, own))
+            return DECIDE(here, fields, shares, float(goal_x), float(goal_y), self.decider)
         mine, each, sign = self.inputs_of_one(own, intruders, goal_x, goal_y, share)
         x = np.empty(len(self._trunk[0][0]), self._dtype)
         x[: self._own_size] = mine

@@ -209,10 +209,10 @@ def of_one(beyond: RouteBeyond, row: int) -> RouteBeyondOfOne:
     traffic = take(beyond.traffic, row)
     there, window, none = traffic.mask, traffic.window, np.zeros(0)
     return RouteBeyondOfOne(
-        legs=take(beyond.legs, row),
+        legs=map_leaves(np.copy, take(beyond.legs, row)),
         next_x=float(beyond.next_x[row]),
         next_y=float(beyond.next_y[row]),
-        points=beyond.points[row],
+        points=beyond.points[row].copy(),
         straight=take(take(beyond.straight, row), there),
         position_std=traffic.position_std[there],
         velocity_std=traffic.velocity_std[there],
@@ -222,6 +222,13 @@ def of_one(beyond: RouteBeyond, row: int) -> RouteBeyondOfOne:
         sigmas=float(beyond.sigmas),
         until=float(beyond.until),
     )
+
+
+def no_route_beyond() -> RouteBeyondOfOne:
+    """Return a route that nobody asks for."""
+    none, legs = np.zeros(0), _RouteLegs(*np.zeros((len(_RouteLegs._fields), 0)))
+    still: VehicleState[Air] = VehicleState(none, none, none, none)
+    return RouteBeyondOfOne(legs, 0.0, 0.0, none, still, none, none, none, none, none, 0.0, 0.0)
 
 
 @scalar

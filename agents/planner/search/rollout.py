@@ -19,9 +19,18 @@ from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, clear, direct, k
 from agents.planner.request.observation import shares, visible
 from agents.planner.request.options import Narrowed, Options, task_of
 from agents.planner.request.request import Request, drift_points
+from agents.planner.search import policy_flight
 from agents.planner.search.budget import Budget
-from agents.planner.search.continuation import CROWD, RouteBeyond, route_beyond
-from agents.policy.inference import Policy
+from agents.planner.search.continuation import (
+    CROWD,
+    RouteBeyond,
+    no_route_beyond,
+    of_one,
+    route_beyond,
+)
+from agents.planner.search.policy_flight import FLY
+from agents.policy.decision import Decider
+from agents.policy.inference import NOT_FINITE, Policy
 from envs.arrays import Array
 from envs.backend import FLOATS
 from envs.frames import Air
@@ -30,7 +39,6 @@ from envs.relative import distance
 from envs.trees import column, map_leaves, scatter, take
 from envs.wind import aim_point
 
-_TURNS = 0.1  # of the greatest turn rate, from which on a flight counts as turning
 _SHARE = 0.6  # of the computation, for a policy that finds no way back
 _SHARE_IN_CROWD = 0.3  # the same among many and among areas
 # time steps for which the intruders are predicted at once; most flights take fewer
@@ -170,7 +178,7 @@ def _fly(
     action = policy.command(before.state, seen, mask, *aim, share)
     acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
     moved = advance(before.state, acceleration, yaw_rate, dt, limits, np)
-    turns = np.abs(yaw_rate) >= _TURNS * limits.yaw_rate_max
+    turns = np.abs(yaw_rate) >= policy_flight.TURNS * limits.yaw_rate_max
     turn_sign = np.where(turns, np.sign(yaw_rate), before.turn_sign)
     reverses = turn_sign * before.turn_sign < 0.0
     return _Flight(
@@ -202,6 +210,11 @@ def _roll_each(
     crowd = request.traffic.mask.shape[-1] > CROWD
     share = _SHARE if request.areas is None and not crowd else _SHARE_IN_CROWD
     ends, each = partial(budget.ends, "policy", share), list[Rollout]()
+    if FLY.ready and policy.decider is not None:
+        for row in range(goal.size):
+            one = request, row, int(goal[row]), required_range[row]
+            each.append(_roll_compiled(*one, policy, policy.decider, options, ends))
+        return each[0] if len(each) == 1 else map_leaves(lambda *rows: np.concatenate(rows), *each)
     for row in range(goal.size):
         own, traffic, place, drift = take((request.own, request.traffic, to, request.drift), row)
         one = slice(row, row + 1)
@@ -210,6 +223,60 @@ def _roll_each(
         target = _Target(map_leaves(float, place), map_leaves(float, drift))
         each.append(_roll_one(map_leaves(float, own), ahead, target, policy, options, ends))
     return each[0] if len(each) == 1 else map_leaves(lambda *rows: np.concatenate(rows), *each)
+
+
+def _roll_compiled(
+    request: Request,
+    row: int,
+    goal: int,
+    required_range: Array,
+    policy: Policy,
+    decider: Decider,
+    options: Options[Narrowed],
+    ends: Callable[[], bool],
+) -> Rollout:
+    """Roll the request numbered ``row`` to a point of its route by compiled code, some steps at a
+    time until the computation ends; fields ``[1]`` and ``[1, S]``.
+    """
+    own, traffic, drift = take((request.own, request.traffic, request.drift), row)
+    there = traffic.mask
+    crowd = there.size > CROWD
+    beyond = no_route_beyond()
+    if crowd:
+        one = slice(row, row + 1)
+        beyond = of_one(route_beyond(take(request, one), np.array([goal]), options), 0)
+    seen, required = take((traffic, required_range), there)
+    window, none, share = seen.window, np.zeros(0), shares(seen, options.requirement)
+    intruders = policy_flight.Intruders(
+        seen.state,
+        seen.turn_rate,
+        seen.turn_time,
+        required,
+        np.ones(required.size) if share is None else share,
+        none if window is None else window.begin,
+        none if window is None else window.end,
+    )
+    to = float(request.route_x[row, goal]), float(request.route_y[row, goal])
+    east, north = (0.0, 0.0) if drift is None else map(float, drift)
+    target = policy_flight.Target(*to, east, north, drift is not None)
+    course = policy_flight.course(options, policy, crowd=crowd)
+    steps = course.steps
+    plan_states = np.full((4, steps // course.spacing + 1), np.nan)
+    flight, stands, step = policy_flight.begin(own), policy_flight.UNDER_WAY, 0
+    while stands == policy_flight.UNDER_WAY and not (step and ends()):
+        last = min(step + policy_flight.AT_ONCE, steps + 1)
+        stands, step, flight = FLY(
+            flight, (step, last), intruders, target, beyond, course, decider, plan_states
+        )
+    if stands == policy_flight.NOT_FINITE:
+        raise ValueError(NOT_FINITE)
+    result = _empty(1, plan_states.shape[1])
+    for field, values in zip(result.plan_states, plan_states, strict=True):
+        field[0] = values
+    if stands in (policy_flight.ARRIVED, policy_flight.DIRECT):
+        direct = stands == policy_flight.DIRECT
+        _note_end(result, 0, _Flight(*flight), step * course.dt, direct)
+    return result
 
 
 class _Target(NamedTuple):
@@ -243,7 +310,7 @@ def _roll_one(
     result = _empty(1, steps // spacing + 1)
     state, path, turn_sign, reversals = own, 0.0, 0.0, 0
     plan_states: list[VehicleState[Air]] = []
-    square, threshold = task.radius * task.radius, _TURNS * limits.yaw_rate_max
+    square, threshold = task.radius * task.radius, policy_flight.TURNS * limits.yaw_rate_max
     for step in range(steps + 1):
         time, asks = step * dt, step % EVERY == 0
         if asks:
