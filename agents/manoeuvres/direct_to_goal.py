@@ -90,11 +90,14 @@ def turn_onto(
     return _turn(own, sides, course, xp)
 
 
-def turn_exactly_onto(own: VehicleState[Air], point: tuple[Array, Array], radius: Array) -> Turn:
-    """Return :func:`turn_onto` by numpy's own trigonometry: for what is flown."""
-    sides = _sides(own, point, radius, np.sin(own.heading), np.cos(own.heading), np)
+@scalar
+def turn_exactly_onto(
+    own: VehicleState[Air], point: tuple[Array, Array], radius: Array, xp: ArrayModule
+) -> Turn:
+    """Return :func:`turn_onto` by numpy's own trigonometry: for what is flown; numpy or floats."""
+    sides = _sides(own, point, radius, np.sin(own.heading), np.cos(own.heading), xp)
     course = np.arctan2(sides.y, sides.x) + sides.side * np.arctan2(radius, sides.length)
-    return _turn(own, sides, course, np)
+    return _turn(own, sides, course, xp)
 
 
 class _Sides(NamedTuple):

@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, end_speed, turn_exactly_onto
+from agents.manoeuvres.direct_to_goal import DirectTask, arc_end
 from agents.planner.request.options import Narrowed, Options, task_of
-from agents.planner.request.request import Request, drift_points, latest_end
+from agents.planner.request.request import Request, latest_end
+from agents.planner.search.onward import Leg, Onward, duration, end_of, leg_to, legs_to_meet
 from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
 from envs.arrays import Array
@@ -20,9 +21,6 @@ from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import scatter, take
 from envs.waypoints import PlanStates
-
-_SECANTS = 12  # of the search for when a drifting point is met
-_SAME_PLACE = 1e-6  # m by which it may be missed
 
 
 class Completed(NamedTuple):
@@ -46,37 +44,12 @@ class _Tails(NamedTuple):
     direct: Array  # whether the first leg leads to the goal, bool
 
 
-class _Onward(NamedTuple):
-    """What the next legs of some tails are made of; fields ``[L]``."""
-
-    tail: Array  # numbers of the tails
-    point: Array  # numbers of the route's points at their ends
-    place: tuple[Array, Array]  # of those points at the request, m
-    drift: tuple[Array, Array] | None  # of the points, m/s; None: they stand still
-    begin: VehicleState[Air]
-    began: Array  # s
-    # which lead to the goal, where there may be a need to accelerate, bool; None: none
-    direct: Array | None
-
-
 class _Legs(NamedTuple):
-    """The next leg of some tails, fields ``[L]``: a turn at the task's rate, then straight on."""
+    """The next legs of some tails, fields ``[L]``."""
 
     tail: Array  # numbers of the tails
     point: Array  # numbers of the route's points at their ends
-    x: Array  # of those points, m
-    y: Array
-    begin: VehicleState[Air]
-    began: Array  # s
-    arc: Array  # of the turn, rad, positive to the left
-    length: Array  # of the straight part, m
-    course: Array  # of the straight part, rad
-    reached: Array  # whether the point can be reached so; else it is passed by, bool
-    turned: Array  # time at which the straight part begins, s
-    disc: Array  # how far before the point on the straight part its disc begins, m
-    # at the end, m/s; it differs from that at the beginning on the way to the goal only
-    speed: Array
-    in_time: Array  # whether the goal can be reached in time, bool; true of all other points
+    leg: Leg
 
 
 class _Piece(NamedTuple):
@@ -112,11 +85,12 @@ def complete(
         if step == 0:
             legs = _to_goal(whole, rollout, tails.row, legs, task)
         tails.point[legs.tail] += 1
-        passed_by = legs.tail[~legs.reached]
+        passed_by = legs.tail[~legs.leg.reached]
         if passed_by.size:
-            legs = take(legs, legs.reached)
+            legs = take(legs, legs.leg.reached)
         pieces += _pieces(count, legs, task, level=step == 0)
-        done = _fly_legs(whole, request, tails, legs, _end(legs, task), latest, options)
+        arrived = end_of(legs.leg, task)
+        done = _fly_legs(whole, request, tails, legs, arrived, latest, options)
         left = legs.tail[~done]
         if passed_by.size:
             left = np.sort(np.concatenate([passed_by, left]))
@@ -157,7 +131,8 @@ def _fly_legs(
     """Move tails to the ends of legs, where they arrive at some times, s; return which of them end
     their plans there, bool ``[L]``.
     """
-    there = VehicleState(legs.x, legs.y, wrap(legs.course, np), legs.speed)
+    leg = legs.leg
+    there = VehicleState(leg.x, leg.y, wrap(leg.course, np), leg.speed)
     scatter((tails.state, tails.time), legs.tail, (there, arrived))
     done = arrived >= options.finished_by
     if not done.any():
@@ -179,90 +154,16 @@ def _next_legs(
     to the goal.
     """
     row, point = tails.row[left], tails.point[left]
-    onward = _Onward(
-        tail=left,
-        point=point,
+    onward = Onward(
         place=_point(request, row, point, extension),
         drift=take(request.drift, row),
         begin=take(tails.state, left),
         began=tails.time[left],
-        direct=tails.direct[left] if first else None,
+        direct=tails.direct[left] & first,
     )
     if onward.drift is None:
-        return _legs_to(onward, onward.began, task)
-    return _legs_to_meet(onward, onward.drift, task)
-
-
-def _legs_to(onward: _Onward, when: Array, task: DirectTask) -> _Legs:
-    """Return the legs to where the points are at some times, s."""
-    begin, began, direct = onward.begin, onward.began, onward.direct
-    x, y = drift_points(onward.place, onward.drift, when)
-    turn = turn_exactly_onto(begin, (x, y), begin.speed / task.turn_rate)
-    arc = np.where(turn.possible, turn.side * turn.angle, 0.0)
-    turned = began + np.abs(arc) / task.turn_rate
-    legs = _Legs(
-        tail=onward.tail,
-        point=onward.point,
-        x=x,
-        y=y,
-        begin=begin,
-        began=began,
-        arc=arc,
-        length=turn.length,
-        course=turn.course,
-        reached=turn.possible,
-        turned=turned,
-        disc=turn.length,
-        speed=begin.speed,
-        in_time=turn.possible,
-    )
-    if direct is None:
-        return legs
-    disc = np.full(turn.length.shape, task.radius)
-    if onward.drift is not None:
-        disc = _disc(begin.speed, turn.course, onward.drift, task.radius)
-    straight = np.maximum(turn.length - disc, 0.0)
-    wanted, in_time = end_speed(straight, begin.speed, task.until - turned, task.limits, np)
-    speed = np.where(direct, wanted, begin.speed)
-    return legs._replace(disc=disc, speed=speed, in_time=in_time | ~direct)
-
-
-def _disc(speed: Array, course: Array, drift: tuple[Array, Array], radius: float) -> Array:
-    """Return how far an aircraft flies through the air from the edge of a drifting point's disc to
-    the point, m.
-    """
-    closing = np.hypot(speed * np.cos(course) - drift[0], speed * np.sin(course) - drift[1])
-    return speed * radius / np.maximum(closing, 1e-3)
-
-
-def _legs_to_meet(onward: _Onward, drift: tuple[Array, Array], task: DirectTask) -> _Legs:
-    """Return the legs that end where the points are when they end: by secants on the time of that.
-
-    A point that is not met so is not reached.
-    """
-    strength, time = np.hypot(*drift), onward.began
-    before, legs = time, _legs_to(onward, time, task)
-    late_before = _end(legs, task) - before
-    when = before + late_before
-    for _ in range(_SECANTS):
-        legs = _legs_to(onward, when, task)
-        late = _end(legs, task) - when
-        # Legs that are found stay as they are, however many others are still searched.
-        going_on = np.abs(late) * strength > _SAME_PLACE
-        if not going_on.any():
-            break
-        slope = (late - late_before) / np.where(when == before, 1.0, when - before)
-        # A slope that is not negative belongs to another turn or to a point that gets away.
-        step = late / np.where(slope < -0.1, -slope, 1.0)
-        before, late_before = when, late
-        when = np.where(going_on, np.maximum(when + step, time), when)
-    met = np.abs(_end(legs, task) - when) * strength <= _SAME_PLACE
-    return legs._replace(reached=legs.reached & met)
-
-
-def _end(legs: _Legs, task: DirectTask) -> Array:
-    """Return when legs end, s."""
-    return legs.turned + _duration(legs.length, legs.begin.speed, legs.speed, task)
+        return _Legs(left, point, leg_to(onward, onward.began, task, np))
+    return _Legs(left, point, legs_to_meet(onward, onward.drift, task))
 
 
 def _to_goal(
@@ -273,16 +174,17 @@ def _to_goal(
     The goal itself must not be passed by, nor reached too late.
     """
     direct = rollout.direct[rows[legs.tail]]
-    on = ~direct | (legs.reached & legs.in_time)
+    on = ~direct | (legs.leg.reached & legs.leg.in_time)
     if not on.all():
         legs, direct = take((legs, direct), on)
-    straight = np.maximum(legs.length - legs.disc, 0.0)
-    entered = legs.turned + _duration(straight, legs.begin.speed, legs.speed, task)
+    leg = legs.leg
+    straight = np.maximum(leg.length - leg.disc, 0.0)
+    entered = leg.turned + duration(straight, leg.begin.speed, leg.speed, task)
     there = rows[legs.tail[direct]]
     whole.rejoin_time[there] = entered[direct]
-    flown = np.abs(legs.arc) * legs.begin.speed / task.turn_rate + straight
+    flown = np.abs(leg.arc) * leg.begin.speed / task.turn_rate + straight
     whole.path[there] += flown[direct]
-    whole.reversals[there] += np.sign(legs.arc[direct]) * rollout.turn_sign[there] < 0.0
+    whole.reversals[there] += np.sign(leg.arc[direct]) * rollout.turn_sign[there] < 0.0
     return legs
 
 
@@ -290,30 +192,30 @@ def _pieces(count: int, legs: _Legs, task: DirectTask, *, level: bool) -> list[A
     """Return the turns and the straight parts of legs as pieces of ``count`` tails; ``level`` adds
     what follows where the speed at the leg's end is reached.
     """
-    none = np.zeros(legs.tail.size)
-    faster = legs.speed > legs.begin.speed
+    leg, none = legs.leg, np.zeros(legs.tail.size)
+    faster = leg.speed > leg.begin.speed
     gain = np.where(faster, task.limits.acceleration_max, 0.0)
-    turn_rate = np.sign(legs.arc) * task.turn_rate
-    middle = _turn(legs.begin, legs.arc, task.turn_rate)
+    turn_rate = np.sign(leg.arc) * task.turn_rate
+    middle = _turn(leg.begin, leg.arc, task.turn_rate)
     found = [
-        _Piece(legs.began, *legs.begin, turn_rate, none),
-        _Piece(legs.turned, *middle, none, gain),
+        _Piece(leg.began, *leg.begin, turn_rate, none),
+        _Piece(leg.turned, *middle, none, gain),
     ]
     if level:
-        found.append(_level_piece(legs, middle, task))
+        found.append(_level_piece(leg, middle, task))
     return [_spread(count, legs.tail, piece) for piece in found]
 
 
-def _level_piece(legs: _Legs, middle: VehicleState[Air], task: DirectTask) -> _Piece:
+def _level_piece(leg: Leg, middle: VehicleState[Air], task: DirectTask) -> _Piece:
     """Return what follows where the speed at the leg's end is reached, the straight part beginning
     at the states ``middle``.
     """
-    none = np.zeros(legs.tail.size)
-    rise = (legs.speed - legs.begin.speed) / task.limits.acceleration_max
-    far = 0.5 * (legs.speed + legs.begin.speed) * rise
+    none = np.zeros(leg.turned.size)
+    rise = (leg.speed - leg.begin.speed) / task.limits.acceleration_max
+    far = 0.5 * (leg.speed + leg.begin.speed) * rise
     x, y = middle.x + far * np.cos(middle.heading), middle.y + far * np.sin(middle.heading)
-    begin = np.where(rise > 0.0, legs.turned + rise, np.inf)
-    return _Piece(begin, x, y, middle.heading, legs.speed, turn_rate=none, acceleration=none)
+    begin = np.where(rise > 0.0, leg.turned + rise, np.inf)
+    return _Piece(begin, x, y, middle.heading, leg.speed, turn_rate=none, acceleration=none)
 
 
 def _point(request: Request, rows: Array, number: Array, extension: float) -> tuple[Array, Array]:
@@ -333,12 +235,6 @@ def _point(request: Request, rows: Array, number: Array, extension: float) -> tu
 def _turn(state: VehicleState[Air], arc: Array, turn_rate: float) -> VehicleState[Air]:
     x, y = arc_end(state, arc, state.speed * np.abs(arc) / turn_rate)
     return VehicleState(x, y, state.heading + arc, state.speed)
-
-
-def _duration(length: Array, speed: Array, wanted: Array, task: DirectTask) -> Array:
-    """Return the time for a length, s: accelerating from a speed to another, then holding that."""
-    rise = (wanted - speed) / task.limits.acceleration_max
-    return rise + (length - 0.5 * (speed + wanted) * rise) / wanted
 
 
 def _spread(count: int, tails: Array, piece: _Piece) -> Array:
