@@ -273,6 +273,12 @@ def task_of(options: Options[L]) -> DirectTask:
     return DirectTask(options.manoeuvre, radius, options.rejoin_by, rate)
 
 
+def plain_task(options: Options[L]) -> DirectTask:
+    """Return what manoeuvres are flown for, in plain floats, as compiled code takes it."""
+    task = task_of(options)
+    return DirectTask(Limits(*map(float, task.limits)), *map(float, task[1:]))
+
+
 def check(options: Options) -> None:
     """Refuse, by a RequestError that names it, an option that could make an unsafe plan look safe,
     or none possible.

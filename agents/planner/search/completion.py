@@ -11,15 +11,22 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import DirectTask, arc_end
-from agents.planner.request.options import Narrowed, Options, task_of
+from agents.planner.request.options import Narrowed, Options, plain_task, task_of
 from agents.planner.request.request import Request, latest_end
+from agents.planner.search.completion_of_each import (
+    COMPLETE_EACH,
+    Manoeuvres,
+    Plans,
+    Routes,
+    Whole,
+)
 from agents.planner.search.onward import Leg, Onward, duration, end_of, leg_to, legs_to_meet
 from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState
-from envs.trees import scatter, take
+from envs.trees import map_leaves, scatter, take
 from envs.waypoints import PlanStates
 
 
@@ -68,6 +75,8 @@ def complete(
     request: Request, rollout: Rollout, goal: Array, options: Options[Narrowed]
 ) -> Completed:
     """Complete manoeuvres ``[N]`` to plans that rejoin at points number ``goal``, ``[N]``."""
+    if COMPLETE_EACH.ready:
+        return _complete_each(request, rollout, goal, options)
     task, most = task_of(options), request.route_x.shape[1]
     wind = 0.0 if request.drift is None else np.max(np.hypot(*request.drift), initial=0.0)
     latest, extension = latest_end(request, options), options.extension
@@ -102,10 +111,45 @@ def complete(
     return whole
 
 
-def _begin(rollout: Rollout, goal: Array, options: Options[Narrowed]) -> tuple[Completed, _Tails]:
-    """Return plans of which nothing but the manoeuvres is known, and tails of those that end."""
-    count = goal.size
-    whole = Completed(
+def _complete_each(
+    request: Request, rollout: Rollout, goal: Array, options: Options[Narrowed]
+) -> Completed:
+    """Complete manoeuvres by compiled code."""
+    whole, drift, most = _nothing(rollout, options), request.drift, request.route_x.shape[1]
+    wind = 0.0 if drift is None else np.max(np.hypot(*drift), initial=0.0)
+    states = np.full((goal.size, 5, options.waypoints + 1), np.nan)
+    east, north = (np.zeros(0), np.zeros(0)) if drift is None else drift
+    of_route = request.of_route
+    COMPLETE_EACH(
+        Manoeuvres(
+            np.stack(rollout.plan_states, axis=1),
+            map_leaves(np.ascontiguousarray, rollout.end),
+            *map(np.ascontiguousarray, (rollout.time, rollout.direct, rollout.turn_sign)),
+        ),
+        Routes(
+            *map(np.ascontiguousarray, (request.route_x, request.route_y)),
+            np.ones(request.route_x.shape, dtype=bool) if of_route is None else of_route >= 0,
+            *map(np.ascontiguousarray, (request.points, goal, latest_end(request, options))),
+            np.ascontiguousarray(east),
+            np.ascontiguousarray(north),
+        ),
+        Whole(
+            plain_task(options),
+            float(options.interval),
+            float(options.finished_by),
+            float(options.extension),
+            bool(options.extend_route),
+            most + 1 + options.points_beyond(wind),
+        ),
+        Plans(states, *whole[1:]),
+    )
+    return whole._replace(plan_states=PlanStates(*np.moveaxis(states, 1, 0)))
+
+
+def _nothing(rollout: Rollout, options: Options[Narrowed]) -> Completed:
+    """Return plans of which nothing but the manoeuvres is known."""
+    count = rollout.time.size
+    return Completed(
         PlanStates(*(np.full((count, options.waypoints + 1), np.nan) for _ in range(5))),
         last=np.full(count, -1),
         too_short=np.zeros(count, dtype=bool),
@@ -113,6 +157,11 @@ def _begin(rollout: Rollout, goal: Array, options: Options[Narrowed]) -> tuple[C
         path=rollout.path.copy(),
         reversals=rollout.reversals.copy(),
     )
+
+
+def _begin(rollout: Rollout, goal: Array, options: Options[Narrowed]) -> tuple[Completed, _Tails]:
+    """Return plans of which nothing but the manoeuvres is known, and tails of those that end."""
+    whole = _nothing(rollout, options)
     row = np.flatnonzero(np.isfinite(rollout.time))
     direct = rollout.direct[row]
     point = goal[row] + np.where(direct, 0, 1)
@@ -156,14 +205,14 @@ def _next_legs(
     row, point = tails.row[left], tails.point[left]
     onward = Onward(
         place=_point(request, row, point, extension),
-        drift=take(request.drift, row),
         begin=take(tails.state, left),
         began=tails.time[left],
         direct=tails.direct[left] & first,
     )
-    if onward.drift is None:
-        return _Legs(left, point, leg_to(onward, onward.began, task, np))
-    return _Legs(left, point, legs_to_meet(onward, onward.drift, task))
+    drift = take(request.drift, row)
+    if drift is None:
+        return _Legs(left, point, leg_to(onward, None, onward.began, task, np))
+    return _Legs(left, point, legs_to_meet(onward, drift, task))
 
 
 def _to_goal(

@@ -27,7 +27,6 @@ class Onward(NamedTuple):
     """What the next legs are made of; fields ``[L]``."""
 
     place: tuple[Array, Array]  # of the points at their ends, at the request, m
-    drift: tuple[Array, Array] | None  # of the points, m/s; None: they stand still
     begin: VehicleState[Air]
     began: Array  # s
     # which lead to the goal, where there may be a need to accelerate, bool
@@ -53,16 +52,24 @@ class Leg(NamedTuple):
 
 
 @scalar
-def leg_to(onward: Onward, when: Array, task: DirectTask, xp: ArrayModule) -> Leg:
-    """Return the legs to where the points are at some times, s."""
+def leg_to(
+    onward: Onward,
+    drift: tuple[Array, Array] | None,
+    when: Array,
+    task: DirectTask,
+    xp: ArrayModule,
+) -> Leg:
+    """Return the legs to where the points are at some times, s, that drift, m/s; None: they stand
+    still.
+    """
     begin, began = onward.begin, onward.began
     x, y = onward.place
     disc = 0.0 * began + task.radius
-    if onward.drift is not None:
-        x, y = x + onward.drift[0] * when, y + onward.drift[1] * when
+    if drift is not None:
+        x, y = x + drift[0] * when, y + drift[1] * when
     turn = turn_exactly_onto(begin, (x, y), begin.speed / task.turn_rate, xp)
-    if onward.drift is not None:
-        disc = _disc(begin.speed, turn.course, onward.drift, task.radius)
+    if drift is not None:
+        disc = _disc(begin.speed, turn.course, drift, task.radius)
     arc = xp.where(turn.possible, turn.side * turn.angle, 0.0)
     turned = began + np.abs(arc) / task.turn_rate
     disc = xp.where(onward.direct, disc, turn.length)
@@ -100,11 +107,11 @@ def legs_to_meet(onward: Onward, drift: tuple[Array, Array], task: DirectTask) -
     A point that is not met so is not reached.
     """
     strength, time = np.hypot(*drift), onward.began
-    before, legs = time, leg_to(onward, time, task, np)
+    before, legs = time, leg_to(onward, drift, time, task, np)
     late_before = end_of(legs, task) - before
     when = before + late_before
     for _ in range(_SECANTS):
-        legs = leg_to(onward, when, task, np)
+        legs = leg_to(onward, drift, when, task, np)
         late = end_of(legs, task) - when
         # Legs that are found stay as they are, however many others are still searched.
         going_on = np.abs(late) * strength > _SAME_PLACE
@@ -123,11 +130,11 @@ def legs_to_meet(onward: Onward, drift: tuple[Array, Array], task: DirectTask) -
 def meet_of_one(onward: Onward, drift: tuple[float, float], task: DirectTask) -> tuple[Leg, bool]:
     """Return the leg of :func:`legs_to_meet` in plain floats, and whether the point is met."""
     strength, time = math.hypot(drift[0], drift[1]), onward.began
-    before, leg = time, leg_to(onward, time, task, FLOATS)
+    before, leg = time, leg_to(onward, drift, time, task, FLOATS)
     late_before = end_of(leg, task) - before
     when = before + late_before
     for _ in range(_SECANTS):
-        leg = leg_to(onward, when, task, FLOATS)
+        leg = leg_to(onward, drift, when, task, FLOATS)
         late = end_of(leg, task) - when
         if not abs(late) * strength > _SAME_PLACE:
             break

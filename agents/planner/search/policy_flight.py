@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.kernel.traffic import predict_one
 from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, direct, keeps_clear
-from agents.planner.request.options import Narrowed, Options, task_of
+from agents.planner.request.options import Narrowed, Options, plain_task
 from agents.planner.search.continuation import RouteBeyondOfOne, clear_beyond, no_route_beyond
 from agents.policy import decision
 from agents.policy.decision import Decider, decide
@@ -63,7 +63,6 @@ class Course(NamedTuple):
     """How the policy is flown; plain numbers."""
 
     task: DirectTask
-    limits: Limits  # of the manoeuvre
     dt: float  # s
     steps: int  # at which the time is over
     spacing: int  # steps between plan states
@@ -91,16 +90,9 @@ def begin(own: VehicleState[Air]) -> Flight:
 
 def course(options: Options[Narrowed], policy: Policy, *, crowd: bool) -> Course:
     """Return how a policy is flown, alone or in a crowd."""
-    task = task_of(options)
-    limits, aircraft = Limits(*map(float, options.manoeuvre)), options.aircraft
+    task, aircraft = plain_task(options), options.aircraft
     return Course(
-        task=DirectTask(
-            Limits(*map(float, task.limits)),
-            float(task.radius),
-            float(task.until),
-            float(task.turn_rate),
-        ),
-        limits=limits,
+        task=task,
         dt=float(aircraft.dt),
         steps=int(task.until / aircraft.dt + 1e-9),
         spacing=int(options.spacing),
@@ -139,7 +131,7 @@ def fly(
         How the flight stands then, at which step, and how far it has come.
     """
     state, path, turn_sign, reversals = flight
-    task, limits, dt = course.task, course.limits, course.dt
+    task, limits, dt = course.task, course.task.limits, course.dt
     looked_at = np.empty(0, np.int64)
     for step in range(steps[0], steps[1]):
         time, asks = step * dt, step % EVERY == 0
@@ -253,7 +245,7 @@ def _examples() -> list[tuple[object, ...]]:
     own: VehicleState[Air] = VehicleState(0.0, 0.0, 0.0, 1.0)
     state: VehicleState[Air] = VehicleState(zero, zero, zero, zero)
     limits = Limits(1.0, 2.0, -1.0, 1.0, 1.0)
-    course = Course(DirectTask(limits, 1.0, 1.0, 1.0), limits, 1.0, 1, 1, True, 1, 1.0, 1.0, False)
+    course = Course(DirectTask(limits, 1.0, 1.0, 1.0), 1.0, 1, 1, True, 1, 1.0, 1.0, False)
     return [
         (
             Flight(own, 0.0, 0.0, 0.0),
