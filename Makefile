@@ -110,9 +110,9 @@ docs: venv
 
 # Versions move only on `make constraints UPGRADE=--upgrade`.
 constraints:
-	$(COMPILE) --generate-hashes $(UPGRADE) --extra train --extra sim --extra report --extra tensorboard \
+	$(COMPILE) --generate-hashes $(UPGRADE) --extra train --extra fast --extra sim --extra report --extra tensorboard \
 	  $(PROJECT) -o constraints/run.txt
-	$(COMPILE) --generate-hashes $(UPGRADE) --extra train --extra sim --extra report --extra tensorboard --extra onnx \
+	$(COMPILE) --generate-hashes $(UPGRADE) --extra train --extra fast --extra sim --extra report --extra tensorboard --extra onnx \
 	  --extra sweep --extra cluster --extra docs --extra dev -c constraints/run.txt $(PROJECT) -o constraints/dev.txt
 	$(COMPILE) --generate-hashes $(UPGRADE) --extra ros -c constraints/dev.txt $(PROJECT) -o constraints/ros.txt
 	$(COMPILE) --no-annotate $(UPGRADE) --extra peers -c constraints/run.txt pyproject.toml -o constraints/peers.txt

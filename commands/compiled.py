@@ -1,4 +1,4 @@
-"""What JAX compiles, kept in the user's cache folder for the next program that compiles the same.
+"""What is compiled, kept in the user's cache folder for the next program that compiles the same.
 
 Machine code fits only the processor that it was made for: versions, the processor and its
 instructions are part of the folder's name. A folder that cannot be used costs time only. JAX has
@@ -28,17 +28,35 @@ def keep_compiled() -> None:
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
     try:
-        folder = _folder()
-        folder.mkdir(parents=True, exist_ok=True)
-        if not os.access(folder, os.W_OK | os.X_OK):
-            return
-        if sum(file.stat().st_size for file in folder.parent.glob("*/*")) > _LARGE:
-            for each in folder.parent.iterdir():
-                shutil.rmtree(each, ignore_errors=True)
-    except (OSError, RuntimeError, metadata.PackageNotFoundError):  # no room, no home, no JAX
+        versions = metadata.version("jax"), metadata.version("jaxlib")
+    except metadata.PackageNotFoundError:
+        return
+    folder = cache_folder(*versions)
+    if folder is None:
         return
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+
+
+def cache_folder(*made_with: str) -> Path | None:
+    """Return the folder of what is compiled from and with some versions, with this Python on this
+    processor; None where there is no room or no home.
+    """
+    parts = [platform.python_version(), *made_with, _processor()]
+    digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    try:
+        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        folder = root / "rlcas-toolkit" / "compiled" / digest
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK | os.X_OK):
+            return None
+        files = (file for file in folder.parent.rglob("*") if file.is_file())
+        if sum(file.stat().st_size for file in files) > _LARGE:
+            for each in folder.parent.iterdir():
+                shutil.rmtree(each, ignore_errors=True)
+    except (OSError, RuntimeError):
+        return None
+    return folder
 
 
 def local_devices(jax: ModuleType) -> list[Any]:
@@ -59,19 +77,6 @@ def local_devices(jax: ModuleType) -> list[Any]:
         f"JAX_PLATFORMS is {asked}, of which JAX finds no device; expected one that there is: "
         f"{', '.join(there)}"
     )
-
-
-def _folder() -> Path:
-    """Return the folder of what is compiled with these versions on this processor."""
-    made_with = [
-        platform.python_version(),
-        metadata.version("jax"),
-        metadata.version("jaxlib"),
-        _processor(),
-    ]
-    digest = hashlib.sha256("\n".join(made_with).encode()).hexdigest()[:16]
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return root / "rlcas-toolkit" / "compiled" / digest
 
 
 def _processor() -> str:

@@ -17,15 +17,13 @@ import hashlib
 import importlib.util
 import inspect
 import math
-import os
-import platform
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
+from commands.compiled import cache_folder
 from envs.backend import EXACT_FLOATS, FLOATS
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -109,7 +107,7 @@ def prepare() -> bool:
         import numba
 
         _teach()
-        folder = cache_folder()
+        folder = kept_in()
         numba.config.CACHE_DIR = "" if folder is None else str(folder)
         for entry in waiting:
             entry._compile(numba, cache=folder is not None)
@@ -122,35 +120,18 @@ def forget() -> None:
         entry._compiled = None
 
 
-def cache_folder() -> Path | None:
-    """Return the folder that compiled code is kept in; None: none can be written, and every process
-    compiles anew.
-    """
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    folder = root / "rlcas-toolkit" / "compiled" / _digest()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
-    except OSError:
-        return None
+def kept_in() -> Path | None:
+    """Return the folder that compiled code is kept in; None: every process compiles anew.
 
-
-def _digest() -> str:
-    """Return a digest of all that compiled code depends on. numba itself would not see that a
-    function has changed which another file calls.
+    numba itself would not see that a function has changed which another file calls.
     """
-    import llvmlite.binding as llvm
     import numba
 
     sums, root = hashlib.sha256(), Path(__file__).resolve().parents[1]
     for package in _SOURCES:
         for path in sorted((root / package).rglob("*.py")):
             sums.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    processor = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
-    versions = numba.__version__, np.__version__, platform.python_version()
-    sums.update(repr((processor, versions)).encode())
-    return sums.hexdigest()[:16]
+    return cache_folder(sums.hexdigest(), numba.__version__, np.__version__)
 
 
 _taught = 0  # scalar functions that numba knows

@@ -26,6 +26,26 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 keep_compiled()  # pytest's workers and the programs that tests start inherit it
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option to run what can be compiled compiled."""
+    parser.addoption("--compiled", action="store_true", help="fly by compiled code (numba)")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled(request: pytest.FixtureRequest) -> None:
+    """Compile before the first test where that is asked for."""
+    if request.config.getoption("--compiled"):
+        compile_planner()
+
+
+def compile_planner() -> None:
+    """Compile all that plans."""
+    import agents.planner  # noqa: F401
+    from envs import compiled
+
+    compiled.prepare()
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
     """Collect no garbage while every library is imported: it takes a quarter of the time and finds

@@ -7,6 +7,7 @@ from agents.planner.answer import Plan
 from agents.planner.planner import plan
 from agents.planner.request.options import Options
 from agents.policy.inference import Policy
+from envs import compiled
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
@@ -27,6 +28,18 @@ def plan_task(wanted: PlanTask, policy: Policy, *, exhaustive: bool) -> Plan:
         wind=wanted.wind,
         areas=wanted.areas,
     )
+
+
+def prepare(policy: Policy | None = None) -> str:
+    """Compile what is computed in flight, or load it, and return a sentence about it; ``policy``:
+    that is flown. It takes about a minute the first time after an installation.
+    """
+    if not compiled.installed():
+        return "computes interpreted, some times slower: the extra fast (numba) is not installed"
+    compiled.prepare()
+    if policy is not None and policy.decider is None:
+        return "computes compiled but for the policy, which has inputs of its own or is of schema 1"
+    return "computes compiled"
 
 
 def rehearse(policy: Policy, options: Options) -> None:

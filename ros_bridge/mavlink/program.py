@@ -31,7 +31,7 @@ from ros_bridge.core.adsb_live import Traffic
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.failures import Failures
 from ros_bridge.core.fields import SECOND
-from ros_bridge.core.planning import rehearse
+from ros_bridge.core.planning import prepare, rehearse
 from ros_bridge.core.situation import Situation
 from ros_bridge.mavlink.advance import BEAT, advance
 from ros_bridge.mavlink.changes import areas_of
@@ -185,6 +185,7 @@ class Program:
         self.setup = _setup(options, autopilot.vehicle)
         self.state = self._begin(autopilot, fence)
         self._introduce(autopilot, len(fence))
+        self._output.log(prepare(self.setup.rules.policy))
         rehearse(self.setup.rules.policy, self.setup.rules.settings.options)
         if options.adsb:
             own = options.own or own_address(autopilot.parameters)

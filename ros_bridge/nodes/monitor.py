@@ -53,6 +53,7 @@ from ros_bridge.core.assurance import (
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.guidance import Guidance, blank, guidance
 from ros_bridge.core.looking import look
+from ros_bridge.core.planning import prepare
 from ros_bridge.core.status import status
 from ros_bridge.transport import process, topics
 from ros_bridge.transport.messages import header, point_message, trajectory_message
@@ -115,6 +116,7 @@ class Monitor(ListeningNode):
         """Begin to listen."""
         self._start()
         self.get_logger().info(f"aircraft {aircraft_text(self._supervision.thresholds.options)}")
+        self.get_logger().info(prepare())
         self._listen(self._on_health, private=False)
         self._subscribe(topics.PLAN, self._on_trajectory)
         self._subscribe(topics.DIAGNOSTICS, self._on_diagnostics)

@@ -52,7 +52,7 @@ from ros_bridge.core import conversions, updates
 from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal, nanoseconds
 from ros_bridge.core.motion import to_local
-from ros_bridge.core.planning import plan_task, rehearse
+from ros_bridge.core.planning import plan_task, prepare, rehearse
 from ros_bridge.core.situation import NOTHING, Situation
 from ros_bridge.core.tasks import LeftOut, PlanTask, in_terms_of_messages, refusal_of, task
 from ros_bridge.core.tracks import UNKNOWN, Track, Verdict
@@ -105,6 +105,7 @@ class Runner(ListeningNode):
             return TransitionCallbackReturn.FAILURE
         options = planning_settings(self._value, self._aircraft).options
         self.get_logger().info(f"policy {policy.sha256}; aircraft {aircraft_text(options)}")
+        self.get_logger().info(prepare(policy))
         self._listen(self._on_health, private=True)
         self._subscribe(topics.ALERTS.private, partial(self._take_in, updates.alert))
         self._subscribe(route, partial(self._take_in, updates.route))
