@@ -99,21 +99,43 @@ def decide(
         goal_y: m.
         decider: the policy.
     """
+    mine, each, sign = inputs_of(own, intruders, share, goal_x, goal_y, decider)
+    encoder, trunk = decider.encoder, decider.trunk
+    inputs = np.empty(trunk.sizes[0], trunk.values.dtype)
+    inputs[: mine.size] = mine
+    inputs[mine.size :] = -1.0
+    for k in range(len(each)):
+        code = through(each[k].astype(encoder.values.dtype), encoder, True)
+        for i in range(code.size):
+            inputs[mine.size + i] = max(inputs[mine.size + i], code[i])
+    action = through(inputs, trunk, False)
+    return float(action[0]), float(action[1]) * sign
+
+
+@scalar
+def inputs_of(
+    own: VehicleState[Air],
+    intruders: VehicleState[Air],
+    share: np.ndarray,
+    goal_x: float,
+    goal_y: float,
+    decider: Decider,
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the inputs of the aircraft, those of each intruder, and how the scene is mirrored, 1
+    or -1; arguments as of :func:`decide`.
+    """
     unmirrored = scene_of_one(
         own, intruders, goal_x, goal_y, decider.limits, decider.separation, FLOATS
     )
     seen, sign = mirror_one(unmirrored, share, FLOATS)
     separation = min_separations_of_one(seen, share, decider.fixed, decider.acceleration)
     margin, best = _margins(separation, turns_of_one(seen))
-    encoded = decider.encoder.sizes[-1]
-    inputs = np.empty(decider.trunk.sizes[0], decider.trunk.values.dtype)
-    own_size = inputs.size - encoded
-    _write(inputs, 0, own_part(seen, 0.0, FLOATS))
-    _write(inputs, own_size - COUNT - 3, best)
-    inputs[own_size - COUNT : own_size] = margin
-    inputs[own_size:] = -1.0
+    flight = own_part(seen, 0.0, FLOATS)
+    mine = np.empty(len(flight) + len(best) + COUNT)
+    _write(mine, flight + best)
+    mine[len(flight) + len(best) :] = margin
     course = course_to_goal(seen, FLOATS)
-    of_intruder = np.empty(decider.encoder.sizes[0], decider.encoder.values.dtype)
+    each = np.empty((len(seen.x), decider.encoder.sizes[0]))
     for k in range(len(seen.x)):
         numbers = each_part(
             seen.x[k],
@@ -125,19 +147,15 @@ def decide(
             course,
             FLOATS,
         )
-        _write(of_intruder, 0, numbers)
-        code = through(of_intruder, decider.encoder, True)
-        for i in range(encoded):
-            inputs[own_size + i] = max(inputs[own_size + i], code[i])
-    action = through(inputs, decider.trunk, False)
-    return float(action[0]), float(action[1]) * sign
+        _write(each[k], numbers)
+    return mine, each, sign
 
 
 @scalar
-def _write(into: np.ndarray, first: int, numbers: tuple[float, ...]) -> None:
-    """Write numbers into an array from a place on."""
+def _write(into: np.ndarray, numbers: tuple[float, ...]) -> None:
+    """Write numbers into the first places of an array."""
     for i in range(len(numbers)):
-        into[first + i] = numbers[i]
+        into[i] = numbers[i]
 
 
 @scalar
@@ -193,3 +211,6 @@ def _examples() -> list[tuple[object, ...]]:
 
 DECIDE = Entry(decide, _examples)
 """Compiled :func:`decide`."""
+
+INPUTS_OF = Entry(inputs_of, _examples)
+"""Compiled :func:`inputs_of`."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from agents.policy.candidate_manoeuvres import MinSeparationOfOne
-from agents.policy.decision import DECIDE, Decider, Layers, decider
+from agents.policy.decision import DECIDE, INPUTS_OF, Decider, Layers, decider
 from agents.policy.file import PolicyFile
 from agents.policy.scene import Scene, mirror_one, scene, scene_of_one, unpack_rows
 from agents.policy.set_features import InputTable, SetInputs, set_inputs, set_inputs_of_one
@@ -104,11 +104,7 @@ class SetNetwork:
     ) -> tuple[float, float]:
         """Return the action of one aircraft in plain floats."""
         if self.decider is not None and DECIDE.ready:
-            states = np.array(intruders, dtype=float).reshape(-1, len(VehicleState._fields))
-            fields: VehicleState[Air] = VehicleState(*np.ascontiguousarray(states.T))
-            shares = np.ones(len(intruders)) if share is None else np.array(share, dtype=float)
-            here: VehicleState[Air] = VehicleState(*map(float, own))
-            return DECIDE(here, fields, shares, float(goal_x), float(goal_y), self.decider)
+            return DECIDE(*_in_arrays(own, intruders, goal_x, goal_y, share), self.decider)
         mine, each, sign = self.inputs_of_one(own, intruders, goal_x, goal_y, share)
         x = np.empty(len(self._trunk[0][0]), self._dtype)
         x[: self._own_size] = mine
@@ -135,6 +131,10 @@ class SetNetwork:
         """Return the inputs of one aircraft, those of each intruder, and how the scene is mirrored,
         1 or -1.
         """
+        if self.decider is not None and INPUTS_OF.ready:
+            scene = _in_arrays(own, intruders, goal_x, goal_y, share)
+            mine, each, sign = INPUTS_OF(*scene, self.decider)
+            return mine.tolist(), each.tolist(), sign
         limits, separation = self._aircraft.limits, self._aircraft.separation
         shares = [1.0] * len(intruders) if share is None else share
         fields: VehicleState[Air] = VehicleState(*_transposed(intruders))
@@ -159,6 +159,20 @@ class SetNetwork:
             for at in blocks
         )
         return np.concatenate([self._of_scenes(part) for part in parts])
+
+
+def _in_arrays(
+    own: VehicleState[Air],
+    intruders: Sequence[VehicleState[Air]],
+    goal_x: float,
+    goal_y: float,
+    share: Sequence[float] | None,
+) -> tuple[VehicleState[Air], VehicleState[Air], np.ndarray, float, float]:
+    """Return a scene as compiled code takes it."""
+    states = np.array(intruders, dtype=float).reshape(-1, len(VehicleState._fields))
+    fields: VehicleState[Air] = VehicleState(*np.ascontiguousarray(states.T))
+    shares = np.ones(len(intruders)) if share is None else np.array(share, dtype=float)
+    return VehicleState(*map(float, own)), fields, shares, float(goal_x), float(goal_y)
 
 
 def _transposed(states: Sequence[VehicleState[Air]]) -> Sequence[Sequence[float]]:

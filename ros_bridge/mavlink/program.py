@@ -91,6 +91,7 @@ _REPORT = 60.0  # s between two lines about the processor, and about a receiver
 def main(arguments: Sequence[str] | None = None) -> int:
     """Watch until Ctrl-C, or for --seconds, and return the exit code."""
     options = options_of(arguments)
+    computes = prepare(options.policy)  # before there is an autopilot that waits
     link = Link(
         options.connect, baud=options.baud, system=options.system, simulated=options.simulated
     )
@@ -98,6 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         open_ones.callback(link.close)
         program = Program(link, options)
         open_ones.callback(program.close)
+        program.tell(computes)
         program.show()
         program.run()
     return 0
@@ -185,13 +187,16 @@ class Program:
         self.setup = _setup(options, autopilot.vehicle)
         self.state = self._begin(autopilot, fence)
         self._introduce(autopilot, len(fence))
-        self._output.log(prepare(self.setup.rules.policy))
         rehearse(self.setup.rules.policy, self.setup.rules.settings.options)
         if options.adsb:
             own = options.own or own_address(autopilot.parameters)
             self._live = self._listen(options.adsb, own)
         link.ask_rates()
         self.state = replace(self.state, rates_at=time.monotonic())
+
+    def tell(self, text: str) -> None:
+        """Write a line for whoever started the program."""
+        self._output.log(text)
 
     def _begin(self, autopilot: _Autopilot, fence: tuple[GeodeticArea, ...]) -> State:
         """Return the first state."""

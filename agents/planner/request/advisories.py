@@ -149,6 +149,9 @@ def skipped_points(
         route: that was asked for.
         options: of the plan.
     """
+    passed = range(first, min(last, int(request.points[0])))
+    if not passed:
+        return []
     curves = legs(plan_states)
     # The places at the ends of all arcs, which are a few metres beside their chords at most.
     step = curves.duration[..., None] / ARCS
@@ -158,7 +161,7 @@ def skipped_points(
     own_x = np.append(curves.x.ravel(), plan_states.x[0, -1])
     own_y = np.append(curves.y.ravel(), plan_states.y[0, -1])
     found = []
-    for point in range(first, min(last, int(request.points[0]))):
+    for point in passed:
         number = point if request.of_route is None else int(request.of_route[0, point])
         if not 0 <= number < BEYOND:
             continue
