@@ -6,6 +6,7 @@ from agents.planner.planner import Plans, plan, plan_many
 from agents.planner.request.options import Options
 from agents.planner.request.reports import Intruder
 from agents.planner.request.request import Request
+from envs.compiled import prepare
 
 __all__ = [
     "Advisory",
@@ -23,4 +24,5 @@ __all__ = [
     "Traffic",
     "plan",
     "plan_many",
+    "prepare",
 ]
