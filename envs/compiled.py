@@ -81,7 +81,11 @@ class Entry:
         """Call it compiled."""
         return self._compiled(*arguments)
 
-    def _compile(self, numba: Any, *, cache: bool) -> None:
+    def forget(self) -> None:
+        """Take what is compiled for not ready."""
+        self._compiled = None
+
+    def compile(self, numba: Any, *, cache: bool) -> None:
         """Compile each signature, or load it, and refuse all others from now on."""
         compiled = numba.njit(self.function, cache=cache)
         for arguments in self._examples():
@@ -108,16 +112,16 @@ def prepare() -> bool:
 
         _teach()
         folder = kept_in()
-        numba.config.CACHE_DIR = "" if folder is None else str(folder)
+        vars(config)["CACHE_DIR"] = "" if folder is None else str(folder)
         for entry in waiting:
-            entry._compile(numba, cache=folder is not None)
+            entry.compile(numba, cache=folder is not None)
     return True
 
 
 def forget() -> None:
     """Take the interpreted way, until :func:`prepare` is called again."""
     for entry in _ENTRIES:
-        entry._compiled = None
+        entry.forget()
 
 
 def kept_in() -> Path | None:

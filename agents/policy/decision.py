@@ -8,6 +8,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from agents.policy.candidate_manoeuvres import (
     COUNT,
@@ -73,9 +74,9 @@ def decider(
     )
 
 
-def example() -> Decider:
+def example(dtype: DTypeLike = np.float32) -> Decider:
     """Return a policy of the types that compiled code takes: a network in float32."""
-    layers = [(np.zeros((1, 1), np.float32), np.zeros(1, np.float32))]
+    layers: Layers = [(np.zeros((1, 1), dtype), np.zeros(1, dtype))]
     limits = Limits(1.0, 2.0, -1.0, 1.0, 1.0)
     return decider(limits, 1.0, MinSeparationOfOne(ratios(limits, 1.0)), layers, layers)
 
@@ -202,15 +203,16 @@ def through(numbers: np.ndarray, layers: FlatLayers, last_too: bool) -> Array:
     return numbers
 
 
-def _examples() -> list[tuple[object, ...]]:
+def examples(dtype: DTypeLike = np.float32) -> list[tuple[object, ...]]:
+    """Return arguments of :func:`decide` and :func:`inputs_of`."""
     zero = np.zeros(1)
     own: VehicleState[Air] = VehicleState(0.0, 0.0, 0.0, 1.0)
     intruders: VehicleState[Air] = VehicleState(zero, zero, zero, zero)
-    return [(own, intruders, zero, 0.0, 0.0, example())]
+    return [(own, intruders, zero, 0.0, 0.0, example(dtype))]
 
 
-DECIDE = Entry(decide, _examples)
+DECIDE = Entry(decide, examples)
 """Compiled :func:`decide`."""
 
-INPUTS_OF = Entry(inputs_of, _examples)
+INPUTS_OF = Entry(inputs_of, examples)
 """Compiled :func:`inputs_of`."""

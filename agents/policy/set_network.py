@@ -41,14 +41,17 @@ class SetNetwork:
         self._encoder = content.layers("each", dtype)
         self._trunk = content.layers("hidden", dtype) + content.layers("head", dtype)
         self._min_separation = _min_separation(self._aircraft)
-        self.decider = self._new_decider()
+        self.decider = self._decider_in_flight()
 
-    def _new_decider(self) -> Decider | None:
-        """Return this network as compiled code takes it; None: it has inputs of the user's own, or
-        is in float64.
+    def _decider_in_flight(self) -> Decider | None:
+        """Return this network as compiled code takes it in flight; None: it has inputs of the
+        user's own, or is in float64.
         """
-        if self._inputs.extra or self._dtype != np.float32:
-            return None
+        flies = not self._inputs.extra and self._dtype == np.float32
+        return self.new_decider() if flies else None
+
+    def new_decider(self) -> Decider:
+        """Return this network as compiled code takes it, but for inputs of the user's own."""
         limits, separation = self._aircraft.limits, self._aircraft.separation
         return decider(limits, separation, self._min_separation, self._encoder, self._trunk)
 
@@ -56,7 +59,7 @@ class SetNetwork:
         """Return the network for states of another aircraft."""
         other = copy(self)
         other._aircraft, other._min_separation = aircraft, _min_separation(aircraft)
-        other.decider = other._new_decider()
+        other.decider = other._decider_in_flight()
         return other
 
     def of_parity(self, rows: np.ndarray) -> np.ndarray:

@@ -119,7 +119,6 @@ def _complete_each(
     wind = 0.0 if drift is None else np.max(np.hypot(*drift), initial=0.0)
     states = np.full((goal.size, 5, options.waypoints + 1), np.nan)
     east, north = (np.zeros(0), np.zeros(0)) if drift is None else drift
-    of_route = request.of_route
     COMPLETE_EACH(
         Manoeuvres(
             np.stack(rollout.plan_states, axis=1),
@@ -127,11 +126,18 @@ def _complete_each(
             *map(np.ascontiguousarray, (rollout.time, rollout.direct, rollout.turn_sign)),
         ),
         Routes(
-            *map(np.ascontiguousarray, (request.route_x, request.route_y)),
-            np.ones(request.route_x.shape, dtype=bool) if of_route is None else of_route >= 0,
-            *map(np.ascontiguousarray, (request.points, goal, latest_end(request, options))),
-            np.ascontiguousarray(east),
-            np.ascontiguousarray(north),
+            x=np.ascontiguousarray(request.route_x),
+            y=np.ascontiguousarray(request.route_y),
+            of_route=(
+                np.ones(request.route_x.shape, dtype=bool)
+                if request.of_route is None
+                else request.of_route >= 0
+            ),
+            points=np.ascontiguousarray(request.points),
+            goal=np.ascontiguousarray(goal),
+            latest=np.ascontiguousarray(latest_end(request, options)),
+            east=np.ascontiguousarray(east),
+            north=np.ascontiguousarray(north),
         ),
         Whole(
             plain_task(options),

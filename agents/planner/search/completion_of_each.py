@@ -93,7 +93,7 @@ def _complete(
     if not given.direct[n]:
         point += 1
     end = given.end
-    state = VehicleState(end.x[n], end.y[n], end.heading[n], end.speed[n])
+    state: VehicleState[Air] = VehicleState(end.x[n], end.y[n], end.heading[n], end.speed[n])
     time, count = given.time[n], 0
     for number in range(whole.legs):
         if not whole.extends and point >= routes.points[n]:
@@ -180,7 +180,7 @@ def _add(pieces: Array, count: int, leg: Leg, level: bool, task: DirectTask) -> 
     far = 0.5 * (leg.speed + begin.speed) * rise
     x = middle.x + far * math.cos(middle.heading)
     y = middle.y + far * math.sin(middle.heading)
-    reached = VehicleState(x, y, middle.heading, leg.speed)
+    reached: VehicleState[Air] = VehicleState(x, y, middle.heading, leg.speed)
     _write(pieces[count + 2], leg.turned + rise, reached, 0.0, 0.0)
     return count + 3
 
@@ -229,7 +229,7 @@ def _on_pieces(pieces: Array, when: float) -> VehicleState[Air]:
         if pieces[i, 0] <= when:
             number = i
     piece = pieces[number]
-    began = VehicleState(piece[1], piece[2], piece[3], piece[4])
+    began: VehicleState[Air] = VehicleState(piece[1], piece[2], piece[3], piece[4])
     turn_rate, acceleration, seconds = piece[5], piece[6], when - piece[0]
     arc = turn_rate * seconds
     length = (began.speed + 0.5 * acceleration * seconds) * seconds

@@ -242,7 +242,7 @@ def clear_beyond(
 ) -> bool:
     """Return :meth:`RouteBeyond.clear` of one state in plain floats; ``required`` is ``[K]``."""
     at_goal, course, speed = arrival(own, goal, time, task, FLOATS)
-    there = VehicleState(goal[0], goal[1], course, speed)
+    there: VehicleState[Air] = VehicleState(goal[0], goal[1], course, speed)
     way = direct(there, (beyond.next_x, beyond.next_y), at_goal, task, FLOATS)
     x, y = arc_end_of_one(there, way.side * way.turn, speed * way.turning)
     turned, turning = at_goal + way.turning, max(way.turning, 1e-9)

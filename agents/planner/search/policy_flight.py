@@ -176,7 +176,9 @@ def _write(plan_states: Array, number: int, state: VehicleState[Air]) -> None:
 def _predicted(k: int, time: float, intruders: Intruders) -> VehicleState[Air]:
     """Return an intruder some seconds after the request."""
     state = intruders.state
-    there = VehicleState(state.x[k], state.y[k], state.heading[k], state.speed[k])
+    there: VehicleState[Air] = VehicleState(
+        state.x[k], state.y[k], state.heading[k], state.speed[k]
+    )
     return predict_one(there, intruders.turn_rate[k], intruders.turn_time[k], time)
 
 

@@ -275,7 +275,8 @@ def _roll_compiled(
         field[0] = values
     if stands in (policy_flight.ARRIVED, policy_flight.DIRECT):
         direct = stands == policy_flight.DIRECT
-        _note_end(result, 0, _Flight(*flight), step * course.dt, direct)
+        flown = _Flight(flight.state, flight.path, flight.turn_sign, flight.reversals)
+        _note_end(result, 0, flown, step * course.dt, direct)
     return result
 
 

@@ -1,13 +1,18 @@
 """What is compiled of the planner decides and flies as its interpreted counterpart does."""
 
 from collections.abc import Iterator
+from functools import partial
+from importlib import resources
 
 import numpy as np
 import pytest
 
 from agents.planner import Intruder, Options, Plan, plan
 from agents.policy import decision
+from agents.policy.file import parse
 from agents.policy.inference import Policy
+from agents.policy.set_features import TABLE
+from agents.policy.set_network import SetNetwork
 from envs import compiled
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
@@ -18,16 +23,8 @@ from envs.wind import Wind
 pytest.importorskip("numba", reason="numba is not installed; to have it: pip install '.[fast]'")
 
 
-def _exact_examples() -> list[tuple[object, ...]]:
-    own, intruders, share, x, y, decider = decision._examples()[0]
-    in_double = {
-        name: getattr(decider, name)._replace(values=getattr(decider, name).values.astype(float))
-        for name in ("encoder", "trunk")
-    }
-    return [(own, intruders, share, x, y, decider._replace(**in_double))]
-
-
-_DECIDE = compiled.Entry(decision.decide, _exact_examples)  # in float64, as it never flies
+# In float64, as it never flies.
+_DECIDE = compiled.Entry(decision.decide, partial(decision.examples, np.float64))
 
 
 @pytest.fixture(autouse=True)
@@ -39,15 +36,9 @@ def _prepared() -> Iterator[None]:
 
 @pytest.mark.parametrize("count", [0, 1, 2, 10])
 def test_decisions_are_the_same(count: int) -> None:
-    policy, rng = Policy.load(dtype=np.float64), np.random.default_rng(count)
-    network = policy._resolver
-    of_compiled = decision.decider(
-        policy.limits,
-        policy.aircraft.separation,
-        network._min_separation,
-        network._encoder,
-        network._trunk,
-    )
+    content = parse(resources.files("agents").joinpath("data/policy.safetensors").read_bytes(), "")
+    network, rng = SetNetwork(content, np.float64, TABLE), np.random.default_rng(count)
+    decider = network.new_decider()
     for _ in range(200):
         own: VehicleState[Air] = VehicleState(
             *rng.uniform([-1e3, -1e3, -3.1, 50.0], [1e3, 1e3, 3.1, 100.0])
@@ -56,9 +47,9 @@ def test_decisions_are_the_same(count: int) -> None:
         share = rng.uniform(0.3, 3.0, count)
         goal_x, goal_y = rng.uniform(-3e4, 3e4, 2)
         fields: VehicleState[Air] = VehicleState(*np.ascontiguousarray(states.T))
-        each = [VehicleState(*row) for row in states]
+        each: list[VehicleState[Air]] = [VehicleState(*row) for row in states]
         interpreted = network.of_one(own, each, goal_x, goal_y, share.tolist())
-        found = _DECIDE(own, fields, share, goal_x, goal_y, of_compiled)
+        found = _DECIDE(own, fields, share, goal_x, goal_y, decider)
         np.testing.assert_allclose(found, interpreted, rtol=0.0, atol=1e-12)
 
 
