@@ -109,10 +109,12 @@ def prepare() -> bool:
     waiting = [entry for entry in _ENTRIES if not entry.ready]
     if waiting:
         import numba
+        from numba.core import config
 
         _teach()
         folder = kept_in()
-        vars(config)["CACHE_DIR"] = "" if folder is None else str(folder)
+        settings: Any = config
+        settings.CACHE_DIR = "" if folder is None else str(folder)
         for entry in waiting:
             entry.compile(numba, cache=folder is not None)
     return True
