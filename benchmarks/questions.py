@@ -12,6 +12,7 @@ from envs.areas import Area
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import RoutePoint
+from envs.wind import Wind
 
 __all__ = ["Question", "Timed", "time_plan"]
 
@@ -42,6 +43,7 @@ def time_plan(
     options: Options,
     *,
     own_altitude: Altitude | None = None,
+    wind: Wind | None = None,
     areas: Sequence[Area] = (),
 ) -> Timed:
     """Plan a question once.
@@ -50,5 +52,5 @@ def time_plan(
     clock; the planner counts its deadline by it too.
     """
     began = time.thread_time()
-    answer = plan(*question, policy, options, own_altitude=own_altitude, areas=areas)
+    answer = plan(*question, policy, options, own_altitude=own_altitude, wind=wind, areas=areas)
     return Timed(answer, time.thread_time() - began)

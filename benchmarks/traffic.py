@@ -1,8 +1,9 @@
 """Plans among many aircraft: ``python -m benchmarks.traffic [--intruders 100] [--radius 30]``.
 
 Random traffic: places uniform in a disc about the ownship but for two separations about it,
-courses uniform, speeds those of the encounters. Each request is planned with the usual deadline
-and with five seconds; what counts is the share SAFE of those that five seconds solve. Times are
+courses uniform, speeds those of the encounters; known exactly or within standard deviations, in a
+wind from a random direction, with areas on the way. Each request is planned with the usual deadline
+and with five seconds; what counts is the share SAFE of those that either solves. Times are
 the processor's for the thread, which other work on the machine does not lengthen so much.
 """
 
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from agents.planner import Options, plan
+from agents.planner import Intruder, Options, prepare
 from agents.planner.answer import Source
 from agents.policy.inference import Policy
 from benchmarks.measure import (
@@ -28,14 +29,26 @@ from benchmarks.measure import (
 from benchmarks.questions import Question, Timed, time_plan
 from commands.command import ConfigError, Parser, real, run_cli, whole
 from envs.aircraft import Aircraft
+from envs.areas import Area
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.random_areas import random_areas
 from envs.waypoints import RoutePoint
+from envs.wind import Wind
 
 _APART = 2.0  # separations from the ownship at the request
 _SPEEDS = 0.5, 1.0  # of the intruders, in the ownship's greatest
 _PATIENT = 5.0  # s of computation
 _POINTS = 9  # of a route
+
+
+class Sky(NamedTuple):
+    """What is about each request."""
+
+    position_std: float  # of the intruders' positions, m
+    velocity_std: float  # m/s
+    wind: float  # its speed, m/s
+    areas: int  # on the way to the next point
 
 
 class Asked(NamedTuple):
@@ -58,27 +71,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
             f"--radius is {given.radius:g} km; expected more than {1e-3 * inner:g} km, within "
             "which no aircraft begins"
         )
+    compiled = not given.interpreted and prepare()
+    sky = Sky(given.position_std, given.velocity_std, given.wind, given.areas)
     with threadpool_limits(1):
         # The first plan of a process makes tables.
-        plan(*question(given.seed, 3, radius, policy.aircraft), policy)
-        every = [
-            _ask(
-                question(given.seed + number, given.intruders, radius, policy.aircraft),
-                policy,
-                usual,
-            )
-            for number in range(given.requests)
-        ]
+        _ask(given.seed, question(given.seed, 3, radius, policy.aircraft), sky, policy, usual)
+        every = []
+        for number in range(given.seed, given.seed + given.requests):
+            asked = question(number, given.intruders, radius, policy.aircraft)
+            every.append(_ask(number, asked, sky, policy, usual))
     found: dict[str, Any] = {
         "benchmark": "traffic",
+        "compiled": compiled,
         "intruders": given.intruders,
         "radius_km": given.radius,
+        **sky._asdict(),
         "requests": given.requests,
         "deadline_ms": 1e3 * usual.deadline_s,
         **figures(every),
     }
     show(found)
-    report(found, ("numpy",))
+    report(found, ("numpy", "numba") if compiled else ("numpy",))
 
 
 def _parser() -> Parser:
@@ -89,6 +102,17 @@ def _parser() -> Parser:
     )
     what = "radius of the disc, km (default 30)"
     parser.add_argument("--radius", type=real(1.0, 1_000.0, "km"), default=30.0, help=what)
+    for name, highest, unit, what in (
+        ("position-std", 1e3, "m", "standard deviation of the intruders' positions, per axis"),
+        ("velocity-std", 50.0, "m/s", "standard deviation of their velocities, per axis"),
+        ("wind", 30.0, "m/s", "speed of the wind, from a random direction"),
+    ):
+        text = f"{what}, {unit} (default 0)"
+        parser.add_argument(f"--{name}", type=real(0.0, highest, unit), default=0.0, help=text)
+    what = "areas on the way to the next point (default 0)"
+    parser.add_argument("--areas", type=whole(0), default=0, help=what)
+    what = "without compiled code, though numba is installed"
+    parser.add_argument("--interpreted", action="store_true", help=what)
     deadline_option(parser)
     return parser
 
@@ -108,15 +132,36 @@ def question(seed: int, count: int, radius: float, aircraft: Aircraft) -> Questi
     return Question(own, [VehicleState(*one) for one in others], route)
 
 
-def _ask(asked: Question, policy: Policy, usual: Options) -> Asked:
+def _ask(number: int, asked: Question, sky: Sky, policy: Policy, usual: Options) -> Asked:
     """Plan a request with the usual deadline, and with five seconds where that does not solve
     it.
     """
-    timed = time_plan(asked, policy, usual)
+    if sky.position_std or sky.velocity_std:
+        reports = [
+            Intruder(state, position_std=sky.position_std, velocity_std=sky.velocity_std)
+            for state in asked.states
+        ]
+        asked = asked._replace(intruders=reports)
+    wind, areas = _around(number, asked, sky, policy.aircraft)
+    timed = time_plan(asked, policy, usual, wind=wind, areas=areas)
     solved = timed.answer.safe
     if not solved:
-        solved = plan(*asked, policy, replace(usual, deadline_s=_PATIENT)).safe
+        patient = replace(usual, deadline_s=_PATIENT)
+        solved = time_plan(asked, policy, patient, wind=wind, areas=areas).answer.safe
     return Asked(timed, solved)
+
+
+def _around(
+    number: int, asked: Question, sky: Sky, aircraft: Aircraft
+) -> tuple[Wind | None, tuple[Area, ...]]:
+    """Return the wind of a request, and the areas on the way to its next point."""
+    wind = None
+    if sky.wind:
+        course = np.random.default_rng([number, 1]).uniform(-math.pi, math.pi)
+        wind = Wind(sky.wind * math.cos(course), sky.wind * math.sin(course))
+    goal = asked.route[0].x, asked.route[0].y
+    areas = random_areas(number, 0, sky.areas, asked.own, goal, aircraft) if sky.areas else ()
+    return wind, areas
 
 
 def figures(every: Sequence[Asked]) -> dict[str, Any]:
