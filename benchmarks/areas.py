@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from agents.planner import Options, plan
 from agents.policy.inference import Policy
-from benchmarks.measure import percentiles_ms, report, request_options, show
+from benchmarks.measure import percentiles_ms, policy_in_flight, report, request_options, show
 from benchmarks.questions import Question, time_plan
 from benchmarks.sampling_planner import Task, is_right, require, solve
 from commands.command import Parser, real, run_cli
@@ -96,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = _parser().parse_args(arguments)
     if given.ompl:
         require()
-    policy = Policy.load(given.policy)
+    policy = policy_in_flight(given.policy)
     usual = Options.for_aircraft(policy.aircraft)
     deadlines = [*sorted(given.deadlines), 1e3 * _PATIENT]
     found, tried = list[Asked](), list[Sampled]()

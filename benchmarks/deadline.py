@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 from agents.planner import Intruder, Options, plan
 from agents.planner.request.encounters import request_of
 from agents.policy.inference import Policy
-from benchmarks.measure import report
+from benchmarks.measure import policy_in_flight, report
 from benchmarks.planner import question
 from benchmarks.questions import Question, time_plan
 from commands.command import InputError, Parser, require, run_cli, whole
@@ -176,7 +176,7 @@ def main() -> None:
     """Measure what is missing, and print."""
     options = _parser().parse_args()
     require("--out", "matplotlib")
-    policy = Policy.load(options.policy)
+    policy = policy_in_flight(options.policy)
     policy = policy.for_aircraft(policy.aircraft, outside="allow")  # up to eight intruders
     options.out.mkdir(parents=True, exist_ok=True)
     count = -(-options.requests // (EACH * len(KINDS)))

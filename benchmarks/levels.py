@@ -23,6 +23,7 @@ from agents.policy.inference import Policy
 from benchmarks.measure import (
     deadline_option,
     percentiles_ms,
+    policy_in_flight,
     report,
     request_options,
     show,
@@ -61,7 +62,7 @@ def main() -> None:
     request_options(parser, 200)
     deadline_option(parser)
     given = parser.parse_args()
-    policy = Policy.load(given.policy)
+    policy = policy_in_flight(given.policy)
     usual = usual_options(policy, given.deadline)
     with threadpool_limits(1):
         every = [

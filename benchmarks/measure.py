@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.planner import Options
+from agents.planner import Options, prepare
 from agents.policy.inference import Policy
 from commands.command import ConfigError, InputError, Parser, real, require, whole
 from commands.json_text import parse_json
@@ -83,6 +83,14 @@ def usual_options(policy: Policy, deadline: float | None) -> Options:
     """Return the planner's usual options for a policy, with another deadline, ms, or its own."""
     usual = Options.for_aircraft(policy.aircraft)
     return usual if deadline is None else replace(usual, deadline_s=1e-3 * deadline)
+
+
+def policy_in_flight(path: Path | None = None) -> Policy:
+    """Return a policy, by default the one that ships, with all compiled that flies it, as in a
+    node.
+    """
+    prepare()
+    return Policy.load(path)
 
 
 def layers(policy: Policy) -> list[tuple[int, ...]]:

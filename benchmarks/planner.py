@@ -24,6 +24,7 @@ from benchmarks.measure import (
     hold_to_one_core,
     layers,
     percentiles_ms,
+    policy_in_flight,
     report,
     request_options,
     show,
@@ -60,7 +61,7 @@ def main() -> None:
     """Measure and print."""
     options = _parser().parse_args()
     hold_to_one_core()
-    policy = Policy.load(options.policy)
+    policy = policy_in_flight(options.policy)
     encounters = encounters_of_seed(
         scenario(options.scenario, PAPER), options.seed, 0, options.requests
     )

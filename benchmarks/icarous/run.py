@@ -18,13 +18,12 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from agents.policy.inference import Policy
 from benchmarks.icarous import ours, peer
 from benchmarks.icarous.figure import drawing
 from benchmarks.icarous.flights import Flight
 from benchmarks.icarous.judge import Verdict, judge
 from benchmarks.icarous.missions import Mission, aircraft, mission
-from benchmarks.measure import Kind, parse_names, read_done, report
+from benchmarks.measure import Kind, parse_names, policy_in_flight, read_done, report
 from commands.command import Parser, require, whole
 from commands.figures import save_figure
 from commands.progress import Progress
@@ -89,7 +88,7 @@ Flyer = Callable[[Mission], Flight]
 
 
 def _flyers(home: Path | None, vehicle: Aircraft) -> dict[str, Flyer]:
-    given = ours.rules(vehicle, Policy.load())
+    given = ours.rules(vehicle, policy_in_flight())
     found: dict[str, Flyer] = {"ours": lambda one: ours.fly(one, given)}
     if home is not None:
         found["icarous"] = lambda one: peer.fly(one, vehicle, home)

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
 from agents.policy.inference import Policy
-from benchmarks.measure import read_done, report, request_options
+from benchmarks.measure import policy_in_flight, read_done, report, request_options
 from benchmarks.safety.adversary import FAMILIES
 from benchmarks.safety.attack import HUNDRED, Batch, Tally, attack, tasks
 from commands.command import Parser, whole
@@ -41,7 +41,7 @@ _POLICY: list[Policy] = []  # of a worker
 
 
 def _prepare(path: Path | None) -> None:
-    _POLICY[:] = [Policy.load(path)]
+    _POLICY[:] = [policy_in_flight(path)]
 
 
 def _read_batches(path: Path, asked: dict[str, Any]) -> dict[Batch, Tally]:
@@ -61,7 +61,7 @@ def _results(
     minutes.
     """
     if workers == 1:
-        policy = Policy.load(path)
+        policy = policy_in_flight(path)
         yield from ((batch, attack(batch, policy)) for batch in batches)
         return
     with processes(workers, _prepare, path) as pool:
