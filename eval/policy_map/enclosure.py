@@ -6,7 +6,7 @@ the middle of the box in half widths. Forms go through the policy's own function
 chord and its greatest distance.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,7 +59,7 @@ class Form:
         return cls(middle, slopes, rest)
 
     @classmethod
-    def stack(cls, forms: list["Form"]) -> "Form":
+    def stack(cls, forms: Sequence["Form"]) -> "Form":
         """Return forms ``[N]`` as one ``[N, ...]``."""
         return cls.concatenate(
             [cls(form.middle[:, None], form.slopes[:, None], form.rest[:, None]) for form in forms]
