@@ -17,11 +17,12 @@ def distance(x: Array, y: Array, xp: ArrayModule) -> Array:
     return xp.sqrt(x * x + y * y)
 
 
-def chord(x0: Array, y0: Array, x1: Array, y1: Array) -> Array:
+@scalar
+def chord(x0: Array, y0: Array, x1: Array, y1: Array, xp: ArrayModule = np) -> Array:
     """Return the smallest distance from the origin to segments, m."""
     dx, dy = x1 - x0, y1 - y0
-    s = np.clip(-(x0 * dx + y0 * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
-    return distance(x0 + s * dx, y0 + s * dy, np)
+    s = xp.clip(-(x0 * dx + y0 * dy) / xp.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
+    return distance(x0 + s * dx, y0 + s * dy, xp)
 
 
 @scalar

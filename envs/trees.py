@@ -47,6 +47,20 @@ def take(tree: T, index: Any) -> T:
     return found
 
 
+def contiguous(tree: T) -> T:
+    """Return every array as compiled code takes it: contiguous and writeable, of booleans or of
+    floats.
+    """
+    found: Any = tree
+    if isinstance(tree, np.ndarray):
+        if not (tree.flags.carray and tree.dtype.char in "d?"):
+            found = np.array(tree, dtype=bool if tree.dtype == bool else float, order="C")
+    elif isinstance(tree, tuple):  # not by map_leaves, which is slower
+        parts = [contiguous(field) for field in tree]
+        found = type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
+    return found
+
+
 def column(tree: T) -> T:
     """Return every array ``[N]`` as a column ``[N, 1]``, to be set against intruders ``[N, K]``."""
     return map_leaves(lambda field: field[:, None], tree)

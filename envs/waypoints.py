@@ -11,6 +11,7 @@ waypoints as the air mass sees them, carried along by the wind: :func:`plan_stat
 into the air mass and :func:`at` a place on its legs back.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, overload
@@ -19,6 +20,7 @@ import numpy as np
 
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.compiled import scalar
 from envs.frames import Air, F, Ground
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves
@@ -273,6 +275,21 @@ def displacement(
     psi = yaw_rate * seconds + heading
     covered = (acceleration * seconds + speed) * np.multiply.outer(_WEIGHTS, duration)
     return np.add.reduce(covered * np.stack([np.cos(psi), np.sin(psi)]), axis=1)
+
+
+@scalar
+def displacement_of_one(
+    heading: float, speed: float, yaw_rate: float, acceleration: float, duration: float
+) -> tuple[float, float]:
+    """Return :func:`displacement` of one arc in plain floats, m."""
+    x = y = 0.0
+    for node in range(len(_NODES)):
+        seconds = _NODES[node] * duration
+        psi = yaw_rate * seconds + heading
+        covered = (acceleration * seconds + speed) * (_WEIGHTS[node] * duration)
+        x += covered * math.cos(psi)
+        y += covered * math.sin(psi)
+    return x, y
 
 
 def _before(parts: Array) -> Array:

@@ -1,4 +1,4 @@
-(* The lower bound of the distance in a part of the flight, as agents/kernel/separation.py computes it (chords), and
+(* The lower bound of the distance in a part of the flight, as agents/kernel/chords.py computes it (chord_of), and
    the four simpler ones of agents/check/chord.py. (x0, y0) and (x1, y1): the relative position at the part's beginning and
    end; sagitta: a h^2 / 8. A test translates the definitions of this file and compares them with the code. *)
 

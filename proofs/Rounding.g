@@ -1,4 +1,4 @@
-# Rounding of the validator's formulas (agents/kernel/separation.py, agents/kernel/traffic.py) in double precision, bounded by Gappa.
+# Rounding of the validator's formulas (agents/kernel/chords.py, agents/kernel/traffic.py) in double precision, bounded by Gappa.
 # Domain: coordinates up to 2^20 m, speeds up to 400 m/s, times up to 2^14 s, turns up to 32 rad, so that relative
 # positions stay below 2^24 m. Beyond it the certificate decides (agents/check).
 # Together they are below 0.3 micrometres: docs/explanation/safe-theorem.md.

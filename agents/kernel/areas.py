@@ -62,6 +62,12 @@ class AreaClearance(NamedTuple):
         """
         return True
 
+    def fill(
+        self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
+    ) -> bool:
+        """Return that there is no compiled code for areas."""
+        return False
+
     def near(
         self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
     ) -> Near:

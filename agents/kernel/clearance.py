@@ -55,7 +55,7 @@ class Clearance(NamedTuple):
     @classmethod
     def blank(cls, rows: int, count: int) -> "Clearance":
         """Return that nothing counts, ``[rows, count]``."""
-        inf, nan = np.full((2, rows, count), [[[np.inf]], [[np.nan]]])
+        inf, nan = np.full((rows, count), np.inf), np.full((rows, count), np.nan)
         return cls(
             margin=inf,
             loss=inf.copy(),
@@ -106,6 +106,15 @@ class Constraint(Protocol):
         """
         ...
 
+    def fill(
+        self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
+    ) -> bool:
+        """Fill in what is kept by compiled code; return whether there is any that is ready.
+
+        It gives what all other methods give together; levels of interest are in m, ``[N, K]``.
+        """
+        ...
+
     def near(
         self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
     ) -> Near:
@@ -135,6 +144,8 @@ def clearance(
     if found.margin.size == 0:
         return found
     levels = np.broadcast_to(level, found.margin.shape)
+    if constraint.fill(flown, levels, found, closest=closest):
+        return found
     near = constraint.near(flown, levels, found, closest=closest)
     near = _judge_straight_legs(found, flown, constraint, near, levels, closest=closest)
     if near.row.size == 0:

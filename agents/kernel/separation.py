@@ -1,18 +1,18 @@
 """The separation from intruders as a constraint: a lower bound of the distance in each piece of a
-trajectory, and what is required there.
-
-Where two aircraft move on curves, the relative motion leaves the chord between two times h apart by
-at most a h^2 / 8, a being the largest relative acceleration (proofs/Bound.v, proofs/Safe.v).
+trajectory (:mod:`agents.kernel.chords`), and what is required there.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.kernel.chords import BOUND_ERROR, SECANT, chords, least_margin, shares_lost
 from agents.kernel.clearance import CLOSE, ROUNDING, Bounds, Clearance, Near
+from agents.kernel.scalar_separation import FILL_CLEARANCE, Keeping
 from agents.kernel.traffic import (
     Requirement,
     Traffic,
+    Window,
     growth,
     positions,
     requirement_of,
@@ -24,11 +24,10 @@ from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.relative import chord
-from envs.trees import column, map_leaves, take
+from envs.trees import column, contiguous, map_leaves, take
 
 _FEW = 4  # intruders whom it costs more to leave out than to look at
-_SECANT = 0.02  # m by which a secant may be more than what is required
-_BOUND_ERROR = 0.01  # m by which bounds that leave legs out may be off: tolerance and rounding
+_PAIRS = 2_000  # legs set against intruders in a call of compiled code, which may last 1 ms
 
 
 class Separation(NamedTuple):
@@ -56,6 +55,27 @@ class Separation(NamedTuple):
         traffic, required, least = take((self.traffic, self.required, self.least), which)
         return Separation(traffic, required, least, self.sigmas)
 
+    def fill(
+        self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
+    ) -> bool:
+        """Fill in what is kept by compiled code; return whether there is any."""
+        if not FILL_CLEARANCE.ready:
+            return False
+        none = np.empty((0, 0))
+        window = Window(none, none) if self.traffic.window is None else self.traffic.window
+        traffic = self.traffic._replace(separation=None, window=None)
+        least = none if self.least is None else self.least
+        keeping = Keeping(
+            *contiguous((traffic, window, self.required, least, levels)), sigmas=float(self.sigmas)
+        )
+        flown = contiguous(flown)
+        rows, legs = flown.sagitta.shape
+        step = max(_PAIRS // max(legs * self.size, 1), 1)
+        for first in range(0, rows, step):
+            end, few = min(first + step, rows), self.size <= _FEW
+            FILL_CLEARANCE(flown, first, end, keeping, closest, few, found)
+        return True
+
     def near(
         self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
     ) -> Near:
@@ -76,7 +96,7 @@ class Separation(NamedTuple):
         bound = chord(x[:, :-1], y[:, :-1], x[:, 1:], y[:, 1:]) - (
             (flown.sagitta + flown.error)[..., None]
             + 0.125 * turn * (end - begin) ** 2
-            + _BOUND_ERROR
+            + BOUND_ERROR
         )
         required = self.required[:, None]
         margin = bound - (required + growth(wide, np.maximum(end, 0.0), self.sigmas))
@@ -130,12 +150,12 @@ class Separation(NamedTuple):
                 each[some] + np.broadcast_to(error, counts.shape)[some] + line.sagitta
                 for each, error in ((tolerated[1], given.error_begin), (tolerated[3], given.error))
             )
-            tolerant[some] = line.least_margin(begin, end)
+            tolerant[some] = least_margin(line, begin, end, np)
             margin[some] = tolerant[some] - (required - tolerated).max(axis=0)[some]
-            first, last = line.within(begin, end)
+            first, last = shares_lost(line, begin, end, np)
             enters[some] = given.begin[some] + first * length
             leaves[some] = given.begin[some] + last * length
-        exact = straight & (0.5 * (tolerated[1] + tolerated[3]) - tolerated[2] <= _SECANT)
+        exact = straight & (0.5 * (tolerated[1] + tolerated[3]) - tolerated[2] <= SECANT)
         return Bounds(
             distance=chord.distance,
             nearest=np.where(
@@ -160,72 +180,3 @@ def separation(traffic: Traffic, own: VehicleState[Air], requirement: Requiremen
         np.broadcast_to(separations(traffic, requirement), traffic.mask.shape),
         requirement.sigmas,
     )
-
-
-class Chord(NamedTuple):
-    """Pieces of motion relative to an intruder each, as their chords; fields ``[M, P]``."""
-
-    distance: Array  # a lower bound of it, m
-    attained: Array  # the smaller distance of both ends, m
-    sagitta: Array  # by how much the motion may leave the chord, m
-    x: Array  # where the chord begins, m
-    y: Array
-    dx: Array  # from there to its end, m
-    dy: Array
-    share: Array  # of the chord at which it is nearest, 0 to 1
-
-    def least_margin(self, begin: Array, end: Array) -> Array:
-        """Return the smallest distance on the chords less what is required, m, which changes evenly
-        from one value to another, the second the greater one.
-        """
-        grows, square = end - begin, np.maximum(self.dx * self.dx + self.dy * self.dy, 1e-12)
-        nearest = -(self.x * self.dx + self.y * self.dy) / square
-        passing = np.hypot(self.x + nearest * self.dx, self.y + nearest * self.dy)
-        # Nearest to what is required: where the range opens as fast as that grows.
-        faster = square > grows * grows
-        after = passing * grows / np.sqrt(square * np.where(faster, square - grows * grows, 1.0))
-        share = np.clip(np.where(faster, nearest + after, 1.0), 0.0, 1.0)
-        distance = np.hypot(self.x + share * self.dx, self.y + share * self.dy)
-        return distance - (begin + share * grows)
-
-    def within(self, begin: Array, end: Array) -> tuple[Array, Array]:
-        """Return from which share of the chords to which less than the required distance is left,
-        which changes as for :meth:`least_margin`; of chords on which it is.
-        """
-        grows = end - begin
-        a = self.dx * self.dx + self.dy * self.dy - grows * grows
-        b = self.x * self.dx + self.y * self.dy - begin * grows
-        c = self.x * self.x + self.y * self.y - begin * begin
-        root = np.sqrt(np.maximum(b * b - a * c, 0.0))
-        enters = np.where(c < 0.0, 0.0, c / np.where(root > b, root - b, np.inf))
-        leaves = np.where(a > 0.0, (root - b) / np.where(a > 0.0, a, 1.0), 1.0)
-        return np.clip(enters, 0.0, 1.0), np.clip(leaves, 0.0, 1.0)
-
-
-def chords(given: Pieces, traffic: Traffic) -> Chord:
-    """Return pieces ``[M, P]`` relative to an intruder each, ``[M, 1]``, with what is known of the
-    distance.
-    """
-    # Beginnings and ends in one array, [2, M, P]: half the calls, the same bits.
-    times = np.stack([given.begin, given.end])
-    x, y = positions(map_leaves(lambda field: field[None], traffic), times)
-    (x0, x1), (y0, y1) = x, y = (
-        x - np.stack([given.x0, given.x1]),
-        y - np.stack([given.y0, given.y1]),
-    )
-    dx, dy = x1 - x0, y1 - y0
-    s = np.clip(-(x0 * dx + y0 * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
-    first, last = np.sqrt(x * x + y * y)
-    near_x, near_y = x0 + s * dx, y0 + s * dy
-    near = np.sqrt(near_x * near_x + near_y * near_y)
-    # A share s of the piece from its beginning, the motion leaves the chord by at most
-    # 4 sagitta s (1 - s). Where the chord is nearest at an end, from which the range opens by at
-    # least g s, the distance is smaller than there by at most (4 sagitta - g)^2 / (16 sagitta).
-    turn = np.where(traffic.turn_time > 0.0, np.abs(traffic.state.speed * traffic.turn_rate), 0.0)
-    length = given.end - given.begin
-    sagitta = np.maximum((given.bend + turn) * (0.125 * length**2), 1e-12)
-    opening = np.where(s <= 0.0, (x0 * dx + y0 * dy) / np.maximum(first, 1e-9), 0.0)
-    opening = np.where(s >= 1.0, -(x1 * dx + y1 * dy) / np.maximum(last, 1e-9), opening)
-    loss = np.maximum(4.0 * sagitta - np.maximum(opening, 0.0), 0.0) ** 2 / (16.0 * sagitta)
-    distance = near - loss - given.error
-    return Chord(distance, np.minimum(first, last), sagitta, x0, y0, dx, dy, s)

@@ -16,7 +16,7 @@ from envs.trees import column, map_leaves
 STRAIGHT = 1e-30
 """Turn rate of a turn that is none, rad/s."""
 
-_EDGE = 1e-6  # s by which a window may be wider, for the rounding of times
+EDGE = 1e-6  # s by which a window may be wider, for the rounding of times
 _SAME_PLACE = 1e-6  # m by which an intruder may leave its report's flight for rounding's sake
 
 
@@ -78,7 +78,7 @@ def within_window(traffic: Traffic, begin: Array, end: Array) -> Array:
     window = traffic.window
     if window is None:
         return True
-    return (end >= window.begin - _EDGE) & (begin <= window.end + _EDGE)
+    return (end >= window.begin - EDGE) & (begin <= window.end + EDGE)
 
 
 class Requirement(NamedTuple):
@@ -141,13 +141,20 @@ def predict_one(
         heading = state.heading + turn_rate * min(time, turn_time)
         return VehicleState(x, y, wrap(heading, FLOATS), state.speed)
     turning = min(time, turn_time)
-    half = 0.5 * turn_rate * turning
+    x, y = place_in_turn(state, turn_rate, turning)
+    turned = turn_rate * turning
+    after, straight = state.heading + turned, state.speed * (time - turning)
+    x, y = x + straight * math.cos(after), y + straight * math.sin(after)
+    return VehicleState(x, y, wrap(after, FLOATS), state.speed)
+
+
+@scalar
+def place_in_turn(state: VehicleState[Air], turn_rate: float, time: float) -> tuple[float, float]:
+    """Return :func:`positions` of one intruder that still turns, in plain floats, m."""
+    half = 0.5 * turn_rate * time
     chord = 2.0 * state.speed * math.sin(half) / turn_rate
-    middle, after = state.heading + half, state.heading + 2.0 * half
-    straight = state.speed * (time - turning)
-    x = state.x + chord * math.cos(middle) + straight * math.cos(after)
-    y = state.y + chord * math.sin(middle) + straight * math.sin(after)
-    return VehicleState(x, y, wrap(state.heading + turn_rate * turning, FLOATS), state.speed)
+    middle = state.heading + half
+    return state.x + chord * math.cos(middle), state.y + chord * math.sin(middle)
 
 
 def same_flight(reports: Traffic, age: Array, traffic: Traffic) -> Array:
@@ -207,6 +214,17 @@ def growth(traffic: Traffic, time: Array, sigmas: float) -> Array:
     if not (sigmas and traffic.velocity_std.any()):
         return 0.0
     return sigmas * (uncertainty(traffic, np.maximum(time, 0.0)) - uncertainty(traffic, 0.0))
+
+
+@scalar
+def growth_of_one(
+    position_std: float, velocity_std: float, age: float, time: float, sigmas: float
+) -> float:
+    """Return :func:`growth` of one intruder in plain floats, m."""
+    if velocity_std == 0.0:
+        return 0.0
+    later = uncertainty_of_one(position_std, velocity_std, age, max(time, 0.0))
+    return sigmas * (later - uncertainty_of_one(position_std, velocity_std, age, 0.0))
 
 
 def separations(traffic: Traffic, requirement: Requirement) -> Array:

@@ -28,7 +28,7 @@ HOLDS = 3
 
 # Gauss-Legendre's rule of four points over [0, 1], [4, 1, 1]: the nodes lead.
 _NODES, _FACTORS = (part[:, None, None] for part in np.polynomial.legendre.leggauss(4))
-_SHARES, _WEIGHTS = 0.5 * (1.0 + _NODES), 0.5 * _FACTORS
+SHARES, WEIGHTS = 0.5 * (1.0 + _NODES), 0.5 * _FACTORS
 
 
 class Trajectory(NamedTuple, Generic[F]):
@@ -272,7 +272,9 @@ def rest_of(arcs: Pieces) -> Pieces:
     copies = {name: np.array(getattr(arcs, name)) for name in now}
     for name, values in now.items():
         copies[name][m, p] = values
-    return arcs._replace(**copies, error_begin=arcs.error)
+    error_begin = np.array(arcs.error_begin)
+    error_begin[m] = arcs.error[m]
+    return arcs._replace(**copies, error_begin=error_begin)
 
 
 def cut(arcs: Pieces, m: Array, p: Array) -> Pieces:
@@ -304,12 +306,12 @@ def along(arcs: Pieces, part: Array) -> tuple[Array, Array]:
     # part, and turning it takes less than half the time of another sine and cosine. The error grows
     # to some 1e-14.
     start = np.cos(arcs.heading) + 1j * np.sin(arcs.heading)
-    turn = arcs.yaw_rate * (_SHARES * part)
-    turns = np.broadcast_to(np.cos(turn) + 1j * np.sin(turn), (len(_SHARES), len(time), FINE))
-    starts = np.broadcast_to(start, (len(_SHARES), len(time), 1))
+    turn = arcs.yaw_rate * (SHARES * part)
+    turns = np.broadcast_to(np.cos(turn) + 1j * np.sin(turn), (len(SHARES), len(time), FINE))
+    starts = np.broadcast_to(start, (len(SHARES), len(time), 1))
     courses = np.multiply.accumulate(np.concatenate([starts, turns], axis=2), axis=2)
-    speeds = arcs.speed + arcs.acceleration * (_SHARES * time)
-    moved = np.add.reduce(speeds * _WEIGHTS * courses, axis=0)
+    speeds = arcs.speed + arcs.acceleration * (SHARES * time)
+    moved = np.add.reduce(speeds * WEIGHTS * courses, axis=0)
     return arcs.x0 + moved.real * time, arcs.y0 + moved.imag * time
 
 

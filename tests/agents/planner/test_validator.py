@@ -19,6 +19,7 @@ from agents.planner.judge.validator import CHECKS, validate
 from agents.planner.planner import plan
 from agents.planner.publish import publish
 from agents.policy.inference import Policy
+from envs.compiled import Entry
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState, advance
 from envs.trees import map_leaves, take
 from envs.waypoints import PlanStates, RoutePoint, Waypoint, at, legs
@@ -93,6 +94,7 @@ def test_legs_far_from_an_intruder_are_left_out_without_a_trace(
     if turning:  # the nearest is not always the one that is nearest to what is required
         own = np.random.default_rng(9).choice([np.nan, 100.0, 2_500.0], (30, 40))
         seen = seen._replace(separation=own)
+    monkeypatch.setattr(Entry, "ready", False)  # which leaves legs out without a trace, too
     looked_at: list[float] = []
     near = separation.Separation.near
 
