@@ -11,7 +11,6 @@ waypoints as the air mass sees them, carried along by the wind: :func:`plan_stat
 into the air mass and :func:`at` a place on its legs back.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, overload
@@ -20,27 +19,19 @@ import numpy as np
 
 from envs.angles import wrap
 from envs.arrays import Array
-from envs.compiled import scalar
 from envs.frames import Air, F, Ground
 from envs.kinematics import VehicleState
+from envs.scalar_legs import ARCS, EXACT, ITERATIONS, NODES, SOLVE_LEGS, SPEED, TURN, WEIGHTS
 from envs.trees import map_leaves
 from envs.wind import NO_WIND, Wind, over_ground, through_air
-
-ARCS = 10
-"""Arcs of a leg."""
 
 CLOSED = 1e-3
 """A leg that misses its end by more than this, m, does not exist (the waypoints contradict each
 other).
 """
 
-_TURN, _SPEED = 0.02**2, 0.2**2  # weights: 0.02 rad/s and 0.2 m/s^2 count alike
-_EACH = np.array([_TURN, _SPEED])[:, None, None]
-_ITERATIONS, _EXACT = 12, 5e-4
-# Gauss-Legendre's rule on [0, 1]: good to 1e-9 m on an arc of a leg of 20 s, to 1e-6 m on one that
-# turns by 1 rad.
-_NODES = 0.5 + 0.5 * np.polynomial.legendre.leggauss(4)[0]
-_WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(4)[1]
+_EACH = np.array([TURN, SPEED])[:, None, None]
+_LEGS = 40  # of a call of compiled code, which may last 1 ms
 # Times x and y exchanged: a quarter turn to the left.
 _QUARTER = np.array([-1.0, 1.0])[:, None, None]
 
@@ -154,6 +145,8 @@ def legs(plan_states: PlanStates[F]) -> Legs[F]:
     finite, times increasing, give legs ``[..., W - 1]``.
     """
     shape = np.shape(plan_states.time)
+    if SOLVE_LEGS.ready:
+        return _compiled_legs(plan_states, shape)
     # All M legs in one row: x, y, heading, speed and time of both ends, [5, M] each.
     start, end = (
         np.stack([np.asarray(field)[..., part].reshape(-1) for field in plan_states])
@@ -168,7 +161,7 @@ def legs(plan_states: PlanStates[F]) -> Legs[F]:
     controls = np.repeat(mean, ARCS, axis=-1)
     place, motion = np.zeros((2, 2, step.size, ARCS))  # motion: heading and speed
     miss, left = np.zeros(step.size), np.arange(step.size)
-    for iteration in range(_ITERATIONS + 1):
+    for iteration in range(ITERATIONS + 1):
         part = left if left.size < step.size else slice(None)  # a view while nothing is finished
         seconds, control = step[part, None], controls[:, part]
         moving = start[2:4, part, None] + _before(control * seconds)
@@ -178,8 +171,8 @@ def legs(plan_states: PlanStates[F]) -> Legs[F]:
         distance = np.hypot(*off)
         place[:, part], motion[:, part], miss[part] = ends - arcs, moving, distance
         # Written so that what is not finite stays unfinished, and shows in its miss.
-        going_on = ~(distance <= _EXACT)
-        if iteration == _ITERATIONS or not going_on.any():
+        going_on = ~(distance <= EXACT)
+        if iteration == ITERATIONS or not going_on.any():
             break
         if not going_on.all():
             left, seconds, control = left[going_on], seconds[going_on], control[:, going_on]
@@ -191,6 +184,18 @@ def legs(plan_states: PlanStates[F]) -> Legs[F]:
 
     x, y = start[:2, :, None] + place
     return Legs(*map(by_leg, (start[4], ARCS * step, miss, x, y, *motion, *controls)))
+
+
+def _compiled_legs(plan_states: PlanStates, shape: tuple[int, ...]) -> Legs:
+    """Return :func:`legs` by compiled code."""
+    states = np.array(plan_states, dtype=float).reshape(5, -1, shape[-1])
+    rows, count = states.shape[1], shape[-1] - 1
+    of_legs, of_arcs = np.empty((3, rows, count)), np.empty((6, rows, count, ARCS))
+    together = max(_LEGS // max(count, 1), 1)
+    for first in range(0, rows, together):
+        SOLVE_LEGS(states, first, min(first + together, rows), of_legs, of_arcs)
+    outer = *shape[:-1], count
+    return Legs(*of_legs.reshape(3, *outer), *of_arcs.reshape(6, *outer, ARCS))
 
 
 def _correction(control: Array, seconds: Array, arcs: Array, ends: Array, off: Array) -> Array:
@@ -213,9 +218,9 @@ def _correction(control: Array, seconds: Array, arcs: Array, ends: Array, off: A
     # Of all controls that reach the end, those of least weighted norm: effect times the multipliers
     # m of A m = b, with A symmetric.
     of_turn, of_push = (effect * effect).sum(axis=-1)
-    a11, a22 = _TURN * of_turn + _SPEED * of_push
+    a11, a22 = TURN * of_turn + SPEED * of_push
     of_turn, of_push = (effect[:, 0] * effect[:, 1]).sum(axis=-1)
-    a12 = _TURN * of_turn + _SPEED * of_push
+    a12 = TURN * of_turn + SPEED * of_push
     of_turn, of_push = (effect * control[:, None]).sum(axis=-1)
     b1, b2 = of_turn + of_push + off
     determinant = np.maximum(a11 * a22 - a12 * a12, 1e-12)
@@ -271,25 +276,10 @@ def displacement(
     Gauss-Legendre's rule.
     """
     # The nodes lead, so that the sum over them is the same whatever the other axes hold.
-    seconds = np.multiply.outer(_NODES, duration)
+    seconds = np.multiply.outer(NODES, duration)
     psi = yaw_rate * seconds + heading
-    covered = (acceleration * seconds + speed) * np.multiply.outer(_WEIGHTS, duration)
+    covered = (acceleration * seconds + speed) * np.multiply.outer(WEIGHTS, duration)
     return np.add.reduce(covered * np.stack([np.cos(psi), np.sin(psi)]), axis=1)
-
-
-@scalar
-def displacement_of_one(
-    heading: float, speed: float, yaw_rate: float, acceleration: float, duration: float
-) -> tuple[float, float]:
-    """Return :func:`displacement` of one arc in plain floats, m."""
-    x = y = 0.0
-    for node in range(len(_NODES)):
-        seconds = _NODES[node] * duration
-        psi = yaw_rate * seconds + heading
-        covered = (acceleration * seconds + speed) * (_WEIGHTS[node] * duration)
-        x += covered * math.cos(psi)
-        y += covered * math.sin(psi)
-    return x, y
 
 
 def _before(parts: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from agents.kernel.trajectory import FINE, SHARES, WEIGHTS, Pieces, Trajectory
 from envs.arrays import Array, Record
 from envs.compiled import scalar
-from envs.waypoints import ARCS, displacement_of_one
+from envs.scalar_legs import ARCS, displacement_of_one
 
 PIECE = np.dtype([(name, float) for name in Pieces._fields[2:]])
 """A piece: the numbers of :class:`agents.kernel.trajectory.Pieces` after its row and leg."""

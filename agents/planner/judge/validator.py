@@ -110,16 +110,12 @@ def validate(
         curves: the legs of the plan states, if they are known already.
     """
     plan_states = map_leaves(partial(np.asarray, dtype=float), plan_states)
-    count, points = plan_states.time.shape
+    count = len(plan_states.time)
     finite: Array = np.isfinite(np.stack(plan_states)).all(axis=0)
     ordered: Array = np.diff(plan_states.time, axis=-1) > 0.0
     sound = finite.all(axis=-1) & ordered.all(axis=-1)
     if curves is None or not sound.all():
-        # A flight to the east at 1 m/s in the place of others makes the arrays whole; those are
-        # judged by what is wrong with them only.
-        second = np.arange(points) * 1.0
-        east: PlanStates[Air] = PlanStates(x=second, y=0.0, heading=0.0, speed=1.0, time=second)
-        curves = legs(map_leaves(partial(np.where, sound[:, None]), plan_states, east))
+        curves = legs(_whole(plan_states, sound))
     found, both = Findings.blank(count), finite[:, 1:] & finite[:, :-1]
     in_order = (ordered & (plan_states.time[:, 1:] <= LONGEST)) | ~both
     of_legs = [field | ~sound[:, None] for field in _right_legs(curves, limits)]
@@ -147,6 +143,17 @@ def validate(
         kept = clearance(flown, area_clearance(areas, own.x, own.y, requirement.margin))
         _note_lost(found, _AREA, rows, kept, found.area, [one.number for one in areas])
     return found
+
+
+def _whole(plan_states: PlanStates[Air], sound: Array) -> PlanStates[Air]:
+    """Return plans with a flight to the east at 1 m/s in the place of those that are not sound,
+    ``[N]``, which are judged by what is wrong with them only.
+    """
+    if sound.all():
+        return plan_states
+    second = np.arange(plan_states.time.shape[1]) * 1.0
+    east: PlanStates[Air] = PlanStates(x=second, y=0.0, heading=0.0, speed=1.0, time=second)
+    return map_leaves(partial(np.where, sound[:, None]), plan_states, east)
 
 
 def _right_legs(curves: Legs[Air], limits: Limits) -> tuple[Array, Array, Array, Array]:
@@ -189,9 +196,9 @@ def _note_separation(found: Findings, rows: Array, kept: Clearance) -> None:
     count = kept.distance.shape[1]
     if count == 0:
         return
-    nearest = np.argmin(kept.distance, axis=1)[:, None]
-    found.min_separation[rows] = np.take_along_axis(kept.distance, nearest, 1)[:, 0]
-    found.time_of_min_separation[rows] = np.take_along_axis(kept.distance_time, nearest, 1)[:, 0]
+    nearest = np.arange(rows.size), np.argmin(kept.distance, axis=1)
+    found.min_separation[rows] = kept.distance[nearest]
+    found.time_of_min_separation[rows] = kept.distance_time[nearest]
     _note_lost(found, _SEPARATION, rows, kept, found.intruder, range(count))
 
 
