@@ -132,7 +132,7 @@ def _write_effects(step: float, moved: np.ndarray, ends: np.ndarray, effect: np.
         for arc in range(ARCS):
             length = math.hypot(moved[0, arc], moved[1, arc])
             pushed[arc] = moved[axis, arc] / max(length, 1e-9) * step * step
-        whole, so_far = _sum(pushed), 0.0
+        whole, so_far = sum_of_arcs(pushed), 0.0
         for arc in range(ARCS):
             part = pushed[arc]
             so_far += part
@@ -144,7 +144,7 @@ def _write_effects(step: float, moved: np.ndarray, ends: np.ndarray, effect: np.
     for control in range(2):
         for axis in range(2):
             row = effect[control, axis]
-            mean = _sum(row) * (1.0 / ARCS)
+            mean = sum_of_arcs(row) * (1.0 / ARCS)
             for arc in range(ARCS):
                 row[arc] -= mean
 
@@ -161,17 +161,17 @@ def _multipliers(
     that reach the end, which is missed by (off_x, off_y), m.
     """
     turn_x, turn_y, push_x, push_y = effect[0, 0], effect[0, 1], effect[1, 0], effect[1, 1]
-    a11 = TURN * _sum(turn_x * turn_x) + SPEED * _sum(push_x * push_x)
-    a22 = TURN * _sum(turn_y * turn_y) + SPEED * _sum(push_y * push_y)
-    a12 = TURN * _sum(turn_x * turn_y) + SPEED * _sum(push_x * push_y)
-    b1 = _sum(turn_x * yaw_rate) + _sum(push_x * acceleration) + off_x
-    b2 = _sum(turn_y * yaw_rate) + _sum(push_y * acceleration) + off_y
+    a11 = TURN * sum_of_arcs(turn_x * turn_x) + SPEED * sum_of_arcs(push_x * push_x)
+    a22 = TURN * sum_of_arcs(turn_y * turn_y) + SPEED * sum_of_arcs(push_y * push_y)
+    a12 = TURN * sum_of_arcs(turn_x * turn_y) + SPEED * sum_of_arcs(push_x * push_y)
+    b1 = sum_of_arcs(turn_x * yaw_rate) + sum_of_arcs(push_x * acceleration) + off_x
+    b2 = sum_of_arcs(turn_y * yaw_rate) + sum_of_arcs(push_y * acceleration) + off_y
     determinant = max(a11 * a22 - a12 * a12, 1e-12)
     return (a22 * b1 - a12 * b2) / determinant, (a11 * b2 - a12 * b1) / determinant
 
 
 @scalar
-def _sum(parts: Array) -> float:
+def sum_of_arcs(parts: Array) -> float:
     """Return the sum of numbers ``[ARCS]``, added in numpy's order: the same bits."""
     total = ((parts[0] + parts[1]) + (parts[2] + parts[3])) + (
         (parts[4] + parts[5]) + (parts[6] + parts[7])

@@ -8,11 +8,12 @@ from typing import Any, Generic, NamedTuple
 
 import numpy as np
 
+from agents.kernel.arcs import FILL_BOUNDS, greatest_acceleration, quadrature_error
 from agents.manoeuvres.direct_to_goal import arc_end
 from envs.arrays import Array
 from envs.frames import F
 from envs.kinematics import VehicleState
-from envs.trees import column, take
+from envs.trees import column, contiguous, take
 from envs.waypoints import ARCS, Legs, PlanStates, displacement, legs
 
 STRAIGHT = 1e-4
@@ -102,9 +103,14 @@ def trajectory(states: PlanStates[F], curves: Legs[F] | None = None) -> Trajecto
     the legs between them, if they are known already.
     """
     curves = legs(states) if curves is None else curves
+    if FILL_BOUNDS.ready:
+        states, curves = contiguous((states, curves))
+        bend = np.empty(curves.x.shape)
+        sagitta, error = np.empty((2, *curves.duration.shape))
+        FILL_BOUNDS(states, curves, bend, sagitta, error)
+        return Trajectory(states, curves, bend, sagitta, error, error)
     step = curves.duration[..., None] / ARCS
-    quickest = np.maximum(curves.speed, curves.speed + curves.acceleration * step)
-    bend = np.hypot(curves.acceleration, quickest * curves.yaw_rate)
+    bend = greatest_acceleration(curves.speed, curves.yaw_rate, curves.acceleration, step, np)
     share = np.arange(ARCS) / ARCS
     x, y = (
         place - (ends[:, :-1, None] * (1.0 - share) + ends[:, 1:, None] * share)
@@ -324,16 +330,7 @@ def position_error_bound(curves: Legs[Any]) -> Array:
     bound = np.zeros(curves.duration.shape)
     turns = np.nonzero((curves.yaw_rate != 0.0).any(axis=-1))
     legs = take(curves, turns)
-    half = 0.5 * legs.duration[..., None] / ARCS
-    turn, gain = np.abs(legs.yaw_rate * half), np.abs(legs.acceleration) * half
-    quickest = np.maximum(legs.speed, legs.speed + 2.0 * half * legs.acceleration)
-    square = turn * turn
-    error = (
-        2.0
-        / 9.0
-        * half
-        * (quickest * turn / 40320.0 + gain / 5040.0)
-        * (square * square * square * turn)
-    )
+    lasts = legs.duration[..., None] / ARCS
+    error = quadrature_error(legs.speed, legs.yaw_rate, legs.acceleration, lasts, np)
     bound[turns] = np.sum(error, axis=-1)
     return bound

@@ -11,7 +11,6 @@ _SCALAR = "tests/agents/kernel/test_scalar_separation.py"
 _OF_TRAJECTORY = (
     # What a curve may leave its chord by.
     ("0.125 * bend.max(axis=-1) * step[..., 0] ** 2", "0.0"),
-    ("np.hypot(curves.acceleration, quickest * curves.yaw_rate)", "np.abs(curves.acceleration)"),
     ("error = curves.miss + position_error_bound(curves)", "error = position_error_bound(curves)"),
     ("error = curves.miss + position_error_bound(curves)", "error = curves.miss"),
     ("STRAIGHT = 1e-4", "STRAIGHT = 10.0"),
@@ -27,6 +26,16 @@ _OF_TRAJECTORY = (
     # Parts.
     ("x1=x[:, 1:]", "x1=x[:, :-1]"),
     ("end=time[:, 1:]", "end=time[:, :-1]"),
+)
+
+_OF_ARCS = (
+    ("distance(acceleration, quickest(", "distance(0.0 * acceleration, quickest("),
+    ("speed, acceleration, lasts, xp) * yaw_rate, xp)", "speed, acceleration, lasts, xp), xp)"),
+    ("xp.maximum(speed, speed + acceleration * lasts)", "speed"),
+    ("* (square * square * square * turn)", ""),
+    # Of the compiled loop.
+    ("math.sqrt(far) + 0.125 * most * step**2", "math.sqrt(far)"),
+    ("curves.miss[row, leg] + (sum_of", "(sum_of"),
 )
 
 _OF_CLEARANCE = (
@@ -125,6 +134,7 @@ _OF_TRAFFIC = (
 
 _CHANGES = {
     "trajectory": (_OF_TRAJECTORY, (_CLEARANCE, _VALIDATOR, _PROOFS)),
+    "arcs": (_OF_ARCS, (_SCALAR, _CLEARANCE, _VALIDATOR, _PROOFS)),
     "clearance": (_OF_CLEARANCE, (_CLEARANCE, _AREAS, _VALIDATOR, _PROOFS)),
     "separation": (_OF_SEPARATION, (_CLEARANCE, _VALIDATOR, _PROOFS)),
     "chords": (_OF_CHORDS, (_CLEARANCE, _VALIDATOR, _PROOFS)),

@@ -1,4 +1,4 @@
-"""The clearance from intruders by compiled code is that by numpy."""
+"""What is flown, and its clearance from intruders, by compiled code are those by numpy."""
 
 from collections.abc import Iterator
 
@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from agents.kernel import separation as kernel_separation
+from agents.kernel.arcs import FILL_BOUNDS
 from agents.kernel.clearance import Clearance, clearance
 from agents.kernel.separation import Separation, separation
 from agents.kernel.traffic import Requirement, Traffic, Window
-from agents.kernel.trajectory import Trajectory, straight_on
+from agents.kernel.trajectory import Trajectory, straight_on, trajectory
 from envs import compiled
 from envs.kinematics import VehicleState
 from tests.agents.kernel.test_clearance import FLOWN, aircraft
@@ -109,6 +110,19 @@ def test_compiled_code_keeps_what_numpy_keeps(
         lost += np.count_nonzero(by_numpy.margin < 0.0)
         kept += np.count_nonzero(by_numpy.margin >= 0.0)
     assert count < 4 or (lost > 0 and kept > 0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_compiled_bounds_of_trajectories_are_those_by_numpy(
+    monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    flown = KINDS[kind](8, 20)
+    assert FILL_BOUNDS.ready
+    by_loops = trajectory(flown.states, flown.legs)
+    monkeypatch.setattr(compiled.Entry, "ready", False)
+    by_numpy = trajectory(flown.states, flown.legs)
+    for one, other in zip(by_loops[2:], by_numpy[2:], strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-9)
 
 
 def test_many_trajectories_are_split_and_all_are_filled_in(monkeypatch: pytest.MonkeyPatch) -> None:
