@@ -22,8 +22,8 @@ from agents.kernel.chords import (
 )
 from agents.kernel.clearance import CLOSE, ROUNDING, Bounds, Clearance
 from agents.kernel.scalar_pieces import PIECE, write_arcs, write_parts, write_whole_legs
-from agents.kernel.traffic import EDGE, Traffic, Window, growth_of_one, place_in_turn
 from agents.kernel.traffic import STRAIGHT as STRAIGHT_TURN
+from agents.kernel.traffic import WINDOW_EDGE, Traffic, Window, growth_of_one, place_in_turn
 from agents.kernel.trajectory import FINE, STRAIGHT, Trajectory
 from envs.arrays import Array, Record
 from envs.backend import FLOATS
@@ -240,7 +240,7 @@ def _turning(intruder: Record, time: float) -> float:
 @scalar
 def _may_count(intruder: Record, begin: float, end: float) -> bool:
     """Return whether an intruder may count from one time to another, s."""
-    return end >= intruder.begin - EDGE and begin <= intruder.end + EDGE
+    return end >= intruder.begin - WINDOW_EDGE and begin <= intruder.end + WINDOW_EDGE
 
 
 @scalar

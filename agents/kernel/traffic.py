@@ -16,7 +16,9 @@ from envs.trees import column, map_leaves
 STRAIGHT = 1e-30
 """Turn rate of a turn that is none, rad/s."""
 
-EDGE = 1e-6  # s by which a window may be wider, for the rounding of times
+WINDOW_EDGE = 1e-6
+"""By how much a window may be wider, for the rounding of times, s."""
+
 _SAME_PLACE = 1e-6  # m by which an intruder may leave its report's flight for rounding's sake
 
 
@@ -78,7 +80,7 @@ def within_window(traffic: Traffic, begin: Array, end: Array) -> Array:
     window = traffic.window
     if window is None:
         return True
-    return (end >= window.begin - EDGE) & (begin <= window.end + EDGE)
+    return (end >= window.begin - WINDOW_EDGE) & (begin <= window.end + WINDOW_EDGE)
 
 
 class Requirement(NamedTuple):

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.manoeuvres.direct_to_goal import arc_end
-from envs.arrays import Array
+from envs.arrays import Array, ArrayModule
+from envs.compiled import scalar
 from envs.encounters import Encounter
 from envs.frames import Air
 from envs.intruder import start, step
@@ -109,7 +110,7 @@ def choose_action(
         others, how = take((traffic, counting), asking)
         returning[asking] = _way_back_clear(some, to, others, how, slack, rules, limits)
     full_turn = limits.yaw_rate_max * rules.dt
-    away = steer_away(flight, manoeuvre, time, full_turn)
+    away = steer_away(flight, manoeuvre, time, full_turn, np)
     goal_turn, goal_throttle = _to_goal(own, goal, time, manoeuvre.throttle_home, rules, limits)
     turn = np.where(returning, goal_turn, away.turn)
     throttle = np.where(returning, goal_throttle, away.throttle)
@@ -175,14 +176,18 @@ class Away(NamedTuple):
     switched: Array  # whether the second part has begun, bool
 
 
-def steer_away(flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Array) -> Away:
+@scalar
+def steer_away(
+    flight: Flight, manoeuvre: Manoeuvre, time: float, full_turn: Array, xp: ArrayModule
+) -> Away:
     """Return the commands of the step away that begins at a time, s, and turns by ``full_turn``,
     rad, at most.
     """
     switched = time >= manoeuvre.switch
-    to_turn = flight.to_turn + np.where(switched & ~flight.switched, manoeuvre.turn_after, 0.0)
-    throttle = np.where(switched, manoeuvre.throttle_after, manoeuvre.throttle)
-    return Away(np.clip(to_turn, -full_turn, full_turn), throttle, to_turn, switched)
+    switches = xp.logical_and(switched, xp.logical_not(flight.switched))
+    to_turn = flight.to_turn + xp.where(switches, manoeuvre.turn_after, 0.0)
+    throttle = xp.where(switched, manoeuvre.throttle_after, manoeuvre.throttle)
+    return Away(xp.clip(to_turn, -full_turn, full_turn), throttle, to_turn, switched)
 
 
 def _to_goal(

@@ -7,9 +7,11 @@ gives the predicted traffic and the areas. Backups are ranked on the same motion
 Several strides are flown at once: calls on arrays cost more than strides that are flown beyond an
 end.
 
-Two flights remain beside this one, because their commands follow from the state at every step. The
-clairvoyant search also flies the way home (:func:`agents.manoeuvres.escape_manoeuvre.fly_step`).
-The policy's flight asks the network (:mod:`agents.planner.search.rollout`).
+For one request the planner flies the same manoeuvres compiled, one after the other in each stride
+(:mod:`agents.planner.search.compiled_flight`). Two flights remain beside this one, because their
+commands follow from the state at every step. The clairvoyant search also flies the way home
+(:func:`agents.manoeuvres.escape_manoeuvre.fly_step`). The policy's flight asks the network
+(:mod:`agents.planner.search.rollout`).
 """
 
 from collections.abc import Callable
@@ -20,6 +22,8 @@ import numpy as np
 from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, steer_away, takeoff
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.backend import FLOATS
+from envs.compiled import scalar
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.trees import scatter, take
@@ -238,12 +242,29 @@ def fly_away(
     shape = (count, np.size(own.x))
     turns, throttles = np.empty(shape), np.empty(shape)
     for number in range(count):
-        away = steer_away(flight, manoeuvre, (first + number) * dt, full_turn)
+        away = steer_away(flight, manoeuvre, (first + number) * dt, full_turn, np)
         turns[number], throttles[number] = away.turn, away.throttle
         flight = flight._replace(to_turn=away.to_turn - away.turn, switched=away.switched)
     acceleration, yaw_rate = commands((throttles, turns / full_turn), limits, np)
     states, end = integrate(own, acceleration, yaw_rate, dt, limits)
     return states, flight._replace(own=end)
+
+
+@scalar
+def fly_one_away(
+    flight: Flight, manoeuvre: Manoeuvre, number: int, dt: float, limits: Limits
+) -> Flight:
+    """Return what :func:`fly_away` does of step ``number`` of one escape, in plain floats."""
+    own, full_turn = flight.own, limits.yaw_rate_max * dt
+    away = steer_away(flight, manoeuvre, number * dt, full_turn, FLOATS)
+    acceleration, yaw_rate = commands((away.throttle, away.turn / full_turn), limits, FLOATS)
+    here = VehicleState(0.0, 0.0, wrap(own.heading, FLOATS), own.speed)
+    moved = advance(here, acceleration, yaw_rate, dt, limits, FLOATS)
+    low, high = min(own.speed, limits.speed_min), max(own.speed, limits.speed_max)
+    speed = min(max(own.speed + acceleration * dt, low), high)
+    x, y, course = own.x + moved.x, own.y + moved.y, own.heading + yaw_rate * dt
+    after: VehicleState[Air] = VehicleState(x, y, course, speed)
+    return Flight(after, away.to_turn - away.turn, away.switched, flight.returning)
 
 
 def integrate(

@@ -3,14 +3,24 @@
 :mod:`agents.kernel.areas` judges the plans.
 """
 
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.kernel.areas import ActiveArea
-from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, direct
+from agents.manoeuvres.direct_to_goal import (
+    DirectRoute,
+    DirectTask,
+    arc_end,
+    arc_end_of_one,
+    direct,
+)
 from envs.area_geometry import Parts, chord_distances, gain, own_frame
 from envs.arrays import Array
+from envs.compiled import scalar
+from envs.flat_areas import box_distance_of_one, chord_bound, flat
 from envs.frames import Air
 from envs.kinematics import VehicleState
 
@@ -89,3 +99,75 @@ def _least(
         away = np.where((first <= one.end) & (last >= one.begin), away, np.inf)
         np.minimum(found, away.reshape(found.shape), out=found)
     return found
+
+
+class AreasOfOne(NamedTuple):
+    """What one request keeps from areas, as compiled code takes it."""
+
+    areas: Array  # records [A], as of :func:`envs.flat_areas.flat`
+    lines: Array  # records of edges, [E]
+
+
+def areas_of_one(areas: Sequence[ActiveArea], required: Sequence[Array]) -> AreasOfOne:
+    """Return areas from which one request must keep distances, m, ``[1]`` each."""
+    return AreasOfOne(
+        *flat(
+            [active.area for active in areas],
+            [active.begin for active in areas],
+            [active.end for active in areas],
+            [float(distance[0]) for distance in required],
+        )
+    )
+
+
+@scalar
+def clearance_of_one(
+    around: AreasOfOne,
+    begin: tuple[float, float, float],
+    end: tuple[float, float, float],
+    most: float,
+) -> float:
+    """Return the least distance less the required one on a straight flight between places (m, m,
+    s), or ``most`` where it is more, m.
+    """
+    least = most
+    for a in range(len(around.areas)):
+        area = around.areas[a]
+        if not (begin[2] <= area.end and end[2] >= area.begin):
+            continue
+        x0, y0 = begin[0] - area.vx * begin[2], begin[1] - area.vy * begin[2]
+        x1, y1 = end[0] - area.vx * end[2], end[1] - area.vy * end[2]
+        required = area.required - min(area.gain * begin[2], area.gain * end[2])
+        if area.sign > 0.0:
+            dx, dy = x1 - x0, y1 - y0
+            far = box_distance_of_one(area, x0, y0) + box_distance_of_one(area, x1, y1)
+            if 0.5 * (far - math.sqrt(dx * dx + dy * dy)) > max(least + required, 0.0):
+                continue
+        bound = chord_bound(area, around.lines, x0, y0, x1, y1, required)
+        least = min(least, bound - required)
+    return least
+
+
+@scalar
+def way_clear_of_one(
+    around: AreasOfOne,
+    own: VehicleState[Air],
+    goal: tuple[float, float],
+    way: DirectRoute,
+    time: float,
+    task: DirectTask,
+) -> bool:
+    """Return :func:`way_clear` of one state, whose direct route is known, in plain floats."""
+    part = way.turning / _PARTS
+    sag = 0.125 * own.speed * task.turn_rate * part * part
+    place = own.x, own.y, time
+    for number in range(1, _PARTS + 1):
+        turned, lasts = way.side * way.turn * number / _PARTS, way.turning * number / _PARTS
+        x, y = arc_end_of_one(own, turned, own.speed * lasts)
+        after = x, y, time + lasts
+        if not clearance_of_one(around, place, after, sag) >= sag:
+            return False
+        place = after
+    pace = 0.5 * (own.speed + way.speed)
+    arrival = time + way.turning + (way.straight + task.radius) / pace
+    return clearance_of_one(around, place, (goal[0], goal[1], arrival), sag) >= sag

@@ -16,7 +16,7 @@ from agents.planner.request.options import Narrowed, Options, task_of
 from agents.planner.request.request import Request
 from envs.arrays import Array
 from envs.backend import FLOATS
-from envs.compiled import scalar
+from envs.compiled import records, scalar
 from envs.frames import Air
 from envs.kinematics import VehicleState, velocity
 from envs.trees import column, map_leaves, scatter, take
@@ -30,7 +30,7 @@ the goal.
 _STRAIGHT = 1e-6  # rad between two legs of a route that are one
 
 
-class _RouteLegs(NamedTuple):
+class RouteLegs(NamedTuple):
     """Straight legs of routes; fields ``[N, L]``, or numbers of one."""
 
     x: Array  # where each begins, m
@@ -43,7 +43,7 @@ class _RouteLegs(NamedTuple):
 class RouteBeyond(NamedTuple):
     """The routes of requests beyond their goals, and the intruders, ``[N, K]``."""
 
-    legs: _RouteLegs
+    legs: RouteLegs
     next_x: Array  # the point after the goal, m, [N]; the goal itself where there is none
     next_y: Array
     points: Array  # lengths of the route from there to its points, m, [N, P]; inf: none
@@ -185,40 +185,47 @@ class RouteBeyond(NamedTuple):
         )
 
 
-class RouteBeyondOfOne(NamedTuple):
-    """The route of one request beyond its goal, as compiled code takes it, and the intruders that
-    exist; fields ``[K]`` of those, or empty.
-    """
+class IntruderBeyond(NamedTuple):
+    """An intruder after its turn; a record, or columns ``[K]``."""
 
-    legs: _RouteLegs  # [L]
-    next_x: float
-    next_y: float
-    points: Array  # [P]
-    straight: VehicleState[Air]
+    x: Array  # moved back along the line to time 0, m
+    y: Array
+    vx: Array  # m/s
+    vy: Array
     position_std: Array
     velocity_std: Array
     age: Array
-    begin: Array  # of the windows; empty: all count always
+    begin: Array  # of the window
     end: Array
+
+
+class RouteBeyondOfOne(NamedTuple):
+    """The route of one request beyond its goal, as compiled code takes it, and the intruders that
+    exist.
+    """
+
+    legs: Array  # records of RouteLegs, [L]
+    next_x: float
+    next_y: float
+    points: Array  # [P]
+    intruders: Array  # records of IntruderBeyond, [K]
     sigmas: float
     until: float
 
 
 def of_one(beyond: RouteBeyond, row: int) -> RouteBeyondOfOne:
     """Return the route of the request numbered ``row``."""
-    traffic = take(beyond.traffic, row)
-    there, window, none = traffic.mask, traffic.window, np.zeros(0)
+    traffic, straight = take(take((beyond.traffic, beyond.straight), row), beyond.traffic.mask[row])
+    always = np.full(traffic.age.shape, np.inf)
+    spread = traffic.position_std, traffic.velocity_std, traffic.age
+    window = (-always, always) if traffic.window is None else traffic.window
+    intruders = IntruderBeyond(straight.x, straight.y, *velocity(straight, np), *spread, *window)
     return RouteBeyondOfOne(
-        legs=map_leaves(np.copy, take(beyond.legs, row)),
+        legs=records(take(beyond.legs, row)._asdict()),
         next_x=float(beyond.next_x[row]),
         next_y=float(beyond.next_y[row]),
-        points=beyond.points[row].copy(),
-        straight=take(take(beyond.straight, row), there),
-        position_std=traffic.position_std[there],
-        velocity_std=traffic.velocity_std[there],
-        age=traffic.age[there],
-        begin=none if window is None else window.begin[there],
-        end=none if window is None else window.end[there],
+        points=beyond.points[row],
+        intruders=records(intruders._asdict()),
         sigmas=float(beyond.sigmas),
         until=float(beyond.until),
     )
@@ -226,9 +233,11 @@ def of_one(beyond: RouteBeyond, row: int) -> RouteBeyondOfOne:
 
 def no_route_beyond() -> RouteBeyondOfOne:
     """Return a route that nobody asks for."""
-    none, legs = np.zeros(0), _RouteLegs(*np.zeros((len(_RouteLegs._fields), 0)))
-    still: VehicleState[Air] = VehicleState(none, none, none, none)
-    return RouteBeyondOfOne(legs, 0.0, 0.0, none, still, none, none, none, none, none, 0.0, 0.0)
+    none = np.zeros(0)
+    legs, intruders = (
+        records(dict.fromkeys(kind._fields, none)) for kind in (RouteLegs, IntruderBeyond)
+    )
+    return RouteBeyondOfOne(legs, 0.0, 0.0, none, intruders, 0.0, 0.0)
 
 
 @scalar
@@ -241,68 +250,97 @@ def clear_beyond(
     task: DirectTask,
 ) -> bool:
     """Return :meth:`RouteBeyond.clear` of one state in plain floats; ``required`` is ``[K]``."""
+    lines = lines_beyond(own, goal, time, beyond, task)
+    for k in range(len(required)):
+        if not lines_clear(lines, beyond.intruders[k], required[k], beyond.sigmas):
+            return False
+    return True
+
+
+@scalar
+def lines_beyond(
+    own: VehicleState[Air],
+    goal: tuple[float, float],
+    time: float,
+    beyond: RouteBeyondOfOne,
+    task: DirectTask,
+) -> Array:
+    """Return the flight beyond the goal of one state in plain floats, as lines: where each begins
+    (m, m), the velocity (m/s, m/s), from when and until when (s, s), ``[L + 2, 6]``.
+    """
+    lines = np.empty((len(beyond.legs) + 2, 6))
     at_goal, course, speed = arrival(own, goal, time, task, FLOATS)
     there: VehicleState[Air] = VehicleState(goal[0], goal[1], course, speed)
     way = direct(there, (beyond.next_x, beyond.next_y), at_goal, task, FLOATS)
     x, y = arc_end_of_one(there, way.side * way.turn, speed * way.turning)
     turned, turning = at_goal + way.turning, max(way.turning, 1e-9)
     chord = (x - there.x) / turning, (y - there.y) / turning
-    if not _line_clear((there.x, there.y), chord, at_goal, turned, required, beyond):
-        return False
+    _write_line(lines[0], (there.x, there.y), chord, at_goal, turned)
     at_next = turned + (way.straight + task.radius) / speed
     velocity = speed * math.cos(way.course), speed * math.sin(way.course)
-    if not _line_clear((x, y), velocity, turned, at_next, required, beyond):
-        return False
+    _write_line(lines[1], (x, y), velocity, turned, at_next)
     end = math.inf
     for length in beyond.points:
         reached = at_next + length / speed
         if beyond.until <= reached < end:
             end = reached
-    legs = beyond.legs
-    for number in range(len(legs.x)):
-        first = at_next + legs.begin[number] / speed
-        last = min(first + legs.length[number] / speed, end)
-        velocity = speed * math.cos(legs.course[number]), speed * math.sin(legs.course[number])
-        begin = legs.x[number], legs.y[number]
-        if not _line_clear(begin, velocity, first, last, required, beyond):
+    for number in range(len(beyond.legs)):
+        leg = beyond.legs[number]
+        first = at_next + leg.begin / speed
+        last = min(first + leg.length / speed, end)
+        velocity = speed * math.cos(leg.course), speed * math.sin(leg.course)
+        _write_line(lines[number + 2], (leg.x, leg.y), velocity, first, last)
+    return lines
+
+
+@scalar
+def _write_line(
+    line: Array,
+    place: tuple[float, float],
+    velocity: tuple[float, float],
+    first: float,
+    last: float,
+) -> None:
+    line[0], line[1] = place
+    line[2], line[3] = velocity
+    line[4], line[5] = first, last
+
+
+@scalar
+def lines_clear(lines: Array, intruder: IntruderBeyond, required: float, sigmas: float) -> bool:
+    """Return whether flights along lines (:func:`lines_beyond`) keep clear of an intruder from
+    which a distance is required before uncertainty grows, m.
+    """
+    for number in range(len(lines)):
+        line = lines[number]
+        begin = line[4]
+        first, last = max(begin, intruder.begin), min(line[5], intruder.end)
+        if not last > first:
+            continue
+        x, y = (
+            intruder.x + intruder.vx * begin - line[0],
+            intruder.y + intruder.vy * begin - line[1],
+        )
+        vx, vy = intruder.vx - line[2], intruder.vy - line[3]
+        nearest = -(x * vx + y * vy) / max(vx * vx + vy * vy, 1e-9)
+        nearest = min(max(nearest, first - begin), last - begin)
+        x, y = x + vx * nearest, y + vy * nearest
+        needed = required + growth_of_one(intruder, last, sigmas)
+        if x * x + y * y < needed * abs(needed):
             return False
     return True
 
 
 @scalar
-def _line_clear(
-    place: tuple[float, float],
-    velocity: tuple[float, float],
-    begin: float,
-    end: float,
-    required: Array,
-    beyond: RouteBeyondOfOne,
-) -> bool:
-    """Return whether the flight along a line, from a time to another, keeps clear of all."""
-    if not end > begin:
-        return True
-    for k in range(len(required)):
-        first, last = begin, end
-        if len(beyond.begin) > 0:
-            first, last = max(first, beyond.begin[k]), min(last, beyond.end[k])
-            if not last > first:
-                continue
-        speed, heading = beyond.straight.speed[k], beyond.straight.heading[k]
-        vx, vy = speed * math.cos(heading), speed * math.sin(heading)
-        x = beyond.straight.x[k] + vx * begin - place[0]
-        y = beyond.straight.y[k] + vy * begin - place[1]
-        vx, vy = vx - velocity[0], vy - velocity[1]
-        nearest = -(x * vx + y * vy) / max(vx * vx + vy * vy, 1e-9)
-        nearest = min(max(nearest, first - begin), last - begin)
-        x, y = x + vx * nearest, y + vy * nearest
-        needed = required[k]
-        if beyond.velocity_std[k] > 0.0:
-            std = beyond.position_std[k], beyond.velocity_std[k], beyond.age[k]
-            grown = uncertainty_of_one(std[0], std[1], std[2], last)
-            needed += beyond.sigmas * (grown - uncertainty_of_one(std[0], std[1], std[2], 0.0))
-        if x * x + y * y < needed * abs(needed):
-            return False
-    return True
+def growth_of_one(intruder: IntruderBeyond, time: float, sigmas: float) -> float:
+    """Return by how much the distance that is required from an intruder grows until a time,
+    m.
+    """
+    if not intruder.velocity_std > 0.0:
+        return 0.0
+    position_std, velocity_std, age = intruder.position_std, intruder.velocity_std, intruder.age
+    grown = uncertainty_of_one(position_std, velocity_std, age, time)
+    return sigmas * (grown - uncertainty_of_one(position_std, velocity_std, age, 0.0))
 
 
 class _Lines(NamedTuple):
@@ -324,8 +362,11 @@ class _Passing(NamedTuple):
     last: Array  # s; not passed where it is not later
 
 
-def route_beyond(request: Request, goal: Array, options: Options[Narrowed]) -> RouteBeyond:
-    """Return the routes of requests beyond the points numbered ``goal``, ``[N]``.
+def route_beyond(
+    request: Request, goal: Array, options: Options[Narrowed], *, ordered: bool = True
+) -> RouteBeyond:
+    """Return the routes of requests beyond the points numbered ``goal``, ``[N]``, with the order of
+    a crowd where that is asked for.
 
     Points that drift are where they would be met by flying straight to them.
     """
@@ -340,7 +381,7 @@ def route_beyond(request: Request, goal: Array, options: Options[Narrowed]) -> R
         for row, (first, last) in enumerate(zip(after, request.points, strict=True))
     ]
     most = max(len(legs) for legs, _ in each)
-    legs = _RouteLegs(*np.zeros((len(_RouteLegs._fields), goal.size, most)))
+    legs = RouteLegs(*np.zeros((len(RouteLegs._fields), goal.size, most)))
     points = np.full(route_x.shape, np.inf)
     for row, (found, along) in enumerate(each):
         for number, leg in enumerate(found):
@@ -363,21 +404,21 @@ def route_beyond(request: Request, goal: Array, options: Options[Narrowed]) -> R
         sigmas=options.requirement.sigmas,
         until=options.finished_by,
     )
-    if traffic.mask.shape[-1] <= CROWD:
+    if not ordered or traffic.mask.shape[-1] <= CROWD:
         return found
     to = route_x[rows, goal], route_y[rows, goal]
     return found._replace(order=found.nearest_first(request.own, to, task_of(options)))
 
 
-def _legs_of(x: Array, y: Array) -> tuple[list[_RouteLegs], Array]:
+def _legs_of(x: Array, y: Array) -> tuple[list[RouteLegs], Array]:
     """Return the legs of a route, those on one line as one, and the lengths to its points."""
     lengths = np.hypot(np.diff(x), np.diff(y))
     along = np.concatenate([[0.0], np.cumsum(lengths)])
     courses = np.arctan2(np.diff(y), np.diff(x))
-    found: list[_RouteLegs] = []
+    found: list[RouteLegs] = []
     for number, (course, length) in enumerate(zip(courses, lengths, strict=True)):
         if found and abs(math.remainder(course - found[-1].course, math.tau)) < _STRAIGHT:
             found[-1] = found[-1]._replace(length=found[-1].length + length)
         else:
-            found.append(_RouteLegs(x[number], y[number], course, along[number], length))
+            found.append(RouteLegs(x[number], y[number], course, along[number], length))
     return found, along

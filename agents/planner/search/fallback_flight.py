@@ -14,6 +14,7 @@ from agents.manoeuvres.simulator import Departure, Effort, Landed, fly_until_cle
 from agents.planner.request.options import Narrowed, Options, task_of
 from agents.planner.request.request import Request, drift_points
 from agents.planner.search import areas_ahead
+from agents.planner.search.compiled_flight import FLY_ON, LATER, TURNS, fly_one_out
 from agents.planner.search.continuation import CROWD, route_beyond
 from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
@@ -24,7 +25,6 @@ from envs.relative import distance, leg_separation
 from envs.trees import column, map_leaves, take
 from envs.wind import aim_point
 
-_LATER = 18  # strides from turning back until uncertainty has grown to what the way back keeps
 _NEAREST = 80  # intruders of a crowd that the way back is set against
 _MANY = 32  # of a crowd, of which few are near in the strides that are flown at once
 
@@ -51,15 +51,19 @@ def fly_out(
     effort: Effort,
 ) -> ManoeuvreFlights:
     """Fly manoeuvres ``[M]`` of requests ``which`` until the direct route to the goal, a number
-    ``[N]``, is clear.
+    ``[N]``, is clear; those of a single request compiled, where that is prepared.
     """
-    task, stride = task_of(options), stride_of(options)
+    task, stride, spacing = task_of(options), stride_of(options), options.spacing // EVERY
     last = int(min(task.until, effort.longest) / stride + 1e-9)
+    if FLY_ON.ready and goal.size == 1:
+        return ManoeuvreFlights(
+            *fly_one_out(request, goal, manoeuvre, options, effort, stride, last, spacing)
+        )
     around = _RequestSurroundings(request, goal, options, last)
     landed = fly_until_clear(
         request.own, which, manoeuvre, around, effort, stride, task.until, task.limits
     )
-    found = _rollout(landed, task.limits, stride, options.spacing // EVERY)
+    found = _rollout(landed, task.limits, stride, spacing)
     return ManoeuvreFlights(found, landed.clearance)
 
 
@@ -149,7 +153,7 @@ class _RequestSurroundings:
         required = self._required[of, each] + slack
         if self._growth is not None:
             last = len(self._growth) - 1
-            required = required + self._growth[np.minimum(at + _LATER, last), of, each]
+            required = required + self._growth[np.minimum(at + LATER, last), of, each]
         own, goal = column((departure.own, aim))
         seen = take(self._others, (at, of, each))
         window = take(self._request.traffic.window, (of, each))
@@ -249,7 +253,7 @@ def _rollout(landed: Landed, limits: Limits, stride: float, spacing: int) -> Rol
     strides, rows = np.arange(len(states.x))[:, None], np.arange(end.size)
     none, speed = np.zeros((1, rows.size)), states.speed
     turned = wrap(np.diff(states.heading, axis=0), np)
-    turning = (np.abs(turned) > 0.1 * limits.yaw_rate_max * stride) & (strides[1:] <= end)
+    turning = (np.abs(turned) > TURNS * limits.yaw_rate_max * stride) & (strides[1:] <= end)
     sign = np.concatenate([none, np.where(turning, np.sign(turned), 0.0)])
     latest_turn = np.maximum.accumulate(np.where(sign != 0.0, strides, 0), axis=0)
     side = np.take_along_axis(sign, latest_turn, axis=0)

@@ -1,0 +1,159 @@
+"""Areas in arrays of numbers, and the distances of chords to them in plain floats: what compiled
+code takes of :mod:`envs.area_geometry`, by the same rules.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.area_geometry import DEGENERATE, Edges, box, edges, gain
+from envs.areas import Area, Circle, Keep
+from envs.arrays import Array
+from envs.compiled import records, scalar
+
+
+class FlatArea(NamedTuple):
+    """An area and what is kept from it; a record, or columns ``[A]``."""
+
+    sign: Array  # 1 of an area to be kept out of, -1 of one to be kept in
+    x: Array  # centre of a circle, m
+    y: Array
+    radius: Array
+    west: Array  # the rectangle around it, m
+    east: Array
+    south: Array
+    north: Array
+    vx: Array  # m/s
+    vy: Array
+    gain: Array  # by which signed distances grow with time, m/s
+    first_edge: Array  # of a polygon
+    end_edge: Array  # the one after its last; of a circle the first
+    begin: Array  # from when it counts, s
+    end: Array
+    required: Array  # signed distance, m
+
+
+def flat(areas: Sequence[Area], begin: Array, end: Array, required: Array) -> tuple[Array, Array]:
+    """Return areas as records of :class:`FlatArea`, ``[A]``, and the edges of all polygons as
+    records of :class:`envs.area_geometry.Edges`, ``[E]``.
+    """
+    nothing = Edges(*np.zeros((4, 0)))
+    lines = [nothing if isinstance(area.shape, Circle) else edges(area.shape) for area in areas]
+    last = np.cumsum([0, *(line.x.size for line in lines)])
+    columns = np.reshape([_numbers(area) for area in areas], (-1, 11)).T
+    made = FlatArea(
+        *columns,
+        first_edge=last[:-1],
+        end_edge=last[1:],
+        begin=begin,
+        end=end,
+        required=required,
+    )
+    joined = Edges(*(np.concatenate(field) for field in zip(nothing, *lines, strict=True)))
+    return records(made._asdict()), records(joined._asdict())
+
+
+def _numbers(area: Area) -> tuple[float, ...]:
+    """Return the first fields of :class:`FlatArea`."""
+    shape, sign = area.shape, -1.0 if area.keep is Keep.IN else 1.0
+    circle = (shape.x, shape.y, shape.radius) if isinstance(shape, Circle) else (0.0, 0.0, 0.0)
+    return sign, *circle, *box(shape), *area.velocity, gain(area)
+
+
+@scalar
+def box_distance_of_one(area: FlatArea, x: float, y: float) -> float:
+    """Return the distance of a place in an area's own frame from the rectangle around it, m."""
+    east = max(area.west - x, x - area.east, 0.0)
+    north = max(area.south - y, y - area.north, 0.0)
+    return math.sqrt(east * east + north * north)
+
+
+@scalar
+def chord_bound(
+    area: FlatArea, lines: Array, x0: float, y0: float, x1: float, y1: float, enough: float
+) -> float:
+    """Return the bound that :func:`envs.area_geometry.chord_distances` gives of a chord in an
+    area's own frame, m.
+    """
+    first, last = int(area.first_edge), int(area.end_edge)
+    if first == last:
+        return _circle_bound(area, x0, y0, x1, y1)
+    begin, end = math.inf, math.inf
+    for e in range(first, last):
+        line = lines[e]
+        begin = min(begin, _square(line.x - x0, line.y - y0, line.dx, line.dy))
+        end = min(end, _square(line.x - x1, line.y - y1, line.dx, line.dy))
+    begin, end = math.sqrt(begin), math.sqrt(end)
+    dx, dy = x1 - x0, y1 - y0
+    length = math.sqrt(dx * dx + dy * dy)
+    # Along a chord a distance falls by a metre a metre at most.
+    apart = 0.5 * (begin + end - length)
+    if not apart > max(enough, 0.0):
+        apart = min(begin, end, _corner_distance(area, lines, x0, y0, dx, dy))
+    inside = area.sign < 0.0
+    begins_forbidden = _inside(area, lines, x0, y0) != inside
+    if apart > 0.0:
+        return -0.5 * (begin + end + length) if begins_forbidden else apart
+    ends_forbidden = _inside(area, lines, x1, y1) != inside
+    begin = -begin if begins_forbidden else begin
+    end = -end if ends_forbidden else end
+    return 0.5 * (begin + end - length)
+
+
+@scalar
+def _circle_bound(area: FlatArea, x0: float, y0: float, x1: float, y1: float) -> float:
+    """Return the bound of a chord where the area is a disc, m."""
+    x0, y0, x1, y1 = x0 - area.x, y0 - area.y, x1 - area.x, y1 - area.y
+    if area.sign < 0.0:  # the farthest point of a chord is one of its ends
+        return area.radius - math.sqrt(max(x0 * x0 + y0 * y0, x1 * x1 + y1 * y1))
+    return math.sqrt(_square(x0, y0, x1 - x0, y1 - y0)) - area.radius
+
+
+@scalar
+def _corner_distance(
+    area: FlatArea, lines: Array, x0: float, y0: float, dx: float, dy: float
+) -> float:
+    """Return the distance of a chord, from a place along (dx, dy), from the nearest corner of a
+    polygon, m; 0 where an edge crosses it.
+    """
+    nearest = math.inf
+    for e in range(int(area.first_edge), int(area.end_edge)):
+        line = lines[e]
+        x, y = x0 - line.x, y0 - line.y
+        begin = line.dx * y - line.dy * x
+        end = line.dx * (y + dy) - line.dy * (x + dx)
+        corner = dy * x - dx * y
+        next_corner = corner + dx * line.dy - dy * line.dx
+        if begin * end < 0.0 and corner * next_corner < 0.0:
+            return 0.0
+        nearest = min(nearest, _square(x, y, dx, dy))
+    return math.sqrt(nearest)
+
+
+@scalar
+def _inside(area: FlatArea, lines: Array, x: float, y: float) -> bool:
+    """Return whether a place lies inside a polygon: a ray from it to the east crosses an odd number
+    of edges.
+    """
+    odd = False
+    for e in range(int(area.first_edge), int(area.end_edge)):
+        line = lines[e]
+        south = line.y - y
+        north = south + line.dy
+        if (south > 0.0) != (north > 0.0):
+            turn = (line.x - x) * line.dy - south * line.dx
+            odd = odd != ((turn > 0.0) == (north > south))
+    return odd
+
+
+@scalar
+def _square(x: float, y: float, dx: float, dy: float) -> float:
+    """Return the squared distance of the origin from the segment from (x, y) along (dx, dy),
+    m^2.
+    """
+    share = (x * dx + y * dy) / -max(dx * dx + dy * dy, DEGENERATE)
+    share = min(max(share, 0.0), 1.0)
+    x, y = x + share * dx, y + share * dy
+    return x * x + y * y
