@@ -40,6 +40,9 @@ _ENOUGH = 12  # manoeuvres of a request that end well
 _JUDGED = 16  # manoeuvres that are validated at once where there is a deadline
 _PATIENCE = 3  # rounds of the refinement
 _PROGRESS = 0.2  # the part of what is missing that they must bring
+# Of metres: manoeuvres that are alike but for rounding stay in the order of their numbers, so that
+# plans do not depend on how they are computed.
+_DECIMALS = 6
 _FIRST = concatenate(*STAGES[:2])
 ALL, QUICK, SLOW = slice(None), slice(1), slice(1, None)
 """Stages of the family: all of them, the first one, the others."""
@@ -145,7 +148,8 @@ def _try_out(
         -np.inf, options.smoothing, enough=tried.size, ends=partial(budget.ends, "fallback")
     )
     rollout, closest = fly_out(request, goal, which, family, options, effort)
-    score = np.minimum(closest, 1e4) - np.where(np.isfinite(rollout.time), 0.0, 1e6)
+    score = np.round(np.minimum(closest, 1e4), _DECIMALS)
+    score -= np.where(np.isfinite(rollout.time), 0.0, 1e6)
     # The most promising first: there may be no time for the others.
     order = np.argsort(-score, kind="stable") if judge else which[:0]
     block = tried[0].size if budget.endless else _JUDGED
@@ -194,7 +198,8 @@ def _improve(
     cost = np.where(arrived, cost + 20.0 * np.maximum(options.smoothing - clearance, 0.0), np.inf)
     picked = np.zeros((part.size, each), dtype=bool)
     for order, most in ((cost, _CHEAPEST), (np.where(arrived, -clearance, np.inf), _CLEAREST)):
-        first = np.argsort(order.reshape(-1, each), axis=-1, kind="stable")[:, :most]
+        ranked = np.round(order.reshape(-1, each), _DECIMALS)
+        first = np.argsort(ranked, axis=-1, kind="stable")[:, :most]
         np.put_along_axis(picked, first, True, axis=-1)
     rows = np.flatnonzero(picked.ravel() & arrived)
     if rows.size:
