@@ -186,7 +186,7 @@ def legs(plan_states: PlanStates[F]) -> Legs[F]:
     return Legs(*map(by_leg, (start[4], ARCS * step, miss, x, y, *motion, *controls)))
 
 
-def _compiled_legs(plan_states: PlanStates, shape: tuple[int, ...]) -> Legs:
+def _compiled_legs(plan_states: PlanStates[F], shape: tuple[int, ...]) -> Legs[F]:
     """Return :func:`legs` by compiled code."""
     states = np.array(plan_states, dtype=float).reshape(5, -1, shape[-1])
     rows, count = states.shape[1], shape[-1] - 1

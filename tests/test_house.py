@@ -21,7 +21,17 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("rlcas_jax", "commands", "envs", "agents", "eval", "ros_bridge")
 FLIGHT_LIBRARIES = {"numpy", "safetensors"}
 COMPILER = "envs.compiled", "numba"  # only once somebody asks for compiled code
-HEAVY_LIBRARIES = {"numba", "jax", "flax", "optax", "gymnasium", "matplotlib", "scipy", "pydantic", "pyproj"}
+HEAVY_LIBRARIES = {
+    "numba",
+    "jax",
+    "flax",
+    "optax",
+    "gymnasium",
+    "matplotlib",
+    "scipy",
+    "pydantic",
+    "pyproj",
+}
 
 
 def flight_path() -> list[str]:

@@ -61,11 +61,7 @@ def fill_bounds(
     """
     rows, legs = sagitta.shape
     right = states.x.shape == (rows, legs + 1) and states.y.shape == (rows, legs + 1)
-    for field in curves[:3]:
-        right = right and field.shape == (rows, legs)
-    for field in curves[3:]:
-        right = right and field.shape == (rows, legs, ARCS)
-    if not right:
+    if not (right and are_legs(curves, rows, legs)):
         raise ValueError("states and legs are not of the same shape")
     errors = np.empty(ARCS)
     for row in range(rows):
@@ -82,13 +78,26 @@ def fill_bounds(
                 even_x = states.x[row, leg] * (1.0 - share) + states.x[row, leg + 1] * share
                 even_y = states.y[row, leg] * (1.0 - share) + states.y[row, leg + 1] * share
                 x, y = curves.x[row, leg, arc] - even_x, curves.y[row, leg, arc] - even_y
-                far, most = _greater(x * x + y * y, far), _greater(bend[row, leg, arc], most)
+                far, most = greater(x * x + y * y, far), greater(bend[row, leg, arc], most)
             sagitta[row, leg] = math.sqrt(far) + 0.125 * most * step**2
             error[row, leg] = curves.miss[row, leg] + (sum_of_arcs(errors) if turns else 0.0)
 
 
 @scalar
-def _greater(value: float, so_far: float) -> float:
+def are_legs(curves: Legs, rows: int, legs: int) -> bool:
+    """Return whether the arrays of so many legs of so many plans have the shapes that they must
+    have: compiled code would notice nothing.
+    """
+    right = True
+    for field in curves[:3]:
+        right = right and field.shape == (rows, legs)
+    for field in curves[3:]:
+        right = right and field.shape == (rows, legs, ARCS)
+    return right
+
+
+@scalar
+def greater(value: float, so_far: float) -> float:
     """Return the greater number; not a number where there is any."""
     return value if value > so_far or math.isnan(value) else so_far
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agents.kernel.arcs import are_legs
 from agents.kernel.chords import (
     BOUND_ERROR,
     SECANT,
@@ -141,15 +142,18 @@ def fill_clearance(
 def _check_shapes(flown: Trajectory, keeping: Keeping, kept: Clearance) -> None:
     """Raise ValueError where an array is not as large as it must be: nothing else would notice."""
     (rows, legs), traffic, pairs = flown.sagitta.shape, keeping.traffic, keeping.levels.shape
-    right = pairs[0] == rows and traffic.mask.shape == pairs and kept.leg.shape == pairs
+    right = (
+        are_legs(flown.legs, rows, legs)
+        and pairs[0] == rows
+        and traffic.mask.shape == pairs
+        and kept.leg.shape == pairs
+    )
     right = right and flown.bend.shape == (rows, legs, ARCS) and keeping.required.shape == pairs
     right = right and (len(keeping.least) == 0 or keeping.least.shape == pairs)
     for field in flown.states:
         right = right and field.shape == (rows, legs + 1)
-    for field in flown.legs[:3] + flown[4:]:
+    for field in flown[4:]:
         right = right and field.shape == (rows, legs)
-    for field in flown.legs[3:]:
-        right = right and field.shape == (rows, legs, ARCS)
     for field in traffic.state:
         right = right and field.shape == pairs
     for field in traffic[2:7] + kept[:3] + kept[4:]:

@@ -2,7 +2,8 @@
 from areas.
 
 It knows the published waypoints, the intruders, the areas and the requirement. How close the plan
-comes is asked of :mod:`agents.kernel.clearance`; limits are judged here, arc by arc.
+comes is asked of :mod:`agents.kernel.clearance`, and whether limits are kept, arc by arc, of
+:mod:`agents.planner.judge.limits`.
 """
 
 from collections.abc import Sequence
@@ -16,14 +17,12 @@ from agents.kernel.clearance import LONGEST, Clearance, clearance
 from agents.kernel.separation import separation
 from agents.kernel.traffic import Requirement, Traffic
 from agents.kernel.trajectory import trajectory
+from agents.planner.judge.limits import right_legs
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.trees import map_leaves, take
-from envs.waypoints import ARCS, CLOSED, Legs, PlanStates, legs
-
-TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
-"""By how much limits may be passed for rounding's sake (m/s, m/s^2, rad/s)."""
+from envs.waypoints import Legs, PlanStates, legs
 
 CHECKS = ("not_finite", "times", "leg", "speed", "acceleration", "turn_rate", "separation", "area")
 """What is checked, in the order of the findings' last axis; names of
@@ -118,7 +117,7 @@ def validate(
         curves = legs(_whole(plan_states, sound))
     found, both = Findings.blank(count), finite[:, 1:] & finite[:, :-1]
     in_order = (ordered & (plan_states.time[:, 1:] <= LONGEST)) | ~both
-    of_legs = [field | ~sound[:, None] for field in _right_legs(curves, limits)]
+    of_legs = [field | ~sound[:, None] for field in right_legs(curves, limits)]
     # In the order of CHECKS.
     for check, right in enumerate((both, in_order, *of_legs)):
         if not right.all():
@@ -154,31 +153,6 @@ def _whole(plan_states: PlanStates[Air], sound: Array) -> PlanStates[Air]:
     second = np.arange(plan_states.time.shape[1]) * 1.0
     east: PlanStates[Air] = PlanStates(x=second, y=0.0, heading=0.0, speed=1.0, time=second)
     return map_leaves(partial(np.where, sound[:, None]), plan_states, east)
-
-
-def _right_legs(curves: Legs[Air], limits: Limits) -> tuple[Array, Array, Array, Array]:
-    """Return which legs end at their waypoints, and keep the limits of speed, of acceleration and
-    of turn rate, bool ``[N, L]`` each.
-    """
-    # Comparisons ask for what is right, so that not-a-number is wrong. A plan beyond a speed limit
-    # may stay there, but not go further, nor come back to it: the bounds follow the most moderate
-    # speed so far, not that of the arc before, or else the tolerance would add up from arc to arc.
-    speed = curves.speed
-    after = speed + curves.acceleration * (curves.duration[..., None] / ARCS)
-    count, leg_count, arcs = speed.shape
-    so_far = speed.reshape(count, leg_count * arcs)
-    lowest = np.minimum(limits.speed_min, np.maximum.accumulate(so_far, axis=-1))
-    highest = np.maximum(limits.speed_max, np.minimum.accumulate(so_far, axis=-1))
-    lowest, highest = lowest.reshape(speed.shape), highest.reshape(speed.shape)
-    steady = (after >= lowest - TOLERANCE.speed_min) & (after <= highest + TOLERANCE.speed_max)
-    # The bound on the own acceleration is one for flight forwards.
-    steady &= (speed >= TOLERANCE.speed_min) & (after >= TOLERANCE.speed_min)
-    gentle = (curves.acceleration >= limits.acceleration_min - TOLERANCE.acceleration_min) & (
-        curves.acceleration <= limits.acceleration_max + TOLERANCE.acceleration_max
-    )
-    turning = np.abs(curves.yaw_rate) <= limits.yaw_rate_max + TOLERANCE.yaw_rate_max
-    closed = curves.miss <= CLOSED
-    return closed, steady.all(-1), gentle.all(-1), turning.all(-1)
 
 
 def _note_wrong(
