@@ -487,6 +487,7 @@ def test_positions_along_an_arc_are_the_proven_sum() -> None:
 
 
 def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Entry, "ready", False)
     # A leg of ten minutes that winds: 0.6 rad in half an arc.
     ends = ([0.0, 16_677.97], [0.0, -3_722.89], [0.0, 0.12332], [99.0, 99.0], [0.0, 600.0])
     plan_states = waypoints.PlanStates(*(np.array([row]) for row in ends))
