@@ -71,6 +71,14 @@ def box_distance_of_one(area: FlatArea, x: float, y: float) -> float:
 
 
 @scalar
+def box_distance_of_chord(area: FlatArea, x0: float, y0: float, x1: float, y1: float) -> float:
+    """Return :func:`envs.area_geometry.box_distance` of a chord in an area's own frame, m."""
+    east = max(area.west - max(x0, x1), min(x0, x1) - area.east, 0.0)
+    north = max(area.south - max(y0, y1), min(y0, y1) - area.north, 0.0)
+    return math.sqrt(east * east + north * north)
+
+
+@scalar
 def chord_bound(
     area: FlatArea, lines: Array, x0: float, y0: float, x1: float, y1: float, enough: float
 ) -> float:

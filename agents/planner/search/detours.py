@@ -16,6 +16,9 @@ from agents.kernel.areas import ActiveArea, required_distances
 from envs.area_geometry import Parts, box_distance, chord_distances, gain, own_frame
 from envs.areas import Circle, Keep, Polygon
 from envs.arrays import Array
+from envs.backend import FLOATS
+from envs.compiled import Arguments, Entry, scalar
+from envs.flat_areas import FlatArea, box_distance_of_chord, chord_bound, flat
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import take
@@ -53,6 +56,7 @@ class Airspace(NamedTuple):
     rings: Rings
     speed: float  # of the flight, m/s
     latest: float  # s; ways that last longer are not looked for
+    flat: tuple[Array, Array]  # the areas as compiled code takes them, and their edges
 
     def way(self, begin: Place, x: float, y: float, drift: tuple[float, float]) -> list[Place]:
         """Return the places over which to fly to a point given at the request, itself the last; an
@@ -98,9 +102,11 @@ class Airspace(NamedTuple):
         """Return where a point given at the request is met on the straight way, whatever is in
         it.
         """
-        to, velocity = np.array([[x], [y]]), np.array([[drift[0]], [drift[1]]])
-        there_x, there_y, arrival = self._reach(here, (to[0], to[1]), (velocity[0], velocity[1]))
-        return Place(float(there_x[0]), float(there_y[0]), float(arrival[0]))
+        own: VehicleState[Air] = VehicleState(here.x, here.y, 0.0, self.speed)
+        now = x + drift[0] * here.time, y + drift[1] * here.time
+        there_x, there_y = aim_point(own, now, drift, self.latest - here.time, FLOATS)
+        lasts = math.hypot(there_x - here.x, there_y - here.y) / self.speed
+        return Place(there_x, there_y, here.time + lasts)
 
     def _reach(
         self, here: Place, to: tuple[Array, Array], velocity: tuple[Array, Array]
@@ -117,6 +123,9 @@ class Airspace(NamedTuple):
     def clear(self, here: Place, x: Array, y: Array, arrival: Array) -> Array:
         """Return whether straight flights from a place keep clear of all areas, ``[M]``."""
         found = np.ones(x.shape, dtype=bool)
+        if KEEP_CLEAR.ready:
+            KEEP_CLEAR(here, x, y, arrival, *self.flat, found)
+            return found
         for one, need in zip(self.areas, self.need, strict=True):
             rows = np.flatnonzero(found & (arrival >= one.begin) & (here.time <= one.end))
             if rows.size == 0:
@@ -164,13 +173,58 @@ def airspace(
         )
         for axis in (0, 1)
     )
+    need = [least + 0.5 * pad if least > margin else least for least in need]
+    begin, end = (np.array([getattr(one, name) for one in areas]) for name in ("begin", "end"))
     return Airspace(
         areas=tuple(areas),
-        need=tuple(least + 0.5 * pad if least > margin else least for least in need),
+        need=tuple(need),
         rings=Rings(x, y, east, north),
         speed=max(own.speed, 1.0),
         latest=latest,
+        flat=flat([one.area for one in areas], begin, end, np.array(need)),
     )
+
+
+@scalar
+def keep_clear(
+    here: Place, x: Array, y: Array, arrival: Array, areas: Array, lines: Array, clear: Array
+) -> None:
+    """Write whether straight flights from a place keep clear of all areas, ``[M]``: the loops of
+    :meth:`Airspace.clear`; areas and edges as of :func:`envs.flat_areas.flat`.
+    """
+    for m in range(len(x)):
+        for a in range(len(areas)):
+            if not _keeps_clear(here, x[m], y[m], arrival[m], areas[a], lines):
+                clear[m] = False
+                break
+
+
+@scalar
+def _keeps_clear(
+    here: Place, x: float, y: float, arrival: float, area: FlatArea, lines: Array
+) -> bool:
+    """Return whether a straight flight keeps clear of an area while that counts."""
+    if arrival < area.begin or here.time > area.end:
+        return True
+    x0, y0 = here.x - area.vx * here.time, here.y - area.vy * here.time
+    x1, y1 = x - area.vx * arrival, y - area.vy * arrival
+    grown = min(area.gain * here.time, area.gain * arrival)
+    if area.sign > 0.0:
+        away = box_distance_of_chord(area, x0, y0, x1, y1)
+        if away > 0.0 and away + grown >= area.required:
+            return True
+    need = area.required - grown
+    return chord_bound(area, lines, x0, y0, x1, y1, need) + grown >= area.required
+
+
+def _examples() -> list[Arguments]:
+    zero, none = np.zeros(1), np.zeros(0)
+    areas, lines = flat((), none, none, none)
+    return [(Place(0.0, 0.0, 0.0), zero, zero, zero, areas, lines, np.zeros(1, bool))]
+
+
+KEEP_CLEAR = Entry(keep_clear, _examples)
+"""Compiled :func:`keep_clear`."""
 
 
 def _back(at: int, came: dict[int, int], places: dict[int, Place]) -> list[Place]:
