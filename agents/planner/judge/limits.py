@@ -8,7 +8,7 @@ import numpy as np
 from agents.kernel.arcs import are_legs, greater
 from envs.arrays import Array
 from envs.compiled import Arguments, Entry
-from envs.kinematics import SURROGATE, Limits
+from envs.kinematics import Limits
 from envs.trees import contiguous
 from envs.waypoints import ARCS, CLOSED, Legs
 
@@ -82,7 +82,7 @@ def fill_right_legs(curves: Legs[Any], limits: Limits, right: np.ndarray) -> Non
 def _examples() -> list[Arguments]:
     pairs, arcs = np.zeros((1, 1)), np.zeros((1, 1, ARCS))
     curves: Legs[Any] = Legs(pairs, pairs, pairs, arcs, arcs, arcs, arcs, arcs, arcs)
-    return [(curves, SURROGATE, np.zeros((4, 1, 1), dtype=bool))]
+    return [(curves, Limits(*(0.0,) * 5), np.zeros((4, 1, 1), dtype=bool))]
 
 
 FILL_RIGHT_LEGS = Entry(fill_right_legs, _examples)
