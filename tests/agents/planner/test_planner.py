@@ -667,6 +667,8 @@ def scale_request(request: Request, number: int, length: float, pace: float) -> 
 class InOtherUnits:
     """The paper's policy, asked in the units of an aircraft of the same ratios."""
 
+    decider = None  # it decides interpreted
+
     def __init__(self, policy: Policy, length: float, pace: float) -> None:
         self._policy, self._units, self.domain = policy, (length, length, 1.0, pace), policy.domain
         self.sha256, self.most = policy.sha256, policy.most
