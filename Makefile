@@ -2,7 +2,8 @@
 #   make demo         train and evaluate on a small budget
 #   make test         lint, types, import rules and the default tests
 #   make test-slow    the tests that the default run leaves out (more mutated files: FUZZ_ROWS=100000; more plans of
-#                     random aircraft: FUZZ_PLANS=10000; more aircraft with fields unknown: FUZZ_SCENES=10000)
+#                     random aircraft: FUZZ_PLANS=10000; more aircraft with fields unknown: FUZZ_SCENES=10000; by
+#                     compiled code: PYTEST_ARGS="-n 2 --compiled")
 #   make test-long    those of them that take minutes each, before a release
 #   make format       rewrite the sources in the house format
 #   make proofs       check the mathematics behind SAFE (needs coq, coquelicot, gappa)
