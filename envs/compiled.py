@@ -70,21 +70,19 @@ class Entry:
         self, function: Callable[..., Any], examples: Callable[[], list[Arguments]]
     ) -> None:
         self.function, self._examples = function, examples
+        self.ready = False
+        """Whether callers take it."""
         self._compiled: Any = None
         _ENTRIES.append(self)
 
     @property
-    def ready(self) -> bool:
-        """Whether it is compiled."""
+    def is_compiled(self) -> bool:
+        """Whether it is compiled, ready or not."""
         return self._compiled is not None
 
     def __call__(self, *arguments: Any) -> Any:
         """Call it compiled."""
         return self._compiled(*arguments)
-
-    def forget(self) -> None:
-        """Take what is compiled for not ready."""
-        self._compiled = None
 
     def compile(self, numba: Any, *, cache: bool) -> None:
         """Compile each signature, or load it, and refuse all others from now on."""
@@ -120,7 +118,7 @@ def prepare() -> bool:
     """
     if not installed():
         return False
-    waiting = [entry for entry in _ENTRIES if not entry.ready]
+    waiting = [entry for entry in _ENTRIES if not entry.is_compiled]
     if waiting:
         import numba
         from numba.core import config
@@ -131,13 +129,15 @@ def prepare() -> bool:
         settings.CACHE_DIR = "" if folder is None else str(folder)
         for entry in waiting:
             entry.compile(numba, cache=folder is not None)
+    for entry in _ENTRIES:
+        entry.ready = True
     return True
 
 
 def forget() -> None:
     """Take the interpreted way, until :func:`prepare` is called again."""
     for entry in _ENTRIES:
-        entry.forget()
+        entry.ready = False
 
 
 def kept_in() -> Path | None:

@@ -94,6 +94,6 @@ def test_without_a_folder_it_is_compiled_all_the_same(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert compiled.kept_in() is None
-    compiled.forget()
+    anew = compiled.Entry(_fly, lambda: [(_START, 0.0, 0.0, 1)])
     assert compiled.prepare()
-    assert _FLY(_START, 0.0, 0.0, 1).x == pytest.approx(60.0)
+    assert anew(_START, 0.0, 0.0, 1).x == pytest.approx(60.0)
