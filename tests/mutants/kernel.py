@@ -127,7 +127,7 @@ _OF_TRAFFIC = (
     ("np.maximum(separation, np.minimum(wanted, away))", "np.minimum(wanted, away)"),
     ("np.maximum(separation, np.minimum(wanted, away))", "np.maximum(separation, wanted)"),
     ("away = np.where(traffic.window.begin > 0.0, np.inf, away)", "pass"),
-    ("(end >= window.begin - EDGE)", "(end >= window.begin + 1.0)"),
+    ("(end >= window.begin - WINDOW_EDGE)", "(end >= window.begin + 1.0)"),
     ("drift = traffic.velocity_std * (traffic.age + time)", "drift = traffic.velocity_std * time"),
     ("turn_time=turn_time, age=np.abs(age))", "turn_time=turn_time, age=age)"),
 )
