@@ -10,8 +10,10 @@ import numpy as np
 
 from envs.area_geometry import DEGENERATE, Edges, box, edges, gain
 from envs.areas import Area, Circle, Keep
-from envs.arrays import Array
+from envs.arrays import Array, Record
+from envs.backend import FLOATS
 from envs.compiled import records, scalar
+from envs.relative import distance
 
 
 class FlatArea(NamedTuple):
@@ -78,45 +80,111 @@ def box_distance_of_chord(area: FlatArea, x0: float, y0: float, x1: float, y1: f
     return math.sqrt(east * east + north * north)
 
 
+SIDE = np.dtype([("x", float), ("y", float), ("inside", bool)])
+"""A place in an area's own frame, m, and whether it is inside the polygon."""
+
+
 @scalar
 def chord_bound(
     area: FlatArea, lines: Array, x0: float, y0: float, x1: float, y1: float, enough: float
 ) -> float:
     """Return the bound that :func:`envs.area_geometry.chord_distances` gives of a chord in an
-    area's own frame, m.
+    area's own frame, m, for a search: on which side of a polygon's edges it is, rays tell.
     """
-    first, last = int(area.first_edge), int(area.end_edge)
-    if first == last:
-        return _circle_bound(area, x0, y0, x1, y1)
+    if area.first_edge == area.end_edge:
+        return _circle_distances(area, x0, y0, x1, y1)[0]
+    begin, end, apart = _edge_distances(area, lines, (x0, y0, x1, y1), enough)
+    begins_inside = ends_inside = _ray_leaves(area, lines, x0, y0)
+    if not apart > 0.0:
+        ends_inside = _ray_leaves(area, lines, x1, y1)
+    length = distance(x1 - x0, y1 - y0, FLOATS)
+    return _signed(area, begin, end, apart, length, begins_inside, ends_inside)[0]
+
+
+@scalar
+def chord_distances_of_one(
+    area: FlatArea,
+    lines: Array,
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    enough: float,
+    known: Record,
+) -> tuple[float, float, float]:
+    """Return :func:`envs.area_geometry.chord_distances` of a chord in an area's own frame, m.
+
+    On which side of a polygon's edges it is, the winding tells as there, since this decides whether
+    plans are safe: the proof is of the winding (proofs/Area.v, ``winding_constant``). It takes
+    several times as long as rays do. Where a chord ends is ``known``, a :data:`SIDE`, to the next.
+    """
+    if area.first_edge == area.end_edge:
+        return _circle_distances(area, x0, y0, x1, y1)
+    begin, end, apart = _edge_distances(area, lines, (x0, y0, x1, y1), enough)
+    begins_inside = known.inside
+    if not (known.x == x0 and known.y == y0):
+        begins_inside = _winds(area, lines, x0, y0)
+    # A chord that meets no edge ends on the side on which it begins.
+    ends_inside = begins_inside if apart > 0.0 else _winds(area, lines, x1, y1)
+    known.x, known.y, known.inside = x1, y1, ends_inside
+    length = distance(x1 - x0, y1 - y0, FLOATS)
+    return _signed(area, begin, end, apart, length, begins_inside, ends_inside)
+
+
+@scalar
+def _edge_distances(
+    area: FlatArea, lines: Array, chord: tuple[float, float, float, float], enough: float
+) -> tuple[float, float, float]:
+    """Return the distances of the ends of a chord from the edges of a polygon, and a lower bound of
+    that of the chord, m; not above 0 where it may meet one.
+    """
+    x0, y0, x1, y1 = chord
     begin, end = math.inf, math.inf
-    for e in range(first, last):
+    for e in range(int(area.first_edge), int(area.end_edge)):
         line = lines[e]
         begin = min(begin, _square(line.x - x0, line.y - y0, line.dx, line.dy))
         end = min(end, _square(line.x - x1, line.y - y1, line.dx, line.dy))
     begin, end = math.sqrt(begin), math.sqrt(end)
     dx, dy = x1 - x0, y1 - y0
-    length = math.sqrt(dx * dx + dy * dy)
     # Along a chord a distance falls by a metre a metre at most.
-    apart = 0.5 * (begin + end - length)
+    apart = 0.5 * (begin + end - distance(dx, dy, FLOATS))
     if not apart > max(enough, 0.0):
         apart = min(begin, end, _corner_distance(area, lines, x0, y0, dx, dy))
-    inside = area.sign < 0.0
-    begins_forbidden = _inside(area, lines, x0, y0) != inside
-    if apart > 0.0:
-        return -0.5 * (begin + end + length) if begins_forbidden else apart
-    ends_forbidden = _inside(area, lines, x1, y1) != inside
-    begin = -begin if begins_forbidden else begin
-    end = -end if ends_forbidden else end
-    return 0.5 * (begin + end - length)
+    return begin, end, apart
 
 
 @scalar
-def _circle_bound(area: FlatArea, x0: float, y0: float, x1: float, y1: float) -> float:
-    """Return the bound of a chord where the area is a disc, m."""
+def _signed(
+    area: FlatArea,
+    begin: float,
+    end: float,
+    apart: float,
+    length: float,
+    begins_inside: bool,
+    ends_inside: bool,
+) -> tuple[float, float, float]:
+    """Return the bound of a chord so long, and the signed distances of its ends, m."""
+    inwards = area.sign < 0.0
+    first = begin if begins_inside == inwards else -begin
+    last = end if ends_inside == inwards else -end
+    if apart > 0.0 and begins_inside == inwards:
+        return apart, first, last
+    return 0.5 * (first + last - length), first, last
+
+
+@scalar
+def _circle_distances(
+    area: FlatArea, x0: float, y0: float, x1: float, y1: float
+) -> tuple[float, float, float]:
+    """Return the bound of a chord where the area is a disc, and the signed distances of its ends,
+    m.
+    """
     x0, y0, x1, y1 = x0 - area.x, y0 - area.y, x1 - area.x, y1 - area.y
+    begin, end = math.sqrt(x0 * x0 + y0 * y0), math.sqrt(x1 * x1 + y1 * y1)
     if area.sign < 0.0:  # the farthest point of a chord is one of its ends
-        return area.radius - math.sqrt(max(x0 * x0 + y0 * y0, x1 * x1 + y1 * y1))
-    return math.sqrt(_square(x0, y0, x1 - x0, y1 - y0)) - area.radius
+        return area.radius - max(begin, end), area.radius - begin, area.radius - end
+    nearest = math.sqrt(_square(x0, y0, x1 - x0, y1 - y0))
+    return nearest - area.radius, begin - area.radius, end - area.radius
 
 
 @scalar
@@ -141,7 +209,23 @@ def _corner_distance(
 
 
 @scalar
-def _inside(area: FlatArea, lines: Array, x: float, y: float) -> bool:
+def _winds(area: FlatArea, lines: Array, x: float, y: float) -> bool:
+    """Return :func:`envs.area_geometry.inside` of a place; nothing winds about one beyond the
+    rectangle.
+    """
+    if box_distance_of_one(area, x, y) > 0.0:
+        return False
+    winding = 0.0
+    for e in range(int(area.first_edge), int(area.end_edge)):
+        line = lines[e]
+        ax, ay = line.x - x, line.y - y
+        bx, by = ax + line.dx, ay + line.dy
+        winding += math.atan2(ax * by - ay * bx, ax * bx + ay * by)
+    return abs(winding) > math.pi
+
+
+@scalar
+def _ray_leaves(area: FlatArea, lines: Array, x: float, y: float) -> bool:
     """Return whether a place lies inside a polygon: a ray from it to the east crosses an odd number
     of edges.
     """

@@ -7,14 +7,16 @@ whole piece (theorem ``area_part_safe`` of proofs/Safe.v).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.kernel.clearance import CLOSE, ROUNDING, Bounds, Clearance, Near
 from agents.kernel.levels import Altitude
-from agents.kernel.trajectory import Pieces, Trajectory, pieces
+from agents.kernel.scalar_areas import FILL_AREA_CLEARANCE, AreaKeeping
+from agents.kernel.trajectory import Pieces, Trajectory, pieces, rest_of
 from envs.area_geometry import (
     Parts,
     box_distance,
@@ -25,14 +27,20 @@ from envs.area_geometry import (
 )
 from envs.areas import Area, Keep, Level
 from envs.arrays import Array
+from envs.flat_areas import flat
 from envs.frames import F
 from envs.kinematics import VehicleState
-from envs.trees import take
+from envs.trees import contiguous, take
 
 NEARER = 0.01
 """By how much a plan that begins inside the clearance may come nearer than it is, m: the first part
 of a curve is bounded to some millimetres only.
 """
+
+_EDGES = 2_000  # of legs set against edges in a call of compiled code, which may last 1 ms
+
+Span = tuple[int, int]
+"""The number of the first thing, and the number after that of the last."""
 
 
 class ActiveArea(NamedTuple):
@@ -65,8 +73,17 @@ class AreaClearance(NamedTuple):
     def fill(
         self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
     ) -> bool:
-        """Return that there is no compiled code for areas."""
-        return False
+        """Fill in what is kept by compiled code; return whether there is any. For the closest there
+        is none.
+        """
+        if closest or not FILL_AREA_CLEARANCE.ready:
+            return False
+        areas, lines = _flat(tuple(self.areas))
+        keeping = AreaKeeping(areas, lines, *contiguous((self.required, levels)))
+        flown = contiguous(flown)
+        for rows, which in _calls(flown, areas):
+            FILL_AREA_CLEARANCE(flown, rows, which, keeping, found)
+        return True
 
     def near(
         self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
@@ -76,7 +93,7 @@ class AreaClearance(NamedTuple):
         """
         rows, legs = flown.legs.time.shape
         row, leg = np.divmod(np.arange(rows * legs), legs)
-        arcs = pieces(flown, row, leg)
+        arcs = rest_of(pieces(flown, row, leg))
         near = np.zeros((rows * legs, self.size), dtype=bool)
         for k, one in enumerate(self.areas):
             counts = _counts(one, arcs)
@@ -210,6 +227,27 @@ def required_distances(one: ActiveArea, x: Array, y: Array, margin: float) -> Ar
     if one.begin > 0.0:
         return wanted
     return np.clip(signed_distance(one.area, x, y) - NEARER, 0.0, wanted)
+
+
+@lru_cache(maxsize=64)
+def _flat(areas: tuple[ActiveArea, ...]) -> tuple[Array, Array]:
+    """Return areas and their edges as compiled code takes them, without what is required, which
+    differs between trajectories.
+    """
+    _, area, begin, end = zip(*areas, strict=True)
+    return flat(area, begin, end, np.zeros(len(areas)))
+
+
+def _calls(flown: Trajectory[Any], areas: Array) -> Iterator[tuple[Span, Span]]:
+    """Give the trajectories and the areas of each call of compiled code."""
+    rows, legs = flown.sagitta.shape
+    edges = np.maximum(areas["end_edge"] - areas["first_edge"], 1.0) * legs
+    count = len(areas)
+    together = edges.sum() <= _EDGES
+    for which in [(0, count)] if together else [(k, k + 1) for k in range(count)]:
+        step = max(int(_EDGES / edges[slice(*which)].sum()), 1)
+        for first in range(0, rows, step):
+            yield (first, min(first + step, rows)), which
 
 
 def _counts(one: ActiveArea, given: Pieces) -> Array:

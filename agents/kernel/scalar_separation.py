@@ -2,8 +2,7 @@
 (:mod:`envs.compiled`) for what a planner judges, few plans at a time.
 
 Without numba :mod:`agents.kernel.clearance` gives the same, by numpy; there and in
-:mod:`agents.kernel.separation` stands why each bound holds. Legs are looked at as wholes first,
-arcs next, and parts of an arc where that does not decide.
+:mod:`agents.kernel.separation` stands why each bound holds.
 """
 
 import math
@@ -11,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.arcs import are_legs
 from agents.kernel.chords import (
     BOUND_ERROR,
     SECANT,
@@ -22,10 +20,20 @@ from agents.kernel.chords import (
     shares_lost,
 )
 from agents.kernel.clearance import CLOSE, ROUNDING, Bounds, Clearance
-from agents.kernel.scalar_pieces import PIECE, write_arcs, write_parts, write_whole_legs
+from agents.kernel.scalar_clearance import (
+    KEPT,
+    Judged,
+    are_trajectories,
+    clear,
+    judge_arcs,
+    judge_straight_legs,
+    no_parts,
+    write_kept,
+)
+from agents.kernel.scalar_pieces import PIECE, write_arcs, write_whole_legs
 from agents.kernel.traffic import STRAIGHT as STRAIGHT_TURN
 from agents.kernel.traffic import WINDOW_EDGE, Traffic, Window, growth_of_one, place_in_turn
-from agents.kernel.trajectory import FINE, STRAIGHT, Trajectory
+from agents.kernel.trajectory import STRAIGHT, Trajectory
 from envs.arrays import Array, Record
 from envs.backend import FLOATS
 from envs.compiled import Arguments, Entry, scalar
@@ -76,17 +84,6 @@ _INTRUDER = np.dtype(
 )
 """An intruder, and what is kept from it."""
 
-_KEPT = np.dtype([(name, int if name == "leg" else float) for name in Clearance._fields])
-"""What is kept from an intruder."""
-
-
-class _Parts(NamedTuple):
-    """Where the parts of a trajectory's arcs begin and end."""
-
-    ready: np.ndarray  # whether they are known, [L, ARCS]
-    x: np.ndarray  # m, [L, ARCS, FINE + 1]
-    y: np.ndarray
-
 
 def fill_clearance(
     flown: Trajectory,
@@ -113,50 +110,39 @@ def fill_clearance(
     """
     _check_shapes(flown, keeping, kept)
     count, legs = keeping.required.shape[1], flown.sagitta.shape[1]
-    intruders, of_row = np.empty(count, _INTRUDER), np.empty(count, _KEPT)
+    intruders, of_row = np.empty(count, _INTRUDER), np.empty(count, KEPT)
     wholes, arcs = np.empty(legs, PIECE), np.empty((legs, ARCS), PIECE)
     near = np.empty((count, legs), np.bool_)
-    parts = _Parts(
-        np.empty((legs, ARCS), np.bool_),
-        np.empty((legs, ARCS, FINE + 1)),
-        np.empty((legs, ARCS, FINE + 1)),
-    )
+    parts = no_parts(legs)
     for row in range(first, end):
         for k in range(count):
             _write_intruder(keeping, row, k, intruders[k])
-            _clear(of_row[k])
+            clear(of_row[k])
         _leave_out(flown, row, intruders, closest, few, near, of_row)
         write_whole_legs(flown, row, wholes)
         for k in range(count):
             straight = near[k] & (flown.sagitta[row] <= STRAIGHT)
-            _judge_straight_legs(wholes, straight, intruders[k], closest, near[k], of_row[k])
+            judged = Judged(intruders[k], _relative_place, _bounds, keeping.levels[row, k], False)
+            judge_straight_legs(wholes, straight, judged, closest, near[k], of_row[k])
         write_arcs(flown, row, arcs)
         nearest = _nearest_end(arcs, intruders, near, of_row) if closest else -math.inf
         parts.ready[:] = False
         for k in range(count):
-            _judge_arcs(arcs, intruders[k], nearest, near[k], parts, of_row[k])
-            _write_kept(of_row[k], kept, row, k)
+            judged = Judged(intruders[k], _relative_place, _bounds, keeping.levels[row, k], False)
+            judge_arcs(arcs, judged, nearest, near[k], parts, of_row[k])
+            write_kept(of_row[k], kept, row, k)
 
 
 @scalar
 def _check_shapes(flown: Trajectory, keeping: Keeping, kept: Clearance) -> None:
     """Raise ValueError where an array is not as large as it must be: nothing else would notice."""
-    (rows, legs), traffic, pairs = flown.sagitta.shape, keeping.traffic, keeping.levels.shape
-    right = (
-        are_legs(flown.legs, rows, legs)
-        and pairs[0] == rows
-        and traffic.mask.shape == pairs
-        and kept.leg.shape == pairs
-    )
-    right = right and flown.bend.shape == (rows, legs, ARCS) and keeping.required.shape == pairs
+    traffic, pairs = keeping.traffic, keeping.levels.shape
+    right = are_trajectories(flown, kept, pairs)
+    right = right and traffic.mask.shape == pairs and keeping.required.shape == pairs
     right = right and (len(keeping.least) == 0 or keeping.least.shape == pairs)
-    for field in flown.states:
-        right = right and field.shape == (rows, legs + 1)
-    for field in flown[4:]:
-        right = right and field.shape == (rows, legs)
     for field in traffic.state:
         right = right and field.shape == pairs
-    for field in traffic[2:7] + kept[:3] + kept[4:]:
+    for field in traffic[2:7]:
         right = right and field.shape == pairs
     for field in keeping.window:
         right = right and (len(field) == 0 or field.shape == pairs)
@@ -192,21 +178,6 @@ def _write_intruder(keeping: Keeping, row: int, k: int, intruder: Record) -> Non
     if len(keeping.least) > 0:
         intruder.tolerance, intruder.least = CLOSE, keeping.least[row, k] - ROUNDING
     intruder.sigmas, intruder.level = keeping.sigmas, keeping.levels[row, k]
-
-
-@scalar
-def _clear(kept: Record) -> None:
-    """Write that nothing counts."""
-    kept.margin = kept.loss = kept.distance = math.inf
-    kept.x = kept.y = kept.distance_time = math.nan
-    kept.until, kept.leg = -math.inf, -1
-
-
-@scalar
-def _write_kept(kept: Record, into: Clearance, row: int, k: int) -> None:
-    into.margin[row, k], into.loss[row, k], into.until[row, k] = kept.margin, kept.loss, kept.until
-    into.leg[row, k], into.x[row, k], into.y[row, k] = kept.leg, kept.x, kept.y
-    into.distance[row, k], into.distance_time[row, k] = kept.distance, kept.distance_time
 
 
 @scalar
@@ -315,27 +286,6 @@ def _leave_out(
 
 
 @scalar
-def _judge_straight_legs(
-    wholes: Array,
-    straight: np.ndarray,
-    intruder: Record,
-    closest: bool,
-    near: np.ndarray,
-    kept: Record,
-) -> None:
-    """Note what legs of uniform motion keep where that decides, which are near no longer; ``[L]``
-    each.
-    """
-    for leg in range(len(near)):
-        if straight[leg]:
-            bounds = _bounds(wholes[leg], *_ends(wholes[leg], intruder), intruder)
-            decides = bounds.exact or (not closest and bounds.margin >= intruder.level)
-            near[leg] = bounds.counts and not decides
-            if bounds.counts and decides:
-                _note(kept, leg, wholes[leg], bounds, bounds.exact)
-
-
-@scalar
 def _nearest_end(arcs: Array, intruders: Array, near: np.ndarray, kept: Array) -> float:
     """Return the smallest distance that is known to occur, at the ends of arcs that are near, or on
     legs that are judged, m.
@@ -354,67 +304,11 @@ def _nearest_end(arcs: Array, intruders: Array, near: np.ndarray, kept: Array) -
 
 
 @scalar
-def _judge_arcs(
-    arcs: Array,
-    intruder: Record,
-    nearest: float,
-    near: np.ndarray,
-    parts: _Parts,
-    kept: Record,
-) -> None:
-    """Note what the arcs of legs that are near keep, ``[L]``; in parts where that does not decide,
-    or where they may be as near as the nearest, m.
-    """
-    unclear = np.zeros(arcs.shape, np.bool_)
-    for leg in range(len(near)):
-        if near[leg]:
-            for number in range(ARCS):
-                arc = arcs[leg, number]
-                bounds = _bounds(arc, *_ends(arc, intruder), intruder)
-                clear = bounds.margin >= intruder.level and not bounds.distance <= nearest
-                unclear[leg, number] = bounds.counts and not (bounds.exact or clear)
-                if bounds.counts and (bounds.exact or clear):
-                    _note(kept, leg, arc, bounds, bounds.exact)
-    for leg in range(len(near)):
-        for number in range(ARCS):
-            if unclear[leg, number]:
-                arc, x, y = arcs[leg, number], parts.x[leg, number], parts.y[leg, number]
-                if not parts.ready[leg, number]:
-                    write_parts(arc, x, y)
-                    parts.ready[leg, number] = True
-                _judge_parts(arc, x, y, intruder, leg, kept)
-
-
-@scalar
-def _judge_parts(
-    arc: Record,
-    x: np.ndarray,
-    y: np.ndarray,
-    intruder: Record,
-    leg: int,
-    kept: Record,
-) -> None:
-    """Note what the parts of an arc keep, which begin and end at places, m, ``[FINE + 1]`` each."""
-    lasts = (arc.end - arc.begin) / FINE
-    part = np.empty(1, PIECE)[0]
-    part.bend, part.error, part.error_begin, part.part = arc.bend, arc.error, arc.error, arc.part
-    begin = _relative_place(intruder, arc.begin, x[0], y[0])
-    for i in range(FINE):
-        part.begin, part.end = arc.begin + i * lasts, arc.begin + (i + 1) * lasts
-        part.x0, part.y0, part.x1, part.y1 = x[i], y[i], x[i + 1], y[i + 1]
-        end = _relative_place(intruder, part.end, part.x1, part.y1)
-        bounds = _bounds(part, begin, end, intruder)
-        begin = end
-        if bounds.counts:
-            _note(kept, leg, part, bounds, True)
-
-
-@scalar
 def _bounds(
+    intruder: Record,
     piece: Record,
     begin: tuple[float, float],
     end: tuple[float, float],
-    intruder: Record,
 ) -> Bounds:
     """Return what a piece keeps of the separation from an intruder, in plain numbers, as
     :meth:`agents.kernel.separation.Separation.bounds` does; where it does not count, the margin
@@ -469,26 +363,6 @@ def _straight_margin(
     exact = 0.5 * (at_first + at_last) - at_middle <= SECANT
     of_margin = least_margin(line, begin, end, FLOATS), exact, most
     return of_margin, shares_lost(line, begin, end, FLOATS)
-
-
-@scalar
-def _note(kept: Record, leg: int, piece: Record, bounds: Bounds, tolerant: bool) -> None:
-    """Note what a piece of a leg keeps: the smallest margin and distance, the first and the last
-    loss.
-    """
-    margin = bounds.tolerant if tolerant else bounds.margin
-    if margin < kept.margin or math.isnan(margin):
-        kept.margin = margin
-    if bounds.distance < kept.distance:
-        kept.distance, kept.distance_time = bounds.distance, bounds.nearest
-    if margin >= 0.0:
-        return
-    kept.until = max(kept.until, bounds.lost_until)
-    if bounds.lost_from < kept.loss:
-        share = (bounds.lost_from - piece.begin) / max(piece.end - piece.begin, 1e-9)
-        kept.loss, kept.leg = bounds.lost_from, leg
-        kept.x = piece.x0 + share * (piece.x1 - piece.x0)
-        kept.y = piece.y0 + share * (piece.y1 - piece.y0)
 
 
 def _examples() -> list[Arguments]:

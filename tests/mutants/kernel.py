@@ -7,6 +7,7 @@ _AREAS = "tests/agents/kernel/test_areas.py"
 _VALIDATOR = "tests/agents/planner/test_validator.py"
 _PROOFS = "tests/agents/test_proofs.py"
 _SCALAR = "tests/agents/kernel/test_scalar_separation.py"
+_SCALAR_AREAS = "tests/agents/kernel/test_scalar_areas.py"
 
 _OF_TRAJECTORY = (
     # What a curve may leave its chord by.
@@ -95,11 +96,26 @@ _OF_SCALAR_SEPARATION = (
     ("max(required - intruder.tolerance, intruder.least)", "required - intruder.tolerance"),
     ("counts = piece.end > 0.0 and", "counts ="),
     ("at_first + piece.error_begin + line.sagitta", "at_first + line.sagitta"),
-    ("not closest and bounds.margin >= intruder.level", "bounds.margin >= intruder.level"),
+)
+
+_OF_SCALAR_CLEARANCE = (
+    ("not closest and bounds.margin >= judged.level", "bounds.margin >= judged.level"),
     ("and not bounds.distance <= nearest", ""),
+    ("decides or lost, True", "decides, True"),
     ("margin < kept.margin or", "margin > kept.margin or"),
     ("bounds.lost_from < kept.loss", "bounds.lost_from > kept.loss"),
     ("max(kept.until, bounds.lost_until)", "bounds.lost_until"),
+)
+
+_OF_SCALAR_AREAS = (
+    ("near[leg] or not far > judged.level", "near[leg] or not far > judged.level + 1e3"),
+    ("area.sign > 0.0 and away > 0.0", "area.sign > 0.0"),
+    ("away + _least_gain(area, piece) - _chord_error(piece)", "away + _least_gain(area, piece)"),
+    ("piece.end > 0.0 and piece.end >= area.begin", "piece.end >= area.begin"),
+    ("piece.begin >= area.begin and piece.end <= area.end", "piece.end <= area.end"),
+    ("max(required - CLOSE, -ROUNDING)", "required - CLOSE"),
+    ("min(area.gain * piece.begin,", "max(area.gain * piece.begin,"),
+    ("parts.ready[:] = False", "pass"),
 )
 
 _OF_SCALAR_PIECES = (
@@ -138,7 +154,9 @@ _CHANGES = {
     "clearance": (_OF_CLEARANCE, (_CLEARANCE, _AREAS, _VALIDATOR, _PROOFS)),
     "separation": (_OF_SEPARATION, (_CLEARANCE, _VALIDATOR, _PROOFS)),
     "chords": (_OF_CHORDS, (_CLEARANCE, _VALIDATOR, _PROOFS)),
+    "scalar_clearance": (_OF_SCALAR_CLEARANCE, (_SCALAR, _SCALAR_AREAS)),
     "scalar_separation": (_OF_SCALAR_SEPARATION, (_SCALAR,)),
+    "scalar_areas": (_OF_SCALAR_AREAS, (_SCALAR_AREAS,)),
     "scalar_pieces": (_OF_SCALAR_PIECES, (_SCALAR,)),
     "areas": (_OF_AREAS, (_AREAS, _PROOFS)),
     "traffic": (

@@ -7,7 +7,7 @@ import pytest
 
 from agents.kernel import separation as kernel_separation
 from agents.kernel.arcs import FILL_BOUNDS
-from agents.kernel.clearance import Clearance, clearance
+from agents.kernel.clearance import Clearance, Constraint, clearance
 from agents.kernel.separation import Separation, separation
 from agents.kernel.traffic import Requirement, Traffic, Window
 from agents.kernel.trajectory import Trajectory, straight_on, trajectory
@@ -31,7 +31,7 @@ def _compiled() -> Iterator[None]:
 def both(
     monkeypatch: pytest.MonkeyPatch,
     flown: Trajectory,
-    keeping: Separation,
+    keeping: Constraint,
     level: float = 0.0,
     *,
     closest: bool = False,
