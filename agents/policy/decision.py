@@ -211,8 +211,5 @@ def examples(dtype: DTypeLike = np.float32) -> list[tuple[object, ...]]:
     return [(own, intruders, zero, 0.0, 0.0, example(dtype))]
 
 
-DECIDE = Entry(decide, examples)
-"""Compiled :func:`decide`."""
-
 INPUTS_OF = Entry(inputs_of, examples)
 """Compiled :func:`inputs_of`."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from agents.policy.candidate_manoeuvres import MinSeparationOfOne
-from agents.policy.decision import DECIDE, INPUTS_OF, Decider, Layers, decider
+from agents.policy.decision import INPUTS_OF, Decider, Layers, decider
 from agents.policy.file import PolicyFile
 from agents.policy.scene import Scene, mirror_one, scene, scene_of_one, unpack_rows
 from agents.policy.set_features import InputTable, SetInputs, set_inputs, set_inputs_of_one
@@ -106,8 +106,6 @@ class SetNetwork:
         share: Sequence[float] | None = None,
     ) -> tuple[float, float]:
         """Return the action of one aircraft in plain floats."""
-        if self.decider is not None and DECIDE.ready:
-            return DECIDE(*_in_arrays(own, intruders, goal_x, goal_y, share), self.decider)
         mine, each, sign = self.inputs_of_one(own, intruders, goal_x, goal_y, share)
         x = np.empty(len(self._trunk[0][0]), self._dtype)
         x[: self._own_size] = mine
