@@ -17,6 +17,9 @@ import hashlib
 import importlib.util
 import inspect
 import math
+import sys
+import threading
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,10 +33,13 @@ from envs.backend import EXACT_FLOATS, FLOATS
 Function = TypeVar("Function", bound=Callable[..., Any])
 Arguments = tuple[Any, ...]
 
-_SOURCES = ("envs", "agents")  # folders beside each other that hold what is compiled
+_SOURCES = ("envs", "agents")  # packages that hold what is compiled
 # Each with what is compiled where the last argument is FLOATS, and where it is not.
 _SCALARS: list[tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]] = []
 _ENTRIES: list["Entry"] = []
+_PREPARING = threading.Lock()
+_flying = False  # whether callers take what is compiled
+_IMPORTED = time.time()  # sources are imported now or later; s
 
 
 def scalar(function: Function) -> Function:
@@ -70,8 +76,6 @@ class Entry:
         self, function: Callable[..., Any], examples: Callable[[], list[Arguments]]
     ) -> None:
         self.function, self._examples = function, examples
-        self.ready = False
-        """Whether callers take it."""
         self._compiled: Any = None
         _ENTRIES.append(self)
 
@@ -80,15 +84,28 @@ class Entry:
         """Whether it is compiled, ready or not."""
         return self._compiled is not None
 
+    @property
+    def ready(self) -> bool:
+        """Whether callers take it."""
+        return _flying and self.is_compiled
+
     def __call__(self, *arguments: Any) -> Any:
         """Call it compiled."""
         return self._compiled(*arguments)
 
     def compile(self, numba: Any, *, cache: bool) -> None:
-        """Compile each signature, or load it, and refuse all others from now on."""
-        compiled = numba.njit(self.function, cache=cache)
-        for arguments in self._examples():
-            compiled.compile(tuple(map(numba.typeof, arguments)))
+        """Compile each signature, or load it, and refuse all others from now on. What divides by 0
+        is as in numpy no error.
+        """
+        compiled = numba.njit(self.function, cache=cache, error_model="numpy")
+        try:
+            for arguments in self._examples():
+                compiled.compile(tuple(map(numba.typeof, arguments)))
+        except Exception:
+            if not cache:
+                raise
+            self.compile(numba, cache=False)  # what is kept is damaged
+            return
         compiled.disable_compile()
         self._compiled = compiled
 
@@ -118,38 +135,52 @@ def prepare() -> bool:
     """
     if not installed():
         return False
-    waiting = [entry for entry in _ENTRIES if not entry.is_compiled]
-    if waiting:
-        import numba
-        from numba.core import config
+    global _flying  # noqa: PLW0603
+    with _PREPARING:
+        _compile_waiting()
+    _flying = True
+    return True
 
-        _teach()
-        folder = kept_in()
-        settings: Any = config
-        settings.CACHE_DIR = "" if folder is None else str(folder)
+
+def _compile_waiting() -> None:
+    """Compile the entries that are not compiled."""
+    waiting = [entry for entry in _ENTRIES if not entry.is_compiled]
+    if not waiting:
+        return
+    import numba  # half a second, for those alone that fly compiled
+    from numba.core import config
+
+    _teach()
+    folder = kept_in()
+    settings: Any = config
+    before, settings.CACHE_DIR = settings.CACHE_DIR, "" if folder is None else str(folder)
+    try:
         for entry in waiting:
             entry.compile(numba, cache=folder is not None)
-    for entry in _ENTRIES:
-        entry.ready = True
-    return True
+    finally:
+        settings.CACHE_DIR = before
 
 
 def forget() -> None:
     """Take the interpreted way, until :func:`prepare` is called again."""
-    for entry in _ENTRIES:
-        entry.ready = False
+    global _flying  # noqa: PLW0603
+    _flying = False
 
 
 def kept_in() -> Path | None:
-    """Return the folder that compiled code is kept in; None: every process compiles anew.
+    """Return the folder that compiled code is kept in; None: it is compiled anew, because there is
+    no room, or because sources have changed since they were imported.
 
     numba itself would not see that a function has changed which another file calls.
     """
     import numba
 
-    sums, root = hashlib.sha256(), Path(__file__).resolve().parents[1]
+    sums = hashlib.sha256()
     for package in _SOURCES:
-        for path in sorted((root / package).rglob("*.py")):
+        root = Path(next(iter(sys.modules[package].__path__)))
+        for path in sorted(root.rglob("*.py")):
+            if path.stat().st_mtime > _IMPORTED:
+                return None
             sums.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
     return cache_folder(sums.hexdigest(), numba.__version__, np.__version__)
 

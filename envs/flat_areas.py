@@ -139,6 +139,8 @@ def _edge_distances(
     that of the chord, m; not above 0 where it may meet one.
     """
     x0, y0, x1, y1 = chord
+    if math.isnan(x0 + y0 + x1 + y1):  # smallest numbers would leave it out
+        return math.nan, math.nan, math.nan
     begin, end = math.inf, math.inf
     for e in range(int(area.first_edge), int(area.end_edge)):
         line = lines[e]

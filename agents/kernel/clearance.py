@@ -229,11 +229,13 @@ def _note(found: Clearance, given: Pieces, which: Array, margin: Array, bounds: 
     if m.size == 0:
         return
     p = np.argmax(lost[m], axis=1)
-    row, first = first_of_each(owner[m], bounds.lost_from[m, p])
+    # What is not a number is lost from the beginning of the piece.
+    lost_from = np.where(np.isnan(bounds.lost_from), given.begin, bounds.lost_from)
+    row, first = first_of_each(owner[m], lost_from[m, p])
     m_first, p_first = m[first], p[first]
-    earlier = bounds.lost_from[m_first, p_first] < flat.loss[row]
+    earlier = lost_from[m_first, p_first] < flat.loss[row]
     row, piece = row[earlier], (m_first[earlier], p_first[earlier])
-    flat.loss[row], flat.leg[row] = bounds.lost_from[piece], given.leg[piece[0]]
+    flat.loss[row], flat.leg[row] = lost_from[piece], given.leg[piece[0]]
     begin, end = given.begin[piece], given.end[piece]
     share = (flat.loss[row] - begin) / np.maximum(end - begin, 1e-9)
     for place, (first_end, last_end) in zip(

@@ -188,8 +188,10 @@ def _note(kept: Record, leg: int, piece: Record, bounds: Bounds, tolerant: bool)
     if margin >= 0.0:
         return
     kept.until = max(kept.until, bounds.lost_until)
-    if bounds.lost_from < kept.loss:
-        share = (bounds.lost_from - piece.begin) / max(piece.end - piece.begin, 1e-9)
-        kept.loss, kept.leg = bounds.lost_from, leg
+    # What is not a number is lost from the beginning of the piece.
+    lost_from = piece.begin if math.isnan(bounds.lost_from) else bounds.lost_from
+    if lost_from < kept.loss:
+        share = (lost_from - piece.begin) / max(piece.end - piece.begin, 1e-9)
+        kept.loss, kept.leg = lost_from, leg
         kept.x = piece.x0 + share * (piece.x1 - piece.x0)
         kept.y = piece.y0 + share * (piece.y1 - piece.y0)

@@ -1,6 +1,9 @@
 """Compiled code: it agrees with Python, is never compiled in flight, and follows its sources."""
 
+import sys
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -80,12 +83,26 @@ def test_code_of_other_sources_is_kept_elsewhere(
     for package in ("envs", "agents"):
         (tmp_path / package).mkdir()
         (tmp_path / package / "source.py").write_text("A = 1\n")
-    monkeypatch.setattr(compiled, "__file__", str(tmp_path / "envs" / "compiled.py"))
+        monkeypatch.setitem(sys.modules, package, SimpleNamespace(__path__=[tmp_path / package]))
+    assert compiled.kept_in() is None  # sources are younger than what was imported
+    monkeypatch.setattr(compiled, "_IMPORTED", time.time() + 60.0)
     before = compiled.kept_in()
     assert before is not None
     assert before == compiled.kept_in()
     (tmp_path / "agents" / "source.py").write_text("A = 2\n")
     assert compiled.kept_in() not in (before, None)
+
+
+def test_a_damaged_cache_is_compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(compiled, "_IMPORTED", time.time() + 60.0)
+    first = compiled.Entry(_fly, lambda: [(_START, 0.0, 0.0, 1)])
+    compiled.prepare()
+    for index in tmp_path.rglob("*.nbi"):
+        index.write_bytes(index.read_bytes()[:20])
+    again = compiled.Entry(_fly, lambda: [(_START, 0.0, 0.0, 1)])
+    compiled.prepare()
+    assert again(_START, 0.5, 0.5, 9) == first(_START, 0.5, 0.5, 9)
 
 
 def test_without_a_folder_it_is_compiled_all_the_same(

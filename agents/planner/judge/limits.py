@@ -63,8 +63,9 @@ def fill_right_legs(curves: Legs[Any], limits: Limits, right: np.ndarray) -> Non
                 speed, gain = curves.speed[row, leg, arc], curves.acceleration[row, leg, arc]
                 after = speed + gain * step
                 fastest, slowest = greater(speed, fastest), greater(-speed, slowest)
-                lowest = min(fastest, limits.speed_min)
-                highest = max(-slowest, limits.speed_max)
+                # The limits first: of numbers that are none the first is kept.
+                lowest = min(limits.speed_min, fastest)
+                highest = max(limits.speed_max, -slowest)
                 steady = steady and (
                     lowest - TOLERANCE.speed_min <= after <= highest + TOLERANCE.speed_max
                     and speed >= TOLERANCE.speed_min

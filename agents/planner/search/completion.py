@@ -26,7 +26,7 @@ from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState
-from envs.trees import map_leaves, scatter, take
+from envs.trees import contiguous, scatter, take
 from envs.waypoints import PlanStates
 
 
@@ -121,23 +121,29 @@ def _complete_each(
     east, north = (np.zeros(0), np.zeros(0)) if drift is None else drift
     COMPLETE_EACH(
         Manoeuvres(
-            np.stack(rollout.plan_states, axis=1),
-            map_leaves(np.ascontiguousarray, rollout.end),
-            *map(np.ascontiguousarray, (rollout.time, rollout.direct, rollout.turn_sign)),
+            *contiguous(
+                (
+                    np.stack(rollout.plan_states, axis=1),
+                    rollout.end,
+                    rollout.time,
+                    rollout.direct,
+                    rollout.turn_sign,
+                )
+            )
         ),
         Routes(
-            x=np.ascontiguousarray(request.route_x),
-            y=np.ascontiguousarray(request.route_y),
+            x=contiguous(request.route_x),
+            y=contiguous(request.route_y),
             of_route=(
                 np.ones(request.route_x.shape, dtype=bool)
                 if request.of_route is None
-                else request.of_route >= 0
+                else contiguous(request.of_route >= 0)
             ),
-            points=np.ascontiguousarray(request.points),
-            goal=np.ascontiguousarray(goal),
-            latest=np.ascontiguousarray(latest_end(request, options)),
-            east=np.ascontiguousarray(east),
-            north=np.ascontiguousarray(north),
+            points=np.array(request.points, dtype=np.int64),
+            goal=np.array(goal, dtype=np.int64),
+            latest=contiguous(latest_end(request, options)),
+            east=contiguous(east),
+            north=contiguous(north),
         ),
         Whole(
             plain_task(options),

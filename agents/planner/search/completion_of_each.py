@@ -208,7 +208,7 @@ def _read_off(
     for i in range(last):
         when = i * whole.interval
         states[4, i] = when
-        if when <= given.time[n]:
+        if when <= given.time[n] and i < given.states.shape[2]:
             for field in range(4):
                 states[field, i] = given.states[n, field, i]
         else:

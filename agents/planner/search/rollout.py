@@ -36,7 +36,7 @@ from envs.backend import FLOATS
 from envs.frames import Air
 from envs.kinematics import VehicleState, advance, commands
 from envs.relative import distance
-from envs.trees import column, map_leaves, scatter, take
+from envs.trees import column, contiguous, map_leaves, scatter, take
 from envs.wind import aim_point
 
 _SHARE = 0.6  # of the computation, for a policy that finds no way back
@@ -247,14 +247,16 @@ def _roll_compiled(
         beyond = of_one(route_beyond(take(request, one), np.array([goal]), options), 0)
     seen, required = take((traffic, required_range), there)
     window, none, share = seen.window, np.zeros(0), shares(seen, options.requirement)
-    intruders = policy_flight.Intruders(
-        seen.state,
-        seen.turn_rate,
-        seen.turn_time,
-        required,
-        np.ones(required.size) if share is None else share,
-        none if window is None else window.begin,
-        none if window is None else window.end,
+    intruders = contiguous(
+        policy_flight.Intruders(
+            seen.state,
+            seen.turn_rate,
+            seen.turn_time,
+            required,
+            np.ones(required.size) if share is None else share,
+            none if window is None else window.begin,
+            none if window is None else window.end,
+        )
     )
     to = float(request.route_x[row, goal]), float(request.route_y[row, goal])
     east, north = (0.0, 0.0) if drift is None else map(float, drift)

@@ -117,7 +117,7 @@ def test_a_flight_does_not_depend_on_how_many_steps_are_taken_at_once() -> None:
 @pytest.mark.parametrize("kind", ["circle", "multi"])
 def test_manoeuvres_do_not_depend_on_the_others(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # To the last bit: a single request, too, is flown by numpy.
-    monkeypatch.setattr(FLY_ON, "ready", False)
+    monkeypatch.setattr(FLY_ON, "_compiled", None)
     request = requests(kind)
     together = fly_family(request, FAMILY, -40.0, 12)
     each = FAMILY.turn.size
