@@ -63,9 +63,8 @@ def fill_right_legs(curves: Legs[Any], limits: Limits, right: np.ndarray) -> Non
                 speed, gain = curves.speed[row, leg, arc], curves.acceleration[row, leg, arc]
                 after = speed + gain * step
                 fastest, slowest = greater(speed, fastest), greater(-speed, slowest)
-                # The limits first: of numbers that are none the first is kept.
-                lowest = min(limits.speed_min, fastest)
-                highest = max(limits.speed_max, -slowest)
+                lowest = -greater(-fastest, -limits.speed_min)
+                highest = greater(-slowest, limits.speed_max)
                 steady = steady and (
                     lowest - TOLERANCE.speed_min <= after <= highest + TOLERANCE.speed_max
                     and speed >= TOLERANCE.speed_min
