@@ -2,8 +2,8 @@
 #   make demo         train and evaluate on a small budget
 #   make test         lint, types, import rules and the default tests
 #   make test-slow    the tests that the default run leaves out (more mutated files: FUZZ_ROWS=100000; more plans of
-#                     random aircraft: FUZZ_PLANS=10000; more aircraft with fields unknown: FUZZ_SCENES=10000; by
-#                     compiled code: PYTEST_ARGS="-n 2 --compiled")
+#                     random aircraft: FUZZ_PLANS=10000; more aircraft with fields unknown: FUZZ_SCENES=10000)
+#   make test-compiled  the default tests of what decides in the air, by compiled code
 #   make test-long    those of them that take minutes each, before a release
 #   make format       rewrite the sources in the house format
 #   make proofs       check the mathematics behind SAFE (needs coq, coquelicot, gappa)
@@ -22,7 +22,7 @@ PROJECT := pyproject.toml constraints/build.in
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --no-emit-index-url
 
-.PHONY: help demo test test-slow test-long lint format proofs docs venv venv-run ros bluesky constraints clean
+.PHONY: help demo test test-slow test-compiled test-long lint format proofs docs venv venv-run ros bluesky constraints clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -92,6 +92,9 @@ test: lint
 
 test-slow: venv
 	$(BIN)/python -m pytest $(PYTEST_ARGS) -m "slow and not long"
+
+test-compiled: venv
+	$(BIN)/python -m pytest $(PYTEST_ARGS) --compiled tests/agents
 
 test-long: venv
 	$(BIN)/python -m pytest $(PYTEST_ARGS) -m long

@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, settings
 
 from commands.command import InputError
 from commands.compiled import keep_compiled
+from envs import compiled
 
 _COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("repeatable", derandomize=True, max_examples=30, **_COMMON)
@@ -38,10 +39,19 @@ def _compiled(request: pytest.FixtureRequest) -> None:
         compile_planner()
 
 
+@pytest.fixture(autouse=True)
+def _as_asked(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Leave no compiled code to the next test of the process where nobody asked for it: nodes and
+    commands that a test runs in this process compile.
+    """
+    yield
+    if not request.config.getoption("--compiled"):
+        compiled.forget()
+
+
 def compile_planner() -> None:
     """Compile all that plans."""
     import agents.planner  # noqa: F401
-    from envs import compiled
 
     compiled.prepare()
 

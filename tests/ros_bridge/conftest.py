@@ -1,11 +1,14 @@
-"""Nodes compile before they are ready: once for all, lest each test waits for it."""
+"""Nodes compile before they are ready: here once for all, lest each test waits for it."""
 
 import pytest
 
+from envs import compiled
 from tests.conftest import compile_planner
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _compiled_beforehand() -> None:
+def _compiled_beforehand(request: pytest.FixtureRequest) -> None:
     """Compile what the nodes compile; they load it then."""
     compile_planner()
+    if not request.config.getoption("--compiled"):
+        compiled.forget()
