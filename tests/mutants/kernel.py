@@ -103,7 +103,7 @@ _OF_SCALAR_CLEARANCE = (
     ("and not bounds.distance <= nearest", ""),
     ("decides or lost, True", "decides, True"),
     ("margin < kept.margin or", "margin > kept.margin or"),
-    ("bounds.lost_from < kept.loss", "bounds.lost_from > kept.loss"),
+    ("lost_from < kept.loss", "lost_from > kept.loss"),
     ("max(kept.until, bounds.lost_until)", "bounds.lost_until"),
 )
 
