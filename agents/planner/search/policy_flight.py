@@ -74,12 +74,12 @@ class Course(NamedTuple):
 
 
 class Flight(NamedTuple):
-    """How far a flight has come."""
+    """How far flights have come; fields ``[M]``, or plain numbers."""
 
     state: VehicleState[Air]
-    path: float  # m
-    turn_sign: float  # of the last turn: 1 left, -1 right, 0 none
-    reversals: float  # how often the turn changed side
+    path: Array  # length flown, m
+    turn_sign: Array  # of the last turn: 1 left, -1 right, 0 none
+    reversals: Array  # how often the turn changed side
 
 
 def begin(own: VehicleState[Air]) -> Flight:

@@ -28,7 +28,7 @@ from agents.planner.search.continuation import (
     of_one,
     route_beyond,
 )
-from agents.planner.search.policy_flight import FLY
+from agents.planner.search.policy_flight import FLY, Flight
 from agents.policy.decision import Decider
 from agents.policy.inference import NOT_FINITE, Policy
 from envs.arrays import Array
@@ -59,15 +59,6 @@ class Rollout(NamedTuple):
     reversals: Array  # how often the turn changed side
 
 
-class _Flight(NamedTuple):
-    """How far flights have come; fields ``[M]``, or plain numbers."""
-
-    state: VehicleState[Air]
-    path: Array  # these three as of :class:`Rollout`
-    turn_sign: Array
-    reversals: Array
-
-
 class _Underway(NamedTuple):
     """Manoeuvres that have not ended, ``[M]``."""
 
@@ -76,7 +67,7 @@ class _Underway(NamedTuple):
     drift: tuple[Array, Array] | None  # of the goal, m/s; None: it stands still
     traffic: Traffic
     required_range: Array  # from each intruder, m, [M, K]
-    flight: _Flight
+    flight: Flight
     chosen: Array  # numbers of the intruders that the policy sees among many
     share: Array  # at which the policy counts their distances, [M, K]; None: whole
 
@@ -149,7 +140,7 @@ def _begin(
         drift=request.drift,
         traffic=traffic,
         required_range=required_range,
-        flight=_Flight(state, path, turn_sign, reversals),
+        flight=Flight(state, path, turn_sign, reversals),
         chosen=np.zeros((count, min(policy.most, traffic.mask.shape[-1])), dtype=int),
         share=shares(traffic, options.requirement),
     )
@@ -167,7 +158,7 @@ def _fly(
     time: float,
     policy: Policy,
     options: Options[Narrowed],
-) -> _Flight:
+) -> Flight:
     """Return the flights after one time step of the policy's."""
     limits, dt, before = options.manoeuvre, options.aircraft.dt, now.flight
     seen, mask, share = traffic, _present(now, time), now.share
@@ -181,7 +172,7 @@ def _fly(
     turns = np.abs(yaw_rate) >= policy_flight.TURNS * limits.yaw_rate_max
     turn_sign = np.where(turns, np.sign(yaw_rate), before.turn_sign)
     reverses = turn_sign * before.turn_sign < 0.0
-    return _Flight(
+    return Flight(
         moved,
         before.path + 0.5 * dt * (before.state.speed + moved.speed),
         turn_sign,
@@ -189,7 +180,7 @@ def _fly(
     )
 
 
-def _note_end(result: Rollout, rows: Array, flight: _Flight, time: float, direct: Array) -> None:
+def _note_end(result: Rollout, rows: Array, flight: Flight, time: float, direct: Array) -> None:
     """Write where and when flights ``[M]`` of the manoeuvres numbered ``rows`` ended."""
     scatter(result.end, rows, flight.state)
     result.time[rows], result.direct[rows] = time, direct
@@ -214,14 +205,15 @@ def _roll_each(
         for row in range(goal.size):
             one = request, row, int(goal[row]), required_range[row]
             each.append(_roll_compiled(*one, policy, policy.decider, options, ends))
-        return each[0] if len(each) == 1 else map_leaves(lambda *rows: np.concatenate(rows), *each)
-    for row in range(goal.size):
-        own, traffic, place, drift = take((request.own, request.traffic, to, request.drift), row)
-        one = slice(row, row + 1)
-        rest = route_beyond(take(request, one), goal[one], options) if crowd else None
-        ahead = _TrafficAhead(traffic, required_range[row], rest, policy, options)
-        target = _Target(map_leaves(float, place), map_leaves(float, drift))
-        each.append(_roll_one(map_leaves(float, own), ahead, target, policy, options, ends))
+    else:
+        for row in range(goal.size):
+            some = request.own, request.traffic, to, request.drift
+            own, traffic, place, drift = take(some, row)
+            one = slice(row, row + 1)
+            rest = route_beyond(take(request, one), goal[one], options) if crowd else None
+            ahead = _TrafficAhead(traffic, required_range[row], rest, policy, options)
+            target = _Target(map_leaves(float, place), map_leaves(float, drift))
+            each.append(_roll_one(map_leaves(float, own), ahead, target, policy, options, ends))
     return each[0] if len(each) == 1 else map_leaves(lambda *rows: np.concatenate(rows), *each)
 
 
@@ -277,8 +269,7 @@ def _roll_compiled(
         field[0] = values
     if stands in (policy_flight.ARRIVED, policy_flight.DIRECT):
         direct = stands == policy_flight.DIRECT
-        flown = _Flight(flight.state, flight.path, flight.turn_sign, flight.reversals)
-        _note_end(result, 0, flown, step * course.dt, direct)
+        _note_end(result, 0, flight, step * course.dt, direct)
     return result
 
 
@@ -326,7 +317,7 @@ def _roll_one(
         dx, dy = place[0] - state.x, place[1] - state.y
         arrived = dx * dx + dy * dy <= square
         if arrived or (options.direct and asks and ahead.way_back(state, aim, step)):
-            flight = _Flight(state, path, turn_sign, reversals)
+            flight = Flight(state, path, turn_sign, reversals)
             _note_end(result, 0, flight, time, not arrived)
             break
         if step == steps or (asks and ends()):
