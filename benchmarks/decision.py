@@ -38,6 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise ConfigError(
             "there is no compiled code for this policy, or numba is missing; expected both"
         )
+    prepare()
     found: dict[str, Any] = {"benchmark": "decision", "flights": given.requests}
     with threadpool_limits(1):
         for count in _INTRUDERS:
@@ -57,10 +58,7 @@ def _flight(number: int, count: int, policy: Policy, *, compile_it: bool) -> flo
     asked = question(number, count, _RADIUS, policy.aircraft)
     far = [replace(at, x=at.x + _FAR * policy.aircraft.separation) for at in asked.route]
     request: Request = check_request(asked.own, asked.intruders, far, options)[0]
-    if compile_it:
-        prepare()
-    else:
-        compiled.forget()
+    compiled.use(compile_it)
     began = time.thread_time()
     roll(request, np.zeros(1, dtype=int), policy, options, floats=True)
     return (time.thread_time() - began) / (task_of(options).until / options.aircraft.dt)

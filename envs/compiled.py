@@ -135,10 +135,9 @@ def prepare() -> bool:
     """
     if not installed():
         return False
-    global _flying  # noqa: PLW0603
     with _PREPARING:
         _compile_waiting()
-    _flying = True
+    use(True)
     return True
 
 
@@ -161,10 +160,15 @@ def _compile_waiting() -> None:
         settings.CACHE_DIR = before
 
 
-def forget() -> None:
-    """Take the interpreted way, until :func:`prepare` is called again."""
+def in_use() -> bool:
+    """Return whether callers take what is compiled."""
+    return _flying
+
+
+def use(flying: bool) -> None:
+    """Say whether callers take what is compiled, or go the interpreted way."""
     global _flying  # noqa: PLW0603
-    _flying = False
+    _flying = flying
 
 
 def kept_in() -> Path | None:

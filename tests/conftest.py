@@ -40,13 +40,23 @@ def _compiled(request: pytest.FixtureRequest) -> None:
 
 
 @pytest.fixture(autouse=True)
-def _as_asked(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Leave no compiled code to the next test of the process where nobody asked for it: nodes and
-    commands that a test runs in this process compile.
+def _use_of_compiled_code() -> Iterator[None]:
+    """Leave the next test of the process what this one found: nodes and commands that a test runs
+    in this process compile.
     """
+    before = compiled.in_use()
     yield
-    if not request.config.getoption("--compiled"):
-        compiled.forget()
+    compiled.use(before)
+
+
+@pytest.fixture(scope="module")
+def compiled_code() -> Iterator[None]:
+    """Fly by compiled code in a module of tests; passed over where there is none."""
+    pytest.importorskip("numba", reason="numba is not installed; to have it: pip install '.[fast]'")
+    before = compiled.in_use()
+    compile_planner()
+    yield
+    compiled.use(before)
 
 
 def compile_planner() -> None:

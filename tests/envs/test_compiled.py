@@ -15,7 +15,7 @@ from envs.angles import atan2, sincos, wrap
 from envs.backend import EXACT_FLOATS, FLOATS
 from envs.kinematics import Limits, VehicleState, advance, commands
 
-pytest.importorskip("numba", reason="numba is not installed; to have it: pip install '.[fast]'")
+pytestmark = pytest.mark.usefixtures("compiled_code")
 
 _LIMITS = Limits(50.0, 100.0, -0.5, 0.5, 0.05)
 
@@ -42,11 +42,6 @@ _ANGLES = compiled.Entry(_angles_compiled, lambda: [(0.0, 0.0, 0.0)])
 _FLY = compiled.Entry(_fly, lambda: [(_START, 0.0, 0.0, 1)])
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _prepared():
-    compiled.prepare()
-
-
 @given(st.floats(-50.0, 50.0), st.floats(-1e6, 1e6), st.floats(-1e6, 1e6))
 def test_angles_are_those_of_python(angle: float, y: float, x: float) -> None:
     np.testing.assert_allclose(_ANGLES(angle, y, x), _angles(angle, y, x), rtol=0.0, atol=1e-15)
@@ -68,8 +63,8 @@ def test_other_types_are_refused_and_not_compiled() -> None:
         _ANGLES(np.zeros(1), 0.0, 0.0)
 
 
-def test_what_is_forgotten_is_interpreted_until_it_is_prepared_again() -> None:
-    compiled.forget()
+def test_what_is_not_in_use_is_interpreted_until_it_is_prepared_again() -> None:
+    compiled.use(False)
     assert not _FLY.ready
     assert compiled.prepare()
     assert _FLY.ready

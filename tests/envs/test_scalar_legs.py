@@ -1,7 +1,5 @@
 """The legs by compiled code are those by numpy."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -10,14 +8,7 @@ from envs.scalar_legs import SOLVE_LEGS
 from envs.waypoints import CLOSED, Legs, PlanStates
 from tests.envs.test_waypoints import ends, history
 
-pytest.importorskip("numba")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _compiled() -> Iterator[None]:
-    compiled.prepare()
-    yield
-    compiled.forget()
+pytestmark = pytest.mark.usefixtures("compiled_code")
 
 
 def both(monkeypatch: pytest.MonkeyPatch, plan_states: PlanStates) -> tuple[Legs, Legs]:

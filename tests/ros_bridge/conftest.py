@@ -7,8 +7,8 @@ from tests.conftest import compile_planner
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _compiled_beforehand(request: pytest.FixtureRequest) -> None:
+def _compiled_beforehand() -> None:
     """Compile what the nodes compile; they load it then."""
+    before = compiled.in_use()
     compile_planner()
-    if not request.config.getoption("--compiled"):
-        compiled.forget()
+    compiled.use(before)

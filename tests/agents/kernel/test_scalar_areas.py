@@ -1,7 +1,5 @@
 """The clearance from areas by compiled code is that by numpy."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -10,20 +8,12 @@ from agents.kernel.areas import ActiveArea, AreaClearance, area_clearance
 from agents.kernel.clearance import clearance
 from agents.kernel.scalar_areas import FILL_AREA_CLEARANCE
 from agents.kernel.trajectory import Trajectory
-from envs import compiled
 from envs.areas import Area, Circle, Keep, Polygon
 from tests.agents.kernel.test_areas import random_area
 from tests.agents.kernel.test_scalar_separation import KINDS, assert_same, both
 from tests.envs.test_area_geometry import star
 
-pytest.importorskip("numba")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _compiled() -> Iterator[None]:
-    compiled.prepare()
-    yield
-    compiled.forget()
+pytestmark = pytest.mark.usefixtures("compiled_code")
 
 
 def question(

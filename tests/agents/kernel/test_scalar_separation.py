@@ -1,7 +1,5 @@
 """What is flown, and its clearance from intruders, by compiled code are those by numpy."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -16,16 +14,9 @@ from envs.kinematics import VehicleState
 from tests.agents.kernel.test_clearance import FLOWN, aircraft
 from tests.agents.planner.test_validator import traffic
 
-pytest.importorskip("numba")
+pytestmark = pytest.mark.usefixtures("compiled_code")
 
 KINDS = {**FLOWN, "straight": lambda _, count: straight_on(aircraft(count), 120.0)}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _compiled() -> Iterator[None]:
-    compiled.prepare()
-    yield
-    compiled.forget()
 
 
 def both(

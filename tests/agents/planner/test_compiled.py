@@ -1,6 +1,5 @@
 """What is compiled of the planner decides and flies as its interpreted counterpart does."""
 
-from collections.abc import Iterator
 from functools import partial
 from importlib import resources
 
@@ -20,18 +19,11 @@ from envs.random_areas import random_areas
 from envs.waypoints import RoutePoint
 from envs.wind import Wind
 
-pytest.importorskip("numba", reason="numba is not installed; to have it: pip install '.[fast]'")
+pytestmark = pytest.mark.usefixtures("compiled_code")
 
 
 # In float64, as it never flies.
 _DECIDE = compiled.Entry(decision.decide, partial(decision.examples, np.float64))
-
-
-@pytest.fixture(autouse=True)
-def _prepared() -> Iterator[None]:
-    compiled.prepare()
-    yield
-    compiled.forget()
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 10])
@@ -92,7 +84,7 @@ def test_plans_are_the_same(count: int, unsure: bool, windy: bool, areas: int) -
     compiled_plans = [
         _ask(number, count, unsure=unsure, windy=windy, areas=areas) for number in range(6)
     ]
-    compiled.forget()
+    compiled.use(False)
     for number, found in enumerate(compiled_plans):
         interpreted = _ask(number, count, unsure=unsure, windy=windy, areas=areas)
         assert (found.status, found.source) == (interpreted.status, interpreted.source)

@@ -1,7 +1,6 @@
 """Compiled, the fallback's manoeuvres of one request fly as they do by numpy."""
 
 import math
-from collections.abc import Iterator
 from typing import cast
 
 import numpy as np
@@ -19,7 +18,6 @@ from agents.planner.search import fallback_flight
 from agents.planner.search.compiled_flight import FLY_ON
 from agents.planner.search.fallback_flight import ManoeuvreFlights, fly_out
 from agents.policy.inference import Policy
-from envs import compiled
 from envs.aircraft import PAPER
 from envs.areas import Area, Circle, Keep, Polygon
 from envs.frames import Air, Ground
@@ -49,13 +47,7 @@ AREAS = (
     ActiveArea(2, Area(Circle(0.0, 0.0, 19e3), Keep.IN, clearance=100.0), 0.0, 600.0),
 )
 
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled_entries() -> Iterator[None]:
-    pytest.importorskip("numba")
-    compiled.prepare()
-    yield
-    compiled.forget()
+pytestmark = pytest.mark.usefixtures("compiled_code")
 
 
 def random_request(seed: int, intruders: int, kind: str) -> Request:

@@ -1,7 +1,5 @@
 """Which legs are right, by compiled code and by numpy."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -11,14 +9,7 @@ from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits
 from envs.waypoints import legs
 from tests.agents.planner.test_validator import plans
 
-pytest.importorskip("numba")
-
-
-@pytest.fixture(autouse=True)
-def _compiled() -> Iterator[None]:
-    compiled.prepare()
-    yield
-    compiled.forget()
+pytestmark = pytest.mark.usefixtures("compiled_code")
 
 
 @pytest.mark.parametrize("limits", [SURROGATE, C208_PUBLISHED, Limits(70.0, 75.0, -0.1, 0.2, 0.02)])
