@@ -150,7 +150,7 @@ def _compile_waiting() -> None:
     from numba.core import config
 
     _teach()
-    folder = kept_in()
+    folder = folder_of_code()
     settings: Any = config
     before, settings.CACHE_DIR = settings.CACHE_DIR, "" if folder is None else str(folder)
     try:
@@ -171,7 +171,7 @@ def use(flying: bool) -> None:
     _flying = flying
 
 
-def kept_in() -> Path | None:
+def folder_of_code() -> Path | None:
     """Return the folder that compiled code is kept in; None: it is compiled anew, because there is
     no room, or because sources have changed since they were imported.
 

@@ -79,13 +79,13 @@ def test_code_of_other_sources_is_kept_elsewhere(
         (tmp_path / package).mkdir()
         (tmp_path / package / "source.py").write_text("A = 1\n")
         monkeypatch.setitem(sys.modules, package, SimpleNamespace(__path__=[tmp_path / package]))
-    assert compiled.kept_in() is None  # sources are younger than what was imported
+    assert compiled.folder_of_code() is None  # sources are younger than what was imported
     monkeypatch.setattr(compiled, "_IMPORTED", time.time() + 60.0)
-    before = compiled.kept_in()
+    before = compiled.folder_of_code()
     assert before is not None
-    assert before == compiled.kept_in()
+    assert before == compiled.folder_of_code()
     (tmp_path / "agents" / "source.py").write_text("A = 2\n")
-    assert compiled.kept_in() not in (before, None)
+    assert compiled.folder_of_code() not in (before, None)
 
 
 def test_a_damaged_cache_is_compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,7 +105,7 @@ def test_without_a_folder_it_is_compiled_all_the_same(
 ) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert compiled.kept_in() is None
+    assert compiled.folder_of_code() is None
     anew = compiled.Entry(_fly, lambda: [(_START, 0.0, 0.0, 1)])
     assert compiled.prepare()
     assert anew(_START, 0.0, 0.0, 1).x == pytest.approx(60.0)

@@ -151,7 +151,7 @@ def fly(
             return DIRECT, step, Flight(state, path, turn_sign, reversals)
         if step == course.steps:
             return OUT_OF_TIME, step, Flight(state, path, turn_sign, reversals)
-        seen, share = _seen(looked_at, time, intruders)
+        seen, share = _states_of(looked_at, time, intruders)
         throttle, steering = decide(state, seen, share, aim[0], aim[1], decider)
         if not (math.isfinite(throttle) and math.isfinite(steering)):
             return NOT_FINITE, step, Flight(state, path, turn_sign, reversals)
@@ -201,7 +201,9 @@ def _look(own: VehicleState[Air], time: float, intruders: Intruders, course: Cou
 
 
 @scalar
-def _seen(looked_at: Array, time: float, intruders: Intruders) -> tuple[VehicleState[Air], Array]:
+def _states_of(
+    looked_at: Array, time: float, intruders: Intruders
+) -> tuple[VehicleState[Air], Array]:
     """Return the intruders that are looked at as they are at a time, and their shares."""
     count = len(looked_at)
     x, y, heading, speed, share = np.empty((5, count))
