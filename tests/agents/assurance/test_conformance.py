@@ -30,19 +30,18 @@ from tests.agents.scenes import (
 BESIDE = 1_500.0  # m: an intruder of concern on a parallel course
 
 
+def expecting(traffic: Traffic) -> Any:
+    """Return a monitor whose plan expects traffic."""
+    monitor, of = assurance.start(1, 1, THRESHOLDS), np.array([0])
+    safe = np.array([True])
+    return assurance.activate(monitor, of, straight(), safe, 0.0, traffic, THRESHOLDS)
+
+
 def flying_beside(position_std: float = 0.0, velocity_std: float = 0.0) -> Any:
     """Return a monitor whose plan expects an intruder beside it that is so well known."""
     known = np.full((1, 1), position_std), np.full((1, 1), velocity_std)
     expected = Traffic.straight(other(0.0, BESIDE))
-    return assurance.activate(
-        assurance.start(1, 1, THRESHOLDS),
-        np.array([0]),
-        straight(),
-        np.array([True]),
-        0.0,
-        expected._replace(position_std=known[0], velocity_std=known[1]),
-        THRESHOLDS,
-    )
+    return expecting(expected._replace(position_std=known[0], velocity_std=known[1]))
 
 
 def test_a_plan_is_held_to_what_it_had_to_keep_less_the_band_and_to_the_separation() -> None:
@@ -145,15 +144,7 @@ def test_an_intruder_is_of_concern_by_as_much_more_as_its_own_separation() -> No
         beside = other(0.0, THRESHOLDS.concern + 200.0)
         own_separation = np.full((1, 1), usual + more)
         expected = Traffic.straight(beside)._replace(separation=own_separation)
-        monitor = assurance.activate(
-            assurance.start(1, 1, THRESHOLDS),
-            np.array([0]),
-            straight(),
-            np.array([True]),
-            0.0,
-            expected,
-            THRESHOLDS,
-        )
+        monitor = expecting(expected)
         slower = beside._replace(speed=beside.speed - 20.0)
         monitor, _ = tell(monitor, 0.0, seen=slower, separation=own_separation)
         assert bool(causes_of(monitor) & Cause.INTRUDER_DEVIATION) is there
@@ -162,15 +153,7 @@ def test_an_intruder_is_of_concern_by_as_much_more_as_its_own_separation() -> No
 def test_who_was_not_expected_deviates_where_it_comes_near() -> None:
     for y, there in ((BESIDE, True), (50_000.0, False)):
         nobody = Traffic.straight(far(0.0), np.array([[False]]))
-        monitor = assurance.activate(
-            assurance.start(1, 1, THRESHOLDS),
-            np.array([0]),
-            straight(),
-            np.array([True]),
-            0.0,
-            nobody,
-            THRESHOLDS,
-        )
+        monitor = expecting(nobody)
         monitor, decision = tell(monitor, 0.0, seen=other(0.0, y))
         assert math.isinf(decision.intruder_position.item())
         assert bool(causes_of(monitor) & Cause.INTRUDER_DEVIATION) is there

@@ -10,7 +10,7 @@ from agents.kernel.scalar_areas import FILL_AREA_CLEARANCE
 from agents.kernel.trajectory import Trajectory
 from envs.areas import Area, Circle, Keep, Polygon
 from tests.agents.kernel.test_areas import random_area
-from tests.agents.kernel.test_scalar_separation import KINDS, assert_same, both
+from tests.agents.kernel.test_scalar_separation import KINDS, assert_same, both, random_flight
 from tests.envs.test_area_geometry import star
 
 pytestmark = pytest.mark.usefixtures("compiled_code")
@@ -20,12 +20,8 @@ def question(
     rng: np.random.Generator, kind: str, count: int
 ) -> tuple[Trajectory, AreaClearance, float]:
     """Return what is flown, what is kept from so many areas, and the level of interest, m."""
-    rows = int(rng.integers(1, 4))
-    flown = KINDS[kind](int(rng.integers(1_000_000)), rows)
-    if rng.random() < 0.4:
-        flown = flown.widened(rng.uniform(0.0, 1.0, rows), rng.uniform(0.0, 50.0, rows))
-    if rng.random() < 0.4:
-        flown = flown.since(rng.uniform(0.0, 100.0, rows))
+    flown = random_flight(rng, kind)
+    rows = len(flown.states.time)
     areas = [
         ActiveArea(number, random_area(rng), begin, begin + float(rng.choice([25.0, 200.0])))
         for number, begin in enumerate(rng.choice([0.0, 0.0, 20.0, 70.0], count).tolist())

@@ -58,16 +58,23 @@ def mixture(rng: np.random.Generator, rows: int, count: int) -> Traffic:
     return intruders
 
 
-def question(
-    rng: np.random.Generator, kind: str, count: int
-) -> tuple[Trajectory, Separation, float]:
-    """Return what is flown, what is kept from so many intruders, and the level of interest, m."""
+def random_flight(rng: np.random.Generator, kind: str) -> Trajectory:
+    """Return one to three trajectories of a kind, some widened and some from a later time on."""
     rows = int(rng.integers(1, 4))
     flown = KINDS[kind](int(rng.integers(1_000_000)), rows)
     if rng.random() < 0.4:
         flown = flown.widened(rng.uniform(0.0, 1.0, rows), rng.uniform(0.0, 50.0, rows))
     if rng.random() < 0.4:
         flown = flown.since(rng.uniform(0.0, 100.0, rows))
+    return flown
+
+
+def question(
+    rng: np.random.Generator, kind: str, count: int
+) -> tuple[Trajectory, Separation, float]:
+    """Return what is flown, what is kept from so many intruders, and the level of interest, m."""
+    flown = random_flight(rng, kind)
+    rows = len(flown.states.time)
     own: VehicleState = VehicleState(*(field[:, 0] for field in flown.states[:4]))
     least, margin = float(rng.choice([300.0, 1_000.0])), float(rng.choice([0.0, 50.0]))
     requirement = Requirement(least, margin, float(rng.choice([0.0, 2.0])))
