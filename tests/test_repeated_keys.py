@@ -27,7 +27,8 @@ from eval.evidence.listed import read_results
 from eval.report.folder import read_run as read_report
 from eval.sensitivity.bins import read_run
 from rlcas_jax import checkpoint, metrics
-from ros_bridge.core.adsb_live import AircraftJson, Traffic
+from ros_bridge.core.feeds.aircraft_json import AircraftJson
+from ros_bridge.core.feeds.traffic import Traffic
 from ros_bridge.display.recording import read as read_recording
 from ros_bridge.transport.overrides import refuse_unknown_nodes
 

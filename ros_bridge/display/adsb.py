@@ -1,23 +1,24 @@
-"""Live ADS-B for a display, without ROS: a receiver's traffic, one of which may be the ownship."""
+"""Receivers of traffic for a display, without ROS: their aircraft, one of which may be the
+ownship.
+"""
 
-import queue
 import threading
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from ros_bridge.core import adsb_live
 from ros_bridge.core.fields import FieldError
-from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.reports import Report
 from ros_bridge.display.scene import DisplayScene, left_out_lines, note, take_report
 from ros_bridge.display.server import LiveSource
-from ros_bridge.transport.adsb_receiver import Receiver
+from ros_bridge.transport.receivers import LiveReports
 
 __all__ = ["Receiving"]
 
-_LOOK = 0.5  # s between two looks at the connection
+_LOOK = 0.5  # s between two looks at the connections
+_DRAINED = 0.1  # s between two looks at what the receivers have sent
 
 
 class Receiving:
@@ -25,73 +26,53 @@ class Receiving:
 
     Args:
         live: that is fed.
-        source: a checked one (:func:`ros_bridge.transport.adsb_receiver.check_source`).
-        own: address of the ownship, hexadecimal; "": none of the aircraft is.
+        sources: checked ones (:func:`ros_bridge.transport.receivers.check_sources`).
+        own: address of the ownship, hexadecimal; "": the one that a receiver says, if any.
+
+    Raises:
+        ValueError: a source's port of this machine cannot be listened at.
     """
 
-    def __init__(self, live: LiveSource, source: str, own: str) -> None:
-        self._live, self._own = live, own.strip().lower()
-        self._receiver = Receiver(source, time.time_ns)
-        kind = adsb_live.BaseStation if self._receiver.lines else adsb_live.AircraftJson
-        self._traffic = adsb_live.Traffic("")
-        self._reader = kind(self._traffic)
+    def __init__(self, live: LiveSource, sources: Sequence[str], own: str) -> None:
+        self._live = live
+        self._reports = LiveReports(sources, own, time.time_ns, shows_own=True)
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._pass_on, name="display", daemon=True)
 
     def __enter__(self) -> "Receiving":
         """Begin to listen."""
-        self._receiver.start()
+        self._reports.start()
         self._thread.start()
         return self
 
     def __exit__(self, *problem: object) -> None:
         """Stop listening."""
         self._stopped.set()
-        self._receiver.stop()
-        self._receiver.join()
+        self._reports.stop()
         self._thread.join()
 
     def _pass_on(self) -> None:
-        heard = looked = time.monotonic()
-        while not self._stopped.is_set():
+        looked = time.monotonic()
+        while not self._stopped.wait(_DRAINED):
             try:
-                item = self._receiver.heard.get(timeout=_LOOK)
-            except queue.Empty:
-                item = ()
-            if item is None:
-                self._reader.begin()
-            elif item:
-                heard = time.monotonic()
-                self._read(*item)
+                self._take()
+            except Exception as error:  # of our own: what follows is read all the same
+                text = f"failed for an error of the display: {error!r}"
+                self._live.feed(partial(note, name="traffic", text=text, now=time.time_ns()))
             if time.monotonic() - looked > _LOOK:
                 looked = time.monotonic()
-                silent = looked - heard
-                quiet = (
-                    f"has sent nothing for {silent:.0f} s"
-                    if silent > USUAL_FRESHNESS.receiver
-                    else ""
-                )
-                self._live.feed(partial(_connect, problem=self._receiver.problem or quiet))
-                self._live.feed(
-                    partial(_count, counts=(+self._traffic.counts, +self._traffic.doubted))
-                )
+                counts = +self._reports.left_out, +self._reports.doubted
+                self._live.feed(partial(_connect, problem=self._reports.take_problem()))
+                self._live.feed(partial(_count, counts=counts))
 
-    def _read(self, arrived: int, text: str) -> None:
-        try:
-            for found in self._reader.reports_of(text, arrived):
-                self._live.feed(
-                    partial(take_report, found=found, now=arrived, own=self._is_own(found))
-                )
-        except TimeoutError as late:
-            self._receiver.restart()
-            self._live.feed(partial(note, name="receiver", text=str(late), now=arrived))
-        except Exception as error:  # of our own: what follows is read all the same
-            text = f"failed for an error of the display: {error!r}"
-            self._live.feed(partial(note, name="traffic", text=text, now=arrived))
+    def _take(self) -> None:
+        for found, arrived in self._reports.take():
+            own = self._is_own(found)
+            self._live.feed(partial(take_report, found=found, now=arrived, own=own))
 
     def _is_own(self, found: Report | FieldError) -> bool:
         seen = found.sighting
-        return seen is not None and seen.identifier == self._own != ""
+        return seen is not None and self._reports.is_own(seen.identifier)
 
 
 def _count(scene: DisplayScene, counts: tuple[Counter[str], Counter[str]]) -> DisplayScene:

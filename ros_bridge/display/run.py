@@ -24,8 +24,8 @@ from pathlib import Path
 from commands.command import InputError, Parser, visible
 from ros_bridge.display.recording import read
 from ros_bridge.display.server import DisplayServer, LiveSource, Recording, bind_socket
-from ros_bridge.transport.adsb_receiver import check_source
 from ros_bridge.transport.children import FLAG, end_with_parent
+from ros_bridge.transport.receivers import EXAMPLES, check_sources
 
 __all__ = ["main"]
 
@@ -71,8 +71,14 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="recording (.mcap) or encounter of eval.report --save (.json)",
     )
-    add("--adsb", type=_adsb, metavar="URL", help="live receiver, tcp://HOST:30003 or http://...")
-    add("--own", default="", metavar="HEX", help="address of the ownship among the ADS-B aircraft")
+    add(
+        "--adsb",
+        type=_adsb,
+        metavar="URL,...",
+        help=f"live receivers with commas between them: {EXAMPLES}",
+    )
+    own = "address of the ownship among the receivers' aircraft (default: as they say)"
+    add("--own", default="", metavar="HEX", help=own)
     add("--centre", type=_place, metavar="LAT,LON", help="centre of a map without ownship, deg")
     add(
         "--separation",
@@ -86,9 +92,9 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _adsb(text: str) -> str:
+def _adsb(text: str) -> tuple[str, ...]:
     try:
-        return check_source(text)
+        return check_sources(text)
     except ValueError as problem:
         raise argparse.ArgumentTypeError(str(problem)) from None
 
@@ -134,7 +140,11 @@ def _source(
         from ros_bridge.display.adsb import Receiving
 
         live = LiveSource(centre=options.centre, separation=options.separation)
-        return live, f"ADS-B of {options.adsb}", Receiving(live, options.adsb, options.own)
+        try:
+            receiving = Receiving(live, options.adsb, options.own)
+        except ValueError as problem:
+            raise InputError(f"--{problem}") from None
+        return live, f"ADS-B of {', '.join(options.adsb)}", receiving
     from ros_bridge.display.graph import Listening
 
     listening = Listening(ros, options.centre, options.separation)

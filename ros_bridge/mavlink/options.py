@@ -13,7 +13,7 @@ from ros_bridge.core.categories import Categories, separations_of
 from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD, Unknown
 from ros_bridge.mavlink.judging import Rules, rules
 from ros_bridge.mavlink.vehicle import Vehicle
-from ros_bridge.transport.adsb_receiver import check_source
+from ros_bridge.transport.receivers import EXAMPLES, check_ports, check_sources
 
 MARGIN = 25.0
 """Added to the separation for what the autopilot leaves of its plan, m (docs/howto/mavlink.md)."""
@@ -44,7 +44,8 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     if not re.fullmatch("(?:[0-9a-fA-F]{6})?", options.own):
         raise InputError(f"--own is {options.own!r}; expected six hexadecimal digits")
     try:
-        options.adsb = options.adsb and check_source(options.adsb)
+        options.adsb = check_sources(options.adsb)
+        check_ports(options.adsb)
     except ValueError as problem:
         raise InputError(f"--{problem}") from None
     options.categories = _categories(
@@ -173,7 +174,8 @@ def _parser() -> argparse.ArgumentParser:
         default="unknown",
         help="what altitudes of ADS-B are above (default unknown: every aircraft counts)",
     )
-    add("--adsb", default="", metavar="URL", help="live receiver, tcp://HOST:30003 or http://...")
+    receivers = f"live receivers with commas between them: {EXAMPLES}"
+    add("--adsb", default="", metavar="URL,...", help=receivers)
     own = "address of the ownship among its aircraft (default: the autopilot's ADSB_ICAO_ID)"
     add("--own", default="", metavar="HEX", help=own)
     add("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")

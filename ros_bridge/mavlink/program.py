@@ -24,10 +24,9 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple, TextIO
 
-from commands.command import run_cli
+from commands.command import InputError, run_cli
 from commands.files import write_file
 from envs.formats.areas.geodetic import GeodeticArea
-from ros_bridge.core.adsb_live import Traffic
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.failures import Failures
 from ros_bridge.core.fields import SECOND
@@ -82,7 +81,7 @@ from ros_bridge.mavlink.vehicle import (
     vehicle_of,
 )
 from ros_bridge.mavlink.view import View
-from ros_bridge.transport.adsb_receiver import LiveReports
+from ros_bridge.transport.receivers import LiveReports
 
 _SIMULATED_BEAT = 0.05  # s between our heartbeats beside a simulation, whose time may run faster
 _REPORT = 60.0  # s between two lines about the processor, and about a receiver
@@ -247,11 +246,16 @@ class Program:
         self._open.close()
         self._link.close()
 
-    def _listen(self, source: str, own: str) -> LiveReports:
-        """Return a receiver beside the autopilot's own, to which is listened."""
+    def _listen(self, sources: Sequence[str], own: str) -> LiveReports:
+        """Return the receivers beside the autopilot's own, to which is listened; InputError: a
+        port has been taken meanwhile.
+        """
         left_out = f"without {own}, the ownship" if own else "the ownship's address is unknown"
-        self._output.log(f"traffic of {source} too, {left_out}")
-        live = LiveReports(source, own, self._now)
+        self._output.log(f"traffic of {', '.join(sources)} too, {left_out}")
+        try:
+            live = LiveReports(sources, own, self._now)
+        except ValueError as problem:
+            raise InputError(f"--{problem}") from None
         live.start()
         self._open.callback(live.stop)
         return live
@@ -300,7 +304,7 @@ class Program:
             self._follow_clock(arrived)
             self._take(Message(message, arrived))
         if self._live is not None:
-            self._live.traffic.own = self.state.received.situation.own.last
+            self._live.note_own(self.state.received.situation.own.last)
             for report, arrived in self._live.take():
                 self._take(LiveReport(report, arrived))
         self._take(Tick(self._moment()))
@@ -369,8 +373,7 @@ class Program:
         if self._live is None:
             self._take(Look(moment, foreign=foreign))
             return
-        traffic: Traffic = self._live.traffic
-        counts = dict(traffic.counts), dict(traffic.doubted)
+        counts = self._live.left_out, self._live.doubted
         self._take(Look(moment, self._live.take_problem(), foreign, *counts))
 
     def _answer(self, question: Question) -> None:

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from envs.formats.local_frame import LocalFrame
-from ros_bridge.core.adsb_live import OWN_TRACES
+from ros_bridge.core.feeds.traffic import OWN_TRACES
 from ros_bridge.core.fields import readable
 from ros_bridge.mavlink.clocks import Moment
 from ros_bridge.mavlink.conflict import Conflict

@@ -11,7 +11,8 @@ r"""The translator: messages of other packages as the runner's inputs.
           ~/input/odometry   nav_msgs/Odometry: its twist in the body's frame, its pose in ENU
           ~/input/inspva     novatel_oem7_msgs/INSPVA or INSPVAX
           ~/input/adsb       mavros_msgs/ADSBVehicle
-          adsb (parameter)   a live receiver, tcp://HOST:30003 or http://HOST/.../aircraft.json
+          adsb (parameter)   live receivers, such as tcp://HOST:30003, http://HOST/.../aircraft.json,
+                             gdl90://0.0.0.0:4000 and flarm://HOST:2000
     out   rlcas_runner/input/ownship          rlcas_msgs/AircraftState
           rlcas_runner/input/traffic_array    rlcas_msgs/TrafficArray, up to 200 states in each,
                               every 0.05 s while there are some
@@ -28,7 +29,7 @@ live receiver has on the ground. Parameters:
 import importlib
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -45,10 +46,10 @@ from ros_bridge.core.conversions import ALTITUDE_CODES, aircraft
 from ros_bridge.core.fields import SECOND, FieldError, attempt, readable, stamp
 from ros_bridge.core.reports import Report
 from ros_bridge.transport import process, qos, topics, views
-from ros_bridge.transport.adsb_receiver import LiveReports, check_source
 from ros_bridge.transport.clock import ClockGuard, call_in_any_time
 from ros_bridge.transport.losses import Losses
 from ros_bridge.transport.messages import aircraft_message, sighting_message
+from ros_bridge.transport.receivers import LiveReports, check_sources
 from ros_bridge.transport.settings import declare
 
 
@@ -115,7 +116,7 @@ class _Sources(NamedTuple):
 
     own: str  # of _OWN_SOURCES
     traffic: str  # of _TRAFFIC_SOURCES
-    live: str  # URL of a receiver; empty: none
+    live: tuple[str, ...]  # URLs of receivers
 
 
 class Translator(ClockGuard):
@@ -167,7 +168,7 @@ class Translator(ClockGuard):
         """Return the sources of the parameters, or raise ValueError where they do not fit."""
         own = self._choice("own_source", _OWN_SOURCES)
         traffic = self._choice("traffic_source", _TRAFFIC_SOURCES)
-        live = check_source(self._value("adsb")) if self._value("adsb") else ""
+        live = check_sources(self._value("adsb"))
         if live and traffic != "none":
             raise ValueError(
                 f"adsb and traffic_source {traffic} are both given, expected one of them"
@@ -208,10 +209,10 @@ class Translator(ClockGuard):
         heard = partial(self._on_fix, whose, name)
         self.create_subscription(NavSatFix, "~/input/fix", heard, qos.SENSOR)
 
-    def _listen_live(self, url: str) -> None:
-        """Pass on the traffic of a receiver."""
+    def _listen_live(self, sources: Sequence[str]) -> None:
+        """Pass on the traffic of receivers."""
         clock = self.get_clock()
-        live = LiveReports(url, self._value("own_id"), lambda: clock.now().nanoseconds)
+        live = LiveReports(sources, self._value("own_id"), lambda: clock.now().nanoseconds)
         topics.OWNSHIP.subscribe(self, self._on_ownship)
         self.create_timer(_DRAINED, partial(self._on_live, live))
         live.start()
@@ -237,7 +238,7 @@ class Translator(ClockGuard):
 
     def _on_live(self, live: LiveReports) -> None:
         """Pass on what the receiver has sent since the last look."""
-        live.traffic.own = self._ownship
+        live.note_own(self._ownship)
         for found, _ in live.take():
             self._pass("traffic", found)
 
@@ -281,7 +282,7 @@ class Translator(ClockGuard):
         if problem:
             self._wrong = problem
             self.get_logger().warning(problem, throttle_duration_sec=30.0)
-        left_out, doubted = self._live.traffic.counts, self._live.traffic.doubted
+        left_out, doubted = self._live.left_out, self._live.doubted
         counts = {f"{reason}, left out": count for reason, count in left_out.items() if count}
         return counts | {f"{reason}, taken as traffic": count for reason, count in doubted.items()}
 

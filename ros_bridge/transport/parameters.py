@@ -566,7 +566,8 @@ PARAMETERS = (
         "translator",
         "adsb",
         "",
-        "live receiver: tcp://HOST:30003 or the URL of an aircraft.json; empty: none",
+        "live receivers with commas between them: tcp://HOST:30003, the URL of an aircraft.json, "
+        "gdl90://0.0.0.0:4000 or flarm://HOST:2000; empty: none",
         fixed=True,
     ),
     Parameter(

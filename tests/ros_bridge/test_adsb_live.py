@@ -20,10 +20,12 @@ import pytest
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from agents.planner.request.request import Altitude
-from ros_bridge.core.adsb_live import LATEST, AircraftJson, BaseStation, Traffic
+from ros_bridge.core.feeds.aircraft_json import AircraftJson
+from ros_bridge.core.feeds.base_station import BaseStation
+from ros_bridge.core.feeds.traffic import LATEST, Traffic
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reports import Report
-from ros_bridge.transport.adsb_receiver import Receiver, check_source
+from ros_bridge.transport.receivers import Receiver, check_sources
 
 T0 = 1_800_000_000
 OWN = Report("4b0000", T0 * SECOND, 47.0, 8.0, 60.0, 0.0, Altitude(1_500.0, "pressure"))
@@ -346,7 +348,7 @@ def test_what_was_queued_is_late_by_as_much_and_not_fresh() -> None:
 )
 def test_an_address_that_is_none_is_refused(source: str) -> None:
     with pytest.raises(ValueError, match=r"^adsb is .*expected tcp://HOST:30003"):
-        check_source(source)
+        check_sources(source)
 
 
 # A receiver at the other end.

@@ -13,10 +13,11 @@ import pytest
 from agents.planner.planner import plan
 from agents.policy.inference import Policy
 from ros_bridge.core.adapters import adsb_vehicle
-from ros_bridge.core.adsb_live import AircraftJson, Traffic
 from ros_bridge.core.assurance import activate, initial, step_monitor
 from ros_bridge.core.categories import Categories, number_of, separations_of, text_of
 from ros_bridge.core.conversions import aircraft as report_of
+from ros_bridge.core.feeds.aircraft_json import AircraftJson
+from ros_bridge.core.feeds.traffic import Traffic
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reports import USUAL
 from ros_bridge.core.tasks import task

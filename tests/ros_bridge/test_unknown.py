@@ -26,7 +26,9 @@ from envs.kinematics import VehicleState
 from envs.traffic.track_units import FOOT, KNOT
 from ros_bridge.core import conversions
 from ros_bridge.core.adapters import adsb_vehicle
-from ros_bridge.core.adsb_live import AircraftJson, BaseStation, Traffic
+from ros_bridge.core.feeds.aircraft_json import AircraftJson
+from ros_bridge.core.feeds.base_station import BaseStation
+from ros_bridge.core.feeds.traffic import Traffic
 from ros_bridge.core.fields import FieldError, Refusal
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
