@@ -63,7 +63,7 @@ def ownship(situation: Situation, message: "AircraftState", now: int, rules: Rul
     traffic, before, last = situation.traffic, situation.own.last, own.last
     if last is not None and (before is None or before.identifier != last.identifier):
         echo = traffic.get(last.identifier, UNKNOWN).last
-        if echo is None or _near(last, echo.sighting, rules):
+        if echo is None or may_be_own(last, echo.sighting, rules):
             traffic = {name: track for name, track in traffic.items() if name != last.identifier}
     return replace(situation, own=own, traffic=traffic)
 
@@ -79,7 +79,7 @@ def traffic(situation: Situation, message: "AircraftState", now: int, rules: Rul
     name = readable(lambda: identifier("", message.id)) or called(message.id)
     field = f"intruder {name}"
     found, own = attempt(lambda: conversions.aircraft(message, field)), situation.own.last
-    if own is not None and own.identifier == name and _near(own, found.sighting, rules):
+    if own is not None and own.identifier == name and may_be_own(own, found.sighting, rules):
         return situation
     return replace(situation, traffic=follow(situation.traffic, name, found, now, rules))
 
@@ -129,7 +129,7 @@ def areas(situation: Situation, message: "Areas", now: int, rules: Rules) -> Sit
     return replace(situation, areas=_update_held(situation.areas, lambda: read_areas(message), now))
 
 
-def _near(own: Report, seen: Sighting | None, rules: Rules) -> bool:
+def may_be_own(own: Report, seen: Sighting | None, rules: Rules) -> bool:
     """Return whether an aircraft of the ownship's id may be the ownship: where it is expected, or
     at no known place.
     """

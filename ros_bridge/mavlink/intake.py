@@ -8,20 +8,36 @@ from typing import TYPE_CHECKING, Any
 
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.conversions import Origin
+from ros_bridge.core.feeds.traffic import WITHOUT_POSITION
 from ros_bridge.core.fields import SECOND, FieldError, attempt
 from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.nearest import MOST, keep_nearest
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Held, Situation
-from ros_bridge.core.tracks import Rules, Track, follow, forget_silent, note_refused, take_in
-from ros_bridge.mavlink import messages
+from ros_bridge.core.tracks import (
+    Rules,
+    Track,
+    follow,
+    forget_silent,
+    note_refused,
+    sharing,
+    take_in,
+)
+from ros_bridge.core.updates import may_be_own
+from ros_bridge.mavlink import messages, remote_id
 from ros_bridge.mavlink.messages import Heartbeat, Mode
+from ros_bridge.mavlink.remote_id import BasicId, Drone, Moment
 
 if TYPE_CHECKING:
     from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 _FAR = 50_000.0  # m from the frame's origin, beyond which it moves
 _RULES = Rules()
+_MOST_DRONES = 256  # transmitters of Remote ID that are remembered
+_MOST_IDS = 4  # names of one
+_NAMED_WITHIN = 5.0  # s after its first state; names are sent every three seconds
+_NAMELESS = "drone of Remote ID that has not said its name yet"
+_OWN_ECHO = "own echo"
 UNREADABLE = "without a name, unreadable"
 """Why a report is left out that names no aircraft."""
 
@@ -44,6 +60,10 @@ class Received:
     parameters: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     left_out: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     """How many reports, or aircraft, were not taken as traffic, by the reason."""
+    utc: int | None = None  # of UTC since 1970 to the autopilot's clock, ns; None: unknown
+    drones: Mapping[str, Drone] = field(default_factory=lambda: MappingProxyType({}))
+    """Of Remote ID, by the address of their transmitters."""
+    own_drone: frozenset[str] = frozenset()  # names of the own Remote ID
 
     @property
     def mode(self) -> int:
@@ -62,6 +82,7 @@ class Reading:
 
     references: Mapping[int, str]  # of altitudes of ADS-B, by their type
     rules: Rules = _RULES
+    own_drone: frozenset[str] = frozenset()  # names of the own Remote ID
 
 
 def take(
@@ -193,6 +214,90 @@ def _traffic(
     return take_traffic(received, name, found, now, reading)
 
 
+def _clock(
+    received: Received, message: "dialect.MAVLink_system_time_message", _: int, __: Reading
+) -> Received:
+    return replace(received, utc=remote_id.utc_offset(message))
+
+
+def _drone_name(received: Received, message: Any, now: int, _: Reading) -> Received:
+    """Take in a BASIC_ID; with its first name a drone goes by that, not by its transmitter's
+    address.
+    """
+    known, address = remote_id.basic_id(message), remote_id.address_of(message)
+    if known is None:
+        return received
+    if not address and len(received.own_drone) < _MOST_IDS:
+        received = replace(received, own_drone=received.own_drone | {known.name})
+    drone = received.drones.get(address, Drone(now))
+    names = tuple(basic.name for basic in drone.ids)
+    if known.name in names or len(names) == _MOST_IDS:
+        return received
+    if not names:
+        received = _without(received, _unnamed(address).name)
+    return _remember_drone(received, address, drone._replace(ids=(*drone.ids, known)))
+
+
+def _drone_state(received: Received, message: Any, now: int, reading: Reading) -> Received:
+    """Take in a LOCATION, which may be an echo of the own one. One without an address of its
+    transmitter is the own one, where it is near; elsewhere it is of a receiver that tells none.
+    """
+    address = remote_id.address_of(message)
+    drone = received.drones.get(address, Drone(now))
+    received = _remember_drone(received, address, drone)
+    # Among so many strangers nobody waits for a name: they may hide those that have one.
+    few = len(received.drones) < _MOST_DRONES
+    if few and address and not drone.ids and now - drone.since < _NAMED_WITHIN * SECOND:
+        return leave_out(received, _NAMELESS)
+    if not remote_id.is_placed(message):
+        return leave_out(received, WITHOUT_POSITION)
+    known = drone.ids[0] if drone.ids else _unnamed(address)
+    moment, own = Moment(now, received.utc), received.situation.own.last
+    found = attempt(lambda: remote_id.location(message, moment, known, own))
+    if found is None:
+        return leave_out(received, "on the ground")
+    called_own = not address or drone.is_any(reading.own_drone | received.own_drone)
+    if called_own and (own is None or may_be_own(own, found.sighting, reading.rules)):
+        return leave_out(_without(received, known.name), _OWN_ECHO)
+    return take_traffic(received, known.name, found, now, reading)
+
+
+def _drone_pack(received: Received, message: Any, now: int, reading: Reading) -> Received:
+    """Take in the messages of a pack."""
+    parts = attempt(lambda: list(remote_id.unpack(message)))
+    if isinstance(parts, FieldError):
+        return leave_out(received, UNREADABLE)
+    for kind, part in parts:
+        received = _KINDS[kind](received, part, now, reading)
+    return received
+
+
+def _unnamed(address: str) -> BasicId:
+    """Return what a drone is called that does not say who it is."""
+    return BasicId(f"rid-mac:{address or 'unknown'}", "", 0)
+
+
+def _remember_drone(received: Received, address: str, drone: Drone) -> Received:
+    """Return what is known with a drone; of too many those that were heard longest ago are
+    forgotten.
+    """
+    drones = {name: known for name, known in received.drones.items() if name != address}
+    drones[address] = drone
+    for oldest in list(drones)[: max(len(drones) - _MOST_DRONES, 0)]:
+        del drones[oldest]
+    return replace(received, drones=MappingProxyType(drones))
+
+
+def _without(received: Received, name: str) -> Received:
+    """Return what is known without an aircraft of the traffic."""
+    situation = received.situation
+    dropped = sharing(situation.traffic, name)
+    if not dropped:
+        return received
+    traffic = {key: track for key, track in situation.traffic.items() if key not in dropped}
+    return replace(received, situation=replace(situation, traffic=traffic))
+
+
 def _current(
     received: Received, message: "dialect.MAVLink_mission_current_message", _: int, __: Reading
 ) -> Received:
@@ -233,5 +338,9 @@ _KINDS: dict[str, Callable[[Received, Any, int, Reading], Received]] = {
     "MISSION_CURRENT": _current,
     "POSITION_TARGET_GLOBAL_INT": _target,
     "PARAM_VALUE": _parameter,
+    "SYSTEM_TIME": _clock,
+    "OPEN_DRONE_ID_BASIC_ID": _drone_name,
+    "OPEN_DRONE_ID_LOCATION": _drone_state,
+    "OPEN_DRONE_ID_MESSAGE_PACK": _drone_pack,
 }
 """Where each kind of message goes."""

@@ -52,6 +52,16 @@ RATES = {
 }
 """Of the messages that are asked for, 1/s."""
 
+TRAFFIC = frozenset(
+    {
+        "ADSB_VEHICLE",
+        "OPEN_DRONE_ID_BASIC_ID",
+        "OPEN_DRONE_ID_LOCATION",
+        "OPEN_DRONE_ID_MESSAGE_PACK",
+    }
+)
+"""Messages of traffic, which receivers beside the autopilot send too."""
+
 
 class LinkError(InputError):
     """A connection that cannot be opened, or an autopilot that does not answer as expected."""
@@ -196,8 +206,8 @@ class Link:
         )
 
     def receive(self, until: float) -> Iterator[tuple[Any, int]]:
-        """Yield messages of the autopilot, and ADSB_VEHICLE of anybody, with its time of arrival,
-        ns, until a time of our clock, s.
+        """Yield messages of the autopilot, and those of traffic of anybody (:data:`TRAFFIC`), with
+        its time of arrival, ns, until a time of our clock, s.
         """
         while True:
             message = self._next(max(until - time.monotonic(), 0.0))
@@ -206,7 +216,7 @@ class Link:
                     return
                 continue
             own = self._is_autopilot(message)
-            if not own and message.get_type() != "ADSB_VEHICLE":
+            if not own and message.get_type() not in TRAFFIC:
                 continue  # other components of its system have states and clocks of their own
             arrived = time.monotonic()
             if own and message.get_type() in ("GLOBAL_POSITION_INT", "SYSTEM_TIME"):

@@ -43,6 +43,9 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
         raise InputError("--own goes with --adsb; the autopilot leaves itself out of its traffic")
     if not re.fullmatch("(?:[0-9a-fA-F]{6})?", options.own):
         raise InputError(f"--own is {options.own!r}; expected six hexadecimal digits")
+    if not re.fullmatch("[ -~]{0,20}", options.own_remote_id):
+        said = options.own_remote_id
+        raise InputError(f"--own-remote-id is {said!r}; expected up to 20 characters of ASCII")
     try:
         options.adsb = check_sources(options.adsb)
         check_ports(options.adsb)
@@ -178,6 +181,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--adsb", default="", metavar="URL,...", help=receivers)
     own = "address of the ownship among its aircraft (default: the autopilot's ADSB_ICAO_ID)"
     add("--own", default="", metavar="HEX", help=own)
+    own_drone = "the own Remote ID among those received, such as a serial number (default: as said)"
+    add("--own-remote-id", default="", metavar="ID", help=own_drone)
     add("--policy", default="", metavar="FILE", help="policy file (default: the one that ships)")
     plan_file = "write the plan that is advised or flown: KML where it ends in .kml, or GeoJSON"
     add("--plan-file", type=Path, metavar="FILE", help=plan_file)

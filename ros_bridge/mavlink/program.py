@@ -2,13 +2,13 @@
 
     python -m ros_bridge.mavlink --connect udp:0.0.0.0:14550 --separation 610 [--fly]
 
-Reads state, mission, fence, parameters and ADS-B traffic from ArduPlane over MAVLink, with --adsb
-traffic from another receiver too, and watches and plans as the ROS nodes do, by the same core. By
-default it advises: STATUSTEXT to the ground station, and with --plan-file the plan as a map. With
---fly it changes from AUTO to GUIDED while a conflict lasts, flies the plan in place and time, and
-gives AUTO back where the plan rejoins the mission. A mode, or a target in GUIDED, that anybody else
-sets ends that at once; it takes over again only after AUTO has flown 10 s without a conflict. An
-item of the mission that anybody else sets meanwhile is where AUTO goes on.
+Reads state, mission, fence, parameters and traffic (ADS-B, Remote ID) from ArduPlane over MAVLink,
+with --adsb traffic from other receivers too, and watches and plans as the ROS nodes do, by the same
+core. By default it advises: STATUSTEXT to the ground station, and with --plan-file the plan as a
+map. With --fly it changes from AUTO to GUIDED while a conflict lasts, flies the plan in place and
+time, and gives AUTO back where the plan rejoins the mission. A mode, or a target in GUIDED, that
+anybody else sets ends that at once; it takes over again only after AUTO has flown 10 s without a
+conflict. An item of the mission that anybody else sets meanwhile is where AUTO goes on.
 
 It stops commanding where the autopilot's state is older than 1.5 s. What the autopilot does where
 this program or the link dies: docs/howto/mavlink.md.
@@ -71,6 +71,7 @@ from ros_bridge.mavlink.link import Link
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.options import options_of, rules_of
 from ros_bridge.mavlink.plan_file import geojson, kml
+from ros_bridge.mavlink.remote_id import names_of
 from ros_bridge.mavlink.state import Pace, Setup, State
 from ros_bridge.mavlink.steering import Steered
 from ros_bridge.mavlink.vehicle import (
@@ -131,7 +132,10 @@ def _setup(options: argparse.Namespace, vehicle: Vehicle) -> Setup:
     return Setup(
         rules=rules_of(options, vehicle),
         vehicle=vehicle,
-        reading=Reading({0: "msl", 1: "msl"} if above_sea else {}),
+        reading=Reading(
+            {0: "msl", 1: "msl"} if above_sea else {},
+            own_drone=names_of(options.own_remote_id),
+        ),
         system=options.system,
         beat=_SIMULATED_BEAT if options.simulated else BEAT,
         margin=options.margin,
