@@ -44,14 +44,14 @@ _GROUND, _FAILING = 1, 4  # MAV_ODID_STATUS
 _UNKNOWN_DIRECTION = 36_100  # hundredths of a degree
 _UNKNOWN_SPEED, _HIGHEST_SPEED = 25_500, 25_425  # cm/s; the highest means: or more
 _UNKNOWN_CLIMB, _HIGHEST_CLIMB = 6_300, 6_200  # cm/s
-_UNKNOWN_ALTITUDE = -1_000.0  # m
+_UNKNOWN_ALTITUDE = -1_000  # m
 _HOUR = 3_600.0  # s
 _EARLY = 1.0  # s by which a drone's clock may be ahead of the autopilot's
 
 # By the codes of MAV_ODID_HOR_ACC, _SPEED_ACC, _VER_ACC and _TIME_ACC, of which 0 is unknown. The
 # first two are NACp and NACv, and one that is finer.
 _HORIZONTAL = (*EPU, 1.0)  # m
-_VERTICAL = (150.0, 150.0, 45.0, 25.0, 10.0, 3.0, 1.0)  # m
+_VERTICAL = (150, 150, 45, 25, 10, 3, 1)  # m
 _TIME_STEP = 0.1  # s
 _WORST_TIME = 15  # the code of 1.5 s
 

@@ -30,7 +30,7 @@ __all__ = ["EXAMPLES", "FORMATS", "LiveReports", "Receiver", "check_ports", "che
 _PATIENCE = 70.0  # s; dump1090 sends an empty line every 60 s
 _LONGEST = 4_096  # bytes of a line
 _LARGEST = 16_000_000  # bytes of a document
-_DATAGRAM = 65_536  # bytes
+_DATAGRAM = 4_096  # bytes; devices keep to the 1500 of a network
 _SLOWEST = 30.0  # s between two attempts
 _BACKWARD = SECOND // 2  # ns; a clock that steps back by more begins anew
 _MOST_SOURCES = 8
@@ -296,7 +296,8 @@ class LiveReports:
         self._feeds: list[_Feed] = []
         try:
             for source in sources:
-                traffic = Traffic(own, shows_own=shows_own)
+                beside = self._feeds[0].traffic if self._feeds else None
+                traffic = Traffic(own, shows_own=shows_own, beside=beside)
                 self._feeds.append(_Feed(source, traffic, clock))
         except ValueError:
             self.stop()
@@ -323,7 +324,7 @@ class LiveReports:
 
     def is_own(self, name: str) -> bool:
         """Return whether a name is the ownship's."""
-        return any(feed.traffic.is_own(name) for feed in self._feeds)
+        return any(feed.traffic.is_own(name) for feed in self._feeds[:1])
 
     @property
     def left_out(self) -> Counter[str]:

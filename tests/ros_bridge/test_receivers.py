@@ -17,7 +17,10 @@ import pytest
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from commands.command import InputError
-from ros_bridge.core.fields import FieldError
+from ros_bridge.core.feeds.base_station import BaseStation
+from ros_bridge.core.feeds.gdl90 import Datagram, Gdl90
+from ros_bridge.core.feeds.traffic import Traffic
+from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reports import Report
 from ros_bridge.mavlink.options import options_of
 from ros_bridge.transport.receivers import (
@@ -138,6 +141,19 @@ def test_an_aircraft_has_the_same_name_in_all_feeds() -> None:
             device.sendto(framed(heartbeat(7), aircraft()), ("127.0.0.1", port))
             found = taken(live, lambda: None, 3)
         assert [getattr(one, "identifier", one) for one in found] == ["4b1234"] * 3
+
+
+def test_the_ownship_of_one_feed_is_no_traffic_in_another() -> None:
+    first, own = Traffic(""), aircraft(10, address=0x4B0001, latitude=47.1, longitude=8.2)
+    second = Traffic("", beside=first)
+    list(Gdl90(first).reports_of(Datagram("h:1", framed(heartbeat(7), own)), 100 * SECOND))
+    reader = BaseStation(second)
+    for text, time_ns in (
+        (line(4, 0.5, "4B0001", gs=120, track=90), 100 * SECOND),
+        (line(3, 0.6, "4B0001", lat=47.1, lon=8.2, alt=5000), 101 * SECOND),
+    ):
+        assert list(reader.reports_of(text, time_ns)) == []
+    assert second.counts == {"own echo": 1}
 
 
 def test_the_mavlink_program_refuses_what_it_could_not_listen_at() -> None:

@@ -57,7 +57,7 @@ _COPY_VELOCITY = 15.0  # m/s
 _COPY_HEIGHT = 500 * FOOT  # m
 
 # Within these of where a feed has its ownship, an aircraft of that name is the ownship.
-_OWN_DISTANCE = 1_000.0  # m
+_OWN_DISTANCE = 1_000  # m
 _OWN_SPEED = 100.0  # m/s
 
 _OLDEST = 60.0  # s; receivers forget positions that are older
@@ -155,15 +155,18 @@ class Traffic:
     Args:
         own_id: the ownship's address; "": unknown.
         shows_own: whether the ownship's reports are wanted too, as by a display.
+        beside: of another feed with the same ownship: what one feed says of it, the other knows.
     """
 
-    def __init__(self, own_id: str, *, shows_own: bool = False) -> None:
+    def __init__(
+        self, own_id: str, *, shows_own: bool = False, beside: "Traffic | None" = None
+    ) -> None:
         self.own: Report | None = None
         self.counts: Counter[str] = Counter()
         self.doubted: Counter[str] = Counter()
         self.own_id = own_id.strip().lower()
         self._shows_own = shows_own
-        self._told_own: dict[str, Report | None] = {}
+        self._told_own: dict[str, Report | None] = {} if beside is None else beside._told_own
         self._reported: dict[str, int] = {}
 
     def begin_anew(self) -> None:
