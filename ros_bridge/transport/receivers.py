@@ -85,6 +85,8 @@ def check_ports(sources: Sequence[str]) -> None:
 
 def _fits(known: Format, parts: SplitResult) -> bool:
     """Return whether an address has what its transport needs."""
+    if re.search(r"[\s,]", parts.netloc):
+        return False
     try:
         usable = parts.port is None or parts.port > 0
     except ValueError:

@@ -70,7 +70,14 @@ def test_a_list_of_sources_is_read_and_a_wrong_one_refused() -> None:
     assert check_sources("") == ()
     assert set(FORMATS) == {"tcp", "http", "https", "file", "gdl90", "flarm"}
     assert "gdl90://0.0.0.0:4000" in EXAMPLES and "flarm://HOST:2000" in EXAMPLES
-    for wrong in ("flarm://", "gdl90://h:0", "gdl90://h/x", "flarm:h:2000", "tcp://h,udp://h:1"):
+    for wrong in (
+        "flarm://",
+        "gdl90://h:0",
+        "gdl90://h/x",
+        "flarm:h:2000",
+        "tcp://h,udp://h:1",
+        "tcp://h,i",
+    ):
         with pytest.raises(ValueError, match=r"^adsb is .*expected tcp://HOST:30003"):
             check_sources(wrong)
     with pytest.raises(ValueError, match=r"^adsb names tcp://h twice"):
