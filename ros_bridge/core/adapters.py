@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from agents.planner.request.request import Altitude
 from ros_bridge.core.categories import LAST
 from ros_bridge.core.conversions import altitude, report, velocity
+from ros_bridge.core.feeds.accuracy import RECENT_STD
 from ros_bridge.core.fields import (
     SECOND,
     FieldError,
@@ -33,7 +34,6 @@ from ros_bridge.core.reports import FASTEST, Report
 _COORDINATES, _ALTITUDE, _HEADING, _VELOCITY = 1, 2, 4, 8
 _CALLSIGN, _VERTICAL_VELOCITY = 16, 128
 _VEHICLES = (17, 18)  # emergency and service vehicle; 19, point obstacle, is a tethered balloon too
-_CUT_OFF = 1.0 / math.sqrt(3.0)  # s; root mean square of what whole seconds cut off
 _SILENCE = 255  # s; the largest value that time since last communication can have
 _INS_GOOD = 3  # INS_SOLUTION_GOOD (NovAtel OEM7, inertial solution status)
 
@@ -230,7 +230,7 @@ def adsb_vehicle(
         fields.place,
         fields.velocity,
         partial(fields.altitude, references),
-        time_std=lambda: _CUT_OFF,
+        time_std=lambda: RECENT_STD,
         category=fields.category,
         callsign=fields.callsign,
     )
