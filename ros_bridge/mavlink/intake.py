@@ -38,6 +38,8 @@ _MOST_IDS = 4  # names of one
 _NAMED_WITHIN = 5.0  # s after its first state; names are sent every three seconds
 _NAMELESS = "drone of Remote ID that has not said its name yet"
 _OWN_ECHO = "own echo"
+_NO_ADDRESS = "drone of Remote ID without an address, which flies as the ownship does"
+_OWN_VELOCITY = 15.0  # m/s, by which reports of the ownship may differ
 UNREADABLE = "without a name, unreadable"
 """Why a report is left out that names no aircraft."""
 
@@ -63,7 +65,6 @@ class Received:
     utc: int | None = None  # of UTC since 1970 to the autopilot's clock, ns; None: unknown
     drones: Mapping[str, Drone] = field(default_factory=lambda: MappingProxyType({}))
     """Of Remote ID, by the address of their transmitters."""
-    own_drone: frozenset[str] = frozenset()  # names of the own Remote ID
 
     @property
     def mode(self) -> int:
@@ -227,21 +228,16 @@ def _drone_name(received: Received, message: Any, now: int, _: Reading) -> Recei
     known, address = remote_id.basic_id(message), remote_id.address_of(message)
     if known is None:
         return received
-    if not address and len(received.own_drone) < _MOST_IDS:
-        received = replace(received, own_drone=received.own_drone | {known.name})
     drone = received.drones.get(address, Drone(now))
-    names = tuple(basic.name for basic in drone.ids)
-    if known.name in names or len(names) == _MOST_IDS:
+    if known.name in drone.names or len(drone.ids) == _MOST_IDS:
         return received
-    if not names:
+    if not drone.ids:
         received = _without(received, _unnamed(address).name)
     return _remember_drone(received, address, drone._replace(ids=(*drone.ids, known)))
 
 
 def _drone_state(received: Received, message: Any, now: int, reading: Reading) -> Received:
-    """Take in a LOCATION, which may be an echo of the own one. One without an address of its
-    transmitter is the own one, where it is near; elsewhere it is of a receiver that tells none.
-    """
+    """Take in a LOCATION, which may be an echo of the own one."""
     address = remote_id.address_of(message)
     drone = received.drones.get(address, Drone(now))
     received = _remember_drone(received, address, drone)
@@ -256,10 +252,35 @@ def _drone_state(received: Received, message: Any, now: int, reading: Reading) -
     found = attempt(lambda: remote_id.location(message, moment, known, own))
     if found is None:
         return leave_out(received, "on the ground")
-    called_own = not address or drone.is_any(reading.own_drone | received.own_drone)
-    if called_own and (own is None or may_be_own(own, found.sighting, reading.rules)):
-        return leave_out(_without(received, known.name), _OWN_ECHO)
+    reason = _own_reason(received, drone, address, reading)
+    if reason and _may_be_own_drone(own, found, reading.rules):
+        return leave_out(_without(received, known.name), reason)
     return take_traffic(received, known.name, found, now, reading)
+
+
+def _own_reason(received: Received, drone: Drone, address: str, reading: Reading) -> str:
+    """Return why a drone that flies as the own one does is left out; "": it is another.
+
+    The own one has no address of a transmitter. A receiver that tells none of others breaks the
+    protocol: with two names of one register they are others', and with less it is told about.
+    """
+    said = received.drones.get("")
+    alone = said is not None and not said.is_several
+    names = reading.own_drone | (said.names if said is not None and alone else frozenset())
+    if address or drone.names & reading.own_drone:
+        return _OWN_ECHO if drone.names & names else ""
+    return _NO_ADDRESS if alone else ""
+
+
+def _may_be_own_drone(own: Report | None, found: Report | FieldError, rules: Rules) -> bool:
+    """Return whether a drone may be the ownship: about where it is, and as fast."""
+    if own is None:
+        return True
+    if isinstance(found, Report):
+        apart = math.hypot(found.east - own.east, found.north - own.north)
+        if apart > _OWN_VELOCITY:
+            return False
+    return may_be_own(own, found.sighting, rules)
 
 
 def _drone_pack(received: Received, message: Any, now: int, reading: Reading) -> Received:

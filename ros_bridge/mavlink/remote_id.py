@@ -77,9 +77,16 @@ class Drone(NamedTuple):
     since: int  # when its state was heard first, on the autopilot's clock, ns
     ids: tuple[BasicId, ...] = ()  # the first is what it is called by
 
-    def is_any(self, names: frozenset[str]) -> bool:
-        """Return whether one of its names is among others."""
-        return not names.isdisjoint(known.name for known in self.ids)
+    @property
+    def names(self) -> frozenset[str]:
+        """All its names."""
+        return frozenset(known.name for known in self.ids)
+
+    @property
+    def is_several(self) -> bool:
+        """Whether it has two names of one register, as where a receiver tells no transmitters."""
+        registers = [known.name.partition(":")[0] for known in self.ids]
+        return len(set(registers)) < len(registers)
 
 
 class Moment(NamedTuple):

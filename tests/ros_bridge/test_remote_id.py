@@ -332,22 +332,36 @@ def test_a_drone_that_does_not_say_its_name_goes_by_its_transmitter_after_a_whil
 
 
 def test_the_own_drone_is_no_traffic() -> None:
+    without = "drone of Remote ID without an address, which flies as the ownship does"
     own = received(own_position(), named(mac=b""), placed(mac=b""), named(), placed())
-    assert not own.situation.traffic and own.left_out == {"own echo": 2}
+    assert not own.situation.traffic and own.left_out == {without: 1, "own echo": 1}
     stated = Reading({}, own_drone=remote_id.names_of(SERIAL.decode()))
-    told = received(own_position(), named(), placed(), reading=stated)
-    assert not told.situation.traffic and told.left_out == {"own echo": 1}
+    for mac in (MAC, b""):
+        told = received(own_position(), named(mac=mac), placed(mac=mac), reading=stated)
+        assert not told.situation.traffic and told.left_out == {"own echo": 1}
     late = received(own_position(), named(), placed(), named(mac=b""), placed())
     assert not late.situation.traffic
-    other = received(own_position(47.2), named(), placed(), reading=stated)
-    assert list(other.situation.traffic) == [NAME]  # one of the own name, elsewhere
+    nameless = received(own_position(), placed(mac=b""))
+    assert not nameless.situation.traffic and nameless.left_out == {without: 1}
+
+
+def test_one_of_the_own_name_that_flies_elsewhere_or_otherwise_counts() -> None:
+    stated = Reading({}, own_drone=remote_id.names_of(SERIAL.decode()))
+    for message in (placed(latitude=472_000_000), placed(direction=27_000)):
+        other = received(own_position(), named(), message, reading=stated)
+        assert list(other.situation.traffic) == [NAME]
 
 
 def test_drones_of_a_receiver_that_tells_no_transmitter_count() -> None:
     after = received(own_position(47.2), placed(mac=b""))
     assert list(after.situation.traffic) == ["rid-mac:unknown"]
-    after = received(own_position(47.2), named(mac=b""), placed(mac=b""))
+    after = received(own_position(), named(mac=b""), placed(mac=b"", direction=27_000))
     assert list(after.situation.traffic) == [NAME]
+    two = named(mac=b""), named(b"1581F5FJD23A00B2", mac=b"")
+    after = received(own_position(), *two, placed(mac=b""))
+    assert list(after.situation.traffic) == [NAME]
+    after = received(own_position(), named(mac=b""), named(b"\1abc", b"", 4), placed(mac=b""))
+    assert not after.situation.traffic  # a session beside the serial number
 
 
 def test_of_many_transmitters_the_latest_are_remembered_and_none_is_hidden() -> None:

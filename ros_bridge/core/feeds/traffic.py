@@ -228,7 +228,8 @@ class Traffic:
 
     def _is_echo(self, target: Target) -> bool:
         """Return whether an aircraft is the ownship: by the name that the user, or whoever has its
-        state, gives it; by the one that a feed gives it only where that feed has it too.
+        state, gives it; by the one that a feed gives it only where that feed has it too, or else
+        whoever has its state.
         """
         if self._shows_own and target.name == self.own_id and target.name not in self._told_own:
             return False
@@ -236,7 +237,7 @@ class Traffic:
             return True
         if target.name not in self._told_own:
             return False
-        own = self._told_own[target.name]
+        own = self._told_own[target.name] or self.own
         there = attempt(target.place) if target.has_place() else None
         if own is None or there is None or isinstance(there, FieldError):
             return True  # nothing says that it is anybody else
