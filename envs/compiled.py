@@ -13,6 +13,7 @@ on arguments of other types are refused (TypeError). Before that, and without nu
 :attr:`~Entry.ready`, and callers take the interpreted way.
 """
 
+import fcntl
 import hashlib
 import importlib.util
 import inspect
@@ -20,7 +21,7 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -80,6 +81,11 @@ class Entry:
         _ENTRIES.append(self)
 
     @property
+    def name(self) -> str:
+        """The function's, with its module."""
+        return f"{self.function.__module__}.{self.function.__qualname__}"
+
+    @property
     def is_compiled(self) -> bool:
         """Whether it is compiled, ready or not."""
         return self._compiled is not None
@@ -131,7 +137,8 @@ def installed() -> bool:
 def prepare() -> bool:
     """Compile all entries, or load them from the cache; return whether numba is there to do it.
 
-    The first time that takes about a minute, later about a second.
+    The first time that takes about a minute, later about a second. Processes that compile the same
+    at the same time share the work.
     """
     if not installed():
         return False
@@ -154,10 +161,31 @@ def _compile_waiting() -> None:
     settings: Any = config
     before, settings.CACHE_DIR = settings.CACHE_DIR, "" if folder is None else str(folder)
     try:
-        for entry in waiting:
+        for entry in in_turns(waiting, folder):
             entry.compile(numba, cache=folder is not None)
     finally:
         settings.CACHE_DIR = before
+
+
+def in_turns(entries: list[Entry], folder: Path | None) -> Generator[Entry]:
+    """Yield entries, each held for this process alone until the next; those come last that another
+    process compiles meanwhile, since they can be loaded then.
+    """
+    if folder is None:
+        yield from entries
+        return
+    waiting = entries
+    for how in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):
+        busy = []
+        for entry in waiting:
+            with (folder / f"{entry.name}.lock").open("w") as file:
+                try:
+                    fcntl.flock(file, how)
+                except BlockingIOError:
+                    busy.append(entry)
+                    continue
+                yield entry
+        waiting = busy
 
 
 def in_use() -> bool:

@@ -1,5 +1,6 @@
 """Compiled code: it agrees with Python, is never compiled in flight, and follows its sources."""
 
+import fcntl
 import sys
 import time
 from pathlib import Path
@@ -86,6 +87,14 @@ def test_code_of_other_sources_is_kept_elsewhere(
     assert before == compiled.folder_of_code()
     (tmp_path / "agents" / "source.py").write_text("A = 2\n")
     assert compiled.folder_of_code() not in (before, None)
+
+
+def test_what_another_process_compiles_comes_last(tmp_path: Path) -> None:
+    with (tmp_path / f"{_ANGLES.name}.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        turns = compiled.in_turns([_ANGLES, _FLY], tmp_path)
+        assert next(turns) is _FLY
+    assert list(turns) == [_ANGLES]
 
 
 def test_a_damaged_cache_is_compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
