@@ -243,20 +243,23 @@ def at(legs: Legs[Air], time: Array, wind: Wind) -> VehicleState[Ground]: ...
 @overload
 def at(legs: Legs[Air], time: Array, wind: Wind | None) -> VehicleState[Any]: ...
 def at(legs: Legs[Any], time: Array, wind: Wind | None = None) -> VehicleState[Any]:
-    """Return the state on legs ``[..., L]`` at a time (s), ``[...]``; before and after them their
-    first and last arc go on.
+    """Return the state on legs ``[..., L]`` at a time (s), ``[...]``, which may have axes before
+    those of the legs; before and after the legs their first and last arc go on.
 
     With the wind whose air mass the legs are in, the state is over the ground.
     """
     begun = np.sum(np.asarray(time)[..., None] >= legs.time[..., 1:], axis=-1)  # all but the first
-    number = np.broadcast_to(begun, np.shape(legs.time)[:-1])[..., None]
-    began = np.take_along_axis(legs.time, number, -1)[..., 0]
-    duration = np.take_along_axis(legs.duration, number, -1)[..., 0]
+    *before, count = np.shape(legs.time)
+    shape = np.broadcast_shapes(np.shape(time), tuple(before))
+    number = np.broadcast_to(begun, shape)[..., None]
+    every = *shape, count
+    began = np.take_along_axis(np.broadcast_to(legs.time, every), number, -1)[..., 0]
+    duration = np.take_along_axis(np.broadcast_to(legs.duration, every), number, -1)[..., 0]
     seconds = time - began
     arc = np.clip(np.floor(seconds / duration * ARCS), 0, ARCS - 1).astype(np.intp)
     flat = number[..., 0] * ARCS + arc
-    every = *np.shape(legs.time)[:-1], np.shape(legs.time)[-1] * ARCS
-    arcs = (field.reshape(every) for field in legs[3:])
+    flattened = (field.reshape(*before, count * ARCS) for field in legs[3:])
+    arcs = (np.broadcast_to(field, (*shape, count * ARCS)) for field in flattened)
     now = _Arc(*(np.take_along_axis(field, flat[..., None], -1)[..., 0] for field in arcs))
     t = seconds - arc * (duration / ARCS)
     dx, dy = displacement(now.heading, now.speed, now.yaw_rate, now.acceleration, t)

@@ -223,6 +223,7 @@ def references(monitor: Monitor, time: Array, dt: float, count: int) -> VehicleS
     """
     when = np.broadcast_to(np.asarray(time, dtype=float), monitor.state.shape)
     result: VehicleState[Air] = VehicleState(*(np.zeros((count + 1, when.size)) for _ in range(4)))
+    later = np.arange(count + 1)[:, None] * dt
     for rows, curves, starts in (
         (np.flatnonzero(~monitor.on_backup), monitor.plan.legs, monitor.started),
         (np.flatnonzero(monitor.on_backup), monitor.backup.legs, monitor.backup.started),
@@ -231,8 +232,7 @@ def references(monitor: Monitor, time: Array, dt: float, count: int) -> VehicleS
             continue
         own = curves if rows.size == when.size else take(curves, rows)
         began = np.where(np.isfinite(starts[rows]), starts[rows], when[rows])
-        for index in range(count + 1):
-            scatter(result, (index, rows), at(own, when[rows] + index * dt - began))
+        scatter(result, (slice(None), rows), at(own, when[rows] + later - began))
     return result
 
 

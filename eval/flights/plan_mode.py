@@ -80,10 +80,8 @@ def fly_once(
     drift, curves = take(drift_of(wind), rows), legs(plan_states)
     air = Active(begin(begun, np), np.zeros(rows.size), plan_states.time[:, -1], drift)
     while rows.size:
-        states = (at(curves, (count + step * PERIOD) * dt) for step in range(SUBSTEPS + 1))
-        references: VehicleState[Air] = VehicleState(
-            *(np.stack(field) for field in zip(*states, strict=True))
-        )
+        periods = (count + np.arange(SUBSTEPS + 1)[:, None] * PERIOD) * dt
+        references: VehicleState[Air] = at(curves, periods)
         air, flown = fly_step(air, references, aircraft, options.limits)
         count += 1
         tally.add(rows, flown, count)

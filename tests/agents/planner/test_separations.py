@@ -80,14 +80,11 @@ def test_own_separations_are_remarked() -> None:
 
 def nearest(answer: Plan, intruder: Intruder) -> float:
     """Return the smallest sampled distance to a straight intruder, m."""
-    curves, end = legs(plan_states(OWN, answer.waypoints)), answer.waypoints[-1].time
-    other, least = intruder.state, math.inf
-    for time in np.arange(0.0, end, 0.25):
-        own = at(curves, np.array(time))
-        x = other.x + other.speed * time * math.cos(other.heading) - float(own.x)
-        y = other.y + other.speed * time * math.sin(other.heading) - float(own.y)
-        least = min(least, math.hypot(x, y))
-    return least
+    other, times = intruder.state, np.arange(0.0, answer.waypoints[-1].time, 0.25)
+    own = at(legs(plan_states(OWN, answer.waypoints)), times)
+    x = other.x + other.speed * times * math.cos(other.heading) - own.x
+    y = other.y + other.speed * times * math.sin(other.heading) - own.y
+    return float(np.hypot(x, y).min())
 
 
 def test_every_intruder_is_kept_as_far_as_it_asks_and_the_certificate_proves_it() -> None:
