@@ -13,16 +13,22 @@
 #   make constraints  resolve all dependencies anew (needs uv)
 #   make clean        remove the environment and caches, keep runs/
 
+# Python keeps what it compiles whatever the user has set: programs that tests start would else compile it each time.
+unexport PYTHONDONTWRITEBYTECODE
+
 PYTHON ?= python3
 PYTEST_ARGS ?= -n 2 --dist loadfile --no-loadscope-reorder
 UV ?= uv
+# The tests that reach compiled code.
+COMPILED := $(addprefix tests/agents/,assurance kernel planner check/test_flight.py test_check.py test_features.py \
+  test_inference.py test_proofs.py)
 
 BIN := .venv/bin
 PROJECT := pyproject.toml constraints/build.in
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --no-emit-index-url
 
-.PHONY: help demo test test-slow test-compiled test-long lint format proofs docs venv venv-run ros bluesky constraints clean
+.PHONY: help demo test test-slow test-compiled test-long lint style types tests format proofs docs venv venv-run ros bluesky constraints clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -81,20 +87,28 @@ demo: venv-run
 	  $(BIN)/python -m rlcas_jax.train --config configs/quick.yaml --out "$$out/train" && \
 	  $(BIN)/python -m eval.monte_carlo --policy "$$out/train/policy.safetensors" --encounters 10000 --out "$$out/evaluation"
 
-lint: venv
+lint: style types
+
+style: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/basedpyright
 	$(BIN)/lint-imports --no-logo --no-cache
 
-test: lint
+types: venv
+	$(BIN)/basedpyright
+
+# Types are checked, by one processor, while the first tests run.
+test: style
+	@$(MAKE) --no-print-directory --jobs 2 types tests
+
+tests: venv
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
 test-slow: venv
 	$(BIN)/python -m pytest $(PYTEST_ARGS) -m "slow and not long"
 
 test-compiled: venv
-	$(BIN)/python -m pytest $(PYTEST_ARGS) --compiled tests/agents
+	$(BIN)/python -m pytest $(PYTEST_ARGS) --compiled $(COMPILED)
 
 test-long: venv
 	$(BIN)/python -m pytest $(PYTEST_ARGS) -m long

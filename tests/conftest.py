@@ -78,11 +78,17 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mix files that compute with those that wait, so that the last files are short; the order
-    within a file stays.
+    within a file stays. A run of compiled code leaves out what is always run by it.
     """
+    if config.getoption("--compiled"):
+        items[:] = [item for item in items if "compiled_code" not in _fixtures(item)]
     items.sort(key=lambda item: item.path.name, reverse=True)
+
+
+def _fixtures(item: pytest.Item) -> list[str]:
+    return getattr(item, "fixturenames", [])
 
 
 def pytest_terminal_summary(
