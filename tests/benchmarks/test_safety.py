@@ -107,8 +107,8 @@ def all_towards_the_intruder(plans: Plans) -> Plans:
     # From the direction at the closest approach, found on a grid of half a second.
     curves, other = legs(plans.plan_states), plans.request.traffic.state
     times = np.arange(0.0, 380.0, 0.5)
-    own = [at(curves, time) for time in times]
-    place = np.stack([state.x + 1j * state.y for state in own], axis=1)
+    own = at(curves, times[:, None])
+    place = (own.x + 1j * own.y).T
     start = (other.x + 1j * other.y)[:, :1]
     away = start + (other.speed * np.exp(1j * other.heading))[:, :1] * times - place
     rows = np.arange(len(away))

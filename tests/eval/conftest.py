@@ -20,9 +20,12 @@ from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from eval.monte_carlo import run as monte_carlo
 from eval.report import run as report
+from eval.runner import command
 
-# Of the report: encounters, those with tracks, and a name that would like to be markup.
+# Of the report: encounters, those with tracks, what is asked of it, and a name that would like to be
+# markup.
 COUNT, TRACKS = 24, 18
+PAGE = ("--tracks", str(TRACKS), "--bands", "3")
 HOSTILE = "</script><img src=x onerror=\"document.title='lost'\">{b}<b>&amp;\u202etfel ot thgir"
 
 # Places in the feature set "mirror".
@@ -97,6 +100,14 @@ def one_blas_thread() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(autouse=True, scope="session")
+def one_worker() -> Iterator[None]:
+    """Fly in this process where a test does not ask for workers: they take seconds to begin."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(command, "cores", lambda: 1)
+        yield
+
+
 @pytest.fixture(scope="session")
 def report_run(policy_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of an evaluation of the hand-made policy, which solves many encounters and
@@ -114,5 +125,5 @@ def report_run(policy_path: Path, tmp_path_factory: pytest.TempPathFactory) -> P
 @pytest.fixture(scope="session")
 def report_page(report_run: Path) -> Path:
     """Return the report of the evaluation, with tracks of most encounters."""
-    assert report.main([str(report_run), "--tracks", str(TRACKS)]) == 0
+    assert report.main([str(report_run), *PAGE]) == 0
     return report_run / "report.html"

@@ -64,6 +64,9 @@ def make(
     return Comparison(entries, Evaluation(policy_path, scenario(name, PAPER), None, 4, PAPER))
 
 
+SMALL = ("--set", "resamples=100", "--workers", "1")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["circle", "noisy"])
 def test_a_policy_flies_here_as_in_the_evaluation(policy_path: Path, name: str) -> None:
@@ -233,7 +236,15 @@ def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
     out = tmp_path / "run"
     assert (
         compare.main(
-            ["--scenario", f"file:{tmp_path / 'own.csv'}", "--baseline", "rules", "--out", str(out)]
+            [
+                "--scenario",
+                f"file:{tmp_path / 'own.csv'}",
+                "--baseline",
+                "rules",
+                *SMALL,
+                "--out",
+                str(out),
+            ]
         )
         == 0
     )
@@ -317,8 +328,7 @@ def test_numbers_of_a_scenario_can_be_changed(tmp_path: Path) -> None:
         "none",
         "--encounters",
         "30",
-        "--set",
-        "resamples=100",
+        *SMALL,
         "--set",
         changes,
     ]
@@ -333,7 +343,8 @@ def test_numbers_of_a_scenario_can_be_changed(tmp_path: Path) -> None:
 def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = recorded_path("lincoln_lab/encounters.json")
     out = tmp_path / "run"
-    compare.main(["--scenario", f"tracks:{path}", "--baseline", "mvp_speed", "--out", str(out)])
+    asked = ["--scenario", f"tracks:{path}", *SMALL]
+    compare.main([*asked, "--baseline", "mvp_speed", "--out", str(out)])
     summary = json.loads((out / "summary.json").read_text())
     assert summary["encounters"] + len(summary["left_out"]) == 50
     assert summary["entries"][0]["resolvable_rate"]["total"] == summary["encounters"]
@@ -343,18 +354,7 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert rates["mvp_speed"] > 0.8
     assert "left out: 7: the ownship begins with" in capsys.readouterr().err
     few = tmp_path / "few"
-    compare.main(
-        [
-            "--scenario",
-            f"tracks:{path}",
-            "--baseline",
-            "none",
-            "--encounters",
-            "3",
-            "--out",
-            str(few),
-        ]
-    )
+    compare.main([*asked, "--baseline", "none", "--encounters", "3", "--out", str(few)])
     assert json.loads((few / "summary.json").read_text())["encounters"] == 3
 
 

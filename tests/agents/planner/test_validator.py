@@ -59,12 +59,12 @@ def traffic(count: int, intruders: int, seed: int, *, turning: bool = False) -> 
 
 def sample_distances(plan_states: PlanStates, intruders: Traffic, step: float) -> np.ndarray:
     """Return the distances to the intruders at times ``step`` apart, m, ``[T, N, K]``."""
-    curves = legs(plan_states)
+    curves, times = legs(plan_states), np.arange(0.0, plan_states.time[0, -1] + 1e-9, step)
     apart = []
-    for time in np.arange(0.0, plan_states.time[0, -1] + 1e-9, step):
-        own, other = at(curves, time), predict(intruders, time)
-        apart.append(np.hypot(other.x - own.x[:, None], other.y - own.y[:, None]))
-    return np.array(apart)
+    for some in np.array_split(times[:, None], 1 + times.size // 500):
+        own, other = at(curves, some), predict(intruders, some[..., None])
+        apart.append(np.hypot(other.x - own.x[..., None], other.y - own.y[..., None]))
+    return np.concatenate(apart)
 
 
 @pytest.mark.parametrize("turning", [False, True])

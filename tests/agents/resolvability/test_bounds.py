@@ -246,9 +246,9 @@ QUICK = RULES._replace(t_max=150.0)
 @pytest.fixture(scope="module")
 def encounters() -> Encounter:
     straight = encounters_of_seed(
-        scenario("circle", PAPER, radius=SHORT, conflicts_closer_than=1_000.0), 2, 0, 3
+        scenario("circle", PAPER, radius=SHORT, conflicts_closer_than=1_000.0), 2, 0, 2
     )
-    return join(straight, encounters_of_seed(scenario("maneuvering", PAPER, radius=SHORT), 2, 0, 3))
+    return join(straight, encounters_of_seed(scenario("maneuvering", PAPER, radius=SHORT), 2, 0, 2))
 
 
 @pytest.fixture(scope="module")
@@ -267,8 +267,8 @@ def record_flight(encounter: Encounter, result: Causal, number: int) -> Replay:
 def test_what_it_solves_is_solved_in_an_independent_simulation(
     encounters: Encounter, flown: Causal
 ):
-    assert flown.solved[:3].all()
-    assert flown.solved.sum() >= 5
+    assert flown.solved[:2].all()
+    assert flown.solved.sum() >= 3
     for number in np.flatnonzero(flown.solved):
         encounter = take(encounters, number)
         alone = record_flight(encounter, flown, int(number))

@@ -49,7 +49,7 @@ from eval.report.page import page
 from eval.runner.options import named_evaluation
 from ros_bridge.display.document import to_json
 from ros_bridge.display.recording import read
-from tests.eval.conftest import TRACKS
+from tests.eval.conftest import PAGE
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -469,7 +469,7 @@ def test_the_same_run_gives_the_same_page(
     report_run: Path, report_page: Path, tmp_path: Path
 ) -> None:
     again = Path(shutil.copytree(report_run, tmp_path / "again"))
-    report.main([str(again), "--tracks", str(TRACKS)])
+    report.main([str(again), *PAGE])
     assert (again / "report.html").read_bytes() == report_page.read_bytes()
 
 
