@@ -51,9 +51,9 @@ def end_speed(
     square = gain * gain * left * left - 2.0 * gain * missing
     more = gain * left - xp.sqrt(xp.maximum(square, 0.0))
     hurry = missing > 0.0
-    wanted = xp.where(hurry, speed + more, speed)
-    enough = xp.logical_and(square >= 0.0, wanted <= limits.speed_max)
-    return wanted, xp.logical_and(seconds >= 0.0, xp.logical_or(xp.logical_not(hurry), enough))
+    final_speed = xp.where(hurry, speed + more, speed)
+    enough = xp.logical_and(square >= 0.0, final_speed <= limits.speed_max)
+    return final_speed, xp.logical_and(seconds >= 0.0, xp.logical_or(xp.logical_not(hurry), enough))
 
 
 @scalar
@@ -165,10 +165,14 @@ def direct(
     turn = turn_onto(own, goal, circle, xp)
     turning = turn.angle * (1.0 / task.turn_rate)
     straight = xp.maximum(turn.length - task.radius, 0.0)
-    wanted, in_time = end_speed(straight, own.speed, task.until - time - turning, task.limits, xp)
+    final_speed, in_time = end_speed(
+        straight, own.speed, task.until - time - turning, task.limits, xp
+    )
     possible = xp.logical_and(turn.possible, in_time)
     course = wrap(turn.course, xp)
-    return DirectRoute(turn.side, circle, turn.angle, turning, course, straight, wanted, possible)
+    return DirectRoute(
+        turn.side, circle, turn.angle, turning, course, straight, final_speed, possible
+    )
 
 
 @scalar

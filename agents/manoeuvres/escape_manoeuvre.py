@@ -158,9 +158,9 @@ def fly_step(
     """Fly one step of the escapes and measure it; traffic before and after it, ``[M, K]`` each, the
     other arguments as of :func:`choose_action`.
     """
-    now, after = traffic
-    moved = fly(flight, manoeuvre, time, goal, now, counting, rules, limits)
-    apart = leg_separation(column(flight.own), column(moved.own), now, after, rules.dt, np)
+    before, after = traffic
+    moved = fly(flight, manoeuvre, time, goal, before, counting, rules, limits)
+    apart = leg_separation(column(flight.own), column(moved.own), before, after, rules.dt, np)
     apart = apart if counting.share is None else apart * counting.share
     separation = np.min(np.where(counting.mask, apart, np.inf), axis=-1)
     to_goal = distance(goal[0] - moved.own.x, goal[1] - moved.own.y, np)

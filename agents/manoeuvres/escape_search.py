@@ -54,7 +54,7 @@ class EscapeOutcome(NamedTuple):
     path: Array  # length flown until the circle around the goal was entered, m; nan if it was not
 
 
-class _Aloft(NamedTuple):
+class _Active(NamedTuple):
     """Escapes in the air; fields ``[M]``."""
 
     row: Array  # their numbers
@@ -63,7 +63,7 @@ class _Aloft(NamedTuple):
     counting: Counting  # how the intruders count, [M, K]
     manoeuvre: Manoeuvre
     flight: Flight
-    now: VehicleState[Air]  # of the intruders, [M, K]
+    intruders: VehicleState[Air]  # [M, K]
     length: Array  # flown so far, m
     to_goal: Array  # distance to the goal, m
 
@@ -161,73 +161,73 @@ def fly_out(
         first: without scoring, drop all of an encounter's escapes as soon as one of them has
             reached the goal.
     """
-    found = EscapeOutcome(
+    outcome = EscapeOutcome(
         arrival=np.full(which.size, np.nan),
         separation=np.full(which.size, np.inf),
         path=np.full(which.size, np.nan),
     )
     solved = np.zeros(np.shape(encounter.goal_x), dtype=bool)
     goal = take((encounter.goal_x, encounter.goal_y), which)
-    flight, now = takeoff(take(encounter.own, which), manoeuvre), take(traffic, (0, which))
-    aloft = _Aloft(
+    flight, intruders = takeoff(take(encounter.own, which), manoeuvre), take(traffic, (0, which))
+    active = _Active(
         row=np.arange(which.size),
         which=which,
         goal=goal,
         counting=take(count_in(encounter, rules), which),
         manoeuvre=manoeuvre,
         flight=flight,
-        now=now,
+        intruders=intruders,
         length=np.zeros(which.size),
         to_goal=distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np),
     )
     for index in range(steps(rules)):
-        after = take(traffic, (index + 1, aloft.which))
-        aloft, judged = _fly_one(aloft, index, after, found, rules, limits, scoring=scoring)
+        after = take(traffic, (index + 1, active.which))
+        active, judged = _fly_one(active, index, after, outcome, rules, limits, scoring=scoring)
         going_on = ~judged.ended(np)
         if first and not scoring:
-            solved[aloft.which[judged.reached]] = True
-            going_on &= ~solved[aloft.which]
+            solved[active.which[judged.reached]] = True
+            going_on &= ~solved[active.which]
         if not going_on.all():
-            aloft = take(aloft, going_on)
-            if aloft.row.size == 0:
+            active = take(active, going_on)
+            if active.row.size == 0:
                 break
-    return found
+    return outcome
 
 
 def _fly_one(
-    aloft: _Aloft,
+    active: _Active,
     index: int,
     after: VehicleState[Air],
-    found: EscapeOutcome,
+    outcome: EscapeOutcome,
     rules: Rules,
     limits: Limits,
     *,
     scoring: bool,
-) -> tuple[_Aloft, Outcome]:
+) -> tuple[_Active, Outcome]:
     """Fly the step numbered ``index`` against traffic that is somewhere after it, and note what
     has ended; return the escapes after it and how it was judged.
     """
-    both = aloft.now, after
+    both = active.intruders, after
     start = index * rules.dt
     step = fly_step(
-        aloft.flight, aloft.manoeuvre, start, aloft.goal, both, aloft.counting, rules, limits
+        active.flight, active.manoeuvre, start, active.goal, both, active.counting, rules, limits
     )
-    row, time = aloft.row, (index + 1) * rules.dt
-    found.separation[row] = np.minimum(found.separation[row], step.separation)
+    row, time = active.row, (index + 1) * rules.dt
+    outcome.separation[row] = np.minimum(outcome.separation[row], step.separation)
     judged = judge(np.inf if scoring else step.separation, step.to_goal, time, rules, np)
     reached = judged.reached
-    found.arrival[row[reached]] = time
+    outcome.arrival[row[reached]] = time
     # Of the last step only what lies outside the goal's circle counts, or the length would come
     # in whole steps.
     outside = np.clip(
-        (aloft.to_goal - rules.goal_radius) / np.maximum(aloft.to_goal - step.to_goal, 1e-9),
+        (active.to_goal - rules.goal_radius) / np.maximum(active.to_goal - step.to_goal, 1e-9),
         0.0,
         1.0,
     )
-    flown = (0.5 * rules.dt) * (aloft.flight.own.speed + step.flight.own.speed)
-    found.path[row[reached]] = (aloft.length + outside * flown)[reached]
-    moved = aloft._replace(
-        flight=step.flight, now=after, length=aloft.length + flown, to_goal=step.to_goal
+    flown = (0.5 * rules.dt) * (active.flight.own.speed + step.flight.own.speed)
+    outcome.path[row[reached]] = (active.length + outside * flown)[reached]
+    moved = active._replace(
+        flight=step.flight, intruders=after, length=active.length + flown, to_goal=step.to_goal
     )
     return moved, judged
 
@@ -237,9 +237,9 @@ def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
     that has one.
     """
     count = np.shape(encounter.goal_x)[0]
-    found = nothing(count)
+    best = nothing(count)
     for stage in STAGES:
-        left = np.flatnonzero(np.isnan(found.arrival))
+        left = np.flatnonzero(np.isnan(best.arrival))
         for part in parts(left, stage.turn.size, encounter):
             chosen = take(encounter, part)
             which = np.repeat(np.arange(part.size), stage.turn.size)
@@ -247,11 +247,11 @@ def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
             flown = fly_out(
                 chosen, tracks(chosen, steps(rules), rules), which, family, rules, limits
             )
-            _keep_best(found, part, which, family, flown)
-    left = np.flatnonzero(np.isnan(found.arrival))
+            _keep_best(best, part, which, family, flown)
+    left = np.flatnonzero(np.isnan(best.arrival))
     for part in parts(left, max(CHILDREN, COARSE.turn.size), encounter):
-        scatter(found, part, refine(take(encounter, part), rules, limits))
-    return found
+        scatter(best, part, refine(take(encounter, part), rules, limits))
+    return best
 
 
 def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
@@ -260,7 +260,7 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
     """
     count = np.shape(encounter.goal_x)[0]
     traffic = tracks(encounter, steps(rules), rules)
-    found = nothing(count)
+    result = nothing(count)
     left = np.arange(count)
     pool, scores = np.zeros((len(SPREAD), count, 0)), np.zeros((count, 0))
     seeds = np.stack(scale(COARSE, rules))
@@ -272,7 +272,7 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
         flown = fly_out(encounter, traffic, which, family, rules, limits, scoring=True)
         works = ~np.isnan(flown.arrival) & (flown.separation >= rules.separation)
         arrival = np.where(works, flown.arrival, np.nan)
-        _keep_best(found, np.arange(count), which, family, flown._replace(arrival=arrival))
+        _keep_best(result, np.arange(count), which, family, flown._replace(arrival=arrival))
 
         # What misses the goal comes after all that reach it.
         missed = np.isnan(flown.arrival)
@@ -280,12 +280,12 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
         pool = np.concatenate([pool, tried], axis=-1)
         scores = np.concatenate([scores, score], axis=-1)
         best = np.argsort(-scores, axis=-1, kind="stable")[:, :ELITES]
-        on = np.isnan(found.arrival[left])
+        on = np.isnan(result.arrival[left])
         pool = np.take_along_axis(pool, best[None], axis=-1)[:, on]
         left, scores = left[on], np.take_along_axis(scores, best, axis=-1)[on]
         if left.size == 0:
             break
-    return found
+    return result
 
 
 def offspring(pool: Array, index: int, task: Aircraft | Rules) -> Array:
@@ -313,7 +313,7 @@ def within_range(values: Array) -> Array:
 
 
 def _keep_best(
-    found: Found, part: Array, which: Array, family: Manoeuvre, flown: EscapeOutcome
+    best: Found, part: Array, which: Array, family: Manoeuvre, flown: EscapeOutcome
 ) -> None:
     """Write, per encounter, the earliest arrival of what was flown (the widest of those) into what
     is found.
@@ -322,7 +322,7 @@ def _keep_best(
     owners, first = first_of_each(
         which[arrived], -flown.separation[arrived], flown.arrival[arrived]
     )
-    scatter(found, part[owners], take(Found(family, *flown), arrived[first]))
+    scatter(best, part[owners], take(Found(family, *flown), arrived[first]))
 
 
 def to_double(encounters: Encounter) -> Encounter:
@@ -341,8 +341,8 @@ def nothing(count: int) -> Found:
     return Found(Manoeuvre(*np.full((len(SPREAD), count), np.nan)), *np.full((3, count), np.nan))
 
 
-def parts(indices: Array, each: int, encounter: Encounter) -> list[Array]:
+def parts(indices: Array, escapes: int, encounter: Encounter) -> list[Array]:
     """Split indices of encounters into parts that fit into memory, with so many escapes each."""
     crowd = max(encounter.mask.shape[-1] / 8, 1.0)
-    size = max(int(min(BLOCK / each, MOST) / crowd), 1)
+    size = max(int(min(BLOCK / escapes, MOST) / crowd), 1)
     return [indices[first : first + size] for first in range(0, indices.size, size)]

@@ -79,7 +79,7 @@ class Effort(NamedTuple):
     ends: Callable[[], bool] = _never  # whether the flight of all ends now
 
 
-class Landed(NamedTuple):
+class Finished(NamedTuple):
     """Where manoeuvres have been and ended; fields ``[M]``."""
 
     states: VehicleState[Air]  # at the beginning of each stride until the end, [S, M]; nan after it
@@ -88,7 +88,7 @@ class Landed(NamedTuple):
     clearance: Array  # least distance less the required one until then, m; an estimate
 
 
-class _Aloft(NamedTuple):
+class _Active(NamedTuple):
     """Manoeuvres in the air; fields ``[M]``."""
 
     row: Array  # their numbers
@@ -107,7 +107,7 @@ def fly_until_clear(
     stride: float,
     until: float,
     limits: Limits,
-) -> Landed:
+) -> Finished:
     """Fly manoeuvres ``[M]`` until the way back is clear, or they are given up.
 
     Args:
@@ -121,9 +121,9 @@ def fly_until_clear(
         limits: of the ownship.
     """
     last = int(min(until, effort.longest) / stride + 1e-9)
-    landed = _nothing(owner.size, last)
+    finished = _nothing(owner.size, last)
     count_well = np.zeros(np.size(own.x), dtype=int)
-    aloft = _Aloft(
+    active = _Active(
         row=np.arange(owner.size),
         owner=owner,
         manoeuvre=manoeuvre,
@@ -131,29 +131,29 @@ def fly_until_clear(
         closest=np.full(owner.size, np.inf),
     )
     first = 0
-    while aloft.row.size and first <= last and not effort.ends():
+    while active.row.size and first <= last and not effort.ends():
         # As many strides as before, because the direct route is mostly clear soon.
-        most = _PAIRS // max(aloft.row.size * around.intruders, 1)
+        most = _PAIRS // max(active.row.size * around.intruders, 1)
         count = min(max(min(max(first, _AT_ONCE), most), 1), last + 1 - first)
-        flown, flight = fly_away(aloft.flight, aloft.manoeuvre, first, count, stride, limits)
-        clearance = around.clearance(flown, first, aloft.owner)
+        flown, flight = fly_away(active.flight, active.manoeuvre, first, count, stride, limits)
+        clearance = around.clearance(flown, first, active.owner)
         # At the beginning of each stride, and after the last.
-        nearest = np.minimum.accumulate(np.concatenate([aloft.closest[None], clearance]), axis=0)
-        aloft = aloft._replace(flight=flight, closest=nearest[-1])
+        nearest = np.minimum.accumulate(np.concatenate([active.closest[None], clearance]), axis=0)
+        active = active._replace(flight=flight, closest=nearest[-1])
         nearest = nearest[:-1]
-        returning = _may_turn_back(aloft, flown, nearest, first, stride, around, effort)
-        over, count_well = _ends(aloft.owner, nearest, returning, count_well, effort)
+        returning = _may_turn_back(active, flown, nearest, first, stride, around, effort)
+        over, count_well = _ends(active.owner, nearest, returning, count_well, effort)
         on = over == count
         over = np.minimum(over, count - 1)
-        _note(landed, aloft.row, first, flown, over, ~on, returning, nearest)
+        _note(finished, active.row, first, flown, over, ~on, returning, nearest)
         if not on.all():
-            aloft = take(aloft, on)
+            active = take(active, on)
         first += count
-    return landed
+    return finished
 
 
 def _may_turn_back(
-    aloft: _Aloft,
+    active: _Active,
     flown: VehicleState[Air],
     nearest: Array,
     first: int,
@@ -163,10 +163,10 @@ def _may_turn_back(
 ) -> Array:
     """Return at the beginning of which strides manoeuvres may turn back, bool ``[S, M]``."""
     strides = np.arange(first, first + len(nearest))
-    returning = (nearest >= effort.least) & (strides[:, None] * stride >= aloft.manoeuvre.resume)
+    returning = (nearest >= effort.least) & (strides[:, None] * stride >= active.manoeuvre.resume)
     at, asking = np.nonzero(returning)
-    slack = aloft.manoeuvre.slack[asking]
-    departure = Departure(take(flown, (at, asking)), strides[at], aloft.owner[asking], slack)
+    slack = active.manoeuvre.slack[asking]
+    departure = Departure(take(flown, (at, asking)), strides[at], active.owner[asking], slack)
     returning[at, asking] = around.way_back(departure)
     return returning
 
@@ -177,10 +177,10 @@ def _ends(
     """Return the stride at whose beginning each manoeuvre ends, ``[M]``, all of them where it does
     not, and how many have ended well, ``[N]``.
     """
-    count, each = len(nearest), np.arange(owner.size)
+    count, rows = len(nearest), np.arange(owner.size)
     end, ended = _first(returning | ~(nearest >= effort.least))
-    good = nearest[end, each] >= max(effort.least, effort.good)
-    returned = ended & returning[end, each] & good
+    good = nearest[end, rows] >= max(effort.least, effort.good)
+    returned = ended & returning[end, rows] & good
     # A manoeuvre that is under way for longer than so many others costs more than they.
     well = np.zeros((count, count_well.size), dtype=int)
     np.add.at(well, (end[returned], owner[returned]), 1)
@@ -197,15 +197,15 @@ def _first(happens: Array) -> tuple[Array, Array]:
     return np.argmax(happens, axis=0), happens.any(axis=0)
 
 
-def _nothing(count: int, last: int) -> Landed:
+def _nothing(count: int, last: int) -> Finished:
     """Return that no manoeuvre has been flown, ``[count]``."""
     states: VehicleState[Air] = VehicleState(*np.full((4, last + 1, count), np.nan))
     no = np.zeros(count, dtype=bool)
-    return Landed(states, np.full(count, last), no, np.full(count, np.inf))
+    return Finished(states, np.full(count, last), no, np.full(count, np.inf))
 
 
 def _note(
-    landed: Landed,
+    finished: Finished,
     row: Array,
     first: int,
     flown: VehicleState[Air],
@@ -217,11 +217,11 @@ def _note(
     """Note strides of manoeuvres: the last of them in which each is in the air, and whether it
     turned back there.
     """
-    each, count = np.arange(row.size), len(nearest)
-    scatter(landed.states, (slice(first, first + count), row), take(flown, slice(-1)))
-    landed.end[row] = first + over
-    landed.returned[row] = ended & returning[over, each]
-    landed.clearance[row] = nearest[over, each]
+    rows, count = np.arange(row.size), len(nearest)
+    scatter(finished.states, (slice(first, first + count), row), take(flown, slice(-1)))
+    finished.end[row] = first + over
+    finished.returned[row] = ended & returning[over, rows]
+    finished.clearance[row] = nearest[over, rows]
 
 
 def fly_away(

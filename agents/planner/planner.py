@@ -146,10 +146,10 @@ def plan_many(
         if rows.size == 0:
             continue
         part, order = _compact(take(request, rows), most)
-        found = _plan_rows(part, goals[rows], policy, options, Budget(), floats=floats)
-        number = found.proposals.findings.intruder
+        planned = _plan_rows(part, goals[rows], policy, options, Budget(), floats=floats)
+        number = planned.proposals.findings.intruder
         number[:] = np.where(number >= 0, order[np.arange(rows.size), number], -1)
-        scatter(plans, rows, found)
+        scatter(plans, rows, planned)
     return plans
 
 
@@ -170,11 +170,11 @@ def plan_among(
         options: of the flights.
         floats: as of :func:`plan_many`.
     """
-    each = []
+    plans = []
     for n in range(request.points.size):
-        one, _ = add_areas(take(request, slice(n, n + 1)), areas[n], None, options, None)
-        each.append(plan_many(one, policy, options, floats=floats))
-    return map_leaves(lambda *rows: np.concatenate(rows), *each)
+        single, _ = add_areas(take(request, slice(n, n + 1)), areas[n], None, options, None)
+        plans.append(plan_many(single, policy, options, floats=floats))
+    return map_leaves(lambda *rows: np.concatenate(rows), *plans)
 
 
 def _compact(request: Request, most: int) -> tuple[Request, Array]:
@@ -206,11 +206,11 @@ def _plan_rows(
     best = empty(count, options.waypoints)
     source, policy_safe = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=bool)
     for choice in range(options.goals):
-        wanted = ~best.safe
+        tried = ~best.safe
         if options.rejoin_on_leg and choice:
             costly = best.cost > options.fallback_cost_threshold
-            wanted |= costly & on_same_leg(request, goals[:, 0], goals[:, choice])
-        rows = np.flatnonzero(wanted & (goals[:, choice] >= 0))
+            tried |= costly & on_same_leg(request, goals[:, 0], goals[:, choice])
+        rows = np.flatnonzero(tried & (goals[:, choice] >= 0))
         if rows.size == 0 or budget.ends(f"goal {choice + 1}"):
             break
         part, goal = request if rows.size == count else take(request, rows), goals[rows, choice]
@@ -227,8 +227,8 @@ def _plan_rows(
         if wanting.any():
             slow = request.areas is None and not best.safe[rows].all()
             stages = fallback.ALL if slow else fallback.QUICK
-            found = fallback.search(take(part, wanting), goal[wanting], options, budget, stages)
-            source[keep_best(best, rows[wanting], found)] = _FALLBACK
+            searched = fallback.search(take(part, wanting), goal[wanting], options, budget, stages)
+            source[keep_best(best, rows[wanting], searched)] = _FALLBACK
         if request.areas is None and options.exhaustive:
             _search_on(fallback.refine, best, source, request, goals[:, choice], options, budget)
     if request.areas is not None:
@@ -256,5 +256,5 @@ def _search_on(
     # Where the route is too short for one manoeuvre it is for all.
     left = np.flatnonzero(~best.safe & (goal >= 0) & ~best.too_short)
     if left.size:
-        found = way(take(request, left), goal[left], options, budget)
-        source[keep_best(best, left, found)] = _FALLBACK
+        plans = way(take(request, left), goal[left], options, budget)
+        source[keep_best(best, left, plans)] = _FALLBACK

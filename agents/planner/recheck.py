@@ -80,13 +80,13 @@ def recheck(  # noqa: PLR0913 - a plan, and all of a request
     except RequestError as error:
         return _void(plan, late, str(error))
     curve = take(plan_states(own, left, wind=wind), None)
-    found = find_faults(curve, request, in_air)
+    findings = find_faults(curve, request, in_air)
     nearer = unproven_exclusions(excluded, left[-1]) if left else []
     if nearer:
         return _void(plan, late, nearer[0].message)
-    if bool(found.safe[0]):
+    if bool(findings.safe[0]):
         return plan
-    wrong = ", ".join(CHECKS[number] for number in np.flatnonzero(found.wrong[0]))
+    wrong = ", ".join(CHECKS[number] for number in np.flatnonzero(findings.wrong[0]))
     return _void(plan, late, f"from the states by then it fails the checks: {wrong}")
 
 

@@ -29,12 +29,14 @@ def audit(
     ``extended`` says whether the plan may end beyond the route, on the straight line of its last
     leg.
     """
-    found = []
+    reasons = []
     if len(waypoints) != count:
-        found.append(Reason.of(Kind.COUNT, "waypoints", f"are {len(waypoints)}, expected {count}"))
+        reasons.append(
+            Reason.of(Kind.COUNT, "waypoints", f"are {len(waypoints)}, expected {count}")
+        )
     for number, point in enumerate(waypoints):
         if not all(map(math.isfinite, (point.x, point.y, point.heading, point.speed, point.time))):
-            found.append(Reason.of(Kind.NOT_FINITE, f"waypoints[{number}]", "is not finite"))
+            reasons.append(Reason.of(Kind.NOT_FINITE, f"waypoints[{number}]", "is not finite"))
     taken = Counter(point.index for point in waypoints)
     taken.update(point.index for point in route)
     ends_route = bool(waypoints) and waypoints[-1].index in {point.index for point in route}
@@ -44,12 +46,12 @@ def audit(
             what = (
                 f"has index {point.index}, which another waypoint or a point of the route has too"
             )
-            found.append(
+            reasons.append(
                 Reason.of(Kind.INDICES, f"waypoints[{number}]", what, point.time, point.x, point.y)
             )
     if waypoints:
-        found += _last(waypoints[-1], len(waypoints) - 1, route, extended)
-    return found
+        reasons += _last(waypoints[-1], len(waypoints) - 1, route, extended)
+    return reasons
 
 
 def _last(
@@ -59,7 +61,7 @@ def _last(
     same = next((candidate for candidate in route if candidate.index == point.index), None)
     if same is not None:
         off = math.hypot(point.x - same.x, point.y - same.y)
-        wanted = f"the route's point {same.index}"
+        expected = f"the route's point {same.index}"
     elif extended and len(route) > 1:
         before, end = route[-2], route[-1]
         dx, dy = end.x - before.x, end.y - before.y
@@ -72,12 +74,12 @@ def _last(
         off = math.hypot(
             point.x - end.x - along * dx / length, point.y - end.y - along * dy / length
         )
-        wanted = "the line on which the route goes on"
+        expected = "the line on which the route goes on"
     else:
         return [
             _off_route(point, name, f"has index {point.index}, which no point of the route has")
         ]
-    return [] if off <= ON_ROUTE else [_off_route(point, name, f"is {off:.3f} m off {wanted}")]
+    return [] if off <= ON_ROUTE else [_off_route(point, name, f"is {off:.3f} m off {expected}")]
 
 
 def _off_route(point: Waypoint, name: str, what: str) -> Reason:

@@ -115,7 +115,7 @@ def validate(
     sound = finite.all(axis=-1) & ordered.all(axis=-1)
     if curves is None or not sound.all():
         curves = legs(_whole(plan_states, sound))
-    found, both = Findings.blank(count), finite[:, 1:] & finite[:, :-1]
+    findings, both = Findings.blank(count), finite[:, 1:] & finite[:, :-1]
     in_order = (ordered & (plan_states.time[:, 1:] <= LONGEST)) | ~both
     of_legs = [field | ~sound[:, None] for field in right_legs(curves, limits)]
     # In the order of CHECKS.
@@ -126,22 +126,22 @@ def validate(
             time, x, y = (
                 field[rows, leg] for field in (plan_states.time, plan_states.x, plan_states.y)
             )
-            _note_wrong(found, check, rows, leg, time, x, y)
-    found.min_separation[~sound], found.clearance[~sound] = np.nan, -np.inf
+            _note_wrong(findings, check, rows, leg, time, x, y)
+    findings.min_separation[~sound], findings.clearance[~sound] = np.nan, -np.inf
     rows = np.flatnonzero(sound)
     if rows.size == 0:
-        return found
-    states, seen = plan_states, traffic
+        return findings
+    states, intruders = plan_states, traffic
     if rows.size < count:
-        states, curves, seen = take((states, curves, seen), rows)
+        states, curves, intruders = take((states, curves, intruders), rows)
     flown = trajectory(states, curves)
     own: VehicleState[Air] = VehicleState(*(field[:, 0] for field in states[:4]))
-    kept = clearance(flown, separation(seen, own, requirement), closest=True)
-    _note_separation(found, rows, kept)
+    kept = clearance(flown, separation(intruders, own, requirement), closest=True)
+    _note_separation(findings, rows, kept)
     if areas:
         kept = clearance(flown, area_clearance(areas, own.x, own.y, requirement.margin))
-        _note_lost(found, _AREA, rows, kept, found.area, [one.number for one in areas])
-    return found
+        _note_lost(findings, _AREA, rows, kept, findings.area, [area.number for area in areas])
+    return findings
 
 
 def _whole(plan_states: PlanStates[Air], sound: Array) -> PlanStates[Air]:
@@ -156,28 +156,28 @@ def _whole(plan_states: PlanStates[Air], sound: Array) -> PlanStates[Air]:
 
 
 def _note_wrong(
-    found: Findings, check: int, rows: Array, leg: Array, time: Array, x: Array, y: Array
+    findings: Findings, check: int, rows: Array, leg: Array, time: Array, x: Array, y: Array
 ) -> None:
     """Note where plans numbered ``rows`` first fail a check: the leg, the time (s) and the place
     (m), ``[m]`` each.
     """
-    found.wrong[rows, check], found.leg[rows, check] = True, leg
-    found.time[rows, check], found.x[rows, check], found.y[rows, check] = time, x, y
+    findings.wrong[rows, check], findings.leg[rows, check] = True, leg
+    findings.time[rows, check], findings.x[rows, check], findings.y[rows, check] = time, x, y
 
 
-def _note_separation(found: Findings, rows: Array, kept: Clearance) -> None:
+def _note_separation(findings: Findings, rows: Array, kept: Clearance) -> None:
     """Note of plans numbered ``rows`` what they keep from intruders."""
     count = kept.distance.shape[1]
     if count == 0:
         return
     nearest = np.arange(rows.size), np.argmin(kept.distance, axis=1)
-    found.min_separation[rows] = kept.distance[nearest]
-    found.time_of_min_separation[rows] = kept.distance_time[nearest]
-    _note_lost(found, _SEPARATION, rows, kept, found.intruder, range(count))
+    findings.min_separation[rows] = kept.distance[nearest]
+    findings.time_of_min_separation[rows] = kept.distance_time[nearest]
+    _note_lost(findings, _SEPARATION, rows, kept, findings.intruder, range(count))
 
 
 def _note_lost(
-    found: Findings,
+    findings: Findings,
     check: int,
     rows: Array,
     kept: Clearance,
@@ -187,11 +187,11 @@ def _note_lost(
     """Note of plans numbered ``rows`` the smallest clearance, and where it is lost first; into
     ``names`` the number of the intruder or area of which that is.
     """
-    found.clearance[rows] = np.minimum(found.clearance[rows], kept.margin.min(axis=1))
+    findings.clearance[rows] = np.minimum(findings.clearance[rows], kept.margin.min(axis=1))
     first = np.argmin(kept.loss, axis=1)
     lost = np.flatnonzero(np.isfinite(kept.loss[np.arange(rows.size), first]))
     if lost.size:
         which = lost, first[lost]
         leg, time, x, y = (field[which] for field in (kept.leg, kept.loss, kept.x, kept.y))
-        _note_wrong(found, check, rows[lost], leg, time, x, y)
+        _note_wrong(findings, check, rows[lost], leg, time, x, y)
         names[rows[lost]] = np.asarray(numbers)[first[lost]]

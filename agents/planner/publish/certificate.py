@@ -99,33 +99,35 @@ class Evidence:
         return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
 
 
-def _report(one: Intruder[Ground], usual: float) -> list[float]:
+def _report(report: Intruder[Ground], usual: float) -> list[float]:
     """Return a report with the separation that is to be kept from it, ``usual`` or its own, m."""
-    errors = one.position_std, one.velocity_std
-    separation = usual if one.separation is None else one.separation
-    fields = (*one.state, one.age, one.turn_rate, one.turn_time, *errors, separation)
+    errors = report.position_std, report.velocity_std
+    separation = usual if report.separation is None else report.separation
+    fields = (*report.state, report.age, report.turn_rate, report.turn_time, *errors, separation)
     return [float(field) for field in fields]
 
 
-def _area(one: Area, own: Altitude | None) -> dict[str, Any]:
+def _area(area: Area, own: Altitude | None) -> dict[str, Any]:
     """Return an area, with those of its heights that the ownship's can be compared with."""
-    disc = one.shape if isinstance(one.shape, Circle) else None
+    disc = area.shape if isinstance(area.shape, Circle) else None
     return {
-        "keep": one.keep.value,
+        "keep": area.keep.value,
         "circle": [] if disc is None else [disc.x, disc.y, disc.radius],
-        "rings": [] if isinstance(one.shape, Circle) else [list(ring) for ring in one.shape.rings],
-        "velocity": list(one.velocity),
-        "growth": one.growth,
-        "clearance": one.clearance,
+        "rings": []
+        if isinstance(area.shape, Circle)
+        else [list(ring) for ring in area.shape.rings],
+        "velocity": list(area.velocity),
+        "growth": area.growth,
+        "clearance": area.clearance,
         "valid": [
             float(time) if math.isfinite(time) else None
-            for time in (one.valid_from, one.valid_until)
+            for time in (area.valid_from, area.valid_until)
         ],
         "heights": [
             level.value
             if level is not None and own is not None and level.reference == own.reference
             else None
-            for level in (one.floor, one.ceiling)
+            for level in (area.floor, area.ceiling)
         ],
     }
 
@@ -180,8 +182,8 @@ def _bounds(
     traffic = traffic._replace(window=windows(reports, own_altitude, options))
     traffic = map_leaves(lambda field: np.asarray(field).T, traffic)
     plans = map_leaves(lambda field: np.repeat(field[None], len(reports), axis=0), plan_states)
-    found = validate(plans, traffic, options.requirement, options.limits)
+    findings = validate(plans, traffic, options.requirement, options.limits)
     return [
         math.floor(least / _STEP - 1.0) * _STEP if math.isfinite(least) else 0.0
-        for least in found.min_separation.tolist()
+        for least in findings.min_separation.tolist()
     ]

@@ -100,8 +100,8 @@ def _faults(
     """Return what is wrong with what is published, whatever the validator says of its states."""
     if not waypoints:
         return []
-    found = audit(waypoints, route, count=options.waypoints, extended=options.extend_route)
-    return found + unproven_exclusions(excluded, waypoints[-1])
+    reasons = audit(waypoints, route, count=options.waypoints, extended=options.extend_route)
+    return reasons + unproven_exclusions(excluded, waypoints[-1])
 
 
 def _out_of_time(skipped: Sequence[str], options: Options[Narrowed]) -> Reason:
@@ -124,11 +124,11 @@ def _best_on_ground(request: Request, plans: Plans) -> Proposals:
     if request.drift is None:
         return best
     east, north = (-float(part[0]) for part in request.drift)
-    found = best.findings
-    x, y = found.x + east * found.time, found.y + north * found.time
+    findings = best.findings
+    x, y = findings.x + east * findings.time, findings.y + north * findings.time
     return best._replace(
         plan_states=on_ground(best.plan_states, Wind(east, north)),
-        findings=found._replace(x=x, y=y),
+        findings=findings._replace(x=x, y=y),
     )
 
 
@@ -148,10 +148,10 @@ def _windows(request: Request, counted: Sequence[int]) -> tuple[Counts, ...]:
     window = request.traffic.window
     if window is None:
         return ()
-    each = zip(counted, window.begin[0].tolist(), window.end[0].tolist(), strict=True)
+    windows = zip(counted, window.begin[0].tolist(), window.end[0].tolist(), strict=True)
     return tuple(
         Counts(number, max(begin, 0.0), end)
-        for number, begin, end in each
+        for number, begin, end in windows
         if begin > 0.0 or end < math.inf
     )
 
@@ -187,14 +187,14 @@ def _reasons(
         return [*reasons, _no_goal(request, options)]
     if best.last < 0:
         return [*reasons, _no_plan(best, options)]
-    found, margin = best.findings, options.requirement.margin
-    if request.areas is not None and found.area >= 0:
-        reasons.append(_area_finding(found, request.areas.value, margin))
-    close = int(found.intruder)
+    findings, margin = best.findings, options.requirement.margin
+    if request.areas is not None and findings.area >= 0:
+        reasons.append(_area_finding(findings, request.areas.value, margin))
+    close = int(findings.intruder)
     required = float(separation[close]) + margin if close >= 0 else np.nan
     return reasons + [
-        _finding(found, number, counted, required)
-        for number in np.flatnonzero(found.wrong).tolist()
+        _finding(findings, number, counted, required)
+        for number in np.flatnonzero(findings.wrong).tolist()
         if CHECKS[number] != Kind.AREA.value
     ]
 
@@ -202,8 +202,8 @@ def _reasons(
 def _separations_now(request: Request, options: Options[Narrowed]) -> Array:
     """Return the separation that is to be kept from each intruder of one request, m, ``[K]``."""
     traffic = request.traffic
-    each = separations(traffic, options.requirement)
-    return np.broadcast_to(each, traffic.mask.shape)[0]
+    separation = separations(traffic, options.requirement)
+    return np.broadcast_to(separation, traffic.mask.shape)[0]
 
 
 def _begins_too_close(request: Request, separation: Array, counted: Sequence[int]) -> list[Reason]:
@@ -213,9 +213,9 @@ def _begins_too_close(request: Request, separation: Array, counted: Sequence[int
     counts = np.broadcast_to(within_window(traffic, 0.0, 0.0), traffic.mask.shape)[0]
     place = 0.0, float(own.x[0]), float(own.y[0])
     reasons = []
-    for number, far, wanted, now in zip(counted, away, separation, counts, strict=True):
-        if now and far < wanted:
-            what = f"is {far:.1f} m away at the request, expected {wanted:.1f} m or more"
+    for number, far, least, counting in zip(counted, away, separation, counts, strict=True):
+        if counting and far < least:
+            what = f"is {far:.1f} m away at the request, expected {least:.1f} m or more"
             reasons.append(Reason.of(Kind.START_IN_VIOLATION, f"intruders[{number}]", what, *place))
     return reasons
 
@@ -232,35 +232,36 @@ def _no_plan(best: Proposals, options: Options[Narrowed]) -> Reason:
 def _begins_inside(request: Request) -> list[Reason]:
     """Return the areas that forbid the place of the ownship at the request."""
     reasons, x, y = [], float(request.own.x[0]), float(request.own.y[0])
-    for one in () if request.areas is None else request.areas.value:
-        if one.begin > 0.0 or float(signed_distance(one.area, x, y)) >= 0.0:
+    for active in () if request.areas is None else request.areas.value:
+        if active.begin > 0.0 or float(signed_distance(active.area, x, y)) >= 0.0:
             continue
-        what = "is left by" if one.area.keep is Keep.IN else "holds"
-        what = f"{what} the ownship at the request, expected it {_side(one)}"
-        reasons.append(_of_area(Kind.START_IN_VIOLATION, one, what, 0.0, x, y))
+        what = "is left by" if active.area.keep is Keep.IN else "holds"
+        what = f"{what} the ownship at the request, expected it {_side(active)}"
+        reasons.append(_of_area(Kind.START_IN_VIOLATION, active, what, 0.0, x, y))
     return reasons
 
 
-def _area_finding(found: Findings, areas: Sequence[ActiveArea], margin: float) -> Reason:
+def _area_finding(findings: Findings, areas: Sequence[ActiveArea], margin: float) -> Reason:
     """Return where the clearance from an area is lost first."""
     number = CHECKS.index(Kind.AREA.value)
-    time, x, y = (float(field[number]) for field in (found.time, found.x, found.y))
-    one = next(one for one in areas if one.number == found.area)
+    time, x, y = (float(field[number]) for field in (findings.time, findings.x, findings.y))
+    lost = next(lost for lost in areas if lost.number == findings.area)
     what = (
         f"is not kept clear of from {time:.1f} s on, at {x:.0f} m east and {y:.0f} m north; "
-        f"expected the ownship {_side(one)} and {one.area.clearance + margin:.1f} m or more from it"
+        f"expected the ownship {_side(lost)} and {lost.area.clearance + margin:.1f} m or more "
+        "from it"
     )
-    return _of_area(Kind.AREA, one, what, time, x, y)
+    return _of_area(Kind.AREA, lost, what, time, x, y)
 
 
-def _side(one: ActiveArea) -> str:
+def _side(active: ActiveArea) -> str:
     """Return on which side of an area flight is allowed."""
-    return "inside" if one.area.keep is Keep.IN else "outside"
+    return "inside" if active.area.keep is Keep.IN else "outside"
 
 
-def _of_area(kind: Kind, one: ActiveArea, what: str, *place: float) -> Reason:
+def _of_area(kind: Kind, active: ActiveArea, what: str, *place: float) -> Reason:
     """Return a reason that tells an area by its number and its name."""
-    return Reason(kind, f"areas[{one.number}]", f"{label(one)} {what}", *place)
+    return Reason(kind, f"areas[{active.number}]", f"{label(active)} {what}", *place)
 
 
 def _no_goal(request: Request, options: Options[Narrowed]) -> Reason:
@@ -276,19 +277,19 @@ def _no_goal(request: Request, options: Options[Narrowed]) -> Reason:
     )
 
 
-def _finding(found: Findings, check: int, counted: Sequence[int], required: float) -> Reason:
+def _finding(findings: Findings, check: int, counted: Sequence[int], required: float) -> Reason:
     """Return one finding of the validator as a reason; ``required`` is the distance from the
     intruder that is too close first, m.
     """
     kind = Kind(CHECKS[check])
-    time, x, y = (float(field[check]) for field in (found.time, found.x, found.y))
+    time, x, y = (float(field[check]) for field in (findings.time, findings.x, findings.y))
     if kind is Kind.SEPARATION:
         what = (
             f"comes closer than required from {time:.1f} s on, expected {required:.1f} m or more; "
-            f"the smallest distance to any intruder is {found.min_separation:.1f} m at "
-            f"{found.time_of_min_separation:.1f} s"
+            f"the smallest distance to any intruder is {findings.min_separation:.1f} m at "
+            f"{findings.time_of_min_separation:.1f} s"
         )
-        return Reason.of(kind, f"intruders[{counted[int(found.intruder)]}]", what, time, x, y)
-    name = f"waypoints[{found.leg[check]}]"
+        return Reason.of(kind, f"intruders[{counted[int(findings.intruder)]}]", what, time, x, y)
+    name = f"waypoints[{findings.leg[check]}]"
     what = f"the leg to {name} fails the check of {kind.value} from {time:.1f} s on"
     return Reason(kind, name, what, time, x, y)

@@ -44,15 +44,15 @@ def outside_domain(
         policy: that is asked.
         options: of the plan.
     """
-    found = departures(policy.domain, _traffic_quantities(intruders, wind))
+    outside = departures(policy.domain, _traffic_quantities(intruders, wind))
     if goal >= 0:
         traffic = take(request.traffic, 0)
         rows = zip(*(field.tolist() for field in traffic.state), strict=True)
         others: list[VehicleState[Air]] = [VehicleState(*row) for row in rows]
         share = shares(traffic, options.requirement)
         to_x, to_y = float(request.route_x[0, goal]), float(request.route_y[0, goal])
-        found += policy.departures(own, others, to_x, to_y, share)
-    return [Advisory(AdvisoryCode.OUTSIDE_DOMAIN, *departure) for departure in found]
+        outside += policy.departures(own, others, to_x, to_y, share)
+    return [Advisory(AdvisoryCode.OUTSIDE_DOMAIN, *departure) for departure in outside]
 
 
 def _traffic_quantities(
@@ -61,20 +61,22 @@ def _traffic_quantities(
     """Return the quantities of the operating domain (:mod:`agents.policy.domain`) that the traffic
     has, SI; distances are left out, because far intruders do not matter.
     """
-    reported = [one for one in intruders if isinstance(one, Intruder)]
+    reported = [intruder for intruder in intruders if isinstance(intruder, Intruder)]
     return {
         "intruders": [len(intruders)],
-        "intruder_speed": [_airspeed(one, wind) for one in intruders],
-        "intruder_turn_rate": [abs(one.turn_rate) for one in reported],
-        "intruder_separation": [one.separation for one in reported if one.separation is not None],
-        "position_std": [one.position_std for one in reported],
-        "velocity_std": [one.velocity_std for one in reported],
-        "latency": [one.age for one in reported],
+        "intruder_speed": [_airspeed(intruder, wind) for intruder in intruders],
+        "intruder_turn_rate": [abs(report.turn_rate) for report in reported],
+        "intruder_separation": [
+            report.separation for report in reported if report.separation is not None
+        ],
+        "position_std": [report.position_std for report in reported],
+        "velocity_std": [report.velocity_std for report in reported],
+        "latency": [report.age for report in reported],
     }
 
 
-def _airspeed(one: VehicleState[Ground] | Intruder[Ground], wind: Wind | None) -> float:
-    state = one.state if isinstance(one, Intruder) else one
+def _airspeed(intruder: VehicleState[Ground] | Intruder[Ground], wind: Wind | None) -> float:
+    state = intruder.state if isinstance(intruder, Intruder) else intruder
     return state.speed if wind is None else through_air(state, wind, 0.0).speed
 
 
@@ -89,11 +91,11 @@ def assumed_climbs(
     if own is None:
         return []
     compared = [
-        (number, one.altitude)
-        for number, one in enumerate(intruders)
-        if isinstance(one, Intruder)
-        and one.altitude is not None
-        and one.altitude.reference == own.reference
+        (number, intruder.altitude)
+        for number, intruder in enumerate(intruders)
+        if isinstance(intruder, Intruder)
+        and intruder.altitude is not None
+        and intruder.altitude.reference == own.reference
     ]
     fields = [
         Field(Subject.INTRUDERS, "altitude.vertical_speed", number)
@@ -119,15 +121,15 @@ def own_separations(
         "separation": options.requirement.separation,
         "vertical_separation": options.vertical_filter,
     }
-    found = []
-    for number, one in enumerate(intruders):
+    advisories = []
+    for number, intruder in enumerate(intruders):
         for name, others in usual.items():
-            metres = getattr(one, name, None)
+            metres = getattr(intruder, name, None)
             if metres is not None and metres != others:
                 what = f"is {metres:g} m, of the others {others:g} m"
                 field = Field(Subject.INTRUDERS, name, number)
-                found.append(Advisory(AdvisoryCode.OWN_SEPARATION, field, what))
-    return found
+                advisories.append(Advisory(AdvisoryCode.OWN_SEPARATION, field, what))
+    return advisories
 
 
 def skipped_points(
@@ -160,7 +162,7 @@ def skipped_points(
     )
     own_x = np.append(curves.x.ravel(), plan_states.x[0, -1])
     own_y = np.append(curves.y.ravel(), plan_states.y[0, -1])
-    found = []
+    advisories = []
     for point in passed:
         number = point if request.of_route is None else int(request.of_route[0, point])
         if not 0 <= number < BEYOND:
@@ -174,5 +176,7 @@ def skipped_points(
                 f"(waypoint {route[number].index}) is skipped: the plan comes no nearer to it than "
                 f"{away:.0f} m"
             )
-            found.append(Advisory(AdvisoryCode.SKIPPED, Field(Subject.ROUTE, number=number), what))
-    return found
+            advisories.append(
+                Advisory(AdvisoryCode.SKIPPED, Field(Subject.ROUTE, number=number), what)
+            )
+    return advisories

@@ -53,16 +53,18 @@ def unproven_exclusions(excluded: Sequence[Excluded], end: Waypoint) -> list[Rea
     """Return the intruders that are known to stay out of the way for less long than a plan lasts,
     which ends at a waypoint.
     """
-    found = []
-    for one in excluded:
-        if not end.time <= one.until:
+    reasons = []
+    for intruder in excluded:
+        if not end.time <= intruder.until:
             what = (
-                f"was left out until {one.until:.0f} s, expected until the plan's end at "
+                f"was left out until {intruder.until:.0f} s, expected until the plan's end at "
                 f"{end.time:.0f} s"
             )
             place = end.time, end.x, end.y
-            found.append(Reason.of(Kind.SEPARATION, f"intruders[{one.number}]", what, *place))
-    return found
+            reasons.append(
+                Reason.of(Kind.SEPARATION, f"intruders[{intruder.number}]", what, *place)
+            )
+    return reasons
 
 
 def _why_vertically_apart(
@@ -90,9 +92,9 @@ def _why_out_of_reach(
     speed = max(report.state.speed, options.aircraft.traffic_speed_max)
     fastest = max(own.speed, options.limits.speed_max) + SPEED_TOLERANCE
     spread = math.hypot(report.position_std, report.velocity_std * time)
-    wanted = options.requirement
-    separation = wanted.separation if report.separation is None else report.separation
-    required = separation + wanted.margin + wanted.sigmas * spread
+    requirement = options.requirement
+    separation = requirement.separation if report.separation is None else report.separation
+    required = separation + requirement.margin + requirement.sigmas * spread
     if away - speed * time - fastest * end <= required:
         return None
     return f"is {away / 1e3:.0f} km away, out of reach within {end:.0f} s"

@@ -182,29 +182,29 @@ def arrays_of_reports(reports: Sequence[Intruder[Air]]) -> tuple[Traffic, Array]
     """Return checked reports as arrays as of their own times, and their ages, s, ``[1, K]``."""
     rows = [
         _Report(
-            *one.state,
-            one.turn_rate,
-            one.turn_time,
-            one.position_std,
-            one.velocity_std,
-            one.age,
+            *report.state,
+            report.turn_rate,
+            report.turn_time,
+            report.position_std,
+            report.velocity_std,
+            report.age,
         )
-        for one in reports
+        for report in reports
     ]
     table = np.array(rows, dtype=float).reshape(len(rows), len(_Report._fields))
-    each = _Report(*table.T[:, None, :])
-    own = [math.nan if one.separation is None else one.separation for one in reports]
+    columns = _Report(*table.T[:, None, :])
+    own = [math.nan if report.separation is None else report.separation for report in reports]
     traffic = Traffic(
-        state=VehicleState(each.x, each.y, each.heading, each.speed),
+        state=VehicleState(columns.x, columns.y, columns.heading, columns.speed),
         mask=np.ones((1, len(rows)), dtype=bool),
-        turn_rate=each.turn_rate,
-        turn_time=each.turn_time,
-        position_std=each.position_std,
-        velocity_std=each.velocity_std,
-        age=0.0 * each.age,
+        turn_rate=columns.turn_rate,
+        turn_time=columns.turn_time,
+        position_std=columns.position_std,
+        velocity_std=columns.velocity_std,
+        age=0.0 * columns.age,
         separation=None if all(map(math.isnan, own)) else np.array([own], dtype=float),
     )
-    return traffic, each.age
+    return traffic, columns.age
 
 
 def windows(
@@ -213,13 +213,19 @@ def windows(
     """Return when checked reports count, ``[1, K]``; None: all of them always."""
     if own_altitude is None:
         return None
-    each = [
-        window(own_altitude, one.altitude, one.age, one.vertical(options), options.unknown_climb)
-        for one in reports
+    intervals = [
+        window(
+            own_altitude,
+            report.altitude,
+            report.age,
+            report.vertical(options),
+            options.unknown_climb,
+        )
+        for report in reports
     ]
     # What is known to never count was left out; where rounding says otherwise it counts.
-    each = [one if one[0] <= one[1] else ALWAYS for one in each]
-    if all(begin <= 0.0 and end == math.inf for begin, end in each):
+    intervals = [interval if interval[0] <= interval[1] else ALWAYS for interval in intervals]
+    if all(begin <= 0.0 and end == math.inf for begin, end in intervals):
         return None
-    begin, end = np.array(each, dtype=float).T[:, None, :]
+    begin, end = np.array(intervals, dtype=float).T[:, None, :]
     return Window(begin, end)

@@ -86,7 +86,7 @@ def check_request(
     blows = 0.0 if wind is None else wind.speed
     end = float(options.latest_end(state.speed, x, y, wind=blows))
     excluded = find_excluded(state, reports, own_altitude, end, options)
-    out = {one.number for one in excluded}
+    out = {intruder.number for intruder in excluded}
     counted = [number for number in range(len(reports)) if number not in out]
     request = Request(
         own=VehicleState(*(np.array([value]) for value in state)),

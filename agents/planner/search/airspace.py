@@ -56,23 +56,23 @@ def add_areas(
         RequestError: something is no area, or there are too many.
     """
     given = sequence(Field(Subject.AREAS), areas)
-    for number, one in enumerate(given):
-        if not isinstance(one, Area):
-            what = f"is {type(one).__name__}, expected an Area"
+    for number, area in enumerate(given):
+        if not isinstance(area, Area):
+            what = f"is {type(area).__name__}, expected an Area"
             raise RequestError(Field(Subject.AREAS, number=number), what)
     if len(given) > MOST:
         raise RequestError(Field(Subject.AREAS), f"are {len(given)}, expected {MOST} at most")
     if not given:
         return request, ()
-    seen = given if wind is None else [in_air(one, wind) for one in given]
+    air_areas = given if wind is None else [in_air(area, wind) for area in given]
     own: VehicleState[Air] = VehicleState(*(float(field[0]) for field in request.own))
-    near = _reachable_areas(seen, request, own, altitude, options)
+    near = _reachable_areas(air_areas, request, own, altitude, options)
     left, notes = request, list[Advisory]()
     if near:
         left, notes = _without_points_in(near, request, own, options)
         left = _with_points_round(near, left, own, options)
     if left is not request:  # its legs may be longer, and plans of it last longer
-        near = _reachable_areas(seen, left, own, altitude, options)
+        near = _reachable_areas(air_areas, left, own, altitude, options)
     if near:
         left = left._replace(areas=Shared(near))
     return left, (*_assumed_climb(given, altitude, options), *notes)
@@ -84,7 +84,7 @@ def _assumed_climb(
     """Return that the ownship's vertical speed is unknown, where heights of areas ask for it."""
     if altitude is None or altitude.vertical_speed is not None:
         return []
-    levels = [level for one in areas for level in (one.floor, one.ceiling) if level is not None]
+    levels = [level for area in areas for level in (area.floor, area.ceiling) if level is not None]
     if all(level.reference != altitude.reference for level in levels):
         return []
     return [assumed_climb(Field(Subject.OWN_ALTITUDE, "vertical_speed"), options)]
@@ -125,7 +125,7 @@ def _without_points_in(
     inside = np.flatnonzero(holder >= 0)
     if inside.size == 0:
         return request, []
-    by_number = {one.number: one for one in areas}
+    by_number = {active.number: active for active in areas}
     notes = [
         Advisory(
             AdvisoryCode.PASSED_OVER,
@@ -150,11 +150,11 @@ def _without_points_in(
     return left, notes
 
 
-def _where_forbidden(one: ActiveArea) -> str:
+def _where_forbidden(active: ActiveArea) -> str:
     """Return where a point lies that an area forbids."""
-    if one.area.keep is Keep.IN:
-        return f"lies outside of {label(one)} or in its clearance"
-    return f"lies in {label(one)} or its clearance"
+    if active.area.keep is Keep.IN:
+        return f"lies outside of {label(active)} or in its clearance"
+    return f"lies in {label(active)} or its clearance"
 
 
 def _with_points_round(
@@ -175,18 +175,18 @@ def _with_points_round(
     drift = float(np.sum(east)), float(np.sum(north))
     unit, latest = options.aircraft.separation, options.finished_by + _LATER
     sky = airspace(areas, own, options.requirement.margin, _PAD * unit, latest)
-    here, found, bent = Place(own.x, own.y, 0.0), list[tuple[float, float, int]](), False
+    here, points, bent = Place(own.x, own.y, 0.0), list[tuple[float, float, int]](), False
     for to_x, to_y, of in zip(x.tolist(), y.tolist(), number.tolist(), strict=True):
         way = sky.way(here, to_x, to_y, drift) if here.time < latest else []
         bent |= len(way) > 1
-        found += [(at.x - drift[0] * at.time, at.y - drift[1] * at.time, -1) for at in way[:-1]]
-        found.append((to_x, to_y, of))
+        points += [(at.x - drift[0] * at.time, at.y - drift[1] * at.time, -1) for at in way[:-1]]
+        points.append((to_x, to_y, of))
         here = way[-1] if way else sky.straight(here, to_x, to_y, drift)
     if not bent:
         return request
-    route_x, route_y, of_route = (np.array([each]) for each in zip(*found, strict=True))
+    route_x, route_y, of_route = (np.array([column]) for column in zip(*points, strict=True))
     return request._replace(
-        route_x=route_x, route_y=route_y, points=np.array([len(found)]), of_route=of_route
+        route_x=route_x, route_y=route_y, points=np.array([len(points)]), of_route=of_route
     )
 
 
@@ -229,9 +229,11 @@ def _holders(areas: Sequence[ActiveArea], x: Array, y: Array, time: Array, margi
     """Return the number of the first area in which places lie at some times, s, or nearer to it
     than its clearance; -1: none; ``[M]``.
     """
-    found = np.full(np.shape(x), -1)
-    for one in reversed(areas):
-        away = signed_distance(one.area, x, y, time)
-        inside = (away < one.area.clearance + margin) & (one.begin <= time) & (time <= one.end)
-        found[inside] = one.number
-    return found
+    holder = np.full(np.shape(x), -1)
+    for active in reversed(areas):
+        away = signed_distance(active.area, x, y, time)
+        inside = (
+            (away < active.area.clearance + margin) & (active.begin <= time) & (time <= active.end)
+        )
+        holder[inside] = active.number
+    return holder

@@ -84,21 +84,21 @@ def _least(
     ``[M, P]``, of requests ``of``: m, ``[M, P - 1]``.
     """
     x, y, when = places
-    found = np.full((x.shape[0], x.shape[1] - 1), np.inf)
+    least = np.full((x.shape[0], x.shape[1] - 1), np.inf)
     first, last = when[:, :-1].ravel(), when[:, 1:].ravel()
-    for one, distance in zip(areas, required, strict=True):
-        if not np.any((first <= one.end) & (last >= one.begin)):
+    for active, distance in zip(areas, required, strict=True):
+        if not np.any((first <= active.end) & (last >= active.begin)):
             continue
-        at_x, at_y = own_frame(one.area, x, y, when)
+        at_x, at_y = own_frame(active.area, x, y, when)
         parts = Parts(
             *(field.ravel() for field in (at_x[:, :-1], at_y[:, :-1], at_x[:, 1:], at_y[:, 1:]))
         )
         need = distance[of].repeat(x.shape[1] - 1)
-        grown = np.minimum(gain(one.area) * first, gain(one.area) * last)
-        away = chord_distances(one.area, parts, need - grown).bound + grown - need
-        away = np.where((first <= one.end) & (last >= one.begin), away, np.inf)
-        np.minimum(found, away.reshape(found.shape), out=found)
-    return found
+        grown = np.minimum(gain(active.area) * first, gain(active.area) * last)
+        away = chord_distances(active.area, parts, need - grown).bound + grown - need
+        away = np.where((first <= active.end) & (last >= active.begin), away, np.inf)
+        np.minimum(least, away.reshape(least.shape), out=least)
+    return least
 
 
 class AreasOfOne(NamedTuple):

@@ -181,5 +181,5 @@ def _merits(plans: Proposals) -> tuple[Array, Array, Array]:
     """Return what plans are compared by, less is better: cost of safe ones, else clearance;
     legality; safety.
     """
-    safe, found = plans.safe, plans.findings
-    return np.where(safe, plans.cost + plans.rejoining, -found.clearance), ~found.legal, ~safe
+    safe, findings = plans.safe, plans.findings
+    return np.where(safe, plans.cost + plans.rejoining, -findings.clearance), ~findings.legal, ~safe

@@ -258,13 +258,13 @@ def _pieces(count: int, legs: _Legs, task: DirectTask, *, level: bool) -> list[A
     gain = np.where(faster, task.limits.acceleration_max, 0.0)
     turn_rate = np.sign(leg.arc) * task.turn_rate
     middle = _turn(leg.begin, leg.arc, task.turn_rate)
-    found = [
+    pieces = [
         _Piece(leg.began, *leg.begin, turn_rate, none),
         _Piece(leg.turned, *middle, none, gain),
     ]
     if level:
-        found.append(_level_piece(leg, middle, task))
-    return [_spread(count, legs.tail, piece) for piece in found]
+        pieces.append(_level_piece(leg, middle, task))
+    return [_spread(count, legs.tail, piece) for piece in pieces]
 
 
 def _level_piece(leg: Leg, middle: VehicleState[Air], task: DirectTask) -> _Piece:
@@ -321,8 +321,8 @@ def _read_off(
     begun = parts.begin[:, None] <= times[:, None]
     any_begun = begun.any(axis=-1)
     number = np.where(any_begun, begun.shape[-1] - 1 - np.argmax(begun[..., ::-1], axis=-1), 0)
-    each = np.arange(row.size)[:, None]
-    part = _Piece(*(field[each, number] for field in parts))
+    rows = np.arange(row.size)[:, None]
+    part = _Piece(*(field[rows, number] for field in parts))
     seconds = np.where(any_begun, times - part.begin, 0.0)
     arc = part.turn_rate * seconds
     began: VehicleState[Air] = VehicleState(part.x, part.y, part.heading, part.speed)

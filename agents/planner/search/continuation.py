@@ -74,31 +74,31 @@ class RouteBeyond(NamedTuple):
         if self.order is None:
             return self._clear_of(flown, required, owner, np.arange(required.shape[-1])[None])
         # The nearest block most ways: the others are looked at where those do not.
-        found = self._clear_of(flown, required, owner, self.order[owner, :CROWD])
-        rows = np.flatnonzero(found)
+        clear = self._clear_of(flown, required, owner, self.order[owner, :CROWD])
+        rows = np.flatnonzero(clear)
         if rows.size:
             some, least, of = take((flown, required, owner), rows)
-            found[rows] = self._clear_of(some, least, of, self.order[of, CROWD:])
-        return found
+            clear[rows] = self._clear_of(some, least, of, self.order[of, CROWD:])
+        return clear
 
-    def _clear_of(self, flown: "_Lines", required: Array, owner: Array, each: Array) -> Array:
-        """Return whether flights keep clear of the intruders numbered ``each``, ``[R, k]``, bool
-        ``[R]``.
+    def _clear_of(self, flown: "_Lines", required: Array, owner: Array, numbers: Array) -> Array:
+        """Return whether flights keep clear of the intruders with these ``numbers``, ``[R, k]``,
+        bool ``[R]``.
         """
-        passing = self._pass(flown, owner, each)
-        needed = required[np.arange(owner.size)[:, None], each][:, None]
+        passing = self._pass(flown, owner, numbers)
+        needed = required[np.arange(owner.size)[:, None], numbers][:, None]
         if self.traffic.velocity_std.any():
-            seen = take(self.traffic, (owner[:, None, None], each[:, None]))
-            growth = uncertainty(seen, passing.last) - uncertainty(seen, 0.0)
+            traffic = take(self.traffic, (owner[:, None, None], numbers[:, None]))
+            growth = uncertainty(traffic, passing.last) - uncertainty(traffic, 0.0)
             needed = needed + self.sigmas * growth
         near = passing.square < needed * np.abs(needed)
         return ~(near & (passing.last > passing.first)).any(axis=(1, 2))
 
-    def _pass(self, flown: "_Lines", owner: Array, each: Array) -> "_Passing":
-        """Return how flights pass the intruders numbered ``each``, ``[R, k]``."""
+    def _pass(self, flown: "_Lines", owner: Array, numbers: Array) -> "_Passing":
+        """Return how flights pass the intruders with these ``numbers``, ``[R, k]``."""
         begin = first = flown.first[..., None]
         last = flown.last[..., None]
-        number = owner[:, None, None], each[:, None]
+        number = owner[:, None, None], numbers[:, None]
         if self.traffic.window is not None:
             counts = take(self.traffic.window, number)
             first, last = np.maximum(first, counts.begin), np.minimum(last, counts.end)
@@ -376,15 +376,15 @@ def route_beyond(
     route_x, route_y = aim_point(
         own, (request.route_x, request.route_y), drift, options.finished_by, np
     )
-    each = [
+    routes = [
         _legs_of(route_x[row, first:last], route_y[row, first:last])
         for row, (first, last) in enumerate(zip(after, request.points, strict=True))
     ]
-    most = max(len(legs) for legs, _ in each)
+    most = max(len(legs) for legs, _ in routes)
     legs = RouteLegs(*np.zeros((len(RouteLegs._fields), goal.size, most)))
     points = np.full(route_x.shape, np.inf)
-    for row, (found, along) in enumerate(each):
-        for number, leg in enumerate(found):
+    for row, (route_legs, along) in enumerate(routes):
+        for number, leg in enumerate(route_legs):
             scatter(legs, (row, number), leg)
         points[row, : len(along)] = along
     traffic = request.traffic
@@ -393,7 +393,7 @@ def route_beyond(
     straight = turned._replace(
         x=turned.x - vx * traffic.turn_time, y=turned.y - vy * traffic.turn_time
     )
-    found = RouteBeyond(
+    route = RouteBeyond(
         legs=legs,
         next_x=route_x[rows, after],
         next_y=route_y[rows, after],
@@ -405,9 +405,9 @@ def route_beyond(
         until=options.finished_by,
     )
     if not ordered or traffic.mask.shape[-1] <= CROWD:
-        return found
+        return route
     to = route_x[rows, goal], route_y[rows, goal]
-    return found._replace(order=found.nearest_first(request.own, to, task_of(options)))
+    return route._replace(order=route.nearest_first(request.own, to, task_of(options)))
 
 
 def _legs_of(x: Array, y: Array) -> tuple[list[RouteLegs], Array]:
@@ -415,10 +415,10 @@ def _legs_of(x: Array, y: Array) -> tuple[list[RouteLegs], Array]:
     lengths = np.hypot(np.diff(x), np.diff(y))
     along = np.concatenate([[0.0], np.cumsum(lengths)])
     courses = np.arctan2(np.diff(y), np.diff(x))
-    found: list[RouteLegs] = []
+    legs: list[RouteLegs] = []
     for number, (course, length) in enumerate(zip(courses, lengths, strict=True)):
-        if found and abs(math.remainder(course - found[-1].course, math.tau)) < _STRAIGHT:
-            found[-1] = found[-1]._replace(length=found[-1].length + length)
+        if legs and abs(math.remainder(course - legs[-1].course, math.tau)) < _STRAIGHT:
+            legs[-1] = legs[-1]._replace(length=legs[-1].length + length)
         else:
-            found.append(RouteLegs(x[number], y[number], course, along[number], length))
-    return found, along
+            legs.append(RouteLegs(x[number], y[number], course, along[number], length))
+    return legs, along

@@ -103,8 +103,8 @@ class Airspace(NamedTuple):
         it.
         """
         own: VehicleState[Air] = VehicleState(here.x, here.y, 0.0, self.speed)
-        now = x + drift[0] * here.time, y + drift[1] * here.time
-        there_x, there_y = aim_point(own, now, drift, self.latest - here.time, FLOATS)
+        current = x + drift[0] * here.time, y + drift[1] * here.time
+        there_x, there_y = aim_point(own, current, drift, self.latest - here.time, FLOATS)
         lasts = math.hypot(there_x - here.x, there_y - here.y) / self.speed
         return Place(there_x, there_y, here.time + lasts)
 
@@ -116,37 +116,39 @@ class Airspace(NamedTuple):
         own: VehicleState[Air] = VehicleState(
             here.x * same, here.y * same, 0.0 * same, self.speed * same
         )
-        now = to[0] + velocity[0] * here.time, to[1] + velocity[1] * here.time
-        x, y = aim_point(own, now, velocity, self.latest - here.time, np)
+        current = to[0] + velocity[0] * here.time, to[1] + velocity[1] * here.time
+        x, y = aim_point(own, current, velocity, self.latest - here.time, np)
         return x, y, here.time + np.hypot(x - here.x, y - here.y) / self.speed
 
     def clear(self, here: Place, x: Array, y: Array, arrival: Array) -> Array:
         """Return whether straight flights from a place keep clear of all areas, ``[M]``."""
-        found = np.ones(x.shape, dtype=bool)
+        keeps_clear = np.ones(x.shape, dtype=bool)
         if KEEP_CLEAR.ready:
-            KEEP_CLEAR(here, x, y, arrival, *self.flat, found)
-            return found
-        for one, need in zip(self.areas, self.need, strict=True):
-            rows = np.flatnonzero(found & (arrival >= one.begin) & (here.time <= one.end))
+            KEEP_CLEAR(here, x, y, arrival, *self.flat, keeps_clear)
+            return keeps_clear
+        for active, need in zip(self.areas, self.need, strict=True):
+            rows = np.flatnonzero(
+                keeps_clear & (arrival >= active.begin) & (here.time <= active.end)
+            )
             if rows.size == 0:
                 continue
-            start = own_frame(one.area, here.x, here.y, here.time)
-            end_x, end_y = own_frame(one.area, x[rows], y[rows], arrival[rows])
+            start = own_frame(active.area, here.x, here.y, here.time)
+            end_x, end_y = own_frame(active.area, x[rows], y[rows], arrival[rows])
             begin_x, begin_y = (np.full(rows.size, value) for value in start)
             parts = Parts(begin_x, begin_y, end_x, end_y)
-            grown = np.minimum(gain(one.area) * here.time, gain(one.area) * arrival[rows])
+            grown = np.minimum(gain(active.area) * here.time, gain(active.area) * arrival[rows])
             clear = np.zeros(rows.size, dtype=bool)
-            if one.area.keep is Keep.OUT:
+            if active.area.keep is Keep.OUT:
                 # The rectangle around an area is far away more cheaply.
-                away = box_distance(one.area, parts)
+                away = box_distance(active.area, parts)
                 clear = (away > 0.0) & (away + grown >= need)
             near = np.flatnonzero(~clear)
             if near.size:
                 some, gained = take((parts, grown), near)
-                bound = chord_distances(one.area, some, need - gained).bound
+                bound = chord_distances(active.area, some, need - gained).bound
                 clear[near] = bound + gained >= need
-            found[rows] = clear
-        return found
+            keeps_clear[rows] = clear
+        return keeps_clear
 
 
 def airspace(
@@ -161,27 +163,29 @@ def airspace(
         pad: by how much farther the rings are, m.
         latest: time of the last waypoint at most, s.
     """
-    need = [float(required_distances(one, own.x, own.y, margin)) for one in areas]
-    rings = [_points(one, own, one.area.clearance + margin + pad) for one in areas]
+    need = [float(required_distances(active, own.x, own.y, margin)) for active in areas]
+    rings = [_points(active, own, active.area.clearance + margin + pad) for active in areas]
     x, y = (np.concatenate([part[axis] for part in rings]) for axis in (0, 1))
     east, north = (
         np.concatenate(
             [
-                np.full(part[0].size, one.area.velocity[axis])
-                for part, one in zip(rings, areas, strict=True)
+                np.full(part[0].size, active.area.velocity[axis])
+                for part, active in zip(rings, areas, strict=True)
             ]
         )
         for axis in (0, 1)
     )
     need = [least + 0.5 * pad if least > margin else least for least in need]
-    begin, end = (np.array([getattr(one, name) for one in areas]) for name in ("begin", "end"))
+    begin, end = (
+        np.array([getattr(active, name) for active in areas]) for name in ("begin", "end")
+    )
     return Airspace(
         areas=tuple(areas),
         need=tuple(need),
         rings=Rings(x, y, east, north),
         speed=max(own.speed, 1.0),
         latest=latest,
-        flat=flat([one.area for one in areas], begin, end, np.array(need)),
+        flat=flat([active.area for active in areas], begin, end, np.array(need)),
     )
 
 
@@ -236,9 +240,9 @@ def _back(at: int, came: dict[int, int], places: dict[int, Place]) -> list[Place
     return way[::-1]
 
 
-def _points(one: ActiveArea, own: VehicleState[Air], away: float) -> tuple[Array, Array]:
+def _points(active: ActiveArea, own: VehicleState[Air], away: float) -> tuple[Array, Array]:
     """Return points about an area from which its edges can be gone round, m."""
-    shape = one.area.shape
+    shape = active.area.shape
     if isinstance(shape, Circle):
         ring = np.array([[shape.x, shape.y]])
         away += shape.radius
@@ -247,13 +251,13 @@ def _points(one: ActiveArea, own: VehicleState[Air], away: float) -> tuple[Array
     # As large as it will be when it can be reached.
     centre = ring.mean(axis=0)
     soon = math.hypot(centre[0] - own.x, centre[1] - own.y) / max(own.speed, 1.0)
-    away += max(abs(gain(one.area)) * min(max(soon, one.begin), one.end), 0.0)
-    if one.area.keep is Keep.OUT:
+    away += max(abs(gain(active.area)) * min(max(soon, active.begin), active.end), 0.0)
+    if active.area.keep is Keep.OUT:
         return _around(ring, away)
     if isinstance(shape, Circle):  # within a disc the straight way stays within
         return np.empty(0), np.empty(0)
-    found = [_corners(shape, away), *(_around(np.array(hole), away) for hole in shape.holes)]
-    return np.concatenate([x for x, _ in found]), np.concatenate([y for _, y in found])
+    rings = [_corners(shape, away), *(_around(np.array(hole), away) for hole in shape.holes)]
+    return np.concatenate([x for x, _ in rings]), np.concatenate([y for _, y in rings])
 
 
 def _around(points: Array, away: float) -> tuple[Array, Array]:

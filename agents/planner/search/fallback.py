@@ -61,7 +61,7 @@ def search(
     last = replace(options, manoeuvre=aggressive_limits(options))
     stages = [(_FIRST, options, _SOON), (_SEEDS, last, _SOON)]
     stages += [(STAGES[3], last, np.inf)] if options.exhaustive else []
-    for stage, wanted, longest in stages[which]:
+    for stage, stage_options, longest in stages[which]:
         effort = Effort(
             least=_HOPELESS * aircraft.separation,
             good=options.smoothing,
@@ -72,7 +72,7 @@ def search(
         for part in _parts(np.flatnonzero(~best.safe), stage.turn.size):
             if budget.ends("fallback"):
                 return best
-            _improve(best, part, request, goal, scale(stage, aircraft), wanted, effort)
+            _improve(best, part, request, goal, scale(stage, aircraft), stage_options, effort)
     return best
 
 
@@ -109,11 +109,11 @@ def _promising(history: Array, index: int, within: float) -> Array:
     ``[n, rounds]``: those are within reach of a safe plan, and the latest rounds brought them
     nearer.
     """
-    now = history[:, index]
-    promising = now >= -within
+    latest = history[:, index]
+    promising = latest >= -within
     if index >= _PATIENCE:
         before = history[:, index - _PATIENCE]
-        promising &= now - before >= _PROGRESS * -before
+        promising &= latest - before >= _PROGRESS * -before
     return promising
 
 
@@ -121,10 +121,10 @@ def _elites(turn: Array, scores: Array) -> Array:
     """Return the numbers of the best manoeuvres ``[n, ELITES]``, half to each side, or all would
     soon turn to one.
     """
-    each = ELITES // 2
+    half = ELITES // 2
     sides = (np.where(side, scores, scores - 1e9) for side in (turn >= 0.0, turn < 0.0))
     return np.concatenate(
-        [np.argsort(-side, axis=-1, kind="stable")[:, :each] for side in sides], axis=-1
+        [np.argsort(-side, axis=-1, kind="stable")[:, :half] for side in sides], axis=-1
     )
 
 
@@ -180,8 +180,8 @@ def _improve(
     """Fly a stage of the family for the requests numbered ``part``, and note the best plans that
     its most promising manoeuvres become.
     """
-    each, reversal = stage.turn.size, REVERSAL_WEIGHT * options.aircraft.separation
-    request, goal, which = take(request, part), goal[part], np.repeat(np.arange(part.size), each)
+    count, reversal = stage.turn.size, REVERSAL_WEIGHT * options.aircraft.separation
+    request, goal, which = take(request, part), goal[part], np.repeat(np.arange(part.size), count)
     family = Manoeuvre(*(np.tile(field, part.size) for field in stage))
     rollout, clearance = fly_out(request, goal, which, family, options, effort)
     arrived = np.isfinite(rollout.time) & (clearance >= effort.least)
@@ -196,9 +196,9 @@ def _improve(
         + reversal * rollout.reversals
     )
     cost = np.where(arrived, cost + 20.0 * np.maximum(options.smoothing - clearance, 0.0), np.inf)
-    picked = np.zeros((part.size, each), dtype=bool)
+    picked = np.zeros((part.size, count), dtype=bool)
     for order, most in ((cost, _CHEAPEST), (np.where(arrived, -clearance, np.inf), _CLEAREST)):
-        ranked = np.round(order.reshape(-1, each), _DECIMALS)
+        ranked = np.round(order.reshape(-1, count), _DECIMALS)
         first = np.argsort(ranked, axis=-1, kind="stable")[:, :most]
         np.put_along_axis(picked, first, True, axis=-1)
     rows = np.flatnonzero(picked.ravel() & arrived)
@@ -208,7 +208,7 @@ def _improve(
         keep_best(best, part[owners], plans)
 
 
-def _parts(rows: Array, each: int) -> list[Array]:
+def _parts(rows: Array, count: int) -> list[Array]:
     """Return rows in parts of which so many manoeuvres each are in the air at once."""
-    size = max(_BLOCK // each, 1)
+    size = max(_BLOCK // count, 1)
     return [rows[first : first + size] for first in range(0, rows.size, size)]

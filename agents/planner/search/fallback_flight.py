@@ -10,7 +10,7 @@ from agents.kernel.areas import required_distances
 from agents.kernel.traffic import predict, requirement_of, uncertainty, within_window
 from agents.manoeuvres.direct_to_goal import EVERY, clear
 from agents.manoeuvres.escape_manoeuvre import Manoeuvre
-from agents.manoeuvres.simulator import Departure, Effort, Landed, fly_until_clear
+from agents.manoeuvres.simulator import Departure, Effort, Finished, fly_until_clear
 from agents.planner.request.options import Narrowed, Options, task_of
 from agents.planner.request.request import Request, drift_points
 from agents.planner.search import areas_ahead
@@ -60,11 +60,11 @@ def fly_out(
             *fly_one_out(request, goal, manoeuvre, options, effort, stride, last, spacing)
         )
     around = _RequestSurroundings(request, goal, options, last)
-    landed = fly_until_clear(
+    finished = fly_until_clear(
         request.own, which, manoeuvre, around, effort, stride, task.until, task.limits
     )
-    found = _rollout(landed, task.limits, stride, spacing)
-    return ManoeuvreFlights(found, landed.clearance)
+    rollout = _rollout(finished, task.limits, stride, spacing)
+    return ManoeuvreFlights(rollout, finished.clearance)
 
 
 class _RequestSurroundings:
@@ -82,7 +82,7 @@ class _RequestSurroundings:
         self._areas = () if request.areas is None else request.areas.value
         own, margin = request.own, options.requirement.margin
         # From each area, m, [N].
-        self._off = [required_distances(one, own.x, own.y, margin) for one in self._areas]
+        self._off = [required_distances(area, own.x, own.y, margin) for area in self._areas]
         self._goal = request.route_x[number, goal], request.route_y[number, goal]
         times = np.arange(last + 2)[:, None, None] * self._stride
         # By how much the required distance grows until the end of each stride, m, [S, N, K].
@@ -115,14 +115,14 @@ class _RequestSurroundings:
         time, drift = departure.stride * self._stride, take(self._request.drift, departure.owner)
         place = drift_points(take(self._goal, departure.owner), drift, time)
         aim = aim_point(departure.own, place, drift, self._task.until, np)
-        found = self._clear_of_traffic(departure, aim)
-        if self._areas and found.any():
-            rows = np.flatnonzero(found)
+        free = self._clear_of_traffic(departure, aim)
+        if self._areas and free.any():
+            rows = np.flatnonzero(free)
             own, to, when, owner = take((departure.own, aim, time, departure.owner), rows)
-            found[rows] = areas_ahead.way_clear(
+            free[rows] = areas_ahead.way_clear(
                 self._areas, self._off, own, to, when, owner, self._task
             )
-        return found
+        return free
 
     def _clear_of_traffic(self, departure: Departure, aim: tuple[Array, Array]) -> Array:
         """Return whether direct routes keep clear of all intruders, bool ``[R]``.
@@ -131,34 +131,36 @@ class _RequestSurroundings:
         are looked at where those do not.
         """
         if self._order is None:
-            found = self._clear_of_some(departure, aim, np.arange(self.intruders)[None])
+            free = self._clear_of_some(departure, aim, np.arange(self.intruders)[None])
         else:
-            found = self._clear_of_some(departure, aim, self._order[departure.owner, :CROWD])
-        rows = np.flatnonzero(found)
+            free = self._clear_of_some(departure, aim, self._order[departure.owner, :CROWD])
+        rows = np.flatnonzero(free)
         if rows.size:
-            found[rows] = self._clear_beyond(*take((departure, aim), rows))
+            free[rows] = self._clear_beyond(*take((departure, aim), rows))
         if self._order is not None:
             # The validator looks at all: the search may be wrong about those far from the flight.
-            rows = np.flatnonzero(found)
+            rows = np.flatnonzero(free)
             left, to = take((departure, aim), rows)
             next_ones = self._order[left.owner, CROWD:_NEAREST]
-            found[rows] = self._clear_of_some(left, to, next_ones)
-        return found
+            free[rows] = self._clear_of_some(left, to, next_ones)
+        return free
 
-    def _clear_of_some(self, departure: Departure, aim: tuple[Array, Array], each: Array) -> Array:
-        """Return whether direct routes keep clear of the intruders numbered ``each``, ``[R, k]``,
-        bool ``[R]``.
+    def _clear_of_some(
+        self, departure: Departure, aim: tuple[Array, Array], numbers: Array
+    ) -> Array:
+        """Return whether direct routes keep clear of the intruders with these ``numbers``,
+        bool ``[R]``; numbers ``[R, k]``.
         """
         at, of, slack = column((departure.stride, departure.owner, departure.slack))
-        required = self._required[of, each] + slack
+        required = self._required[of, numbers] + slack
         if self._growth is not None:
             last = len(self._growth) - 1
-            required = required + self._growth[np.minimum(at + LATER, last), of, each]
+            required = required + self._growth[np.minimum(at + LATER, last), of, numbers]
         own, goal = column((departure.own, aim))
-        seen = take(self._others, (at, of, each))
-        window = take(self._request.traffic.window, (of, each))
+        others = take(self._others, (at, of, numbers))
+        window = take(self._request.traffic.window, (of, numbers))
         time = at * self._stride
-        each_clear = clear(own, goal, seen, required, time, self._task, np, window)
+        each_clear = clear(own, goal, others, required, time, self._task, np, window)
         return np.all(each_clear, axis=-1)
 
     def _clear_beyond(self, departure: Departure, aim: tuple[Array, Array]) -> Array:
@@ -172,25 +174,25 @@ class _RequestSurroundings:
         ``[S, M]``, to intruders and areas.
         """
         if self._order is None:
-            found = self._clearance_of_all(flown, first, owner)
+            clearance = self._clearance_of_all(flown, first, owner)
         else:
-            found = self._clearance_of_near(flown, first, owner)
+            clearance = self._clearance_of_near(flown, first, owner)
         if not self._areas:
-            return found
+            return clearance
         times = np.arange(first, first + len(flown.x)) * self._stride
         of_areas = areas_ahead.clearance(self._areas, self._off, flown, times, owner)
-        return np.minimum(found, of_areas)
+        return np.minimum(clearance, of_areas)
 
     def _clearance_of_all(self, flown: VehicleState[Air], first: int, owner: Array) -> Array:
         """Return the least clearance from any intruder, m, ``[S, M]``."""
         count = len(flown.x) - 1
         # The intruders of a single request are seen by all of its manoeuvres.
         of = slice(None) if len(self._required) == 1 else owner
-        own, seen = (
+        own, others = (
             take(flown, (..., None)),
             take(self._others, (slice(first, first + count + 1), of)),
         )
-        clearance = self._stride_separation(own, seen) - self._required[of]
+        clearance = self._stride_separation(own, others) - self._required[of]
         if self._growth is not None:
             clearance = clearance - self._growth[first : first + count, of]
         if self._counted is not None:
@@ -210,25 +212,25 @@ class _RequestSurroundings:
         growth = 0.0 if self._growth is None else self._growth[first + count - 1, owner]
         near = away - count * self._stride * quickest - required - growth <= self._enough
         flight, k = np.nonzero(near & (required > -np.inf))
-        found = np.full((count, owner.size), self._enough)
+        clearances = np.full((count, owner.size), self._enough)
         if flight.size == 0:
-            return found
+            return clearances
         of, strides = owner[flight], slice(first, first + count)
         own = take(flown, (slice(None), flight))
-        seen = take(self._others, (slice(first, first + count + 1), of, k))
-        clearance = self._stride_separation(own, seen) - self._required[of, k]
+        tracks = take(self._others, (slice(first, first + count + 1), of, k))
+        clearance = self._stride_separation(own, tracks) - self._required[of, k]
         if self._growth is not None:
             clearance = clearance - self._growth[strides, of, k]
         if self._counted is not None:
             clearance = np.where(self._counted[strides, of, k], clearance, np.inf)
         begins = np.flatnonzero(np.diff(flight, prepend=-1))
         least = np.minimum.reduceat(clearance, begins, axis=1)
-        found[:, flight[begins]] = np.minimum(least, self._enough)
-        return found
+        clearances[:, flight[begins]] = np.minimum(least, self._enough)
+        return clearances
 
-    def _stride_separation(self, own: VehicleState[Air], seen: VehicleState[Air]) -> Array:
+    def _stride_separation(self, own: VehicleState[Air], others: VehicleState[Air]) -> Array:
         """Return the smallest distances in each stride between states at their ends, m."""
-        before, after = take((own, seen), slice(-1)), take((own, seen), slice(1, None))
+        before, after = take((own, others), slice(-1)), take((own, others), slice(1, None))
         return leg_separation(before[0], after[0], before[1], after[1], self._stride, np)
 
     def _nearest_first(self, times: Array) -> Array:
@@ -247,9 +249,9 @@ class _RequestSurroundings:
         return np.argsort(away.min(axis=0) - self._required, axis=-1, kind="stable")
 
 
-def _rollout(landed: Landed, limits: Limits, stride: float, spacing: int) -> Rollout:
+def _rollout(finished: Finished, limits: Limits, stride: float, spacing: int) -> Rollout:
     """Return manoeuvres with plan states every so many strides; all of them are direct."""
-    states, end, returned = landed.states, landed.end, landed.returned
+    states, end, returned = finished.states, finished.end, finished.returned
     strides, rows = np.arange(len(states.x))[:, None], np.arange(end.size)
     none, speed = np.zeros((1, rows.size)), states.speed
     turned = wrap(np.diff(states.heading, axis=0), np)

@@ -74,7 +74,7 @@ def leg_to(
     turned = began + np.abs(arc) / task.turn_rate
     disc = xp.where(onward.direct, disc, turn.length)
     straight = xp.maximum(turn.length - disc, 0.0)
-    wanted, in_time = end_speed(straight, begin.speed, task.until - turned, task.limits, xp)
+    speed, in_time = end_speed(straight, begin.speed, task.until - turned, task.limits, xp)
     return Leg(
         x,
         y,
@@ -86,7 +86,7 @@ def leg_to(
         turn.possible,
         turned,
         disc,
-        xp.where(onward.direct, wanted, begin.speed),
+        xp.where(onward.direct, speed, begin.speed),
         xp.logical_or(in_time, xp.logical_not(onward.direct)),
     )
 
@@ -152,10 +152,10 @@ def end_of(leg: Leg, task: DirectTask) -> Array:
 
 
 @scalar
-def duration(length: Array, speed: Array, wanted: Array, task: DirectTask) -> Array:
+def duration(length: Array, speed: Array, final: Array, task: DirectTask) -> Array:
     """Return the time for a length, s: accelerating from a speed to another, then holding that."""
-    rise = (wanted - speed) / task.limits.acceleration_max
-    return rise + (length - 0.5 * (speed + wanted) * rise) / wanted
+    rise = (final - speed) / task.limits.acceleration_max
+    return rise + (length - 0.5 * (speed + final) * rise) / final
 
 
 @scalar

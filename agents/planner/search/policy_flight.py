@@ -151,8 +151,8 @@ def fly(
             return DIRECT, step, Flight(state, path, turn_sign, reversals)
         if step == course.steps:
             return OUT_OF_TIME, step, Flight(state, path, turn_sign, reversals)
-        seen, share = _states_of(looked_at, time, intruders)
-        throttle, steering = decide(state, seen, share, aim[0], aim[1], decider)
+        others, share = _states_of(looked_at, time, intruders)
+        throttle, steering = decide(state, others, share, aim[0], aim[1], decider)
         if not (math.isfinite(throttle) and math.isfinite(steering)):
             return NOT_FINITE, step, Flight(state, path, turn_sign, reversals)
         acceleration, yaw_rate = commands((throttle, steering), limits, FLOATS)

@@ -96,28 +96,28 @@ def roll(
     task, dt, spacing = task_of(options), options.aircraft.dt, options.spacing
     steps = int(task.until / dt + 1e-9)
     result = _empty(rows.size, steps // spacing + 1)
-    now = _begin(request, to, required_range, policy, options)
+    underway = _begin(request, to, required_range, policy, options)
     for step in range(steps + 1):
-        time, flight = step * dt, now.flight
+        time, flight = step * dt, underway.flight
         if step % spacing == 0:
-            scatter(result.plan_states, (now.rows, step // spacing), flight.state)
-        seen = predict(now.traffic, time)
-        place = drift_points(now.goal, now.drift, time)
+            scatter(result.plan_states, (underway.rows, step // spacing), flight.state)
+        others = predict(underway.traffic, time)
+        place = drift_points(underway.goal, underway.drift, time)
         away = distance(place[0] - flight.state.x, place[1] - flight.state.y, np)
         arrived = away <= task.radius
-        ended, aim = arrived, aim_point(flight.state, place, now.drift, task.until - time, np)
+        ended, aim = arrived, aim_point(flight.state, place, underway.drift, task.until - time, np)
         if options.direct and step % EVERY == 0:
-            ended = ended | _clear_beyond(now, aim, seen, rest, time, task)
+            ended = ended | _clear_beyond(underway, aim, others, rest, time, task)
         if ended.any():
-            _note_end(result, now.rows[ended], take(flight, ended), time, ~arrived[ended])
-            now, seen, aim = take((now, seen, aim), ~ended)
-        if now.rows.size == 0 or step == steps:
+            _note_end(result, underway.rows[ended], take(flight, ended), time, ~arrived[ended])
+            underway, others, aim = take((underway, others, aim), ~ended)
+        if underway.rows.size == 0 or step == steps:
             break
         if traffic.mask.shape[-1] > policy.most and step % EVERY == 0:
-            present = _present(now, time)
-            chosen = policy.most_critical(now.flight.state, seen, present, now.share)
-            now = now._replace(chosen=chosen)
-        now = now._replace(flight=_fly(now, seen, aim, time, policy, options))
+            present = _present(underway, time)
+            chosen = policy.most_critical(underway.flight.state, others, present, underway.share)
+            underway = underway._replace(chosen=chosen)
+        underway = underway._replace(flight=_fly(underway, others, aim, time, policy, options))
     return result
 
 
@@ -146,13 +146,13 @@ def _begin(
     )
 
 
-def _present(now: _Underway, time: float) -> Array:
+def _present(underway: _Underway, time: float) -> Array:
     """Return which intruders the policy sees at a time, bool ``[M, K]``."""
-    return now.traffic.mask & visible(now.traffic.window, time)
+    return underway.traffic.mask & visible(underway.traffic.window, time)
 
 
 def _fly(
-    now: _Underway,
+    underway: _Underway,
     traffic: VehicleState[Air],
     aim: tuple[Array, Array],
     time: float,
@@ -160,13 +160,13 @@ def _fly(
     options: Options[Narrowed],
 ) -> Flight:
     """Return the flights after one time step of the policy's."""
-    limits, dt, before = options.manoeuvre, options.aircraft.dt, now.flight
-    seen, mask, share = traffic, _present(now, time), now.share
-    if now.traffic.mask.shape[-1] > policy.most:
-        seen, mask, share = map_leaves(
-            lambda field: np.take_along_axis(field, now.chosen, axis=-1), (seen, mask, share)
+    limits, dt, before = options.manoeuvre, options.aircraft.dt, underway.flight
+    others, mask, share = traffic, _present(underway, time), underway.share
+    if underway.traffic.mask.shape[-1] > policy.most:
+        others, mask, share = map_leaves(
+            lambda field: np.take_along_axis(field, underway.chosen, axis=-1), (others, mask, share)
         )
-    action = policy.command(before.state, seen, mask, *aim, share)
+    action = policy.command(before.state, others, mask, *aim, share)
     acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
     moved = advance(before.state, acceleration, yaw_rate, dt, limits, np)
     turns = np.abs(yaw_rate) >= policy_flight.TURNS * limits.yaw_rate_max
@@ -200,21 +200,25 @@ def _roll_each(
     """Roll requests ``[N]`` one after the other in plain floats, to points ``to``, m."""
     crowd = request.traffic.mask.shape[-1] > CROWD
     share = _SHARE if request.areas is None and not crowd else _SHARE_IN_CROWD
-    ends, each = partial(budget.ends, "policy", share), list[Rollout]()
+    ends, rollouts = partial(budget.ends, "policy", share), list[Rollout]()
     if FLY.ready and policy.decider is not None:
         for row in range(goal.size):
-            one = request, row, int(goal[row]), required_range[row]
-            each.append(_roll_compiled(*one, policy, policy.decider, options, ends))
+            case = request, row, int(goal[row]), required_range[row]
+            rollouts.append(_roll_compiled(*case, policy, policy.decider, options, ends))
     else:
         for row in range(goal.size):
             some = request.own, request.traffic, to, request.drift
             own, traffic, place, drift = take(some, row)
-            one = slice(row, row + 1)
-            rest = route_beyond(take(request, one), goal[one], options) if crowd else None
+            single = slice(row, row + 1)
+            rest = route_beyond(take(request, single), goal[single], options) if crowd else None
             ahead = _TrafficAhead(traffic, required_range[row], rest, policy, options)
             target = _Target(map_leaves(float, place), map_leaves(float, drift))
-            each.append(_roll_one(map_leaves(float, own), ahead, target, policy, options, ends))
-    return each[0] if len(each) == 1 else map_leaves(lambda *rows: np.concatenate(rows), *each)
+            rollouts.append(_roll_one(map_leaves(float, own), ahead, target, policy, options, ends))
+    return (
+        rollouts[0]
+        if len(rollouts) == 1
+        else map_leaves(lambda *rows: np.concatenate(rows), *rollouts)
+    )
 
 
 def _roll_compiled(
@@ -235,15 +239,15 @@ def _roll_compiled(
     crowd = there.size > CROWD
     beyond = no_route_beyond()
     if crowd:
-        one = slice(row, row + 1)
-        beyond = of_one(route_beyond(take(request, one), np.array([goal]), options), 0)
-    seen, required = take((traffic, required_range), there)
-    window, none, share = seen.window, np.zeros(0), shares(seen, options.requirement)
+        single = slice(row, row + 1)
+        beyond = of_one(route_beyond(take(request, single), np.array([goal]), options), 0)
+    present, required = take((traffic, required_range), there)
+    window, none, share = present.window, np.zeros(0), shares(present, options.requirement)
     intruders = contiguous(
         policy_flight.Intruders(
-            seen.state,
-            seen.turn_rate,
-            seen.turn_time,
+            present.state,
+            present.turn_rate,
+            present.turn_time,
             required,
             np.ones(required.size) if share is None else share,
             none if window is None else window.begin,
@@ -385,12 +389,12 @@ class _TrafficAhead:
         """Return the intruders at many time steps from one on, ``[T, K]``."""
         return predict(self._traffic, np.arange(step, step + _AHEAD)[:, None] * self._dt)
 
-    def _choose(self, seen: VehicleState[Air], state: VehicleState[Air], time: float) -> Array:
+    def _choose(self, others: VehicleState[Air], state: VehicleState[Air], time: float) -> Array:
         """Return the numbers of the intruders that the policy looks at."""
         there = self._all & visible(self._window, time)
         chosen = self._every_number
         if self._many:
-            chosen = self._policy.most_critical(state, seen, there, self._every_share)
+            chosen = self._policy.most_critical(state, others, there, self._every_share)
         return chosen[there[chosen]]
 
     def intruders_at(self, step: int) -> list[VehicleState[Air]]:
@@ -433,24 +437,24 @@ def _clear_of_others(
         return False
     if rest is None:
         return True
-    one: VehicleState[Air] = VehicleState(*(np.array([value]) for value in state))
+    own: VehicleState[Air] = VehicleState(*(np.array([value]) for value in state))
     to = np.array([goal[0]]), np.array([goal[1]])
     least = np.full(rest.traffic.mask.shape, -np.inf)
     least[rest.traffic.mask] = required_range
-    return bool(rest.clear(one, to, least, np.array([0]), np.array([time]), task)[0])
+    return bool(rest.clear(own, to, least, np.array([0]), np.array([time]), task)[0])
 
 
 def _in_floats(tracks: VehicleState[Air]) -> list[list[VehicleState[Air]]]:
     """Return states ``[T, K]`` as plain floats, a list for each time."""
     fields = [field.tolist() for field in tracks]
     state: Any = VehicleState  # in the frame of the tracks
-    return [list(map(state, *each)) for each in zip(*fields, strict=True)]
+    return [list(map(state, *row)) for row in zip(*fields, strict=True)]
 
 
 def _clear_beyond(
-    now: _Underway,
+    underway: _Underway,
     aim: tuple[Array, Array],
-    seen: VehicleState[Air],
+    others: VehicleState[Air],
     rest: RouteBeyond | None,
     time: float,
     task: DirectTask,
@@ -458,21 +462,23 @@ def _clear_beyond(
     """Return whether the direct route is clear of all intruders ``[M, K]``, and among many the
     route beyond it, bool ``[M]``.
     """
-    mask, required_range = now.traffic.mask, now.required_range
-    found = _all_clear(now.flight.state, aim, seen, now.traffic, required_range, time, task)
+    mask, required_range = underway.traffic.mask, underway.required_range
+    free = _all_clear(
+        underway.flight.state, aim, others, underway.traffic, required_range, time, task
+    )
     if rest is not None:
-        some = np.flatnonzero(found)
+        some = np.flatnonzero(free)
         least = np.where(mask, required_range, -np.inf)
         times = np.full(some.size, time)
-        asked = take((now.flight.state, aim, least), some)
-        found[some] = rest.clear(*asked, now.rows[some], times, task)
-    return found
+        asked = take((underway.flight.state, aim, least), some)
+        free[some] = rest.clear(*asked, underway.rows[some], times, task)
+    return free
 
 
 def _all_clear(
     state: VehicleState[Air],
     goal: tuple[Array, Array],
-    seen: VehicleState[Air],
+    others: VehicleState[Air],
     traffic: Traffic,
     required_range: Array,
     time: float,
@@ -483,7 +489,7 @@ def _all_clear(
     if mask.shape[-1] == 0:
         return clear(state, goal, state, -np.inf, time, task, np)
     required_range = np.where(mask, required_range, -np.inf)
-    each_clear = clear(*own, seen, required_range, time, task, np, traffic.window)
+    each_clear = clear(*own, others, required_range, time, task, np, traffic.window)
     return np.all(each_clear, axis=-1)
 
 
