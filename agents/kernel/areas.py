@@ -73,7 +73,7 @@ class AreaClearance(NamedTuple):
         return True
 
     def fill(
-        self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
+        self, flown: Trajectory[Any], levels: Array, kept: Clearance, *, closest: bool
     ) -> bool:
         """Fill in what is kept by compiled code; return whether there is any. For the closest there
         is none.
@@ -84,11 +84,11 @@ class AreaClearance(NamedTuple):
         keeping = AreaKeeping(areas, lines, *contiguous((self.required, levels)))
         flown = contiguous(flown)
         for rows, which in _calls(flown, areas):
-            FILL_AREA_CLEARANCE(flown, rows, which, keeping, found)
+            FILL_AREA_CLEARANCE(flown, rows, which, keeping, kept)
         return True
 
     def near(
-        self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
+        self, flown: Trajectory[Any], levels: Array, kept: Clearance, *, closest: bool
     ) -> Near:
         """Return the legs that come near an area, and note the bounds of all others: what the
         rectangle about the area tells.
@@ -97,16 +97,16 @@ class AreaClearance(NamedTuple):
         row, leg = np.divmod(np.arange(rows * legs), legs)
         arcs = rest_of(pieces(flown, row, leg))
         near = np.zeros((rows * legs, self.size), dtype=bool)
-        for k, one in enumerate(self.areas):
-            counts = _counts(one, arcs)
-            if one.area.keep is Keep.IN:
+        for k, active in enumerate(self.areas):
+            counts = _counts(active, arcs)
+            if active.area.keep is Keep.IN:
                 near[:, k] = counts.any(axis=1)
                 continue
-            margin = _far_bound(one.area, arcs) - self.required[row, k, None]
+            margin = _far_bound(active.area, arcs) - self.required[row, k, None]
             clear = margin > levels[row, k, None]
             near[:, k] = (counts & ~clear).any(axis=1)
             far = np.where(counts & ~near[:, k, None], margin, np.inf).reshape(rows, -1)
-            np.minimum(found.margin[:, k], far.min(axis=1), out=found.margin[:, k])
+            np.minimum(kept.margin[:, k], far.min(axis=1), out=kept.margin[:, k])
         m, which = np.nonzero(near)
         return Near(row[m], leg[m], which)
 
@@ -140,7 +140,7 @@ def area_clearance(areas: Sequence[ActiveArea], x: Array, y: Array, margin: floa
     """Return what trajectories that begin at places ``[N]``, m, keep from areas; the margin, m, is
     added to their clearances.
     """
-    required = [required_distances(one, x, y, margin) for one in areas]
+    required = [required_distances(active, x, y, margin) for active in areas]
     return AreaClearance(areas, np.stack(required, axis=-1) if areas else np.zeros((len(x), 0)))
 
 
@@ -167,7 +167,7 @@ def relevant(
         unknown_climb: vertical speed either way where it is unknown, m/s.
         margin: what the follower leaves of the plan, m; added to the clearance.
     """
-    found = []
+    active = []
     for number, area in enumerate(areas):
         begin, end = window(area, altitude, unknown_climb)
         begin, end = max(begin, 0.0), min(end, horizon)
@@ -175,8 +175,8 @@ def relevant(
             continue
         if not in_reach(area, own.x, own.y, fastest * end, end, margin):
             continue
-        found.append(ActiveArea(number, area, begin, end))
-    return tuple(found)
+        active.append(ActiveArea(number, area, begin, end))
+    return tuple(active)
 
 
 def in_reach(area: Area, x: Array, y: Array, far: float, end: float, margin: float) -> bool:
@@ -189,10 +189,10 @@ def in_reach(area: Area, x: Array, y: Array, far: float, end: float, margin: flo
     return not away > far + (math.hypot(*area.velocity) + max(area.growth, 0.0)) * end
 
 
-def label(one: ActiveArea) -> str:
+def label(active: ActiveArea) -> str:
     """Return what messages call an area, such as ``areas[2] (north field)``."""
-    name = f" ({one.area.name})" if one.area.name else ""
-    return f"areas[{one.number}]{name}"
+    name = f" ({active.area.name})" if active.area.name else ""
+    return f"areas[{active.number}]{name}"
 
 
 def window(area: Area, altitude: Altitude | None, unknown_climb: float) -> tuple[float, float]:
@@ -223,12 +223,12 @@ def _beyond(
     return (-math.inf, gap / -rate) if gap >= 0.0 else (math.inf, -math.inf)
 
 
-def required_distances(one: ActiveArea, x: Array, y: Array, margin: float) -> Array:
+def required_distances(active: ActiveArea, x: Array, y: Array, margin: float) -> Array:
     """Return the signed distance that plans which begin at places ``[N]`` must keep, m."""
-    wanted = np.full(np.shape(x), one.area.clearance + margin)
-    if one.begin > 0.0:
-        return wanted
-    return np.clip(signed_distance(one.area, x, y) - NEARER, 0.0, wanted)
+    usual = np.full(np.shape(x), active.area.clearance + margin)
+    if active.begin > 0.0:
+        return usual
+    return np.clip(signed_distance(active.area, x, y) - NEARER, 0.0, usual)
 
 
 @lru_cache(maxsize=64)
@@ -252,29 +252,29 @@ def _calls(flown: Trajectory[Any], areas: Array) -> Iterator[tuple[Span, Span]]:
             yield (first, min(first + step, rows)), which
 
 
-def _counts(one: ActiveArea, given: Pieces) -> Array:
+def _counts(active: ActiveArea, given: Pieces) -> Array:
     """Return in which pieces an area counts, bool ``[M, P]``."""
-    return (given.end > 0.0) & (given.end >= one.begin) & (given.begin <= one.end)
+    return (given.end > 0.0) & (given.end >= active.begin) & (given.begin <= active.end)
 
 
-def _bound_area(one: ActiveArea, given: Pieces, required: Array) -> tuple[Array, Array, Array]:
+def _bound_area(active: ActiveArea, given: Pieces, required: Array) -> tuple[Array, Array, Array]:
     """Return a lower bound of the signed distance of pieces from an area, m, the least value that
     is known to occur, m, and where the area counts, ``[M, P]`` each; only pieces that the rectangle
     about the area does not tell to be far are set against its edges.
     """
-    counts = near = _counts(one, given)
+    counts = near = _counts(active, given)
     bound, attained = np.full((2, *counts.shape), np.inf)
-    if one.area.keep is Keep.OUT:
-        bound = far = _far_bound(one.area, given)
+    if active.area.keep is Keep.OUT:
+        bound = far = _far_bound(active.area, given)
         near = counts & ~(far > required)
     m, p = np.nonzero(near)
     chord = Chords(
         *(np.broadcast_to(field, near.shape)[m, p] for field in given[2:8]),
         *(np.broadcast_to(field, near.shape)[m, p] for field in (given.bend, given.error)),
     )
-    bound[m, p], ends = bounds_of_chords(one.area, chord, required[m, p])
+    bound[m, p], ends = bounds_of_chords(active.area, chord, required[m, p])
     # Where the area counts for a part of a piece only, its ends decide nothing.
-    whole = (chord.begin >= one.begin) & (chord.end <= one.end)
+    whole = (chord.begin >= active.begin) & (chord.end <= active.end)
     attained[m, p] = np.where(whole, ends, np.inf)
     return bound, attained, counts
 

@@ -107,7 +107,7 @@ class Constraint(Protocol):
         ...
 
     def fill(
-        self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
+        self, flown: Trajectory[Any], levels: Array, kept: Clearance, *, closest: bool
     ) -> bool:
         """Fill in what is kept by compiled code; return whether there is any that is ready.
 
@@ -116,7 +116,7 @@ class Constraint(Protocol):
         ...
 
     def near(
-        self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
+        self, flown: Trajectory[Any], levels: Array, kept: Clearance, *, closest: bool
     ) -> Near:
         """Return the legs that must be judged, and note bounds of the margins of all others, which
         are above the levels of interest, m, ``[N, K]``.
@@ -140,38 +140,38 @@ def clearance(
         closest: whether the smallest distance of each trajectory is to be exact, however far.
     """
     rows = len(flown.states.time)
-    found = Clearance.blank(rows, constraint.size)
-    if found.margin.size == 0:
-        return found
-    levels = np.broadcast_to(level, found.margin.shape)
-    if constraint.fill(flown, levels, found, closest=closest):
-        return found
-    near = constraint.near(flown, levels, found, closest=closest)
-    near = _judge_straight_legs(found, flown, constraint, near, levels, closest=closest)
+    kept = Clearance.blank(rows, constraint.size)
+    if kept.margin.size == 0:
+        return kept
+    levels = np.broadcast_to(level, kept.margin.shape)
+    if constraint.fill(flown, levels, kept, closest=closest):
+        return kept
+    near = constraint.near(flown, levels, kept, closest=closest)
+    near = _judge_straight_legs(kept, flown, constraint, near, levels, closest=closest)
     if near.row.size == 0:
-        return found
+        return kept
     arcs = rest_of(pieces(flown, near.row, near.leg))
     bounds = constraint.bounds(arcs, near.which)
     unclear = bounds.counts & ~(bounds.margin >= levels[near.row, near.which][:, None])
     if closest:
-        nearest = found.distance.min(axis=1)
+        nearest = kept.distance.min(axis=1)
         np.minimum.at(nearest, near.row, bounds.attained.min(axis=1))
         unclear |= bounds.counts & (bounds.distance <= nearest[near.row, None])
     unclear &= ~bounds.exact
     if constraint.cuts_once:
         unclear &= ~_lost_later(near, constraint.size, arcs, bounds)
     margin = np.where(bounds.exact, bounds.tolerant, bounds.margin)
-    _note(found, arcs, near.which, margin, bounds._replace(counts=bounds.counts & ~unclear))
+    _note(kept, arcs, near.which, margin, bounds._replace(counts=bounds.counts & ~unclear))
     m, p = np.nonzero(unclear)
     if m.size:
         parts, which = cut(arcs, m, p), near.which[m]
         bounds = constraint.bounds(parts, which)
-        _note(found, parts, which, bounds.tolerant, bounds)
-    return found
+        _note(kept, parts, which, bounds.tolerant, bounds)
+    return kept
 
 
 def _judge_straight_legs(
-    found: Clearance,
+    kept: Clearance,
     flown: Trajectory[Any],
     constraint: Constraint,
     near: Near,
@@ -190,7 +190,7 @@ def _judge_straight_legs(
     if not closest:
         decided = decided | (bounds.margin >= levels[legs.row, legs.which][:, None])
     margin = np.where(bounds.exact, bounds.tolerant, bounds.margin)
-    _note(found, whole, legs.which, margin, bounds._replace(counts=bounds.counts & decided))
+    _note(kept, whole, legs.which, margin, bounds._replace(counts=bounds.counts & decided))
     left = np.ones(near.row.size, dtype=bool)
     left[straight] = (bounds.counts & ~decided)[:, 0]
     return take(near, left)
@@ -208,12 +208,12 @@ def _lost_later(near: Near, count: int, arcs: Pieces, bounds: Bounds) -> Array:
     return lost
 
 
-def _note(found: Clearance, given: Pieces, which: Array, margin: Array, bounds: Bounds) -> None:
+def _note(kept: Clearance, given: Pieces, which: Array, margin: Array, bounds: Bounds) -> None:
     """Note what pieces ``[M, P]`` keep where it counts: the smallest margin and distance, m, and
     the first and the last loss, of each row and intruder or area.
     """
-    owner = given.row * found.margin.shape[1] + which
-    flat = Clearance(*(field.reshape(-1) for field in found))  # views: its arrays are contiguous
+    owner = given.row * kept.margin.shape[1] + which
+    flat = Clearance(*(field.reshape(-1) for field in kept))  # views: its arrays are contiguous
     margin, distance = (
         np.where(bounds.counts, field, np.inf) for field in (margin, bounds.distance)
     )

@@ -131,6 +131,6 @@ def vertical_gap(
     if abs(above) <= own.error + other.error + spread * abs(age):
         return 0.0
     heights = worst(own, other, age, above > 0.0, unknown_climb)
-    now = heights.other + heights.other_climb * age - heights.own
-    later = now + (heights.other_climb - heights.own_climb) * horizon
-    return min(now, later, key=abs) if now * later > 0.0 else 0.0
+    gap = heights.other + heights.other_climb * age - heights.own
+    later = gap + (heights.other_climb - heights.own_climb) * horizon
+    return min(gap, later, key=abs) if gap * later > 0.0 else 0.0

@@ -56,7 +56,7 @@ class Separation(NamedTuple):
         return Separation(traffic, required, least, self.sigmas)
 
     def fill(
-        self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
+        self, flown: Trajectory[Any], levels: Array, kept: Clearance, *, closest: bool
     ) -> bool:
         """Fill in what is kept by compiled code; return whether there is any."""
         if not FILL_CLEARANCE.ready:
@@ -73,11 +73,11 @@ class Separation(NamedTuple):
         step = max(_PAIRS // max(legs * self.size, 1), 1)
         for first in range(0, rows, step):
             end, few = min(first + step, rows), self.size <= _FEW
-            FILL_CLEARANCE(flown, first, end, keeping, closest, few, found)
+            FILL_CLEARANCE(flown, first, end, keeping, closest, few, kept)
         return True
 
     def near(
-        self, flown: Trajectory[Any], levels: Array, found: Clearance, *, closest: bool
+        self, flown: Trajectory[Any], levels: Array, kept: Clearance, *, closest: bool
     ) -> Near:
         """Return the legs that must be judged piece by piece, and note the bounds of all others.
 
@@ -106,15 +106,15 @@ class Separation(NamedTuple):
             # Where an intruder does not count at the beginning of a leg, its distance there is no
             # finding.
             told = wide.mask & (begin >= 0.0) & within_window(wide, begin, begin)
-            now = away - (required + growth(wide, np.maximum(begin, 0.0), self.sigmas))
-            attained, kept = (
+            begin_margin = away - (required + growth(wide, np.maximum(begin, 0.0), self.sigmas))
+            attained, least = (
                 np.where(told, values, np.inf).min(axis=(1, 2), keepdims=True, initial=np.inf)
-                for values in (away, now)
+                for values in (away, begin_margin)
             )
-            near |= (bound <= attained) | (margin <= kept)
+            near |= (bound <= attained) | (margin <= least)
         near &= counts
         far = np.where(counts & ~near, margin, np.inf).min(axis=1, initial=np.inf)
-        np.minimum(found.margin, far, out=found.margin)
+        np.minimum(kept.margin, far, out=kept.margin)
         return Near(*np.nonzero(near))
 
     def bounds(self, given: Pieces, which: Array) -> Bounds:
@@ -141,14 +141,17 @@ class Separation(NamedTuple):
         required = tolerated = np.broadcast_to(required, (4, *counts.shape))
         if self.least is not None:
             tolerated = np.maximum(required - CLOSE, self.least[pair][:, None] - ROUNDING)
-        margin, tolerant = (chord.distance - each[0] for each in (required, tolerated))
+        margin, tolerant = (chord.distance - distances[0] for distances in (required, tolerated))
         enters, leaves = (np.array(field) for field in (given.begin, given.end))
         some = np.nonzero(straight & counts)
         if some[0].size:
             line, length = take(chord, some), (given.end - given.begin)[some]
             begin, end = (
-                each[some] + np.broadcast_to(error, counts.shape)[some] + line.sagitta
-                for each, error in ((tolerated[1], given.error_begin), (tolerated[3], given.error))
+                distances[some] + np.broadcast_to(error, counts.shape)[some] + line.sagitta
+                for distances, error in (
+                    (tolerated[1], given.error_begin),
+                    (tolerated[3], given.error),
+                )
             )
             tolerant[some] = least_margin(line, begin, end, np)
             margin[some] = tolerant[some] - (required - tolerated).max(axis=0)[some]

@@ -248,5 +248,5 @@ def requirement_of(traffic: Traffic, own: VehicleState[Air], requirement: Requir
     if traffic.window is not None:
         away = np.where(traffic.window.begin > 0.0, np.inf, away)
     separation = separations(traffic, requirement)
-    wanted = separation + requirement.margin + requirement.sigmas * uncertainty(traffic, 0.0)
-    return np.maximum(separation, np.minimum(wanted, away))
+    usual = separation + requirement.margin + requirement.sigmas * uncertainty(traffic, 0.0)
+    return np.maximum(separation, np.minimum(usual, away))

@@ -268,15 +268,15 @@ def rest_of(arcs: Pieces) -> Pieces:
         for field in (arcs.heading, arcs.speed, arcs.yaw_rate, arcs.acceleration, -arcs.begin)
     )
     east, north = displacement(heading, speed, yaw_rate, acceleration, past)
-    now = {
+    current = {
         "begin": np.zeros(m.size),
         "x0": arcs.x0[m, p] + east,
         "y0": arcs.y0[m, p] + north,
         "heading": heading + yaw_rate * past,
         "speed": speed + acceleration * past,
     }
-    copies = {name: np.array(getattr(arcs, name)) for name in now}
-    for name, values in now.items():
+    copies = {name: np.array(getattr(arcs, name)) for name in current}
+    for name, values in current.items():
         copies[name][m, p] = values
     error_begin = np.array(arcs.error_begin)
     error_begin[m] = arcs.error[m]

@@ -60,16 +60,16 @@ _OF_SEPARATION = (
     # What is left out.
     ("+ 0.125 * turn * (end - begin) ** 2", ""),
     ("(flown.sagitta + flown.error)[..., None]", "0.0"),
-    ("near |= (bound <= attained) | (margin <= kept)", "near |= margin <= kept"),
-    ("near |= (bound <= attained) | (margin <= kept)", "near |= bound <= attained"),
+    ("near |= (bound <= attained) | (margin <= least)", "near |= margin <= least"),
+    ("near |= (bound <= attained) | (margin <= least)", "near |= bound <= attained"),
     ("counts = wide.mask & (end > 0.0)", "counts = (end > 0.0)"),
     # What is required.
     ("middle, given.end))", "middle, middle))"),
     ("tolerated = np.maximum(required - CLOSE, ", "tolerated = np.minimum(required - CLOSE, "),
     ("counts = (given.end > 0.0) & within_window", "counts = within_window"),
     (
-        "begin, end = (\n                each[some] + ",
-        "begin, end = (\n                each[some] - ",
+        "begin, end = (\n                distances[some] + ",
+        "begin, end = (\n                distances[some] - ",
     ),
 )
 
@@ -132,7 +132,7 @@ _OF_AREAS = (
     ("return chord.bound + grown - lost,", "return chord.bound - lost,"),
     ("np.maximum(required - CLOSE, -ROUNDING)", "required - 100.0"),
     ("0.125 * given.bend * (given.end - given.begin) ** 2 + given.error", "given.error"),
-    ("(given.end >= one.begin) & (given.begin <= one.end)", "(given.end >= one.begin)"),
+    ("(given.end >= active.begin) & (given.begin <= active.end)", "(given.end >= active.begin)"),
     ("away + _least_gain(area, given) - _chord_error(given)", "away + _least_gain(area, given)"),
     ("np.where(away > 0.0, away, -np.inf)", "away"),
     ("np.minimum(gain(area) * given.begin,", "np.maximum(gain(area) * given.begin,"),
@@ -140,8 +140,8 @@ _OF_AREAS = (
 
 _OF_TRAFFIC = (
     ("straight = state.speed * (time - turning)", "straight = state.speed * time"),
-    ("np.maximum(separation, np.minimum(wanted, away))", "np.minimum(wanted, away)"),
-    ("np.maximum(separation, np.minimum(wanted, away))", "np.maximum(separation, wanted)"),
+    ("np.maximum(separation, np.minimum(usual, away))", "np.minimum(usual, away)"),
+    ("np.maximum(separation, np.minimum(usual, away))", "np.maximum(separation, usual)"),
     ("away = np.where(traffic.window.begin > 0.0, np.inf, away)", "pass"),
     ("(end >= window.begin - WINDOW_EDGE)", "(end >= window.begin + 1.0)"),
     ("drift = traffic.velocity_std * (traffic.age + time)", "drift = traffic.velocity_std * time"),
