@@ -168,9 +168,9 @@ def regions(bands: Bands, alerting: Alerting, separation: float) -> Array:
     its way out.
     """
     losses = shown_losses(bands)
-    found = levels(losses, alerting.reached).astype(np.int8)
-    found = np.where(np.isfinite(losses), np.maximum(found, np.int8(Region.PREVENTIVE)), found)
+    codes = levels(losses, alerting.reached).astype(np.int8)
+    codes = np.where(np.isfinite(losses), np.maximum(codes, np.int8(Region.PREVENTIVE)), codes)
     way_out = recovery(bands, separation).index
     rows = np.flatnonzero(way_out >= 0)
-    found[rows, way_out[rows]] = np.int8(Region.RECOVERY)
-    return found
+    codes[rows, way_out[rows]] = np.int8(Region.RECOVERY)
+    return codes

@@ -90,22 +90,22 @@ def rest(
         thresholds: of the monitor.
     """
     count = len(since)
-    found = Rest(
+    result = Rest(
         np.zeros(count, dtype=bool), np.zeros(count), np.full(count, np.inf), nameless(count)
     )
     for n in range(count):
         if not areas[n]:
             continue
         row = slice(n, n + 1)
-        flown, now = take((plan, since), row)
+        flown, time = take((plan, since), row)
         margin = max(_KEPT * thresholds.requirement.margin, float(off[n]))
-        here = at(flown.legs, now)
-        kept = clearance(flown.since(now), area_clearance(areas[n], here.x, here.y, margin))
+        here = at(flown.legs, time)
+        kept = clearance(flown.since(time), area_clearance(areas[n], here.x, here.y, margin))
         if np.isfinite(kept.loss).any():
-            found.lost[n], found.deficit[n] = True, -kept.margin.min()
-            found.loss[n] = kept.loss.min()
-            found.area[n] = _first_lost(areas[n], kept)[0]
-    return found
+            result.lost[n], result.deficit[n] = True, -kept.margin.min()
+            result.loss[n] = kept.loss.min()
+            result.area[n] = _first_lost(areas[n], kept)[0]
+    return result
 
 
 def judge_backups(
@@ -124,7 +124,7 @@ def judge_backups(
         of: whose backups they are, ``[M]``.
         thresholds: of the monitor.
     """
-    found = BackupsKeep(np.full(len(of), np.inf), np.zeros(len(of)), nameless(len(of)))
+    backups = BackupsKeep(np.full(len(of), np.inf), np.zeros(len(of)), nameless(len(of)))
     for n in np.unique(of):
         if not areas[n]:
             continue
@@ -132,13 +132,13 @@ def judge_backups(
         states, lines = take((plan_states, curves), rows)
         flown, margin = trajectory(states, lines), thresholds.requirement.margin
         keeping = area_clearance(areas[n], states.x[:, 0], states.y[:, 0], margin)
-        found.clearance[rows] = clearance(flown, keeping).margin.min(axis=1)
+        backups.clearance[rows] = clearance(flown, keeping).margin.min(axis=1)
         inside = clearance(flown, AreaClearance(areas[n], np.zeros((rows.size, len(areas[n])))))
         enters = np.flatnonzero(np.isfinite(inside.loss).any(axis=1))
         depth = np.maximum(_mean_depth(states, areas[n]), _GRAZING)
-        found.depth[rows[enters]] = depth[enters]
-        found.area[rows[enters]] = _first_lost(areas[n], take(inside, enters))
-    return found
+        backups.depth[rows[enters]] = depth[enters]
+        backups.area[rows[enters]] = _first_lost(areas[n], take(inside, enters))
+    return backups
 
 
 def nameless(count: int) -> Array:
@@ -154,8 +154,8 @@ def _first_lost(areas: tuple[ActiveArea, ...], kept: Clearance) -> list[str]:
 def _mean_depth(plan_states: PlanStates[Air], areas: tuple[ActiveArea, ...]) -> Array:
     """Return how deep plan states ``[M, B]`` are in areas on average, m, ``[M]``."""
     depth = np.zeros(plan_states.x.shape)
-    for one in areas:
-        counts = (plan_states.time >= one.begin) & (plan_states.time <= one.end)
-        away = signed_distance(one.area, *plan_states[:2], plan_states.time)
+    for active in areas:
+        counts = (plan_states.time >= active.begin) & (plan_states.time <= active.end)
+        away = signed_distance(active.area, *plan_states[:2], plan_states.time)
         depth = np.maximum(depth, np.where(counts, -away, 0.0))
     return depth.mean(axis=1)

@@ -72,9 +72,9 @@ def renew(
     rows = np.flatnonzero(asked)
     if rows.size:
         first = np.where(reached[rows], ALONG, WIDE)
-        found, kind = _plan(make, options, rows, first, np.full(rows.size, ALONG))
+        proposals, kind = _plan(make, options, rows, first, np.full(rows.size, ALONG))
         monitor, taken = answer(
-            monitor, rows, decision.number[rows], found.plan_states, found.safe, thresholds
+            monitor, rows, decision.number[rows], proposals.plan_states, proposals.safe, thresholds
         )
         short[rows[taken]] = kind[taken] == ALONG
 
@@ -82,10 +82,10 @@ def renew(
     due = np.rint(monitor.memory.time / unit.dt) % _AGAIN == 0.0
     rows = np.flatnonzero(due & (short | narrow) & ~reached & ~monitor.on_backup & ~asked)
     if rows.size:
-        found, _ = _plan(
+        proposals, _ = _plan(
             make, options, rows, np.full(rows.size, WIDE), np.where(short[rows], IN_TIME, WIDE)
         )
-        rows, plan = rows[found.safe], take(found.plan_states, found.safe)
+        rows, plan = rows[proposals.safe], take(proposals.plan_states, proposals.safe)
         traffic, when = take((decision.traffic, monitor.memory.time), rows)
         monitor = activate(
             monitor, rows, plan, np.ones(rows.size, dtype=bool), when, traffic, thresholds
@@ -101,9 +101,9 @@ def _plan(
     SAFE, ``[m]``.
     """
     best, kind = empty(rows.size, options[0].waypoints), np.array(last)
-    for number, wanted in enumerate(options):
+    for number, kind_options in enumerate(options):
         some = np.flatnonzero(~best.safe & (first <= number) & (number <= last))
         if some.size:
-            scatter(best, some, make(rows[some], wanted, number))
+            scatter(best, some, make(rows[some], kind_options, number))
             kind[some] = number
     return best, kind

@@ -121,9 +121,9 @@ def refresh(
     for first in range(0, rows.size, _BLOCK):
         part = rows[first : first + _BLOCK]
         other = search(*take((own, traffic, time), part), thresholds, areas[part])
-        now = take(result, part)
-        grades = grade(other) - grade(now)
-        gain = _value(other) > _value(now) + thresholds.backup_gain
+        current = take(result, part)
+        grades = grade(other) - grade(current)
+        gain = _value(other) > _value(current) + thresholds.backup_gain
         better = ~had[part] | (grades < 0) | ((grades == 0) & gain)
         scatter(result, part[better], take(other, better))
     return result
@@ -184,14 +184,14 @@ def _likely(
     base = np.where(traffic.mask, required, -np.inf)
     clearance = _estimate(family, take(own, family.of), traffic, base, thresholds)
     depth = np.zeros(family.of.size)
-    amid = np.flatnonzero(np.array([bool(some) for some in areas])[family.of])
-    if amid.size:
-        some = take(family, amid)
+    among_areas = np.flatnonzero(np.array([bool(some) for some in areas])[family.of])
+    if among_areas.size:
+        some = take(family, among_areas)
         plan_states = backup_states(take(own, some.of), some.course, some.speed, thresholds)
-        found = judge_backups(plan_states, legs(plan_states), areas, some.of, thresholds)
-        depth[amid] = found.depth
-        near = np.where(found.depth > 0.0, np.inf, found.clearance)
-        clearance[amid] = np.minimum(clearance[amid], near)
+        keeps = judge_backups(plan_states, legs(plan_states), areas, some.of, thresholds)
+        depth[among_areas] = keeps.depth
+        near = np.where(keeps.depth > 0.0, np.inf, keeps.clearance)
+        clearance[among_areas] = np.minimum(clearance[among_areas], near)
     effort = _TURN_COST * unit * np.abs(np.tile(_FAMILY_TURN, count))
     merit = np.minimum(clearance, _ENOUGH * unit) - effort
     enters = depth > 0.0
@@ -212,9 +212,11 @@ def _judge(
     """
     plan_states = backup_states(take(own, turns.of), turns.course, turns.speed, thresholds)
     curves, others = legs(plan_states), take(traffic, turns.of)
-    found = validate(plan_states, others, thresholds.requirement, thresholds.limits, curves=curves)
+    findings = validate(
+        plan_states, others, thresholds.requirement, thresholds.limits, curves=curves
+    )
     from_areas = judge_backups(plan_states, curves, areas, turns.of, thresholds)
-    clearance = np.where(np.isnan(found.clearance), -np.inf, found.clearance)
+    clearance = np.where(np.isnan(findings.clearance), -np.inf, findings.clearance)
     avoids = clearance >= -thresholds.resolution
     return Backup(
         course=turns.course,
@@ -223,7 +225,7 @@ def _judge(
         legs=curves,
         started=np.array(np.asarray(time)[turns.of]),
         clearance=np.minimum(clearance, from_areas.clearance),
-        safe=found.legal & avoids & (from_areas.clearance >= 0.0),
+        safe=findings.legal & avoids & (from_areas.clearance >= 0.0),
         depth=from_areas.depth,
         area=from_areas.area,
         avoids=avoids,

@@ -211,12 +211,12 @@ def stretches(bands: Bands, row: int = 0, *, circle: bool = True) -> list[Stretc
         runs = [(low, low + lengths[low]) for low in begins]
         begin = runs[0][0] if runs else begin
         end = begin + whole
-    found, last = list[Stretch](), begin
+    parts, last = list[Stretch](), begin
     for low, high in runs:
-        found += [Stretch(last, low, closed=True), Stretch(low, high, closed=False)]
+        parts += [Stretch(last, low, closed=True), Stretch(low, high, closed=False)]
         last = high
-    found.append(Stretch(last, end, closed=True))
-    return [one for one in found if one.high > one.low]
+    parts.append(Stretch(last, end, closed=True))
+    return [stretch for stretch in parts if stretch.high > stretch.low]
 
 
 class _Kind(NamedTuple):
@@ -282,8 +282,8 @@ def _block(kind: _Kind, sky: _Sky, look_ahead: float) -> Bands:
         rate = 0.5 * (high - low) * kind.velocity[rows, None]
         middle = kind.steering(0.5 * (low + high), look_ahead)
         flown = _fly(kind.own, rows, middle, look_ahead)
-        found = _keep(flown.widened(rate.ravel(), since.ravel()), kind.own, rows, sky, 0.0)
-        proven, loss = found.clearance >= 0.0, np.minimum(found.loss, look_ahead)
+        kept_between = _keep(flown.widened(rate.ravel(), since.ravel()), kind.own, rows, sky, 0.0)
+        proven, loss = kept_between.clearance >= 0.0, np.minimum(kept_between.loss, look_ahead)
         return proven.reshape(low.shape), loss.reshape(low.shape)
 
     between = prove_between(kind.change, np.isfinite(kept.loss), judge, circle=kind.circle)
@@ -305,8 +305,8 @@ def _fly(
     own: VehicleState[Air], rows: Array, steering: Steering, look_ahead: float
 ) -> Trajectory[Air]:
     """Return manoeuvres ``[R, B]`` of ownships numbered ``rows`` as trajectories ``[R * B]``."""
-    each = np.repeat(rows, steering.reached.shape[1])
-    return manoeuvres(take(own, each), map_leaves(np.ravel, steering), look_ahead)
+    owners = np.repeat(rows, steering.reached.shape[1])
+    return manoeuvres(take(own, owners), map_leaves(np.ravel, steering), look_ahead)
 
 
 class _Kept(NamedTuple):

@@ -147,17 +147,17 @@ def _judge_errors(
     monitor: Monitor,
     memory: Memory,
     off: Deviation,
-    seen: Array,
+    sighted: Array,
     latch: _Latch,
     thresholds: Thresholds[Narrowed],
 ) -> tuple[Array, Array]:
     """Return the leaky sums of the errors against the plan ``[N, 3]``, and the causes that lie in
-    errors and sums, ``[N]``; ``seen`` says where the ownship was, bool.
+    errors and sums, ``[N]``; ``sighted`` says where the ownship was seen, bool.
     """
     errors = np.abs(np.stack([off.cross_track, off.along_track, off.time], axis=-1))
     limits = np.array([thresholds.cross_track, thresholds.along_track, thresholds.time_error])
     elapsed = memory.time - monitor.memory.time
-    sums = _leaky_sums(monitor.sums, errors, elapsed, seen, thresholds)
+    sums = _leaky_sums(monitor.sums, errors, elapsed, sighted, thresholds)
     lasting = np.max(sums / (thresholds.sustained * thresholds.memory * limits), axis=-1)
     causes = latch.bits(lasting, 1.0, Cause.ACCUMULATED)
     for column, cause in enumerate((Cause.CROSS_TRACK, Cause.ALONG_TRACK, Cause.TIME_ERROR)):
@@ -166,14 +166,14 @@ def _judge_errors(
 
 
 def _leaky_sums(
-    before: Array, errors: Array, elapsed: Array, seen: Array, thresholds: Thresholds[Narrowed]
+    before: Array, errors: Array, elapsed: Array, sighted: Array, thresholds: Thresholds[Narrowed]
 ) -> Array:
     """Return the sums ``[N, 3]`` after some seconds ``[N]``, not finite at first; errors count
     where the ownship was seen.
     """
     finite = np.isfinite(elapsed)
     seconds = np.where(finite, elapsed, 0.0)[:, None]
-    added = np.where((seen & finite)[:, None], errors * seconds, 0.0)
+    added = np.where((sighted & finite)[:, None], errors * seconds, 0.0)
     return before * np.exp(-seconds / thresholds.memory) + added
 
 

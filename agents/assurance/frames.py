@@ -107,24 +107,25 @@ def carry(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
 
 def _areas(memory: Memory, old: Frame, new: Frame) -> Array:
     """Return the areas of the last step in another air mass."""
-    found = no_areas(memory.time.size)
+    carried = no_areas(memory.time.size)
     for n, (time, some) in enumerate(zip(memory.time.tolist(), memory.areas, strict=True)):
-        found[n] = tuple(
-            one._replace(area=new.area(old.area_on_ground(one.area, time), time)) for one in some
+        carried[n] = tuple(
+            active._replace(area=new.area(old.area_on_ground(active.area, time), time))
+            for active in some
         )
-    return found
+    return carried
 
 
 def _drift(memory: Memory, old: Frame, new: Frame) -> Array:
     """Return the comparison of the intruders' places with their velocities in another air mass."""
     drift = memory.drift
     known = np.isfinite(drift.began) & np.isfinite(memory.seen)
-    began, seen = (np.where(known, time, 0.0) for time in (drift.began, memory.seen))
+    began, last_seen = (np.where(known, time, 0.0) for time in (drift.began, memory.seen))
     at: VehicleState[Air] = VehicleState(
         drift.x, drift.y, np.zeros(began.shape), np.ones(began.shape)
     )
     there = new.to_air(old.to_ground(at, began), began)
-    length = np.where(known, seen - began, 0.0)
+    length = np.where(known, last_seen - began, 0.0)
     return drift._replace(
         x=np.where(known, there.x, drift.x),
         y=np.where(known, there.y, drift.y),

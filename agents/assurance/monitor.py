@@ -237,12 +237,12 @@ def references(monitor: Monitor, time: Array, dt: float, count: int) -> VehicleS
 
 
 def _usable(
-    plan_states: PlanStates[Air], wanted: Array, thresholds: Thresholds[Narrowed]
+    plan_states: PlanStates[Air], asked: Array, thresholds: Thresholds[Narrowed]
 ) -> tuple[Array, Trajectory[Air]]:
-    """Return the numbers of the plans ``[M]`` that are wanted and can be flown, and these as
+    """Return the numbers of the plans ``[M]`` that are asked for and can be flown, and these as
     courses.
     """
-    rows = np.flatnonzero(wanted)
+    rows = np.flatnonzero(asked)
     nobody = Traffic.straight(VehicleState(*np.zeros((4, rows.size, 0))))
     rows = rows[
         validate(take(plan_states, rows), nobody, thresholds.requirement, thresholds.limits).safe

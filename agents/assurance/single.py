@@ -131,7 +131,7 @@ def activate(
     watch = _in_air_of(watch, plan, time)
     air = watch.air
     reports = [intruders.get(name, Intruder(_NOWHERE)) for name in watch.names]
-    given, age = arrays_of_reports([air.report(one, time) for one in reports])
+    given, age = arrays_of_reports([air.report(report, time) for report in reports])
     traffic = advance_reports(
         given._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)),
         age,
@@ -173,28 +173,31 @@ def step(
     air, reports = watch.air, [intruders.get(name, Intruder(_MISSING)) for name in names]
     # A turn is what two reports show, not what one says.
     in_air = [
-        with_state(one, air.to_air(one.state, time - one.age), one.velocity_std) for one in reports
+        with_state(report, air.to_air(report.state, time - report.age), report.velocity_std)
+        for report in reports
     ]
-    (seen, age), thresholds = arrays_of_reports(in_air), watch.thresholds_in_air
+    (traffic, age), thresholds = arrays_of_reports(in_air), watch.thresholds_in_air
     here = air.to_air(own or _MISSING, time - own_age)
     now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
     given = Inputs(
         time=now,
         own=VehicleState(*(np.array([value], dtype=float) for value in here)),
         own_age=late,
-        intruders=seen.state,
+        intruders=traffic.state,
         age=age,
-        mask=seen.mask,
-        position_std=seen.position_std,
-        velocity_std=seen.velocity_std,
-        separation=seen.separation,
+        mask=traffic.mask,
+        position_std=traffic.position_std,
+        velocity_std=traffic.velocity_std,
+        separation=traffic.separation,
         window=windows(reports, own_altitude, thresholds.options),
         areas=_areas_met(watch, areas, here, own_altitude, time),
     )
     monitor, decision = monitors.step(watch.monitor, given, thresholds)
     counted = set(names)
     levels = {name: at for name, at in watch.levels.items() if name in counted} | {
-        name: (time - one.age, one) for name, one in intruders.items() if one.altitude is not None
+        name: (time - report.age, report)
+        for name, report in intruders.items()
+        if report.altitude is not None
     }
     watch = replace(watch, levels=levels)
     asked = _ask(watch, monitor, decision, own_altitude) if decision.replan[0] else None
@@ -212,12 +215,12 @@ def _areas_met(
     time: float,
 ) -> np.ndarray:
     """Return the areas that plan or backup may meet, in the monitor's air mass, object ``[1]``."""
-    found = no_areas(1)
+    met = no_areas(1)
     if areas:
         ends = watch.monitor.plan.end[0] + watch.monitor.started[0] - time
-        seen = [watch.air.area(one, time) for one in areas]
-        found[0] = may_be_met(seen, own, own_altitude, float(ends), watch.thresholds)
-    return found
+        air_areas = [watch.air.area(area, time) for area in areas]
+        met[0] = may_be_met(air_areas, own, own_altitude, float(ends), watch.thresholds)
+    return met
 
 
 def answer(watch: _Watch, number: int, plan: Plan) -> tuple[_Watch, bool]:
@@ -301,28 +304,28 @@ def _last_report(
 
 
 def _at_its_level(
-    one: Intruder[Ground], seen: float, said: tuple[float, Intruder[Ground]] | None
+    last: Intruder[Ground], time: float, said: tuple[float, Intruder[Ground]] | None
 ) -> Intruder[Ground]:
     """Return a report with the altitude of the same time, s; without one it counts as level."""
-    if said is None or abs(said[0] - seen) > _SAME:
-        return one
+    if said is None or abs(said[0] - time) > _SAME:
+        return last
     _, report = said
-    return replace(one, altitude=report.altitude, vertical_separation=report.vertical_separation)
+    return replace(last, altitude=report.altitude, vertical_separation=report.vertical_separation)
 
 
 def reasons(
     decision: Decision, thresholds: Thresholds[L], names: Sequence[str] = ()
 ) -> tuple[Why, ...]:
     """Return the causes of one second in words, with the names of the intruders they lie in."""
-    now, found = take(decision, 0), list[Why]()
+    decided, whys = take(decision, 0), list[Why]()
     for cause, (of, says) in SAYS.items():
         if not int(decision.causes[0]) & int(cause):
             continue
-        lies = np.flatnonzero(now.intruder_causes & int(cause)).tolist()
+        lies = np.flatnonzero(decided.intruder_causes & int(cause)).tolist()
         who = listed([names[place] for place in lies]) if names else ""
-        text = f"{of} {says.format(now=now, **vars(thresholds))}"
-        found.append(Why(cause, of, f"{text} ({who})" if who else text))
-    return tuple(found)
+        text = f"{of} {says.format(now=decided, **vars(thresholds))}"
+        whys.append(Why(cause, of, f"{text} ({who})" if who else text))
+    return tuple(whys)
 
 
 def _plan_states(

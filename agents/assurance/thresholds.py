@@ -211,8 +211,10 @@ class Thresholds(Generic[L]):
         """Return the usual thresholds, but for some changes, for plans with options; half of their
         sigmas count.
         """
-        wanted, aircraft = options.requirement, options.aircraft
-        options = replace(options, requirement=wanted._replace(sigmas=_KEPT * wanted.sigmas))
+        requirement, aircraft = options.requirement, options.aircraft
+        options = replace(
+            options, requirement=requirement._replace(sigmas=_KEPT * requirement.sigmas)
+        )
         far, step, limits = aircraft.separation, aircraft.dt, aircraft.limits
         usual: dict[str, Any] = {
             "manoeuvre": backup_limits(options),

@@ -93,7 +93,7 @@ _OF_CONFORMANCE = (
     ("loss=np.minimum(loss, amid.loss)", "loss=amid.loss"),
     ("memory.areas, offset, thresholds)", "memory.areas, 0.0 * offset, thresholds)"),
     # Errors that last.
-    ("(seen & finite)[:, None]", "finite[:, None]"),
+    ("(sighted & finite)[:, None]", "finite[:, None]"),
     ("before * np.exp(-seconds / thresholds.memory)", "before"),
     ("thresholds.sustained * thresholds.memory * limits", "thresholds.memory * limits"),
     ("elapsed = memory.time - monitor.memory.time", "elapsed = 0.0 * memory.time + 1.0"),
