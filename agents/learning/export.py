@@ -105,8 +105,8 @@ def _flax_actions(content: PolicyFile, table: InputTable) -> np.ndarray:
     actor = Actor(content.hidden, content.feature_set, encoder=content.encoder)
 
     def mean(weights: Variables, rows: jax.Array) -> Any:
-        seen = set_inputs(unpack_rows(rows), jnp, table) if content.of_set else rows
-        return actor.apply(weights, seen)[0]
+        inputs = set_inputs(unpack_rows(rows), jnp, table) if content.of_set else rows
+        return actor.apply(weights, inputs)[0]
 
     with jax.enable_x64(True):
         exact = variables(

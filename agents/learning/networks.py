@@ -36,36 +36,36 @@ def derive(observation: NetworkInput, feature_set: str) -> SetInputs:
 
 @jax.custom_vjp
 def greatest_products(
-    each: Float[Array, "... K E"], kernel: Float[Array, "E W"], mask: Bool[Array, "... K"]
+    traffic: Float[Array, "... K E"], kernel: Float[Array, "E W"], mask: Bool[Array, "... K"]
 ) -> Float[Array, "... W"]:
-    """Return the greatest of the products ``each @ kernel`` over those of K that are present, minus
-    infinity where none is.
+    """Return the greatest of the products ``traffic @ kernel`` over those of K that are present,
+    minus infinity where none is.
 
     The gradient of each goes to the first that is the greatest.
     """
-    return _greatest(each, kernel, mask, jnp.max)
+    return _greatest(traffic, kernel, mask, jnp.max)
 
 
 def _greatest(
-    each: jax.Array, kernel: jax.Array, mask: jax.Array, of: Callable[..., jax.Array]
+    traffic: jax.Array, kernel: jax.Array, mask: jax.Array, of: Callable[..., jax.Array]
 ) -> jax.Array:
-    return of(jnp.where(mask[..., None], each @ kernel, -jnp.inf), axis=-2)
+    return of(jnp.where(mask[..., None], traffic @ kernel, -jnp.inf), axis=-2)
 
 
 def _with_places(
-    each: jax.Array, kernel: jax.Array, mask: jax.Array
+    traffic: jax.Array, kernel: jax.Array, mask: jax.Array
 ) -> tuple[jax.Array, tuple[jax.Array, jax.Array, jax.Array]]:
-    places = _greatest(each, kernel, mask, jnp.argmax)
-    return _greatest(each, kernel, mask, jnp.max), (each, kernel, places)
+    places = _greatest(traffic, kernel, mask, jnp.argmax)
+    return _greatest(traffic, kernel, mask, jnp.max), (traffic, kernel, places)
 
 
 def _backward(
     kept: tuple[jax.Array, jax.Array, jax.Array], gradient: jax.Array
 ) -> tuple[jax.Array, jax.Array, None]:
-    each, kernel, places = kept
-    numbers = jnp.arange(each.shape[-2])[:, None]
+    traffic, kernel, places = kept
+    numbers = jnp.arange(traffic.shape[-2])[:, None]
     of_each = jnp.where(places[..., None, :] == numbers, gradient[..., None, :], 0.0)
-    rows, of_rows = each.reshape(-1, each.shape[-1]), of_each.reshape(-1, kernel.shape[-1])
+    rows, of_rows = traffic.reshape(-1, traffic.shape[-1]), of_each.reshape(-1, kernel.shape[-1])
     return of_each @ kernel.T, rows.T @ of_rows, None
 
 
@@ -84,14 +84,14 @@ class Pooled(nn.Module):
 
     @nn.compact
     def __call__(
-        self, each: Float[Array, "... K E"], mask: Bool[Array, "... K"]
+        self, traffic: Float[Array, "... K E"], mask: Bool[Array, "... K"]
     ) -> Float[Array, "... width"]:
         """Map intruders to the pooled outputs."""
         kernel = self.param(
-            "kernel", nn.initializers.orthogonal(math.sqrt(2.0)), (each.shape[-1], self.width)
+            "kernel", nn.initializers.orthogonal(math.sqrt(2.0)), (traffic.shape[-1], self.width)
         )
         bias = self.param("bias", nn.initializers.zeros, (self.width,))
-        return jnp.tanh(greatest_products(each, kernel, mask) + bias)
+        return jnp.tanh(greatest_products(traffic, kernel, mask) + bias)
 
 
 class Trunk(nn.Module):
@@ -108,7 +108,7 @@ class Trunk(nn.Module):
     encoder: tuple[int, ...] = ()
 
     @nn.compact
-    def __call__(self, seen: SetInputs) -> Float[Array, "... outputs"]:
+    def __call__(self, inputs: SetInputs) -> Float[Array, "... outputs"]:
         """Map what describes the ownship, ``[..., F]``, and each intruder, ``[..., K, E]``, to the
         outputs.
         """
@@ -120,12 +120,12 @@ class Trunk(nn.Module):
                 )
             )
 
-        x, each = seen.own, seen.each
-        if each is not None:
+        x, traffic = inputs.own, inputs.each
+        if traffic is not None:
             *before, last = self.encoder
             for i, width in enumerate(before):
-                each = layer(each, width, f"each_{i}")
-            pooled = Pooled(last, name=f"each_{len(before)}")(each, seen.mask)
+                traffic = layer(traffic, width, f"each_{i}")
+            pooled = Pooled(last, name=f"each_{len(before)}")(traffic, inputs.mask)
             x = jnp.concatenate([x, pooled], axis=-1)
         for i, width in enumerate(self.hidden):
             x = layer(x, width, f"hidden_{i}")
@@ -151,9 +151,9 @@ class Actor(nn.Module):
         """Return mean and log standard deviation of the action for an input with leading axes
         ``[...]``.
         """
-        seen = derive(network_input, self.feature_set)
-        mean = Trunk(self.hidden, 2, 0.01, self.encoder, name="trunk")(seen)
-        mean = mean * jnp.stack([jnp.ones_like(seen.mirror_sign), seen.mirror_sign], axis=-1)
+        inputs = derive(network_input, self.feature_set)
+        mean = Trunk(self.hidden, 2, 0.01, self.encoder, name="trunk")(inputs)
+        mean = mean * jnp.stack([jnp.ones_like(inputs.mirror_sign), inputs.mirror_sign], axis=-1)
         log_std = self.param("log_std", nn.initializers.constant(self.log_std_initial), (2,))
         return mean, log_std
 
@@ -168,5 +168,5 @@ class Critic(nn.Module):
     @nn.compact
     def __call__(self, network_input: NetworkInput) -> Float[Array, "..."]:
         """Return the value of an input with leading axes ``[...]``."""
-        seen = derive(network_input, self.feature_set)
-        return Trunk(self.hidden, 1, 1.0, self.encoder, name="trunk")(seen)[..., 0]
+        inputs = derive(network_input, self.feature_set)
+        return Trunk(self.hidden, 1, 1.0, self.encoder, name="trunk")(inputs)[..., 0]

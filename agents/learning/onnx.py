@@ -78,11 +78,11 @@ def model(content: PolicyFile, inputs: Sequence[Input] = ()) -> Any:
     onnx: Any = importlib.import_module("onnx")
     converter: Any = importlib.import_module("jax2onnx")
     function, shapes = _decision(content, inputs)
-    for each in (
+    for logger in (
         "onnx_ir",
         "jax2onnx",
     ):  # the one warns of every shape that it leaves out, the other of unused plugins
-        logging.getLogger(each).setLevel(logging.ERROR)
+        logging.getLogger(logger).setLevel(logging.ERROR)
     names = {"input_names": list(inputs_of(content)), "output_names": ["action"]}
     made = converter.to_onnx(function, shapes, model_name="rlcas_policy", opset=OPSET, **names)
     # The converter's shapes of what lies between are those of one batch; runtimes find them again.
@@ -156,11 +156,11 @@ def _layers_of(policy: Policy, make_node: Callable[..., Any]) -> _Layers:
     tensors, layers = policy.tensors, _Layers(make_node)
     encoder, trunk = tensors["each_0/kernel"], tensors["hidden_0/kernel"]
     own_size, bias = policy.inputs.own_size, tensors["hidden_0/bias"]
-    each = np.pad(encoder, ((own_size, 0), (0, 0)))
-    seen = layers.tanh(layers.gemm("each_0", "inputs", each, tensors["each_0/bias"]))
+    kernel = np.pad(encoder, ((own_size, 0), (0, 0)))
+    code = layers.tanh(layers.gemm("each_0", "inputs", kernel, tensors["each_0/bias"]))
     of_own = np.pad(trunk[:own_size], ((0, len(encoder)), (0, 0)))
     own = layers.gemm("own", "inputs", of_own, bias)
-    pooled = layers.gemm("pooled", seen, trunk[own_size:], 0.0 * bias)
+    pooled = layers.gemm("pooled", code, trunk[own_size:], 0.0 * bias)
     last = layers.tanh(layers.node("Add", "hidden_0", own, pooled))
     for number in range(1, len(policy.metadata["architecture"]["hidden"])):
         name = f"hidden_{number}"
@@ -177,8 +177,8 @@ def inputs_of(content: PolicyFile) -> dict[str, np.ndarray]:
     rows = content.parity_observation
     if not content.of_set:
         return {"observation": rows}
-    own, each = parts(rows)
-    return {"own": own, "traffic": each[..., :4], "mask": each[..., 4]}
+    own, traffic = parts(rows)
+    return {"own": own, "traffic": traffic[..., :4], "mask": traffic[..., 4]}
 
 
 def export(
@@ -329,8 +329,8 @@ def _decision(
     actor = Actor(content.hidden, content.feature_set, encoder=content.encoder)
     weights = variables({name: jnp.asarray(tensor) for name, tensor in content.actor.items()})
 
-    def clip(seen: Any, nothing: jax.Array) -> jax.Array:
-        mean: Any = actor.apply(weights, seen)
+    def clip(network_input: Any, nothing: jax.Array) -> jax.Array:
+        mean: Any = actor.apply(weights, network_input)
         return jnp.clip(mean[0], -1.0, 1.0) + nothing[:, None]
 
     def of_scene(own: jax.Array, traffic: jax.Array, mask: jax.Array) -> jax.Array:
@@ -338,11 +338,11 @@ def _decision(
         numbers = jnp.concatenate([traffic, jnp.ones_like(mask)[..., None]], axis=-1)
         x, y, vx, vy, share = (jnp.moveaxis(numbers, -1, 0)[number] for number in range(5))
         rows = jnp.stack([x, y, vx, vy, mask], axis=-1)
-        seen = unpack(own, rows)._replace(share=share)
+        scene = unpack(own, rows)._replace(share=share)
         # 0, but NaN where a number is not finite: comparisons inside would make a number of it.
         nothing = 0.0 * (jnp.sum(own, axis=-1) + jnp.sum(rows, axis=(-2, -1)) + jnp.sum(share, -1))
-        seen = _most_urgent(seen, content.metadata["architecture"]["intruders"])
-        return clip(set_inputs(as_seen(seen, jnp), jnp, table), nothing)
+        scene = _most_urgent(scene, content.metadata["architecture"]["intruders"])
+        return clip(set_inputs(as_seen(scene, jnp), jnp, table), nothing)
 
     def of_observation(observation: jax.Array) -> jax.Array:
         inside = jnp.sqrt(1.0 + TOLERANCE - jnp.abs(observation))
@@ -353,16 +353,16 @@ def _decision(
     return of_observation, [("N", SIZE)]
 
 
-def _most_urgent(seen: Scene, most: int) -> Scene:
+def _most_urgent(scene: Scene, most: int) -> Scene:
     """Return a scene ``[N, K]`` whose mask leaves the ``most`` most urgent intruders, as
     :meth:`Policy.most_critical` chooses them.
     """
-    place = seen.share * seen.x, seen.share * seen.y
-    motion = RelativeMotion(*place, seen.vx - seen.own_speed[:, None], seen.vy)
+    place = scene.share * scene.x, scene.share * scene.y
+    motion = RelativeMotion(*place, scene.vx - scene.own_speed[:, None], scene.vy)
     rank = rank_motion(motion, 1.0, 1.0, jnp)  # lengths in separations, speeds in the greatest
-    rank = jnp.where(seen.mask, rank, jnp.inf)
+    rank = jnp.where(scene.mask, rank, jnp.inf)
     earlier = jnp.sum(rank[:, None, :] < rank[:, :, None], axis=-1)
-    return seen._replace(mask=seen.mask & (earlier < most))
+    return scene._replace(mask=scene.mask & (earlier < most))
 
 
 def _properties(content: PolicyFile) -> dict[str, str]:

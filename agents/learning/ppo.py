@@ -227,8 +227,10 @@ def advantages(
     delta_t = reward_t + discount * value_tp1 * goes_on - value_t
     decay_t = discount * gae_lambda * goes_on
 
-    def backward(carry: jax.Array, now: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        delta, decay = now
+    def backward(
+        carry: jax.Array, step: tuple[jax.Array, jax.Array]
+    ) -> tuple[jax.Array, jax.Array]:
+        delta, decay = step
         estimate = delta + decay * carry
         return estimate, estimate
 

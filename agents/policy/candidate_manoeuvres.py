@@ -89,15 +89,15 @@ class _Intruders(NamedTuple):
     weight: Array | None = None  # square of the share; None: 1 of all
 
 
-def paths(seen: Scene, xp: ArrayModule) -> Paths:
+def paths(scene: Scene, xp: ArrayModule) -> Paths:
     """Return the paths of all manoeuvres from a scene ``[...]``, in units of the scene."""
-    speed, ratios = seen.own_speed, seen.ratios
+    speed, ratios = scene.own_speed, scene.ratios
     dtype, axes = speed.dtype, (1,) * speed.ndim
 
     def table(values: Array) -> Array:
         return xp.asarray(np.asarray(values, dtype).reshape(np.shape(values) + axes))
 
-    bearing = atan2(seen.goal_y, seen.goal_x, xp)
+    bearing = atan2(scene.goal_y, scene.goal_x, xp)
     fixed_turns = xp.broadcast_to(table(TURNS), (len(TURNS), *speed.shape))
     turns = xp.concatenate([fixed_turns, xp.stack([bearing] * _TO_GOAL)])
 
@@ -129,13 +129,13 @@ def paths(seen: Scene, xp: ArrayModule) -> Paths:
     return Paths(times, spans, step_x, step_y, xp.cumsum(step_x, axis=1), xp.cumsum(step_y, axis=1))
 
 
-def min_separation(seen: Scene, xp: ArrayModule) -> Array:
+def min_separation(scene: Scene, xp: ArrayModule) -> Array:
     """Return the least separation from any of K >= 1 intruders within :data:`HORIZON`, ``[22,
     ...]``, in D, or in the separation of an intruder that has one of its own.
     """
-    path = paths(seen, xp)
-    weight = None if seen.share is None else seen.share * seen.share
-    intruders = _Intruders(seen.x, seen.y, seen.vx, seen.vy, weight)
+    path = paths(scene, xp)
+    weight = None if scene.share is None else scene.share * scene.share
+    intruders = _Intruders(scene.x, scene.y, scene.vx, scene.vy, weight)
     if xp is np:
         # One intruder after the other stays in cache.
         fields = [field for field in intruders if field is not None]
@@ -154,8 +154,8 @@ def _least_squares(path: Paths, intruders: _Intruders, xp: ArrayModule, lax: Mod
     path, intruders = lax.optimization_barrier((path, intruders))
     count = intruders.x.shape[-1]
     if not isinstance(count, int):  # exported for any number of intruders: all of them at once
-        each = Paths(*(field[..., None] for field in path))
-        return xp.min(_squares(intruders, each, xp), axis=(1, -1))
+        wide = Paths(*(field[..., None] for field in path))
+        return xp.min(_squares(intruders, wide, xp), axis=(1, -1))
 
     def nearer(chord: Array, nearest: Array) -> Array:
         here = Paths(
@@ -217,12 +217,12 @@ class MinSeparationOfOne:
         limit = np.where(THROTTLES < 0.0, ratios.acceleration_min, ratios.acceleration_max)
         self.acceleration = limit * np.abs(THROTTLES)
 
-    def __call__(self, seen: Scene) -> np.ndarray:
+    def __call__(self, scene: Scene) -> np.ndarray:
         """Return the least separation of each manoeuvre, D, ``[22]``; without intruders far
         away.
         """
-        speed, ratios, known = seen.own_speed, self._ratios, self.fixed.copy()
-        to_goal = _chords(math.atan2(seen.goal_y, seen.goal_x), ratios.turn_radius)
+        speed, ratios, known = scene.own_speed, self._ratios, self.fixed.copy()
+        to_goal = _chords(math.atan2(scene.goal_y, scene.goal_x), ratios.turn_radius)
         known[:, -_TO_GOAL:, 1:] = np.array(to_goal)[:, None]
         ends, courses, shortening = known[0], known[1:3, :, 1:], known[3, :, 1:]
         times, spans = ends[:, 1:], ends[:, 1:] - ends[:, :-1]
@@ -233,7 +233,7 @@ class MinSeparationOfOne:
         # bits.
         steps = (speeds[:, 1:] + speeds[:, :-1]) * spans * shortening * courses
         own, steps = steps.cumsum(axis=2)[:, None], steps[:, None]
-        place, velocity = np.array(((seen.x, seen.y), (seen.vx, seen.vy)))[..., None, None]
+        place, velocity = np.array(((scene.x, scene.y), (scene.vx, scene.vy)))[..., None, None]
         there, over = place + velocity * times - own, velocity * spans - steps
         (ahead, aside), (along, across) = there * over, over * over
         along += across
@@ -245,14 +245,14 @@ class MinSeparationOfOne:
         there -= back * over
         there *= there
         square = there[0] + there[1]
-        if seen.share is not None:
-            square *= np.square(seen.share)[:, None, None]
+        if scene.share is not None:
+            square *= np.square(scene.share)[:, None, None]
         return np.sqrt(np.minimum.reduce(square, axis=(0, 2), initial=1e6))
 
 
 @scalar
 def min_separations_of_one(
-    seen: Scene, share: np.ndarray, fixed: np.ndarray, acceleration: np.ndarray
+    scene: Scene, share: np.ndarray, fixed: np.ndarray, acceleration: np.ndarray
 ) -> np.ndarray:
     """Return what :class:`MinSeparationOfOne` does, in loops to be compiled.
 
@@ -263,11 +263,11 @@ def min_separations_of_one(
         acceleration: theirs; attributes of that class.
     """
     speed, slowest, fastest = (
-        seen.own_speed,
-        min(seen.ratios.speed_min, seen.own_speed),
-        max(seen.own_speed, 1.0),
+        scene.own_speed,
+        min(scene.ratios.speed_min, scene.own_speed),
+        max(scene.own_speed, 1.0),
     )
-    to_goal = _chords(math.atan2(seen.goal_y, seen.goal_x), seen.ratios.turn_radius)
+    to_goal = _chords(math.atan2(scene.goal_y, scene.goal_x), scene.ratios.turn_radius)
     # At the ends of all chords, one manoeuvre after the other, [22 * 10].
     time, span, x, y, step_x, step_y, nearest = np.empty((7, COUNT * _PIECES))
     for m in range(COUNT):
@@ -299,10 +299,10 @@ def min_separations_of_one(
             own_x += step_x[i]
             own_y += step_y[i]
             x[i], y[i], begin, before, nearest[i] = own_x, own_y, end, after, 1e6
-    for k in range(len(seen.x)):
-        vx, vy, weight = seen.vx[k], seen.vy[k], share[k] * share[k]
+    for k in range(len(scene.x)):
+        vx, vy, weight = scene.vx[k], scene.vy[k], share[k] * share[k]
         for i in range(COUNT * _PIECES):
-            there_x, there_y = seen.x[k] + vx * time[i] - x[i], seen.y[k] + vy * time[i] - y[i]
+            there_x, there_y = scene.x[k] + vx * time[i] - x[i], scene.y[k] + vy * time[i] - y[i]
             over_x, over_y = vx * span[i] - step_x[i], vy * span[i] - step_y[i]
             along = over_x * over_x + over_y * over_y + 1e-8
             back = min(max((there_x * over_x + there_y * over_y) / along, 0.0), 1.0)
@@ -323,26 +323,28 @@ def _least_of_rows(values: np.ndarray) -> np.ndarray:
     return least
 
 
-def steering(seen: Scene, xp: ArrayModule) -> Array:
+def steering(scene: Scene, xp: ArrayModule) -> Array:
     """Return the turn of each manoeuvre at its beginning, 1 to the left at the greatest yaw rate,
     ``[..., 22]``.
     """
-    to_goal = _turn_to_goal(seen, xp)
+    to_goal = _turn_to_goal(scene, xp)
     fixed = xp.broadcast_to(xp.asarray(_SIGNS.astype(to_goal.dtype)), (*to_goal.shape, len(_SIGNS)))
     return xp.concatenate([fixed, xp.stack([to_goal] * _TO_GOAL, axis=-1)], axis=-1)
 
 
 @scalar
-def turns_of_one(seen: Scene) -> np.ndarray:
+def turns_of_one(scene: Scene) -> np.ndarray:
     """Return :func:`steering` of one scene of plain floats."""
     turns = _SIGNS_OF_ALL.copy()
-    turns[-_TO_GOAL:] = _turn_to_goal(seen, EXACT_FLOATS)
+    turns[-_TO_GOAL:] = _turn_to_goal(scene, EXACT_FLOATS)
     return turns
 
 
 @scalar
-def _turn_to_goal(seen: Scene, xp: ArrayModule) -> Array:
+def _turn_to_goal(scene: Scene, xp: ArrayModule) -> Array:
     """Return the turn to the goal; one that takes less than a tenth of a unit of time (a time step)
     is as gentle.
     """
-    return xp.clip(atan2(seen.goal_y, seen.goal_x, xp) * seen.ratios.turn_radius * 10.0, -1.0, 1.0)
+    return xp.clip(
+        atan2(scene.goal_y, scene.goal_x, xp) * scene.ratios.turn_radius * 10.0, -1.0, 1.0
+    )

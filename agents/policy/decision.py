@@ -100,13 +100,13 @@ def decide(
         goal_y: m.
         decider: the policy.
     """
-    mine, each, sign = inputs_of(own, intruders, share, goal_x, goal_y, decider)
+    mine, traffic, sign = inputs_of(own, intruders, share, goal_x, goal_y, decider)
     encoder, trunk = decider.encoder, decider.trunk
     inputs = np.empty(trunk.sizes[0], trunk.values.dtype)
     inputs[: mine.size] = mine
     inputs[mine.size :] = -1.0
-    for k in range(len(each)):
-        code = through(each[k].astype(encoder.values.dtype), encoder, True)
+    for k in range(len(traffic)):
+        code = through(traffic[k].astype(encoder.values.dtype), encoder, True)
         for i in range(code.size):
             inputs[mine.size + i] = max(inputs[mine.size + i], code[i])
     action = through(inputs, trunk, False)
@@ -128,28 +128,28 @@ def inputs_of(
     unmirrored = scene_of_one(
         own, intruders, goal_x, goal_y, decider.limits, decider.separation, FLOATS
     )
-    seen, sign = mirror_one(unmirrored, share, FLOATS)
-    separation = min_separations_of_one(seen, share, decider.fixed, decider.acceleration)
-    margin, best = _margins(separation, turns_of_one(seen))
-    flight = own_part(seen, 0.0, FLOATS)
+    scene, sign = mirror_one(unmirrored, share, FLOATS)
+    separation = min_separations_of_one(scene, share, decider.fixed, decider.acceleration)
+    margin, best = _margins(separation, turns_of_one(scene))
+    flight = own_part(scene, 0.0, FLOATS)
     mine = np.empty(len(flight) + len(best) + COUNT)
     _write(mine, flight + best)
     mine[len(flight) + len(best) :] = margin
-    course = course_to_goal(seen, FLOATS)
-    each = np.empty((len(seen.x), decider.encoder.sizes[0]))
-    for k in range(len(seen.x)):
+    course = course_to_goal(scene, FLOATS)
+    traffic = np.empty((len(scene.x), decider.encoder.sizes[0]))
+    for k in range(len(scene.x)):
         numbers = each_part(
-            seen.x[k],
-            seen.y[k],
-            seen.vx[k],
-            seen.vy[k],
+            scene.x[k],
+            scene.y[k],
+            scene.vx[k],
+            scene.vy[k],
             share[k],
-            seen.own_speed,
+            scene.own_speed,
             course,
             FLOATS,
         )
-        _write(each[k], numbers)
-    return mine, each, sign
+        _write(traffic[k], numbers)
+    return mine, traffic, sign
 
 
 @scalar

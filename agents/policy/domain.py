@@ -127,14 +127,14 @@ def departures(
     """Return each quantity of :func:`domain` that has values outside its range, with the
     furthest.
     """
-    found_outside = []
+    outside = []
     for name, given in values.items():
         if len(given) == 0:
             continue
-        (low, high), found = allowed[name], np.asarray(given, float)
-        beyond = excess((low, high), found)
+        (low, high), numbers = allowed[name], np.asarray(given, float)
+        beyond = excess((low, high), numbers)
         if beyond.any():
-            worst, unit = found[np.argmax(beyond)], _UNITS.get(name, " m/s")
+            worst, unit = numbers[np.argmax(beyond)], _UNITS.get(name, " m/s")
             what = f"is {worst:.4g}{unit}; expected {low:.4g} to {high:.4g}{unit}"
-            found_outside.append(Departure(name, what))
-    return found_outside
+            outside.append(Departure(name, what))
+    return outside

@@ -69,7 +69,7 @@ class EightNetwork:
     def of_states(
         self,
         own: VehicleState[Air],
-        seen: VehicleState[Air],
+        intruders: VehicleState[Air],
         mask: np.ndarray,
         goal_x: np.ndarray,
         goal_y: np.ndarray,
@@ -77,10 +77,10 @@ class EightNetwork:
     ) -> np.ndarray:
         """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``, shares ``[N, K]``."""
         if share is not None:
-            seen = at_share(column(own), seen, share)
+            intruders = at_share(column(own), intruders, share)
         if not mask.any(axis=-1).all():
-            seen, mask = _never_alone(own, seen, mask, self._scales)
-        critical = most_critical(own, seen, mask, self._scales, np)
+            intruders, mask = _never_alone(own, intruders, mask, self._scales)
+        critical = most_critical(own, intruders, mask, self._scales, np)
         return self.of_observations(
             observe(own, critical, goal_x, goal_y, self._scales, np).astype(np.float32)
         )
@@ -97,11 +97,13 @@ class EightNetwork:
         vector.
         """
         if share is not None:
-            intruders = [at_share(own, *one) for one in zip(intruders, share, strict=True)]
+            intruders = [at_share(own, *pair) for pair in zip(intruders, share, strict=True)]
         if len(intruders) == 1:
             other = intruders[0]
         elif intruders:
-            other = min(intruders, key=lambda one: criticality(own, one, self._scales, FLOATS))
+            other = min(
+                intruders, key=lambda intruder: criticality(own, intruder, self._scales, FLOATS)
+            )
         else:
             other = _absent(own, self._scales, FLOATS)
         values = observe(own, other, goal_x, goal_y, self._scales, FLOATS)
@@ -130,14 +132,14 @@ def _absent(own: VehicleState[Air], scales: Aircraft, xp: ArrayModule) -> Vehicl
 
 
 def _never_alone(
-    own: VehicleState[Air], seen: VehicleState[Air], mask: np.ndarray, scales: Aircraft
+    own: VehicleState[Air], intruders: VehicleState[Air], mask: np.ndarray, scales: Aircraft
 ) -> tuple[VehicleState[Air], np.ndarray]:
     """Return intruders and which exist with one more, without effect, that exists where there is no
     other.
     """
     behind = _absent(own, scales, np)
     fields = (
-        np.concatenate([field, one[..., None]], axis=-1)
-        for field, one in zip(seen, behind, strict=True)
+        np.concatenate([field, absent[..., None]], axis=-1)
+        for field, absent in zip(intruders, behind, strict=True)
     )
     return VehicleState(*fields), np.concatenate([mask, ~mask.any(axis=-1, keepdims=True)], axis=-1)

@@ -237,7 +237,7 @@ def _load(data: bytes, source: str) -> tuple[dict[str, np.ndarray], Any]:
     entry = header.pop("__metadata__", None)
     # The digest covers what the header means. Holding its text to one spelling makes every byte
     # count.
-    if text != plain + " " * blanks or any(each.keys() != _ENTRY for each in header.values()):
+    if text != plain + " " * blanks or any(tensor.keys() != _ENTRY for tensor in header.values()):
         raise PolicyFileError(f"{source}: the header is not in canonical form: edited or damaged")
     return tensors, entry
 
@@ -290,5 +290,5 @@ def _check_tensor(
         length is None or have == length for have, length in zip(shape, expected, strict=True)
     )
     if not alike:
-        wanted = ["P" if length is None else length for length in expected]
-        raise PolicyFileError(f"{source}: tensor {name} has shape {list(shape)}, expected {wanted}")
+        sizes = ["P" if length is None else length for length in expected]
+        raise PolicyFileError(f"{source}: tensor {name} has shape {list(shape)}, expected {sizes}")

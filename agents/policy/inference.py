@@ -123,7 +123,7 @@ class Policy:
     def __repr__(self) -> str:
         """Return in a line which policy this is, and for what."""
         limits, aircraft = self.limits, self.aircraft
-        inputs = "".join(f", input {one.name}" for one in self.inputs.extra)
+        inputs = "".join(f", input {extra.name}" for extra in self.inputs.extra)
         return (
             f"<Policy {self.sha256[:8]}: up to {self.most} intruders; aircraft of "
             f"{limits.speed_min:g} to {limits.speed_max:g} m/s, "
@@ -188,8 +188,8 @@ class Policy:
             return [*self._unlike]
         intruders, share = self._most_critical(own, intruders, share)
         box = novelty.box_of(self.sha256, self.inputs)
-        mine, each, _ = self._resolver.inputs_of_one(own, intruders, goal_x, goal_y, share)
-        return [*self._unlike, *novelty.departures(box, self.inputs, mine, each)]
+        mine, traffic, _ = self._resolver.inputs_of_one(own, intruders, goal_x, goal_y, share)
+        return [*self._unlike, *novelty.departures(box, self.inputs, mine, traffic)]
 
     @classmethod
     def load(
@@ -260,18 +260,20 @@ class Policy:
             )
         own = _states("own", own, shape)
         goal_x, goal_y = _shape("goal_x", goal_x, shape), _shape("goal_y", goal_y, shape)
-        seen = _states("intruders", intruders, exist.shape)
+        others = _states("intruders", intruders, exist.shape)
         shares = None if share is None else _shape("share", share, exist.shape)
         if exist.shape[-1] > self.most:
             self.check_intruders(int(np.max(np.count_nonzero(exist, axis=-1), initial=0)))
-            order = self.most_critical(own, seen, exist, shares)
-            seen, exist, shares = map_leaves(
-                lambda field: np.take_along_axis(field, order, axis=-1), (seen, exist, shares)
+            order = self.most_critical(own, others, exist, shares)
+            others, exist, shares = map_leaves(
+                lambda field: np.take_along_axis(field, order, axis=-1), (others, exist, shares)
             )
         wide = own.x.size, exist.shape[-1]
-        one, to_x, to_y = map_leaves(lambda field: field.reshape(-1), (own, goal_x, goal_y))
-        each, exist, shares = map_leaves(lambda field: field.reshape(wide), (seen, exist, shares))
-        actions = self._resolver.of_states(one, each, exist, to_x, to_y, shares)
+        flat_own, to_x, to_y = map_leaves(lambda field: field.reshape(-1), (own, goal_x, goal_y))
+        flat_others, exist, shares = map_leaves(
+            lambda field: field.reshape(wide), (others, exist, shares)
+        )
+        actions = self._resolver.of_states(flat_own, flat_others, exist, to_x, to_y, shares)
         return _clip(actions).astype(float).reshape(*shape, 2)
 
     def command_one(
@@ -309,9 +311,9 @@ class Policy:
         every: VehicleState[Air] = VehicleState(
             *(np.array(field) for field in zip(*intruders, strict=True))
         )
-        one: VehicleState[Air] = VehicleState(*map(np.asarray, own))
+        state: VehicleState[Air] = VehicleState(*map(np.asarray, own))
         exist = np.ones(len(intruders), bool)
-        order = list[int](self.most_critical(one, every, exist, share))
+        order = list[int](self.most_critical(state, every, exist, share))
         chosen = None if share is None else [share[number] for number in order]
         return [intruders[number] for number in order], chosen
 
@@ -337,7 +339,7 @@ def check_one_layer(policy: Policy) -> None:
     inputs of the user's own.
     """
     if policy.inputs.extra:
-        names = ", ".join(one.name for one in policy.inputs.extra)
+        names = ", ".join(extra.name for extra in policy.inputs.extra)
         raise InputError(f"the policy has inputs of your own ({names}); expected one without")
     if len(policy.metadata["architecture"].get("encoder", ())) != 1:
         raise InputError(

@@ -64,8 +64,13 @@ class Input(NamedTuple):
             "of": self.of,
             "code": self.code or f"{self.compute.__module__}:{self.name}",
             "numbers": [
-                {"name": one.name, "unit": one.unit, "low": float(one.low), "high": float(one.high)}
-                for one in self.numbers
+                {
+                    "name": number.name,
+                    "unit": number.unit,
+                    "low": float(number.low),
+                    "high": float(number.high),
+                }
+                for number in self.numbers
             ],
         }
 
@@ -76,7 +81,7 @@ INPUTS: Registry[Input] = Registry(
 """The inputs of the user's own that this process knows, by name."""
 
 
-def register(one: Input) -> Input:
+def register(entry: Input) -> Input:
     """Make an input of the user's own known in this process, and return it.
 
     One of the same name is replaced, as when a notebook's cell is run again.
@@ -84,8 +89,8 @@ def register(one: Input) -> Input:
     Raises:
         InputError: it is no input, or fails when it is tried on random scenes.
     """
-    check_input(one)
-    return INPUTS.register(one.name, one)
+    check_input(entry)
+    return INPUTS.register(entry.name, entry)
 
 
 def resolve(names: Iterable[str]) -> tuple[Input, ...]:
@@ -101,8 +106,8 @@ def resolve(names: Iterable[str]) -> tuple[Input, ...]:
 
 
 def _find(name: str) -> Input:
-    one = INPUTS.load(name)
-    return one if name in INPUTS else register(one._replace(code=name))
+    entry = INPUTS.load(name)
+    return entry if name in INPUTS else register(entry._replace(code=name))
 
 
 def extension_for(contract: Mapping[str, Any], given: Iterable[Input]) -> Input:
@@ -112,15 +117,15 @@ def extension_for(contract: Mapping[str, Any], given: Iterable[Input]) -> Input:
         InputError: it is not among them, or has other numbers than in training.
     """
     name, code = contract["name"], contract["code"]
-    for one in given:
-        if one.name == name:
-            here = one.contract()
+    for entry in given:
+        if entry.name == name:
+            here = entry.contract()
             if any(here[key] != contract[key] for key in ("of", "numbers")):
                 raise InputError(
                     f"input {name!r} describes {_describe(here)} here; the policy was trained "
                     f"with {_describe(contract)}"
                 )
-            return one
+            return entry
     raise InputError(
         f"the policy needs the input {name!r} ({code}), which is not part of the toolkit; expected "
         f"--extension {code}, the key extensions: [{code}], or Policy.load(path, inputs=[...])"
@@ -129,8 +134,8 @@ def extension_for(contract: Mapping[str, Any], given: Iterable[Input]) -> Input:
 
 def _describe(contract: Mapping[str, Any]) -> str:
     numbers = ", ".join(
-        f"{one['name']} ({one['unit']}, {one['low']:g} to {one['high']:g})"
-        for one in contract["numbers"]
+        f"{number['name']} ({number['unit']}, {number['low']:g} to {number['high']:g})"
+        for number in contract["numbers"]
     )
     return f"the {contract['of']} by {numbers}"
 
@@ -139,28 +144,28 @@ _TRIAL_INTRUDERS = 3
 _TRIAL_FAMILY = Ratios((0.4, 0.75), (-0.4, -0.03), (0.03, 0.4), (0.3, 2.5))._asdict()
 
 
-def check_input(one: Any) -> None:
+def check_input(entry: Any) -> None:
     """Raise an InputError unless an input has names, unit and bounds, and its function keeps what
     they say on random scenes.
     """
-    if not isinstance(one, Input):
-        raise InputError(f"{one!r} is no input; expected an agents.policy.inputs.Input")
-    source = f"input {one.name!r}"
-    if one.of not in (OWNSHIP, INTRUDER):
-        raise InputError(f"{source}: of is {one.of!r}; expected {OWNSHIP!r} or {INTRUDER!r}")
-    if not one.numbers:
+    if not isinstance(entry, Input):
+        raise InputError(f"{entry!r} is no input; expected an agents.policy.inputs.Input")
+    source = f"input {entry.name!r}"
+    if entry.of not in (OWNSHIP, INTRUDER):
+        raise InputError(f"{source}: of is {entry.of!r}; expected {OWNSHIP!r} or {INTRUDER!r}")
+    if not entry.numbers:
         raise InputError(f"{source}: has no numbers; expected one at least")
-    for number in one.numbers:
+    for number in entry.numbers:
         if not number.low < number.high:
             raise InputError(
                 f"{source}: {number.name} has bounds {number.low:g} to {number.high:g}; expected "
                 "the lower one first"
             )
-    seen = trial_scenes()
-    values = evaluate_input(one, seen, np)
-    wanted = values if one.of == OWNSHIP else values[seen.mask]
-    for index, number in enumerate(one.numbers):
-        column = wanted[..., index]
+    scenes = trial_scenes()
+    values = evaluate_input(entry, scenes, np)
+    present = values if entry.of == OWNSHIP else values[scenes.mask]
+    for index, number in enumerate(entry.numbers):
+        column = present[..., index]
         outside = column[~((column >= number.low) & (column <= number.high))]  # and nan
         if outside.size:
             raise InputError(
@@ -175,19 +180,20 @@ def trial_scenes() -> Scene:
     return mirror(unpack_rows(rows), np)[0]
 
 
-def evaluate_input(one: Input, seen: Scene, xp: ArrayModule) -> Array:
+def evaluate_input(entry: Input, scenes: Scene, xp: ArrayModule) -> Array:
     """Return the values of an input for mirrored scenes, in the scenes' dtype; raises an InputError
     where it fails or they have another shape.
     """
     try:
-        values = one.compute(seen, xp)
+        values = entry.compute(scenes, xp)
     except Exception as problem:
-        raise InputError(f"input {one.name!r}: {failure(problem)}") from problem
-    place = seen.own_speed if one.of == OWNSHIP else seen.x
-    expected = (*place.shape, one.size)
+        raise InputError(f"input {entry.name!r}: {failure(problem)}") from problem
+    place = scenes.own_speed if entry.of == OWNSHIP else scenes.x
+    expected = (*place.shape, entry.size)
     if getattr(values, "shape", None) != expected:
         raise InputError(
-            f"input {one.name!r}: computes {getattr(values, 'shape', type(values).__name__)} for "
-            f"scenes {seen.x.shape}; expected {expected}, one {one.of} with {one.size} numbers each"
+            f"input {entry.name!r}: computes {getattr(values, 'shape', type(values).__name__)} for "
+            f"scenes {scenes.x.shape}; expected {expected}, one {entry.of} with {entry.size} "
+            "numbers each"
         )
     return values if values.dtype == place.dtype else values.astype(place.dtype)

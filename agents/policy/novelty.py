@@ -55,7 +55,7 @@ def box_of(sha256: str, inputs: InputTable) -> Box:
 
 
 def _bounds(numbers: Sequence[Number]) -> np.ndarray:
-    return np.array([(one.low, one.high) for one in numbers]).T
+    return np.array([(number.low, number.high) for number in numbers]).T
 
 
 def inputs_of(
@@ -63,40 +63,40 @@ def inputs_of(
     intruders: VehicleState[Air],
     mask: np.ndarray,
     goal: tuple[np.ndarray, np.ndarray],
-    one: Aircraft,
+    aircraft: Aircraft,
     share: np.ndarray | None = None,
 ) -> SetInputs:
     """Return the network's inputs for states ``[N]`` and ``[N, K]`` with K >= 1, present ones bool
     ``[N, K]``; shares of separations of the intruders' own, ``[N, K]``.
     """
-    seen = scene(own, intruders, mask, *goal, one.limits, one.separation, np)
-    return set_inputs(seen._replace(share=share), np)
+    scenes = scene(own, intruders, mask, *goal, aircraft.limits, aircraft.separation, np)
+    return set_inputs(scenes._replace(share=share), np)
 
 
 def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:
     """Return by how much each input is outside the box, ``[..., F]`` and ``[..., K, E]``; nan is
     infinitely far.
     """
-    found = []
+    excesses = []
     for (low, high), values in ((box.own, inputs.own), (box.each, inputs.each)):
         beyond = np.maximum(low - values, values - high)
         beyond = np.where(np.isnan(values), np.inf, beyond)
-        found.append(np.where(beyond > _MARGIN * (high - low), beyond, 0.0))
-    return found[0], np.where(inputs.mask[..., None], found[1], 0.0)
+        excesses.append(np.where(beyond > _MARGIN * (high - low), beyond, 0.0))
+    return excesses[0], np.where(inputs.mask[..., None], excesses[1], 0.0)
 
 
 def departures(
-    box: Box, inputs: InputTable, own: Sequence[float], each: Sequence[Sequence[float]]
+    box: Box, inputs: InputTable, own: Sequence[float], traffic: Sequence[Sequence[float]]
 ) -> list[Departure]:
     """Return the newest of one scene's inputs, ``[F]`` and ``[K, E]``; none if all are known."""
-    if not each:
+    if not traffic:
         return []
-    seen = SetInputs(np.array(own), np.array(each), np.ones(len(each), bool), 1.0)
-    beyond = np.concatenate([part.ravel() for part in excess(box, seen)])
+    row = SetInputs(np.array(own), np.array(traffic), np.ones(len(traffic), bool), 1.0)
+    beyond = np.concatenate([part.ravel() for part in excess(box, row)])
     if not beyond.any():
         return []
-    values = np.concatenate([seen.own, seen.each.ravel()])
-    ranges = np.concatenate([box.own, np.tile(box.each, len(each))], axis=1)
+    values = np.concatenate([row.own, row.each.ravel()])
+    ranges = np.concatenate([box.own, np.tile(box.each, len(traffic))], axis=1)
     worst = int(np.argmax(beyond / (ranges[1] - ranges[0])))
     if worst < inputs.own_size:
         what = inputs.own_numbers[worst].name

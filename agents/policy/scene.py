@@ -220,19 +220,19 @@ def random_scenes(most: int, family: Mapping[str, tuple[float, float]]) -> np.nd
     bearing, heading = random.uniform(-np.pi, np.pi, (2, count, most))
     pace = random.uniform(0.3, 1.4, (count, most))
     mask = random.random((count, most)) < random.random((count, 1))
-    each = [
+    motions = [
         away * np.cos(bearing),
         away * np.sin(bearing),
         pace * np.cos(heading),
         pace * np.sin(heading),
     ]
-    traffic = np.where(mask, each, [[[NOWHERE]], [[0.0]], [[0.0]], [[0.0]]])
+    traffic = np.where(mask, motions, [[[NOWHERE]], [[0.0]], [[0.0]], [[0.0]]])
     rows = np.concatenate([traffic, mask[None]]).transpose(1, 2, 0).reshape(count, -1)
     own = np.stack([speed, goal * np.cos(course), goal * np.sin(course), *of_family], axis=-1)
     return np.concatenate([own, rows], axis=-1).astype(np.float32)
 
 
-def mirror(seen: Scene, xp: ArrayModule) -> tuple[Scene, Array]:
+def mirror(scene: Scene, xp: ArrayModule) -> tuple[Scene, Array]:
     """Return the scene with most of the traffic left of the line to the goal, and the sign of its y
     axis, ``[...]``.
 
@@ -242,46 +242,46 @@ def mirror(seen: Scene, xp: ArrayModule) -> tuple[Scene, Array]:
     the left.
     """
     towards = _towards(
-        seen.x,
-        seen.y,
-        seen.vx,
-        seen.vy,
-        1.0 if seen.share is None else seen.share,
-        seen.own_speed[..., None],
-        (seen.goal_x[..., None], seen.goal_y[..., None]),
+        scene.x,
+        scene.y,
+        scene.vx,
+        scene.vy,
+        1.0 if scene.share is None else scene.share,
+        scene.own_speed[..., None],
+        (scene.goal_x[..., None], scene.goal_y[..., None]),
         xp,
     )
-    total = xp.sum(xp.where(seen.mask, towards, 0.0), axis=-1)
-    sign = xp.copysign(xp.ones_like(total), total + 1e-20 * seen.goal_y)
-    each = sign[..., None]
-    return seen._replace(goal_y=seen.goal_y * sign, y=seen.y * each, vy=seen.vy * each), sign
+    total = xp.sum(xp.where(scene.mask, towards, 0.0), axis=-1)
+    sign = xp.copysign(xp.ones_like(total), total + 1e-20 * scene.goal_y)
+    signs = sign[..., None]
+    return scene._replace(goal_y=scene.goal_y * sign, y=scene.y * signs, vy=scene.vy * signs), sign
 
 
 @scalar
-def mirror_one(seen: Scene, share: Array, xp: ArrayModule) -> tuple[Scene, float]:
+def mirror_one(scene: Scene, share: Array, xp: ArrayModule) -> tuple[Scene, float]:
     """Return :func:`mirror` of a scene of plain floats, whose lists or arrays it overwrites; shares
     ``[K]``.
     """
-    goal, total = (seen.goal_x, seen.goal_y), 0.0
-    for k in range(len(seen.x)):
+    goal, total = (scene.goal_x, scene.goal_y), 0.0
+    for k in range(len(scene.x)):
         total += _towards(
-            seen.x[k], seen.y[k], seen.vx[k], seen.vy[k], share[k], seen.own_speed, goal, xp
+            scene.x[k], scene.y[k], scene.vx[k], scene.vy[k], share[k], scene.own_speed, goal, xp
         )
-    sign = xp.copysign(1.0, total + 1e-20 * seen.goal_y)
-    for k in range(len(seen.x)):
-        seen.y[k] *= sign
-        seen.vy[k] *= sign
+    sign = xp.copysign(1.0, total + 1e-20 * scene.goal_y)
+    for k in range(len(scene.x)):
+        scene.y[k] *= sign
+        scene.vy[k] *= sign
     mirrored = Scene(
-        seen.own_speed,
-        seen.goal_x,
-        seen.goal_y * sign,
-        seen.x,
-        seen.y,
-        seen.vx,
-        seen.vy,
-        seen.mask,
-        seen.ratios,
-        seen.share,
+        scene.own_speed,
+        scene.goal_x,
+        scene.goal_y * sign,
+        scene.x,
+        scene.y,
+        scene.vx,
+        scene.vy,
+        scene.mask,
+        scene.ratios,
+        scene.share,
     )
     return mirrored, sign
 

@@ -189,7 +189,7 @@ def _set_contract(of_set: SetOf) -> dict[str, Any]:
         },
     }
     if of_set.inputs:
-        contract["inputs"] = [one.contract() for one in of_set.inputs]
+        contract["inputs"] = [entry.contract() for entry in of_set.inputs]
     return contract
 
 
@@ -248,8 +248,8 @@ def _check_contracts(document: Mapping[str, Any], of_set: bool, demand: _Demand)
         "architecture.output": (architecture["output"], "clip"),
         "training.config_sha256": (training["config_sha256"], digest),
     }
-    seen = ("scene", SCENE) if of_set else ("observation", OBSERVATION)
-    for name, contract in (seen, ("action", ACTION)):
+    observed = ("scene", SCENE) if of_set else ("observation", OBSERVATION)
+    for name, contract in (observed, ("action", ACTION)):
         keys = sorted(contract.keys() | document[name].keys())
         fixed |= {f"{name}.{key}": (document[name].get(key), contract.get(key)) for key in keys}
     for name, (value, expected) in fixed.items():
@@ -320,7 +320,9 @@ def _numbers_of(document: Mapping[str, Any], of: str) -> int:
     """Return how many numbers the inputs of the user's own have of the ownship, or of an
     intruder.
     """
-    return sum(len(one["numbers"]) for one in document.get("inputs", ()) if one["of"] == of)
+    return sum(
+        len(contract["numbers"]) for contract in document.get("inputs", ()) if contract["of"] == of
+    )
 
 
 def check_values(tensors: Mapping[str, np.ndarray], source: str) -> None:
@@ -370,16 +372,16 @@ def _check_inputs(inputs: list[Any], source: str) -> None:
         raise PolicyFileError(
             f"{source}: metadata.inputs has {len(inputs)} inputs, expected 1 to {_MAX_INPUTS}"
         )
-    for number, one in enumerate(inputs):
+    for number, contract in enumerate(inputs):
         path = f"metadata.inputs.{number}"
-        if not isinstance(one, dict):
-            raise PolicyFileError(f"{source}: {path} is {_brief(one)}, expected an object")
-        _check_fields(one, _INPUT_FIELDS, path, source)
-        if one["of"] not in (OWNSHIP, INTRUDER):
+        if not isinstance(contract, dict):
+            raise PolicyFileError(f"{source}: {path} is {_brief(contract)}, expected an object")
+        _check_fields(contract, _INPUT_FIELDS, path, source)
+        if contract["of"] not in (OWNSHIP, INTRUDER):
             raise PolicyFileError(
-                f"{source}: {path}.of is {_brief(one['of'])}, expected {OWNSHIP} or {INTRUDER}"
+                f"{source}: {path}.of is {_brief(contract['of'])}, expected {OWNSHIP} or {INTRUDER}"
             )
-        numbers = one["numbers"]
+        numbers = contract["numbers"]
         if not 1 <= len(numbers) <= _MAX_NUMBERS or not all(isinstance(n, dict) for n in numbers):
             raise PolicyFileError(
                 f"{source}: {path}.numbers is {_brief(numbers)}, expected 1 to {_MAX_NUMBERS} "

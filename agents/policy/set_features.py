@@ -75,18 +75,18 @@ class InputTable(NamedTuple):
     @property
     def own_numbers(self) -> tuple[Number, ...]:
         """The numbers that describe the ownship."""
-        return tuple(number for one in self.ownship for number in one.numbers)
+        return tuple(number for entry in self.ownship for number in entry.numbers)
 
     @property
     def each_numbers(self) -> tuple[Number, ...]:
         """The numbers that describe an intruder."""
-        return tuple(number for one in self.intruder for number in one.numbers)
+        return tuple(number for entry in self.intruder for number in entry.numbers)
 
     @property
     def extra(self) -> tuple[Input, ...]:
         """The inputs that are the user's own."""
-        own = {one.name for one in BUILT_IN}
-        return tuple(one for one in (*self.ownship, *self.intruder) if one.name not in own)
+        own = {entry.name for entry in BUILT_IN}
+        return tuple(entry for entry in (*self.ownship, *self.intruder) if entry.name not in own)
 
 
 def table(extra: Iterable[Input] = ()) -> InputTable:
@@ -96,66 +96,66 @@ def table(extra: Iterable[Input] = ()) -> InputTable:
         InputError: two have one name, or one cannot be used.
     """
     extra = tuple(extra)
-    for one in extra:
-        check_input(one)
+    for entry in extra:
+        check_input(entry)
     rows = (*BUILT_IN, *extra)
-    names = [one.name for one in rows]
+    names = [entry.name for entry in rows]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"input {name!r} stands twice; expected different names")
     return InputTable(
-        tuple(one for one in rows if one.of == OWNSHIP),
-        tuple(one for one in rows if one.of == INTRUDER),
+        tuple(entry for entry in rows if entry.of == OWNSHIP),
+        tuple(entry for entry in rows if entry.of == INTRUDER),
     )
 
 
-def set_inputs(seen: Scene, xp: ArrayModule, inputs: InputTable | None = None) -> SetInputs:
+def set_inputs(scene: Scene, xp: ArrayModule, inputs: InputTable | None = None) -> SetInputs:
     """Return the inputs for scenes ``[...]``, not mirrored, with K >= 1 intruders' places; without
     a table the toolkit's own, all within about [-3, 3].
     """
     inputs = TABLE if inputs is None else inputs
-    if seen.share is not None:  # of absent intruders it must not count
-        seen = seen._replace(share=xp.where(seen.mask, seen.share, 1.0))
-    seen, sign = mirror(seen, xp)
+    if scene.share is not None:  # of absent intruders it must not count
+        scene = scene._replace(share=xp.where(scene.mask, scene.share, 1.0))
+    scene, sign = mirror(scene, xp)
     return SetInputs(
-        _side_by_side(inputs.ownship, seen, xp),
-        _side_by_side(inputs.intruder, seen, xp),
-        seen.mask,
+        _side_by_side(inputs.ownship, scene, xp),
+        _side_by_side(inputs.intruder, scene, xp),
+        scene.mask,
         sign,
     )
 
 
-def _side_by_side(rows: tuple[Input, ...], seen: Scene, xp: ArrayModule) -> Array:
+def _side_by_side(rows: tuple[Input, ...], scene: Scene, xp: ArrayModule) -> Array:
     """Return the values of inputs one after the other, along the last axis."""
-    parts = [evaluate_input(one, seen, xp) for one in rows]
+    parts = [evaluate_input(entry, scene, xp) for entry in rows]
     return parts[0] if len(parts) == 1 else xp.concatenate(parts, axis=-1)
 
 
-def _ownship(seen: Scene, xp: ArrayModule) -> Array:
+def _ownship(scene: Scene, xp: ArrayModule) -> Array:
     """Return the toolkit's inputs of the ownship for mirrored scenes, ``[..., 37]``."""
     # Manoeuvres along the last axis: there numpy adds up a row in the same order whatever the
     # number of rows.
-    separation = xp.stack(list(candidate_manoeuvres.min_separation(seen, xp)), axis=-1)
+    separation = xp.stack(list(candidate_manoeuvres.min_separation(scene, xp)), axis=-1)
     margin = margin_of(separation, xp)  # [..., 22]
-    own = own_part(seen, xp.zeros_like(seen.own_speed), xp)
-    best = _best(margin, candidate_manoeuvres.steering(seen, xp), xp)
+    own = own_part(scene, xp.zeros_like(scene.own_speed), xp)
+    best = _best(margin, candidate_manoeuvres.steering(scene, xp), xp)
     return xp.concatenate([xp.stack([*own, *best], axis=-1), margin], axis=-1)
 
 
-def _intruder(seen: Scene, xp: ArrayModule) -> Array:
+def _intruder(scene: Scene, xp: ArrayModule) -> Array:
     """Return the toolkit's inputs of intruders for mirrored scenes, ``[..., K, 16]``."""
-    cosine, sine = course_to_goal(seen, xp)
-    each = each_part(
-        seen.x,
-        seen.y,
-        seen.vx,
-        seen.vy,
-        seen.share,
-        seen.own_speed[..., None],
+    cosine, sine = course_to_goal(scene, xp)
+    numbers = each_part(
+        scene.x,
+        scene.y,
+        scene.vx,
+        scene.vy,
+        scene.share,
+        scene.own_speed[..., None],
         (cosine[..., None], sine[..., None]),
         xp,
     )
-    return xp.stack(each, axis=-1)
+    return xp.stack(numbers, axis=-1)
 
 
 def _passing_numbers(course: str) -> tuple[Number, ...]:
@@ -213,7 +213,7 @@ BUILT_IN = (
 
 
 def set_inputs_of_one(
-    seen: Scene, share: Sequence[float], separation: np.ndarray, inputs: InputTable
+    scene: Scene, share: Sequence[float], separation: np.ndarray, inputs: InputTable
 ) -> tuple[list[float], list[list[float]]]:
     """Return the inputs for one mirrored scene of plain floats: for the ownship, and a list for
     each intruder present, whose shares are ``[K]``.
@@ -222,59 +222,62 @@ def set_inputs_of_one(
     scene, ``[22]``. The user's own inputs are computed on arrays of one scene.
     """
     margin = margin_of(separation, np)
-    best = _best(margin, candidate_manoeuvres.turns_of_one(seen), np)
-    own = [*own_part(seen, 0.0, FLOATS), *map(float, best), *margin.tolist()]
-    course = course_to_goal(seen, FLOATS)
-    intruders = zip(seen.x, seen.y, seen.vx, seen.vy, share, strict=True)
-    each = [list(each_part(*one, seen.own_speed, course, FLOATS)) for one in intruders]
+    best = _best(margin, candidate_manoeuvres.turns_of_one(scene), np)
+    own = [*own_part(scene, 0.0, FLOATS), *map(float, best), *margin.tolist()]
+    course = course_to_goal(scene, FLOATS)
+    intruders = zip(scene.x, scene.y, scene.vx, scene.vy, share, strict=True)
+    traffic = [list(each_part(*state, scene.own_speed, course, FLOATS)) for state in intruders]
     if inputs is not TABLE:
-        batch = batch_of_one(seen)
+        batch = batch_of_one(scene)
         for row in inputs.extra:
             values = evaluate_input(row, batch, np)[0]
             if row.of == OWNSHIP:
                 own += values.tolist()
             else:
-                each = [[*one, *more] for one, more in zip(each, values.tolist(), strict=False)]
-    return own, each
+                traffic = [
+                    [*numbers, *more]
+                    for numbers, more in zip(traffic, values.tolist(), strict=False)
+                ]
+    return own, traffic
 
 
-def batch_of_one(seen: Scene) -> Scene:
+def batch_of_one(scene: Scene) -> Scene:
     """Return a scene of plain floats as one of arrays ``[1]`` and ``[1, K]``, with one absent
     intruder where there is none.
     """
-    seen = seen._replace(mask=[True] * len(seen.x))
-    if not seen.x:
-        seen = seen._replace(x=[NOWHERE], y=[0.0], vx=[0.0], vy=[0.0], mask=[False], share=None)
+    scene = scene._replace(mask=[True] * len(scene.x))
+    if not scene.x:
+        scene = scene._replace(x=[NOWHERE], y=[0.0], vx=[0.0], vy=[0.0], mask=[False], share=None)
     return Scene(
-        own_speed=np.array([seen.own_speed]),
-        goal_x=np.array([seen.goal_x]),
-        goal_y=np.array([seen.goal_y]),
-        x=np.array([seen.x]),
-        y=np.array([seen.y]),
-        vx=np.array([seen.vx]),
-        vy=np.array([seen.vy]),
-        mask=np.array([seen.mask]),
-        ratios=seen.ratios,
-        share=None if seen.share is None else np.array([seen.share]),
+        own_speed=np.array([scene.own_speed]),
+        goal_x=np.array([scene.goal_x]),
+        goal_y=np.array([scene.goal_y]),
+        x=np.array([scene.x]),
+        y=np.array([scene.y]),
+        vx=np.array([scene.vx]),
+        vy=np.array([scene.vy]),
+        mask=np.array([scene.mask]),
+        ratios=scene.ratios,
+        share=None if scene.share is None else np.array([scene.share]),
     )
 
 
 @scalar
-def own_part(seen: Scene, zero: Array, xp: ArrayModule) -> tuple[Array, ...]:
+def own_part(scene: Scene, zero: Array, xp: ArrayModule) -> tuple[Array, ...]:
     """Return what describes the ownship, its goal and its limits, 12 times ``[...]``; ``zero`` has
     that shape.
     """
-    to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
-    speed, ratios = seen.own_speed, seen.ratios
+    to_goal = distance(scene.goal_x, scene.goal_y, xp) + 1e-6
+    speed, ratios = scene.own_speed, scene.ratios
     radius = speed * ratios.turn_radius
     # Of the turning circles.
-    outside_left = distance(seen.goal_x, seen.goal_y - radius, xp) - radius
-    outside_right = distance(seen.goal_x, seen.goal_y + radius, xp) - radius
+    outside_left = distance(scene.goal_x, scene.goal_y - radius, xp) - radius
+    outside_right = distance(scene.goal_x, scene.goal_y + radius, xp) - radius
     return (
         (2.0 * speed - 1.0 - ratios.speed_min) / (1.0 - ratios.speed_min),
         speed,
-        seen.goal_x / to_goal,
-        seen.goal_y / to_goal,
+        scene.goal_x / to_goal,
+        scene.goal_y / to_goal,
         to_goal * 0.1 - 1.0,
         soft(to_goal, xp),
         soft(2.0 * outside_left, xp),
@@ -287,10 +290,10 @@ def own_part(seen: Scene, zero: Array, xp: ArrayModule) -> tuple[Array, ...]:
 
 
 @scalar
-def course_to_goal(seen: Scene, xp: ArrayModule) -> tuple[Array, Array]:
+def course_to_goal(scene: Scene, xp: ArrayModule) -> tuple[Array, Array]:
     """Return the cosine and sine of the goal's direction, ``[...]`` each."""
-    to_goal = distance(seen.goal_x, seen.goal_y, xp) + 1e-6
-    return seen.goal_x / to_goal, seen.goal_y / to_goal
+    to_goal = distance(scene.goal_x, scene.goal_y, xp) + 1e-6
+    return scene.goal_x / to_goal, scene.goal_y / to_goal
 
 
 @scalar

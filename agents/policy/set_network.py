@@ -70,20 +70,20 @@ class SetNetwork:
 
     def of_observations(self, observation: np.ndarray) -> np.ndarray:
         """Return the actions ``[N, 2]`` for observations ``[N, 8]`` of one intruder."""
-        found = decode(list(observation.T.astype(float)), self._aircraft, np)
+        decoded = decode(list(observation.T.astype(float)), self._aircraft, np)
         zeros = np.zeros(len(observation))
-        own: VehicleState[Air] = VehicleState(zeros, zeros, zeros, found.own_speed)
-        vx, vy = found.intruder_vx, found.intruder_vy
-        fields = found.intruder_x, found.intruder_y, atan2(vy, vx, np), distance(vx, vy, np)
-        seen: VehicleState[Air] = VehicleState(*(field[:, None] for field in fields))
+        own: VehicleState[Air] = VehicleState(zeros, zeros, zeros, decoded.own_speed)
+        vx, vy = decoded.intruder_vx, decoded.intruder_vy
+        fields = decoded.intruder_x, decoded.intruder_y, atan2(vy, vx, np), distance(vx, vy, np)
+        intruders: VehicleState[Air] = VehicleState(*(field[:, None] for field in fields))
         return self.of_states(
-            own, seen, np.ones((len(observation), 1), bool), found.goal_x, found.goal_y
+            own, intruders, np.ones((len(observation), 1), bool), decoded.goal_x, decoded.goal_y
         )
 
     def of_states(
         self,
         own: VehicleState[Air],
-        seen: VehicleState[Air],
+        intruders: VehicleState[Air],
         mask: np.ndarray,
         goal_x: np.ndarray,
         goal_y: np.ndarray,
@@ -91,11 +91,11 @@ class SetNetwork:
     ) -> np.ndarray:
         """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``, shares ``[N, K]``."""
         if mask.shape[-1] == 0:
-            seen = VehicleState(*(np.zeros((len(mask), 1)) for _ in seen))
+            intruders = VehicleState(*(np.zeros((len(mask), 1)) for _ in intruders))
             mask, share = np.zeros((len(mask), 1), bool), None
         limits, separation = self._aircraft.limits, self._aircraft.separation
-        found = scene(own, seen, mask, goal_x, goal_y, limits, separation, np)
-        return self._of_scenes(found._replace(share=share))
+        scenes = scene(own, intruders, mask, goal_x, goal_y, limits, separation, np)
+        return self._of_scenes(scenes._replace(share=share))
 
     def of_one(
         self,
@@ -106,11 +106,11 @@ class SetNetwork:
         share: Sequence[float] | None = None,
     ) -> tuple[float, float]:
         """Return the action of one aircraft in plain floats."""
-        mine, each, sign = self.inputs_of_one(own, intruders, goal_x, goal_y, share)
+        mine, traffic, sign = self.inputs_of_one(own, intruders, goal_x, goal_y, share)
         x = np.empty(len(self._trunk[0][0]), self._dtype)
         x[: self._own_size] = mine
-        if each:
-            flat = np.array(each, self._dtype)
+        if traffic:
+            flat = np.array(traffic, self._dtype)
             for kernel, bias in self._encoder:
                 flat = flat.dot(kernel)
                 flat += bias
@@ -134,29 +134,31 @@ class SetNetwork:
         """
         if self.decider is not None and INPUTS_OF.ready:
             scene = _in_arrays(own, intruders, goal_x, goal_y, share)
-            mine, each, sign = INPUTS_OF(*scene, self.decider)
-            return mine.tolist(), each.tolist(), sign
+            mine, traffic, sign = INPUTS_OF(*scene, self.decider)
+            return mine.tolist(), traffic.tolist(), sign
         limits, separation = self._aircraft.limits, self._aircraft.separation
         shares = [1.0] * len(intruders) if share is None else share
         fields: VehicleState[Air] = VehicleState(*_transposed(intruders))
-        found = scene_of_one(own, fields, goal_x, goal_y, limits, separation, FLOATS)
-        seen, sign = mirror_one(found._replace(share=share), shares, FLOATS)
-        separations = self._min_separation(seen)
-        return *set_inputs_of_one(seen, shares, separations, self._inputs), sign
+        unmirrored = scene_of_one(own, fields, goal_x, goal_y, limits, separation, FLOATS)
+        mirrored, sign = mirror_one(unmirrored._replace(share=share), shares, FLOATS)
+        separations = self._min_separation(mirrored)
+        return *set_inputs_of_one(mirrored, shares, separations, self._inputs), sign
 
-    def _of_scenes(self, seen: Scene) -> np.ndarray:
+    def _of_scenes(self, scenes: Scene) -> np.ndarray:
         """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders."""
-        seen = map_leaves(
+        scenes = map_leaves(
             lambda field: (
                 field if np.asarray(field).dtype == bool else np.asarray(field, self._dtype)
             ),
-            seen,
+            scenes,
         )
-        if len(seen.own_speed) <= _SCENES:
-            return actions(set_inputs(seen, np, self._inputs), self._encoder, self._trunk, np)
-        blocks = [slice(first, first + _SCENES) for first in range(0, len(seen.own_speed), _SCENES)]
+        if len(scenes.own_speed) <= _SCENES:
+            return actions(set_inputs(scenes, np, self._inputs), self._encoder, self._trunk, np)
+        blocks = [
+            slice(first, first + _SCENES) for first in range(0, len(scenes.own_speed), _SCENES)
+        ]
         parts = (
-            map_leaves(lambda field, at=at: field[at] if np.ndim(field) else field, seen)
+            map_leaves(lambda field, at=at: field[at] if np.ndim(field) else field, scenes)
             for at in blocks
         )
         return np.concatenate([self._of_scenes(part) for part in parts])
@@ -187,11 +189,11 @@ def _min_separation(aircraft: Aircraft) -> MinSeparationOfOne:
 
 def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: ArrayModule) -> Array:
     """Return the actions ``[N, 2]`` of the network's layers for inputs ``[N]``."""
-    own, each, mask, sign = inputs
-    each = xp.tanh(rows_through(each.reshape(-1, each.shape[-1]), encoder, xp)).reshape(
+    own, traffic, mask, sign = inputs
+    traffic = xp.tanh(rows_through(traffic.reshape(-1, traffic.shape[-1]), encoder, xp)).reshape(
         *mask.shape, -1
     )
-    pooled = xp.where(mask[..., None], each, -1.0).max(axis=-2)
+    pooled = xp.where(mask[..., None], traffic, -1.0).max(axis=-2)
     action = rows_through(xp.concatenate([own, pooled], axis=-1), trunk, xp)
     return action * xp.stack([xp.ones_like(sign), sign], axis=-1)
 
