@@ -173,11 +173,11 @@ def load_logic(path: str | os.PathLike[str], aircraft: Aircraft) -> AdvisoryLogi
 
 def _family(path: Path) -> Sequence[Path]:
     """Return the files of all previous advisories, or the one file."""
-    found = _PREVIOUS.search(path.name)
-    if found is None:
+    match = _PREVIOUS.search(path.name)
+    if match is None:
         return [path]
-    before, after = path.name[: found.start(2)], path.name[found.end(2) :]
-    first = 0 if found[1] == "pra" else 1
+    before, after = path.name[: match.start(2)], path.name[match.end(2) :]
+    first = 0 if match[1] == "pra" else 1
     return [
         path.with_name(f"{before}{number}{after}")
         for number in range(first, first + len(ADVISORIES))
@@ -208,9 +208,9 @@ def _numbers(source: str) -> np.ndarray:
 
 def _whole(numbers: np.ndarray, count: int, source: str) -> list[int]:
     """Return the first numbers, which must be whole and positive."""
-    found = numbers[:count]
-    if len(found) < count or (found != np.round(found)).any() or (found < 1).any():
+    head = numbers[:count]
+    if len(head) < count or (head != np.round(head)).any() or (head < 1).any():
         raise NnetError(
-            f"{source}: begins with {found.tolist()}, expected {count} whole numbers of at least 1"
+            f"{source}: begins with {head.tolist()}, expected {count} whole numbers of at least 1"
         )
-    return found.astype(int).tolist()
+    return head.astype(int).tolist()

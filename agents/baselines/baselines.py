@@ -61,9 +61,9 @@ def check_sight(sight: Sight) -> Sight:
         ValueError: a number is not finite, absent intruders aside; the message names it.
     """
     fields: dict[str, Any] = {f"own.{name}": values for name, values in sight.own._asdict().items()}
-    seen = sight.intruders._asdict()
+    states = sight.intruders._asdict()
     fields |= {
-        f"intruders.{name}": np.where(sight.mask, values, 0.0) for name, values in seen.items()
+        f"intruders.{name}": np.where(sight.mask, values, 0.0) for name, values in states.items()
     }
     fields |= {"goal_x": sight.goal_x, "goal_y": sight.goal_y, "left": sight.left}
     for name, values in fields.items():

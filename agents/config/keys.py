@@ -176,7 +176,9 @@ def _kind(annotation: Any) -> str:
 
 def _bounds(metadata: Iterable[Any]) -> str:
     flat = [
-        part for one in metadata for part in (one.metadata if isinstance(one, FieldInfo) else [one])
+        part
+        for item in metadata
+        for part in (item.metadata if isinstance(item, FieldInfo) else [item])
     ]
     given = [(text, getattr(part, name, None)) for part in flat for name, text in _BOUNDS.items()]
     return " and ".join(text.format(f"{value:.10g}") for text, value in given if value is not None)

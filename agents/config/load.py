@@ -200,14 +200,14 @@ def _sentence(
     """Say in one sentence what is wrong; an unknown key first, because other problems often follow
     from it.
     """
-    found = problem.errors(include_url=False)
+    errors = problem.errors(include_url=False)
     # A list with a bad item is reported a second time, as too short by that item.
-    found = [
-        one
-        for one in found
-        if not any(_under(one["loc"], other["loc"]) for other in found if other is not one)
+    errors = [
+        error
+        for error in errors
+        if not any(_under(error["loc"], other["loc"]) for other in errors if other is not error)
     ]
-    first, *others = sorted(found, key=lambda error: error["type"] != "extra_forbidden")
+    first, *others = sorted(errors, key=lambda error: error["type"] != "extra_forbidden")
     location = [str(part) for part in first["loc"]]
     by_override = any(_under(location, keys) or _under(keys, location) for keys in named)
     # A check of the whole that fails may be due to the file or to an override.
@@ -237,14 +237,14 @@ def _complaint(model: type[BaseModel], error: Any) -> str:
         hint = f"did you mean {'.'.join(map(str, (*location[:-1], close)))}?" if close else either
         return f"{key} is unknown (its value is {quote(value)}); {hint}"
     field = field_at(model, location)
-    wanted = expectation(field) if isinstance(field, FieldInfo) else "a group of keys"
+    expected = expectation(field) if isinstance(field, FieldInfo) else "a group of keys"
     if kind == "missing":
-        return f"{key} is missing; expected {wanted}"
+        return f"{key} is missing; expected {expected}"
     if isinstance(location[-1], int) and isinstance(field, FieldInfo):
-        wanted = f"{'.'.join(map(str, location[:-1]))} to be {wanted}"
+        expected = f"{'.'.join(map(str, location[:-1]))} to be {expected}"
     mistyped = kind == "literal_error" and isinstance(value, str)
-    close = nearest(value, wanted.removeprefix("one of ").split(", ")) if mistyped else None
-    return f"{key} is {quote(value)}; expected {wanted}" + (
+    close = nearest(value, expected.removeprefix("one of ").split(", ")) if mistyped else None
+    return f"{key} is {quote(value)}; expected {expected}" + (
         f"; did you mean {close}?" if close else ""
     )
 

@@ -116,10 +116,10 @@ def _fly(encounter: Encounter, part: Array, rules: Rules, limits: Limits, result
         elapsed = index * rules.dt
         left = rules._replace(t_max=rules.t_max - elapsed)
         air = air._replace(plan=_plan(air, index, left, limits))
-        goal, now = (air.encounter.goal_x, air.encounter.goal_y), air.intruders.vehicle
+        goal, before = (air.encounter.goal_x, air.encounter.goal_y), air.intruders.vehicle
         counting = count_in(air.encounter, rules)
         traffic = step(air.intruders, air.encounter.intent, elapsed, rules.dt, np)
-        both = now, traffic.vehicle
+        both = before, traffic.vehicle
         begun = takeoff(air.own, air.plan)
         made = fly_step(begun, air.plan, 0.0, goal, both, counting, left, limits)
         flight = made.flight
@@ -130,7 +130,7 @@ def _fly(encounter: Encounter, part: Array, rules: Rules, limits: Limits, result
         result.outcome[air.number[ended.violation]] = 0
         result.outcome[air.number[ended.reached]] = 1
         result.arrival[air.number[ended.reached]] = elapsed + rules.dt
-        rate = wrap(traffic.vehicle.heading - now.heading, np) / rules.dt
+        rate = wrap(traffic.vehicle.heading - before.heading, np) / rules.dt
         plan = _rest(air.plan, flight, rules.dt)
         air = air._replace(own=flight.own, intruders=traffic, rate=rate, plan=plan)
         scatter(result.own, (index + 1, air.number), air.own)
@@ -164,9 +164,9 @@ def _plan(air: _Air, index: int, rules: Rules, limits: Limits) -> Manoeuvre:
         # just does.
         lost = part[np.max(worth, axis=-1) < _LOST * rules.separation]
         if lost.size:
-            found = search(_futures_of(air, lost, limits)[0], rules, limits)
-            works = ~np.isnan(found.arrival)
-            plan[:, lost[works]] = np.stack(found.manoeuvre)[:, works]
+            escapes = search(_futures_of(air, lost, limits)[0], rules, limits)
+            works = ~np.isnan(escapes.arrival)
+            plan[:, lost[works]] = np.stack(escapes.manoeuvre)[:, works]
     return Manoeuvre(*plan)
 
 
@@ -191,9 +191,9 @@ def _futures(present: Encounter, rate: Array, most: float) -> list[Encounter]:
         return present._replace(intent=intent)
 
     side, fast = np.sign(rate), np.where(turning, np.abs(rate), most)
-    one = with_turn(np.where(turning, side * _TURN, _TURN), fast)
-    other = with_turn(np.where(turning, side * 0.5 * _TURN, -_TURN), fast)
-    return [with_turn(0.0, most), one, other]
+    first_way = with_turn(np.where(turning, side * _TURN, _TURN), fast)
+    second_way = with_turn(np.where(turning, side * 0.5 * _TURN, -_TURN), fast)
+    return [with_turn(0.0, most), first_way, second_way]
 
 
 def _value(futures: list[Encounter], tried: Array, rules: Rules, limits: Limits) -> Array:

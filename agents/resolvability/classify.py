@@ -114,12 +114,12 @@ def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limit
     """
     if not np.all(np.isfinite(witness)):
         raise ValueError("the encounter has no witness: its manoeuvre is not finite")
-    one, manoeuvre = map_leaves(
+    single, manoeuvre = map_leaves(
         lambda field: np.asarray(field)[None], (cast(encounter, np.float64), witness)
     )
-    traffic = tracks(one, steps(rules), rules)
-    flight, goal = takeoff(one.own, manoeuvre), (one.goal_x, one.goal_y)
-    counting = count_in(one, rules)
+    traffic = tracks(single, steps(rules), rules)
+    flight, goal = takeoff(single.own, manoeuvre), (single.goal_x, single.goal_y)
+    counting = count_in(single, rules)
     states, separations = [flight.own], []
     for index in range(steps(rules)):
         both = take(traffic, index), take(traffic, index + 1)
@@ -167,12 +167,15 @@ def _decide(
     note_proof(every, np.where(times == 0.0, times, np.nan), Method.START)
 
     left = undecided_rows()
-    found = search(take(chosen, left), rules, limits)
-    works = ~np.isnan(found.arrival)
+    escapes = search(take(chosen, left), rules, limits)
+    works = ~np.isnan(escapes.arrival)
     rows = part[left[works]]
     result.verdict[rows], result.method[rows] = Verdict.RESOLVABLE, Method.SEARCH
-    scatter(result.witness, rows, take(found.manoeuvre, works))
-    result.arrival[rows], result.separation[rows] = found.arrival[works], found.separation[works]
+    scatter(result.witness, rows, take(escapes.manoeuvre, works))
+    result.arrival[rows], result.separation[rows] = (
+        escapes.arrival[works],
+        escapes.separation[works],
+    )
 
     left = undecided_rows()
     note_proof(left, split(take(ahead, left), missed, limits), Method.SPLITTING)

@@ -170,12 +170,12 @@ def split(ahead: Ahead, rules: Rules, limits: Limits, nodes: int = NODES) -> Arr
     """
     proven = np.full(ahead.speed.shape, np.nan)
     for index in range(ahead.speed.size):
-        one = take(ahead, slice(index, index + 1))
+        single = take(ahead, slice(index, index + 1))
         for cells in CELLS:
             if np.isnan(proven[index]):
-                proven[index] = _survival_time(one, cells, rules, limits)
+                proven[index] = _survival_time(single, cells, rules, limits)
         if np.isnan(proven[index]):
-            proven[index] = _bisect_until_contained(one, nodes, rules, limits)
+            proven[index] = _bisect_until_contained(single, nodes, rules, limits)
     return proven
 
 

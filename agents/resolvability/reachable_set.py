@@ -142,11 +142,11 @@ def moves(before: States, ended: States, tests: int, stride: float, limits: Limi
         slowest = np.maximum(slowest, ended.speed_low - limits.acceleration_max * remaining)
         return towards(column(Funnel(turn_low, turn_high, slowest, fastest)), DIRECTIONS)
 
-    now = largest_speeds(0.0)
+    largest = largest_speeds(0.0)
     for test in range(tests):
         after = largest_speeds((test + 1) * stride)
-        yield 0.5 * stride * (now + after) + bend + (kinks if test == 0 else 0.0)
-        now = after
+        yield 0.5 * stride * (largest + after) + bend + (kinks if test == 0 else 0.0)
+        largest = after
 
 
 def merge(states: States, cells: Cells) -> States:

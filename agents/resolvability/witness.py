@@ -159,8 +159,8 @@ def _offspring(pool: Array, working: Array, changes: Array, draws: Array) -> Arr
     # The better parent is the likelier; half of the offspring vary along the differences between
     # the flights kept.
     parent = draw_parents(draws[0] ** 2)
-    one, other = draw_parents(draws[1]), draw_parents(draws[2])
-    along = np.where(draws[3] < 0.5, draws[4], 0.0) * (one - other)
+    first, second = draw_parents(draws[1]), draw_parents(draws[2])
+    along = np.where(draws[3] < 0.5, draws[4], 0.0) * (first - second)
     noise = changes * np.where(draws[3] < 0.5, 0.2, 1.0)
     return within_range(parent + along + noise[:, None])
 
