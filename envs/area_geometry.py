@@ -136,8 +136,8 @@ def chord_distances(area: Area, parts: Parts, enough: Array = np.inf) -> Distanc
     enough = np.broadcast_to(enough, parts.x0.shape)
     whole = Distances(*(np.empty(parts.x0.shape) for _ in Distances._fields))
     for rows in _chunks(parts.x0.size, lines.x.size):
-        found = _of_polygon(area, lines, Parts(*(field[rows] for field in parts)), enough[rows])
-        for into, values in zip(whole, found, strict=True):
+        distances = _of_polygon(area, lines, Parts(*(field[rows] for field in parts)), enough[rows])
+        for into, values in zip(whole, distances, strict=True):
             into[rows] = values
     return whole
 
@@ -196,8 +196,8 @@ def _of_polygon(area: Area, lines: Edges, parts: Parts, enough: Array) -> Distan
     apart = least.copy()
     near = np.flatnonzero(~(least > np.maximum(enough, 0.0)))
     if near.size:
-        one = Parts(*(field[near] for field in parts))
-        apart[near] = np.minimum(np.minimum(begin, end)[near], _to_chords(lines, one))
+        nearby = Parts(*(field[near] for field in parts))
+        apart[near] = np.minimum(np.minimum(begin, end)[near], _to_chords(lines, nearby))
     meets = ~(apart > 0.0)
     first, last = _sides(lines, parts, meets, follows)
     if area.keep is Keep.IN:

@@ -94,8 +94,8 @@ class Polygon:
         for n, hole in enumerate(holes):
             check_simple(f"holes[{n}]", hole)
             _check_within(f"holes[{n}]", hole, outer)
-        for (n, one), (m, other) in itertools.combinations(enumerate(holes), 2):
-            _check_apart(f"holes[{n}]", one, f"holes[{m}]", other)
+        for (n, first), (m, second) in itertools.combinations(enumerate(holes), 2):
+            _check_apart(f"holes[{n}]", first, f"holes[{m}]", second)
         object.__setattr__(self, "outer", _turn(outer, left=True))
         object.__setattr__(self, "holes", tuple(_turn(hole, left=False) for hole in holes))
 
@@ -168,8 +168,8 @@ class Area:
         if not isinstance(self.velocity, tuple) or len(self.velocity) != 2:
             raise AreaError(f"velocity is {self.velocity!r:.60}, expected east and north in m/s")
         velocity = tuple(
-            _real(f"velocity[{n}]", each, -_FASTEST, _FASTEST, "m/s")
-            for n, each in enumerate(self.velocity)
+            _real(f"velocity[{n}]", component, -_FASTEST, _FASTEST, "m/s")
+            for n, component in enumerate(self.velocity)
         )
         object.__setattr__(self, "velocity", velocity)
         growth = _real("growth", self.growth, -_FASTEST, _FASTEST, "m/s")
@@ -240,12 +240,12 @@ def _shift(shape: Polygon | Circle, dx: float, dy: float) -> Polygon | Circle:
     return _replace_fields(shape, outer=outer, holes=tuple(holes))
 
 
-def _replace_fields(one: _T, **fields: object) -> _T:
+def _replace_fields(original: _T, **fields: object) -> _T:
     """Return an area or a shape with other fields, for which the checks of the old ones hold too.
 
     The checks take long, and areas move with every step of a monitor.
     """
-    made = copy.copy(one)
+    made = copy.copy(original)
     for name, value in fields.items():
         object.__setattr__(made, name, value)
     return made
@@ -325,10 +325,10 @@ def check_simple(name: str, ring: Ring, numbers: Sequence[int] | None = None) ->
             hit[m - n - 1] = _leads_back(ring, n, m)
         if hit.any():
             both = n, int(later[np.argmax(hit)])
-            one, other = both if numbers is None else (numbers[k] for k in both)
+            first, second = both if numbers is None else (numbers[k] for k in both)
             raise RingError(
-                f"{name} crosses or touches itself: its edge from point {one} and its edge from "
-                f"point {other}, expected edges that meet at their ends only"
+                f"{name} crosses or touches itself: its edge from point {first} and its edge from "
+                f"point {second}, expected edges that meet at their ends only"
             )
 
 
@@ -339,16 +339,16 @@ def _check_within(name: str, hole: Ring, outer: Ring) -> None:
         raise AreaError(f"{name} lies outside of outer, expected it inside")
 
 
-def _check_apart(name: str, one: Ring, other_name: str, other: Ring) -> None:
+def _check_apart(name: str, ring: Ring, other_name: str, other: Ring) -> None:
     """Refuse holes that overlap."""
-    _check_not_touching(name, one, other_name, other)
-    if is_inside(one, other[0]) or is_inside(other, one[0]):
+    _check_not_touching(name, ring, other_name, other)
+    if is_inside(ring, other[0]) or is_inside(other, ring[0]):
         raise AreaError(f"{name} and {other_name} lie one in the other, expected them apart")
 
 
-def _check_not_touching(name: str, one: Ring, other_name: str, other: Ring) -> None:
-    points, others = np.array(one), np.array(other)
-    for n in range(len(one)):
+def _check_not_touching(name: str, ring: Ring, other_name: str, other: Ring) -> None:
+    points, others = np.array(ring), np.array(other)
+    for n in range(len(ring)):
         if _touch(points, n, others, np.arange(len(other))).any():
             raise AreaError(f"{name} crosses or touches {other_name}, expected them apart")
 

@@ -263,8 +263,8 @@ def _new_namespace(name: str, namespace: Any, extending: Any, types: Any, consta
     extending.register_model(kind)(extending.models.OpaqueModel)
     extending.typeof_impl.register(type(namespace))(lambda _value, _context: of_floats)
     constant(kind)(lambda context, _builder, _type, _value: context.get_dummy_value())
-    for each, function in _FUNCTIONS.items():
-        extending.overload_method(kind, each)(_always(function))
+    for function_name, function in _FUNCTIONS.items():
+        extending.overload_method(kind, function_name)(_always(function))
     return of_floats
 
 
@@ -275,10 +275,10 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "floor": lambda xp, value: math.floor(value),
     "abs": lambda xp, value: abs(value),
     "copysign": lambda xp, value, sign: math.copysign(value, sign),
-    "minimum": lambda xp, one, other: min(one, other),
-    "maximum": lambda xp, one, other: max(one, other),
-    "logical_and": lambda xp, one, other: one and other,
-    "logical_or": lambda xp, one, other: one or other,
+    "minimum": lambda xp, a, b: min(a, b),
+    "maximum": lambda xp, a, b: max(a, b),
+    "logical_and": lambda xp, a, b: a and b,
+    "logical_or": lambda xp, a, b: a or b,
     "logical_not": lambda xp, value: not value,
     "where": lambda xp, condition, yes, no: yes if condition else no,
     "clip": lambda xp, value, low, high: low if value < low else high if value > high else value,

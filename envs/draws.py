@@ -17,12 +17,12 @@ def uniforms(
         shape: of the draws that one encounter takes.
         stream: number of an independent set of draws.
     """
-    wanted = int(np.prod(shape))
-    counts = -(-wanted // _WORDS_PER_COUNT)
+    size = int(np.prod(shape))
+    counts = -(-size // _WORDS_PER_COUNT)
     bits = np.random.Philox(key=np.array([seed, stream], dtype=np.uint64))
     bits.advance(first * counts)
     words = np.random.Generator(bits).random((count, counts * _WORDS_PER_COUNT))
-    return words[:, :wanted].reshape(count, *shape)
+    return words[:, :size].reshape(count, *shape)
 
 
 def normals(

@@ -91,7 +91,7 @@ def guidance(
 
 
 def steer(
-    now: VehicleState[F],
+    before: VehicleState[F],
     after: VehicleState[F],
     state: VehicleState[F],
     dt: float = PERIOD,
@@ -100,14 +100,14 @@ def steer(
     """Return the commands that lead along two states of the plan one period apart, as
     :func:`guidance` does.
     """
-    ahead, left = offset(state, now)
+    ahead, left = offset(state, before)
     acceleration = (
-        (after.speed - now.speed) / dt
-        - gains.speed * (state.speed - now.speed)
+        (after.speed - before.speed) / dt
+        - gains.speed * (state.speed - before.speed)
         - gains.along * ahead
     )
-    turn = wrap(after.heading - now.heading, np) / dt
-    heading_error = wrap(state.heading - now.heading, np)
+    turn = wrap(after.heading - before.heading, np) / dt
+    heading_error = wrap(state.heading - before.heading, np)
     yaw_rate = (
         turn - gains.heading * heading_error - gains.across * left / np.maximum(state.speed, 1.0)
     )
@@ -148,9 +148,9 @@ def deviation(legs: Legs[Air], state: VehicleState[Air], time: Array) -> Deviati
     reference = at(legs, abeam)
     _ahead, left = offset(state, reference)
     late = time - abeam
-    now = at(legs, time)
+    planned = at(legs, time)
     # Mean speed between both points: exact for constant acceleration.
-    along = -late * 0.5 * (reference.speed + now.speed)
+    along = -late * 0.5 * (reference.speed + planned.speed)
     return Deviation(
         left,
         along,

@@ -226,14 +226,14 @@ def rank_motion(
     radius = 1.5 * separation
     length = 1_000.0 / separation
     cpa = cpa_of_motion(motion, xp)
-    now = distance(motion.x, motion.y, xp)
+    apart = distance(motion.x, motion.y, xp)
     # Along a straight relative course the squared range is d^2 + w^2 (t - t_cpa)^2 with w the
     # relative speed.
-    travelled = xp.sqrt(xp.maximum(now * now - cpa.distance * cpa.distance, 1e-9))
+    travelled = xp.sqrt(xp.maximum(apart * apart - cpa.distance * cpa.distance, 1e-9))
     inside = xp.sqrt(xp.maximum(radius * radius - cpa.distance * cpa.distance, 0.0))
     time = xp.maximum(cpa.time * (1.0 - inside / travelled), 0.0) * (10.0 / time_unit)
     # Of several inside, the one that will come closest: with equal ranks their order would decide.
-    conflict = xp.where(now < radius, (cpa.distance - radius) * length, time)
+    conflict = xp.where(apart < radius, (cpa.distance - radius) * length, time)
     return xp.where(cpa.distance < radius, conflict, 10_000.0 + cpa.distance * length)
 
 
@@ -247,7 +247,7 @@ def most_critical(
     if isinstance(xp, FloatNamespace):
         if len(intruders) == 1:
             return intruders[0]
-        return min(intruders, key=lambda one: criticality(own, one, aircraft, xp))
+        return min(intruders, key=lambda intruder: criticality(own, intruder, aircraft, xp))
     if intruders.x.shape[-1] == 1:
         return VehicleState(*(field[..., 0] for field in intruders))
     rank = xp.where(mask, criticality(beside(own), intruders, beside(aircraft), xp), xp.inf)

@@ -74,11 +74,11 @@ def answer(
     # Who turns into the ownship's way stops the line of sight from turning.
     towards = xp.clip(NAVIGATION * drift, -reaction.turn_rate, reaction.turn_rate)
 
-    wanted = xp.where(gives_way, away, towards)
+    turn_rate = xp.where(gives_way, away, towards)
     # The turn off its course is -back; no one turns farther than its greatest.
-    too_far = (wanted * -back > 0.0) & (xp.abs(back) >= reaction.heading_change)
+    too_far = (turn_rate * -back > 0.0) & (xp.abs(back) >= reaction.heading_change)
     reacts = (gives_way & in_the_way & must) | (turns_into & approaches)
-    return Answer(reacts, xp.where(too_far, 0.0, wanted))
+    return Answer(reacts, xp.where(too_far, 0.0, turn_rate))
 
 
 def _conflict(

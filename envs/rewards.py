@@ -239,19 +239,19 @@ def part(row: Row, step: Transition, discount: float, xp: ArrayModule, scale: fl
     try:
         if row.term.potential:
             states = step.before, step.after
-            before, after = (weight * row.term.compute(one, aircraft, xp) for one in states)
-            found = shaping_reward(before, after, step.after.ended, discount, xp)
+            before, after = (weight * row.term.compute(state, aircraft, xp) for state in states)
+            values = shaping_reward(before, after, step.after.ended, discount, xp)
         else:
-            found = weight * row.term.compute(step, xp)
+            values = weight * row.term.compute(step, xp)
     except Exception as problem:
         raise RewardError(f"reward {row.name!r}: {failure(problem)}") from problem
     expected = getattr(step.before.goal_x, "shape", ())
-    if getattr(found, "shape", ()) != expected:
+    if getattr(values, "shape", ()) != expected:
         raise RewardError(
-            f"reward {row.name!r}: computes shape {getattr(found, 'shape', ())} for encounters "
+            f"reward {row.name!r}: computes shape {getattr(values, 'shape', ())} for encounters "
             f"{expected}; expected one number each"
         )
-    return found
+    return values
 
 
 def shaping_of_first_step(

@@ -179,8 +179,10 @@ def check_encounter(
 def _areas(given: Array, shape: tuple[int, ...]) -> np.ndarray:
     """Return the areas of encounters, each a tuple of them."""
     areas = np.asarray(given, dtype=object)
-    each = list(areas.ravel()) if areas.shape == shape else [None]
-    if not all(isinstance(some, tuple) and all(isinstance(a, Area) for a in some) for some in each):
+    tuples = list(areas.ravel()) if areas.shape == shape else [None]
+    if not all(
+        isinstance(some, tuple) and all(isinstance(a, Area) for a in some) for some in tuples
+    ):
         raise EncounterError(
             f"areas: expected an object array {shape} of tuples of envs.areas.Area"
         )

@@ -80,13 +80,13 @@ def _alike(parts: list[Encounter], aircraft: Aircraft) -> list[Encounter]:
     them have, the others have with its usual values.
     """
     usual = {"coverage": EVERYTHING, "separation": aircraft.separation, "reaction": NONE}
-    wanted = [name for name in usual if any(getattr(one, name) is not None for one in parts)]
+    names = [name for name in usual if any(getattr(part, name) is not None for part in parts)]
 
-    def fill(one: Encounter) -> Encounter:
-        place = one.intruders.x
-        missing = {name: usual[name] for name in wanted if getattr(one, name) is None}
+    def fill(encounter: Encounter) -> Encounter:
+        place = encounter.intruders.x
+        missing = {name: usual[name] for name in names if getattr(encounter, name) is None}
         values = jax.tree.map(lambda value: jnp.full_like(place, value), missing)
-        return one._replace(**values)
+        return encounter._replace(**values)
 
     return [fill(one) for one in parts]
 

@@ -28,8 +28,8 @@ def map_leaves(function: Callable[..., Any], tree: T, *others: T) -> T:
     if isinstance(tree, tuple):
         rest: Any = others
         parts = [map_leaves(function, *same) for same in zip(tree, *rest, strict=True)]
-        found: Any = type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
-        return found
+        result: Any = type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
+        return result
     return function(tree, *others)
 
 
@@ -37,28 +37,28 @@ def take(tree: T, index: Any) -> T:
     """Return some rows of every array ``[N, ...]``: one by its number, or several by a slice,
     indices or a mask.
     """
-    found: Any = tree
+    result: Any = tree
     # Not by map_leaves, which is slower: a plan takes rows thirty times.
     if isinstance(tree, tuple):
         parts = [take(field, index) for field in tree]
-        found = type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
+        result = type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
     elif tree is not None and not isinstance(tree, Shared):
-        found = np.asarray(tree)[index]
-    return found
+        result = np.asarray(tree)[index]
+    return result
 
 
 def contiguous(tree: T) -> T:
     """Return every array as compiled code takes it: contiguous and writeable, of booleans or of
     floats.
     """
-    found: Any = tree
+    result: Any = tree
     if isinstance(tree, np.ndarray):
         if not (tree.flags.carray and tree.dtype.char in "d?"):
-            found = np.array(tree, dtype=bool if tree.dtype == bool else float, order="C")
+            result = np.array(tree, dtype=bool if tree.dtype == bool else float, order="C")
     elif isinstance(tree, tuple):  # not by map_leaves, which is slower
         parts = [contiguous(field) for field in tree]
-        found = type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
-    return found
+        result = type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
+    return result
 
 
 def column(tree: T) -> T:

@@ -260,14 +260,14 @@ def at(legs: Legs[Any], time: Array, wind: Wind | None = None) -> VehicleState[A
     flat = number[..., 0] * ARCS + arc
     flattened = (field.reshape(*before, count * ARCS) for field in legs[3:])
     arcs = (np.broadcast_to(field, (*shape, count * ARCS)) for field in flattened)
-    now = _Arc(*(np.take_along_axis(field, flat[..., None], -1)[..., 0] for field in arcs))
+    piece = _Arc(*(np.take_along_axis(field, flat[..., None], -1)[..., 0] for field in arcs))
     t = seconds - arc * (duration / ARCS)
-    dx, dy = displacement(now.heading, now.speed, now.yaw_rate, now.acceleration, t)
+    dx, dy = displacement(piece.heading, piece.speed, piece.yaw_rate, piece.acceleration, t)
     state: VehicleState[Air] = VehicleState(
-        now.x + dx,
-        now.y + dy,
-        wrap(now.heading + now.yaw_rate * t, np),
-        now.speed + now.acceleration * t,
+        piece.x + dx,
+        piece.y + dy,
+        wrap(piece.heading + piece.yaw_rate * t, np),
+        piece.speed + piece.acceleration * t,
     )
     return state if wind is None else over_ground(state, wind, time)
 

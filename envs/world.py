@@ -117,7 +117,7 @@ def begin(
 
 def _carry_back(vehicles: Vehicles, seconds: Array, xp: ArrayModule) -> Vehicles:
     """Return where intruders ``[..., K]`` were some seconds ago if they flew straight until now."""
-    return _each(lambda one: carry_back(one, seconds, xp), xp, vehicles)
+    return _each(lambda vehicle: carry_back(vehicle, seconds, xp), xp, vehicles)
 
 
 def step(
@@ -146,7 +146,7 @@ def move_intruders(state: State, dt: float, xp: ArrayModule) -> Intruders:
         answers = partial(answer, own=beside(state.own), reaction=state.reaction, xp=xp)
         return intruder.step(state.intruders, state.intent, time, dt, xp, answers=answers)
     return _each(
-        lambda one, intent: intruder.step(one, intent, time, dt, xp),
+        lambda moving, intent: intruder.step(moving, intent, time, dt, xp),
         xp,
         state.intruders,
         state.intent,
@@ -183,7 +183,7 @@ def evaluate(
     )
     if state.separation is not None:
         share = _shares(state.separation, usual, xp)
-        separations = _each(lambda one, times: one * times, xp, separations, share)
+        separations = _each(lambda apart, times: apart * times, xp, separations, share)
     separation = smallest(separations, state.mask, xp)
     goal_distance = distance(state.goal_x - own.x, state.goal_y - own.y, xp)
     steps = state.steps + 1.0
@@ -208,15 +208,15 @@ def perceive_intruders(state: State, noise: Array | None, dt: Array, xp: ArrayMo
             of K times 4; None for perfect knowledge.
         dt: time step, s; reports are at most two of them old.
     """
-    now = _vehicles(state.intruders, xp)
+    vehicles = _vehicles(state.intruders, xp)
     if noise is None:
-        return now
+        return vehicles
     # Where no history is kept no report is late, and earlier states have no weight.
-    earlier = (now, now) if state.previous is None else state.previous
+    earlier = (vehicles, vehicles) if state.previous is None else state.previous
     return _each(
         lambda a, b, c, draws: perceive(a, b, c, state.sensor, draws, dt, xp),
         xp,
-        now,
+        vehicles,
         *earlier,
         noise,
     )
@@ -252,11 +252,11 @@ def _in_own_separations(
     """Return the intruders of :func:`perceive_intruders`, ``[..., K]``, each at that share of its
     distance at which it counts, on the same bearing.
     """
-    seen = perceive_intruders(state, noise, aircraft.dt, xp)
+    perceived = perceive_intruders(state, noise, aircraft.dt, xp)
     share = shares(state, aircraft, xp)
     if share is None:
-        return seen
-    return _each(partial(at_share, beside(state.own)), xp, seen, share)
+        return perceived
+    return _each(partial(at_share, beside(state.own)), xp, perceived, share)
 
 
 def observe(
@@ -266,9 +266,9 @@ def observe(
 
     The noise is that of :func:`perceive_intruders`.
     """
-    seen = _in_own_separations(state, noise, aircraft, xp)
+    perceived = _in_own_separations(state, noise, aircraft, xp)
     chosen = observation.most_critical(
-        state.own, seen, known_intruders(state, aircraft, xp), aircraft, xp
+        state.own, perceived, known_intruders(state, aircraft, xp), aircraft, xp
     )
     return observation.observe(state.own, chosen, state.goal_x, state.goal_y, aircraft, xp)
 
@@ -286,11 +286,13 @@ def observe_set(
     Observed are the ``count`` most critical ones, the most critical first; None: all K as they
     come. The noise is that of :func:`perceive_intruders`.
     """
-    seen = _in_own_separations(state, noise, aircraft, xp)
+    perceived = _in_own_separations(state, noise, aircraft, xp)
     mask = known_intruders(state, aircraft, xp)
     if count is not None:
-        seen, mask = observation.rank_urgent(state.own, seen, mask, count, aircraft, xp)
-    return observation.observe_set(state.own, seen, mask, state.goal_x, state.goal_y, aircraft, xp)
+        perceived, mask = observation.rank_urgent(state.own, perceived, mask, count, aircraft, xp)
+    return observation.observe_set(
+        state.own, perceived, mask, state.goal_x, state.goal_y, aircraft, xp
+    )
 
 
 def smallest(values: Array, mask: Array, xp: ArrayModule) -> Array:
@@ -310,4 +312,4 @@ def _each(function: Callable[..., Any], xp: ArrayModule, *trees: Any) -> Any:
 
 
 def _vehicles(intruders: Intruders, xp: ArrayModule) -> Vehicles:
-    return _each(lambda one: one.vehicle, xp, intruders)
+    return _each(lambda moving: moving.vehicle, xp, intruders)

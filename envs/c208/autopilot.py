@@ -179,22 +179,25 @@ class Autopilot:
 
         turn = GRAVITY / speed * math.tan(self.bank_reference)
         error = self.bank_reference - m.bank
-        wanted = rate + 2.0 * error - turn * math.sin(m.pitch)
+        roll_rate_demand = rate + 2.0 * error - turn * math.sin(m.pitch)
         moment = pressure * self._area * self._span
         lift = m.weight / (pressure * self._area * max(math.cos(m.bank), 0.5))
-        wanted_yaw = turn * math.cos(self.bank_reference)
+        yaw_rate_demand = turn * math.cos(self.bank_reference)
         self._aileron_integral = _clamp(self._aileron_integral + 0.25 * error * TICK, 0.1)
-        balance = acceleration * self._inertia / moment - value("roll_rate") * wanted * half_turn
-        balance -= value("roll_yaw_rate") * lift * wanted_yaw * half_turn
-        damping = 3.0 * (wanted - m.roll_rate) * self._inertia / moment
+        balance = (
+            acceleration * self._inertia / moment
+            - value("roll_rate") * roll_rate_demand * half_turn
+        )
+        balance -= value("roll_yaw_rate") * lift * yaw_rate_demand * half_turn
+        damping = 3.0 * (roll_rate_demand - m.roll_rate) * self._inertia / moment
         aileron = (balance + damping) / value("roll_aileron") + self._aileron_integral
 
         self._rudder_integral = _clamp(self._rudder_integral - 0.25 * m.beta * TICK, 0.15)
         yawing = (
-            value("yaw_rate") * wanted_yaw + value("yaw_roll_rate") * lift * wanted
+            value("yaw_rate") * yaw_rate_demand + value("yaw_roll_rate") * lift * roll_rate_demand
         ) * half_turn
         yawing += value("yaw_aileron") * lift * aileron
-        rudder = -yawing / value("yaw_rudder") - 1.0 * (wanted_yaw - m.yaw_rate)
+        rudder = -yawing / value("yaw_rudder") - 1.0 * (yaw_rate_demand - m.yaw_rate)
         return aileron, rudder - 0.4 * m.beta + self._rudder_integral
 
     def _vertical(
@@ -209,15 +212,15 @@ class Autopilot:
         else:
             self._climb_integral = _clamp(self._climb_integral + 0.03 * height * TICK, 1.0)
         alpha = self._alpha(equivalent)
-        wanted = (
+        pitch_demand = (
             climb + self._climb_integral + 0.5 * (climb - m.climb)
         ) / speed + alpha * math.cos(m.bank)
         # Never more than what brings the angle of attack to its limit.
         limit = self._stall_angle - _ALPHA_MARGIN
-        wanted = min(wanted, m.pitch + limit - m.alpha)
+        pitch_demand = min(pitch_demand, m.pitch + limit - m.alpha)
         cosine = max(math.cos(m.bank), 0.5)
         turning = GRAVITY / speed * math.tan(m.bank) * math.sin(m.bank)
-        rate = 1.5 * (wanted - m.pitch) / cosine + turning
+        rate = 1.5 * (pitch_demand - m.pitch) / cosine + turning
         rate = min(rate, 3.0 * (limit - m.alpha) + turning)
         error = rate - m.pitch_rate
         self._elevator_integral = _clamp(self._elevator_integral - 0.4 * error * TICK, 0.2)

@@ -109,13 +109,13 @@ def flightgear_at(address: str, *, paced: bool) -> FlightGear:
     resolved.
     """
     host, _, port = address.rpartition(":")
-    wanted = "expected HOST:PORT with a port of 1 to 65534, such as localhost:5550"
+    expected = "expected HOST:PORT with a port of 1 to 65534, such as localhost:5550"
     if not host or not port.isdecimal() or not 0 < int(port) < 65535:
-        raise ConfigError(f"flightgear is {address!r}; {wanted}")
+        raise ConfigError(f"flightgear is {address!r}; {expected}")
     try:
-        found = socket.getaddrinfo(host, int(port), socket.AF_INET, socket.SOCK_DGRAM)
+        addresses = socket.getaddrinfo(host, int(port), socket.AF_INET, socket.SOCK_DGRAM)
     except (OSError, UnicodeError):
         raise ConfigError(
-            f"flightgear is {address!r}: the host cannot be resolved; {wanted}"
+            f"flightgear is {address!r}: the host cannot be resolved; {expected}"
         ) from None
-    return FlightGear(str(found[0][4][0]), int(port), paced)
+    return FlightGear(str(addresses[0][4][0]), int(port), paced)

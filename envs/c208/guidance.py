@@ -99,12 +99,12 @@ class Guide:
         turn = wrap(path.at(last).heading - path.at(first).heading, FLOATS) / dt
         back = gains.heading * wrap(state.heading - place.heading, FLOATS)
         turn -= back + gains.across * left / max(state.speed, 1.0)
-        now = path.at(time)
+        planned = path.at(time)
         # The mean speed between both points gives the distance on straight and curved paths alike.
-        ahead = -self.late * 0.5 * (place.speed + now.speed)
+        ahead = -self.late * 0.5 * (place.speed + planned.speed)
         speeds = path.at(time + gains.speed).speed, path.at(time + gains.speed + dt).speed
         acceleration = (speeds[1] - speeds[0]) / dt
-        acceleration -= gains.along * ahead + gains.along_rate * (state.speed - now.speed)
+        acceleration -= gains.along * ahead + gains.along_rate * (state.speed - planned.speed)
         return acceleration, turn
 
 

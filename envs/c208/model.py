@@ -122,13 +122,13 @@ def _table(values: np.ndarray) -> str:
 
 def files() -> dict[Path, str]:
     """Return the files that ship and their text."""
-    found = {
+    texts = {
         DATA / "engine" / "direct.xml": '<?xml version="1.0"?>\n<direct name="Direct">\n</direct>\n'
     }
     for variant in VARIANTS.values():
-        found[DATA / "aircraft" / variant.name / f"{variant.name}.xml"] = aircraft(variant)
-        found[DATA / "engine" / f"{variant.engine}.xml"] = engine(variant)
-    return found
+        texts[DATA / "aircraft" / variant.name / f"{variant.name}.xml"] = aircraft(variant)
+        texts[DATA / "engine" / f"{variant.engine}.xml"] = engine(variant)
+    return texts
 
 
 def main() -> int:

@@ -120,12 +120,12 @@ class PointMassVehicle:
         bank = min(max(math.atan(left / GRAVITY), -BANK_MAX), BANK_MAX)
         climb = min(max(0.35 * (self._held - self.altitude), -CLIMB_MAX), CLIMB_MAX)
         before = _Lagged(self.bank, self._along, self.climb)
-        wanted = _Lagged(bank, min(max(along, low), high), climb)
+        demanded = _Lagged(bank, min(max(along, low), high), climb)
         # Exact over the step for a constant command.
         after = _Lagged(
             *(
                 target + (here - target) * math.exp(-dt / lag)
-                for here, target, lag in zip(before, wanted, _LAGS, strict=True)
+                for here, target, lag in zip(before, demanded, _LAGS, strict=True)
             )
         )
         turn = 0.5 * (math.tan(before.bank) + math.tan(after.bank)) * GRAVITY / self.airspeed

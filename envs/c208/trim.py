@@ -172,24 +172,24 @@ def surfaces(elevator: float, throttle: float) -> dict[str, float]:
     }
 
 
-def _make_trim(fdm: Fdm, flight: _Flight, found: _State) -> Trim:
+def _make_trim(fdm: Fdm, flight: _Flight, balance: _State) -> Trim:
     """Return an equilibrium that has been found, or refuse one beyond the stall or the elevator."""
     low, high = -math.radians(value("elevator_up")), math.radians(value("elevator_down"))
-    stalls = found.alpha > stall_angle(fdm.loading.lift_slope_factor)
-    if stalls or not low <= found.elevator <= high:
+    stalls = balance.alpha > stall_angle(fdm.loading.lift_slope_factor)
+    if stalls or not low <= balance.elevator <= high:
         raise TrimError(
             f"no equilibrium below the stall at {flight.speed:.2f} m/s, flaps {flight.flaps:g} deg"
         )
-    throttle = math.sqrt(found.power)
+    throttle = math.sqrt(balance.power)
     # The spool's speed of this throttle, at which the thrust is read.
     fdm.set("propulsion/engine/n2", 60.0 + 40.0 * throttle)
     fdm.exec.run_ic()
     return Trim(
         speed=flight.speed,
-        alpha=found.alpha,
-        elevator=found.elevator,
+        alpha=balance.alpha,
+        elevator=balance.elevator,
         throttle=throttle,
-        gamma=found.gamma,
+        gamma=balance.gamma,
         thrust=fdm.get("propulsion/engine/thrust-lbs") * POUND,
     )
 
@@ -198,8 +198,8 @@ def level_table(fdm: Fdm) -> dict[str, np.ndarray]:
     """Find the level equilibria at the reference altitude: columns ``[N]`` by the names of
     :class:`Trim`'s fields.
     """
-    found = [solve(fdm, speed) for speed in TABLE_SPEEDS]
-    return {name: np.array([getattr(trim, name) for trim in found]) for name in _COLUMNS}
+    trims = [solve(fdm, speed) for speed in TABLE_SPEEDS]
+    return {name: np.array([getattr(trim, name) for trim in trims]) for name in _COLUMNS}
 
 
 @cache

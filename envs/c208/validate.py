@@ -168,9 +168,9 @@ def modes(speed: float) -> dict[str, tuple[float, float]]:
     single = [root for root in rolling if abs(root.imag) <= 1e-6]
     if len(turning) != 1 or len(single) != 2 or len(pitching) < 2:
         raise TrimError(f"the modes at {speed:g} m/s are not the five usual ones")
-    found = {"phugoid": pitching[0], "short period": pitching[-1], "Dutch roll": turning[0]}
-    found |= {"roll": single[-1], "spiral": single[0]}
-    return {name: (abs(root), -root.real / abs(root)) for name, root in found.items()}
+    by_name = {"phugoid": pitching[0], "short period": pitching[-1], "Dutch roll": turning[0]}
+    by_name |= {"roll": single[-1], "spiral": single[0]}
+    return {name: (abs(root), -root.real / abs(root)) for name, root in by_name.items()}
 
 
 def _handling() -> Iterator[Verdict]:
@@ -181,10 +181,10 @@ def _handling() -> Iterator[Verdict]:
         ) -> Verdict:
             return Verdict(f"{name}, at {speed:.0f} m/s", figure, unit, limit, level, "check", kept)  # noqa: B023
 
-        found = modes(speed)
-        (frequency, short), (dutch_frequency, dutch) = found["short period"], found["Dutch roll"]
-        (roll_frequency, roll), (spiral_frequency, spiral) = found["roll"], found["spiral"]
-        phugoid, lag = found["phugoid"][1], 1.0 / roll_frequency
+        mode = modes(speed)
+        (frequency, short), (dutch_frequency, dutch) = mode["short period"], mode["Dutch roll"]
+        (roll_frequency, roll), (spiral_frequency, spiral) = mode["roll"], mode["spiral"]
+        phugoid, lag = mode["phugoid"][1], 1.0 / roll_frequency
         doubling = math.log(2.0) / spiral_frequency if spiral < 0.0 else math.inf
         # Slower than 1.3 times the stall is no cruise: there the spiral is held to level 2.
         least, level = (8.0, "level 2") if speed < 60.0 else (20.0, "level 1")
@@ -209,7 +209,7 @@ def envelope(
     """
     fdm = Fdm(variant, loading)
     mass = (loading.weight or fdm.variant.takeoff_weight) * POUND / GRAVITY
-    found = []
+    rows = []
     for speed in range(44, 107, 2):
         try:
             needed = solve(fdm, float(speed), altitude)
@@ -220,8 +220,8 @@ def envelope(
             for given in (idle_thrust, maximum_thrust)
         )
         low, high = ((force - needed.thrust) * math.cos(needed.alpha) / mass for force in forces)
-        found.append((float(speed), low, high))
-    return found
+        rows.append((float(speed), low, high))
+    return rows
 
 
 def _idle() -> Iterator[Verdict]:

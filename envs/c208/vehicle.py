@@ -157,12 +157,12 @@ class C208Vehicle:
         self._wind = Wind(conditions.wind_east, conditions.wind_north)
         self._take_off(state)
         for _ in range(round(_LEAD_IN / TICK)):
-            now = self.state
-            turn = math.remainder(float(state.heading) - now.heading, 2.0 * math.pi)
-            self._tick(float(state.speed) - now.speed, 0.5 * turn)
+            current = self.state
+            turn = math.remainder(float(state.heading) - current.heading, 2.0 * math.pi)
+            self._tick(float(state.speed) - current.speed, 0.5 * turn)
         # Where the aircraft is now is where it was to begin: the frame moves.
-        now = self.state
-        self._offset = (float(state.x) - now.x, float(state.y) - now.y)
+        current = self.state
+        self._offset = (float(state.x) - current.x, float(state.y) - current.y)
         self.time = 0.0
         self._rows.clear()
         if self._viewer is not None:
@@ -285,33 +285,33 @@ class C208Vehicle:
 
     def _see(self) -> None:
         """Read the state, log it, and raise a FlightError where the flight has failed."""
-        now = _Readings(*[read() for read in self._read])
-        east, north = now.east * FOOT, now.north * FOOT
+        readings = _Readings(*[read() for read in self._read])
+        east, north = readings.east * FOOT, readings.north * FOOT
         share = TICK / _WIND_LAG
         wind_east, wind_north, _ = self._wind
-        wind_east += share * (now.wind_east * FOOT - wind_east)
-        wind_north += share * (now.wind_north * FOOT - wind_north)
+        wind_east += share * (readings.wind_east * FOOT - wind_east)
+        wind_north += share * (readings.wind_north * FOOT - wind_north)
         self._wind = Wind(wind_east, wind_north)
-        x = now.longitude * self._scale[0] + self._offset[0]
-        y = now.latitude * self._scale[1] + self._offset[1]
+        x = readings.longitude * self._scale[0] + self._offset[0]
+        y = readings.latitude * self._scale[1] + self._offset[1]
         self.state: VehicleState[Ground] = VehicleState(
             x, y, math.atan2(north, east), math.hypot(east, north)
         )
         self.measured = Measured(
-            bank=now.bank,
-            pitch=now.pitch,
-            roll_rate=now.roll_rate,
-            pitch_rate=now.pitch_rate,
-            yaw_rate=now.yaw_rate,
-            alpha=now.alpha,
-            beta=now.beta,
-            airspeed=now.airspeed * FOOT,
+            bank=readings.bank,
+            pitch=readings.pitch,
+            roll_rate=readings.roll_rate,
+            pitch_rate=readings.pitch_rate,
+            yaw_rate=readings.yaw_rate,
+            alpha=readings.alpha,
+            beta=readings.beta,
+            airspeed=readings.airspeed * FOOT,
             steady_airspeed=math.hypot(east - wind_east, north - wind_north),
-            altitude=now.altitude * FOOT,
-            climb=now.climb * FOOT,
-            density=now.density * SLUG_PER_FT3,
-            weight=now.weight * POUND,
-            spool=(now.spool - 60.0) / 40.0,
+            altitude=readings.altitude * FOOT,
+            climb=readings.climb * FOOT,
+            density=readings.density * SLUG_PER_FT3,
+            weight=readings.weight * POUND,
+            spool=(readings.spool - 60.0) / 40.0,
         )
         problem = _problem(self.state, self.measured)
         if problem:

@@ -55,8 +55,8 @@ class Columns(NamedTuple):
 class Packed(NamedTuple):
     """A step in one array, because a transfer costs more than what it carries, taken apart."""
 
-    seen: np.ndarray  # observations to act on, [N, S]
-    final_seen: np.ndarray  # observations at the end of the step, [N, S]
+    observation: np.ndarray  # observations to act on, [N, S]
+    final_observation: np.ndarray  # observations at the end of the step, [N, S]
     columns: Columns
 
 
@@ -80,8 +80,8 @@ def begin(
         intruder and to the goal, m.
     """
     state = surrogate.reset(encounter, history_dt=setting.history_dt)
-    seen = _observe(state, jax.random.fold_in(key, tick), setting)
-    return state, jnp.concatenate([seen, jnp.stack(_distances(state), axis=-1)], axis=-1)
+    observation = _observe(state, jax.random.fold_in(key, tick), setting)
+    return state, jnp.concatenate([observation, jnp.stack(_distances(state), axis=-1)], axis=-1)
 
 
 @partial(jax.jit, static_argnums=6, donate_argnums=0)

@@ -66,9 +66,11 @@ def observe_set(
     """
     perceived = world.perceive_intruders(state, _list(noise), aircraft.dt, EXACT_FLOATS)
     own = VehicleState(*map(np.float64, state.own))
-    seen = VehicleState(*np.array(perceived).T)
-    seen, mask = observation.rank_urgent(own, seen, np.array(state.mask), count, aircraft, np)
-    return observation.observe_set(own, seen, mask, state.goal_x, state.goal_y, aircraft, np)
+    intruders = VehicleState(*np.array(perceived).T)
+    intruders, mask = observation.rank_urgent(
+        own, intruders, np.array(state.mask), count, aircraft, np
+    )
+    return observation.observe_set(own, intruders, mask, state.goal_x, state.goal_y, aircraft, np)
 
 
 def _list(noise: np.ndarray | None) -> list[list[float]] | None:
@@ -79,7 +81,7 @@ def _list(noise: np.ndarray | None) -> list[list[float]] | None:
 def separations(state: State) -> tuple[float, ...]:
     """Return the present distance to each intruder, m, ``[K]``."""
     own = state.own
-    vehicles = (one.vehicle for one in state.intruders)
+    vehicles = (intruder.vehicle for intruder in state.intruders)
     return tuple(
         distance(vehicle.x - own.x, vehicle.y - own.y, EXACT_FLOATS) for vehicle in vehicles
     )

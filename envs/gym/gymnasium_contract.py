@@ -75,25 +75,25 @@ def action_space() -> spaces.Box:
     return spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
-def scenario_of(wanted: str | Scenario, aircraft: Aircraft) -> Scenario:
+def scenario_of(given: str | Scenario, aircraft: Aircraft) -> Scenario:
     """Return the scenario meant; where it is named ``module:name`` its code is loaded.
 
     Raises:
         EncounterError: there is none of that name, or it is another aircraft's.
     """
-    if isinstance(wanted, str):
-        resolve(wanted)
-        return scenario(wanted, aircraft)
-    if not isinstance(wanted, Scenario):
+    if isinstance(given, str):
+        resolve(given)
+        return scenario(given, aircraft)
+    if not isinstance(given, Scenario):
         raise EncounterError(
-            f"scenario is {wanted!r}; expected a name or an envs.encounters.Scenario"
+            f"scenario is {given!r}; expected a name or an envs.encounters.Scenario"
         )
-    if wanted.aircraft != aircraft:
+    if given.aircraft != aircraft:
         raise EncounterError(
-            f"scenario {wanted.name!r} is another aircraft's; expected one of the aircraft that "
+            f"scenario {given.name!r} is another aircraft's; expected one of the aircraft that "
             "flies"
         )
-    return wanted
+    return given
 
 
 def world_of(aircraft: Aircraft, rules: Rules | None, rewards: Mapping[str, float] | None) -> World:
@@ -130,12 +130,12 @@ def check_options(options: dict[str, Any] | None) -> dict[str, Any]:
             if near:
                 hint = f"did you mean {near[0]!r}?"
             raise EncounterError(f"reset option {key!r} is unknown; {hint}")
-    wanted = chosen.get("encounter")
-    if isinstance(wanted, (int, np.integer)) and not isinstance(wanted, bool):
-        chosen["encounter"] = int(wanted)
-    elif "encounter" in chosen and not isinstance(wanted, Encounter):
+    encounter = chosen.get("encounter")
+    if isinstance(encounter, (int, np.integer)) and not isinstance(encounter, bool):
+        chosen["encounter"] = int(encounter)
+    elif "encounter" in chosen and not isinstance(encounter, Encounter):
         raise EncounterError(
-            f"reset option 'encounter' is {wanted!r}; expected a number or an Encounter"
+            f"reset option 'encounter' is {encounter!r}; expected a number or an Encounter"
         )
     return chosen
 

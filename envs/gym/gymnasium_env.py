@@ -147,10 +147,10 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
             self._seed = int(self.np_random.integers(2**63))
         if "scenario" in chosen:
             self.scenario = scenario_of(chosen["scenario"], self.world.aircraft)
-        wanted = chosen.get("encounter", self._next)
-        given = isinstance(wanted, Encounter)
-        number = self._next if given else wanted
-        drawn = wanted if given else starts.encounters_of_seed(self.scenario, self._seed, number, 1)
+        asked = chosen.get("encounter", self._next)
+        given = isinstance(asked, Encounter)
+        number = self._next if given else asked
+        drawn = asked if given else starts.encounters_of_seed(self.scenario, self._seed, number, 1)
         encounter = starts.check_encounter(drawn, self.world.aircraft)
 
         self._number, self._next = number, number + 1
@@ -273,8 +273,8 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
             noise = drawn[:, self._mask]
         if self._rows == 1:
             return flight.observe(self._flight, self.world.aircraft, noise)
-        seen = flight.observe_set(self._flight, self._rows, self.world.aircraft, noise)
-        return as_dict(np.concatenate([part.ravel() for part in seen]), self._rows)
+        observed = flight.observe_set(self._flight, self._rows, self.world.aircraft, noise)
+        return as_dict(np.concatenate([part.ravel() for part in observed]), self._rows)
 
     def _info(self, separation: float, goal_distance: float) -> dict[str, Any]:
         assert self._flight is not None

@@ -130,7 +130,7 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         )
         return Setting(
             self.world,
-            noisy=any(np.any(np.asarray(each) > 0.0) for each in errors),
+            noisy=any(np.any(np.asarray(values) > 0.0) for values in errors),
             intruders=self._rows,
             rewards=self._rewards,
             discount=self._discount,
@@ -149,18 +149,18 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         self._min_separation = host[:, size].astype(np.float64)
         return self._shape(host[:, :size]), self._infos(self._min_separation, host[:, size + 1])
 
-    def _take_encounters(self, wanted: Any, seed: int) -> Encounter:
+    def _take_encounters(self, asked: Any, seed: int) -> Encounter:
         """Return the encounters that are given, or those of the seed from a number on.
 
         Their numbers are noted, -1 of given ones.
         """
-        if isinstance(wanted, Encounter):
-            given = starts.check_encounter(wanted, self.world.aircraft, (self.num_envs,))
+        if isinstance(asked, Encounter):
+            given = starts.check_encounter(asked, self.world.aircraft, (self.num_envs,))
             self._numbers = np.full(self.num_envs, -1)
             return given
-        drawn = starts.encounters_of_seed(self.scenario, seed, wanted, self.num_envs)
-        self._numbers = wanted + np.arange(self.num_envs)
-        self._next = wanted + self.num_envs
+        drawn = starts.encounters_of_seed(self.scenario, seed, asked, self.num_envs)
+        self._numbers = asked + np.arange(self.num_envs)
+        self._next = asked + self.num_envs
         return drawn
 
     def step(
@@ -180,21 +180,21 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         self._state, packed = batch_flight.step(
             self._state, self._pool, self._used, checked, self._key, self._ticks, self._setting
         )
-        seen, final_seen, flown = batch_flight.unpack(packed, self._setting)
+        observation, final_observation, flown = batch_flight.unpack(packed, self._setting)
         ended = flown.code > 0.0
         self._steps += 1
         self._min_separation = np.minimum(self._min_separation, flown.separation)
         final: dict[str, Any] = {}
         separation, goal_distance = flown.separation, flown.goal_distance
         if ended.any():
-            final = self._final(ended, final_seen, flown)
+            final = self._final(ended, final_observation, flown)
             separation = np.where(ended, flown.new_separation, separation)
             goal_distance = np.where(ended, flown.new_goal_distance, goal_distance)
             self._restart(ended, flown.new_separation)
         infos = final | self._infos(separation, goal_distance)
         terminated = (flown.code == 1.0) | (flown.code == 2.0)
         reward = flown.reward.astype(np.float64)
-        return self._shape(seen), reward, terminated, flown.code == 3.0, infos
+        return self._shape(observation), reward, terminated, flown.code == 3.0, infos
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the device's memory."""
@@ -230,14 +230,14 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         if count - self._used < self.num_envs:
             self._draw_pool(columns)
 
-    def _final(self, ended: np.ndarray, seen: np.ndarray, flown: Columns) -> dict[str, Any]:
+    def _final(self, ended: np.ndarray, observation: np.ndarray, flown: Columns) -> dict[str, Any]:
         """Return the last observations and infos of encounters that have ended, in Gymnasium's
         form.
         """
         final_obs = np.full(self.num_envs, None, dtype=object)
         outcomes = np.full(self.num_envs, None, dtype=object)
         for index in np.flatnonzero(ended):
-            final_obs[index] = self._shape(seen[index])
+            final_obs[index] = self._shape(observation[index])
             outcomes[index] = OUTCOMES[int(flown.code[index])]
         infos = self._infos(flown.separation, flown.goal_distance)
         values = {key: np.where(ended, value, 0) for key, value in infos.items() if key[0] != "_"}

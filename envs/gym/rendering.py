@@ -194,31 +194,33 @@ class Drawing:
         # The ownship leads: [T + 1, 1 + K, 4]; places in km, [1 + K, T + 1, 2].
         aircraft = np.concatenate([scene.own[:, None], scene.intruders], axis=1)
         paths = np.moveaxis(aircraft[..., :2], 0, 1) / 1000.0
-        now, heading, speed = paths[:, -1], aircraft[-1, :, 2], aircraft[-1, :, 3]
+        places, heading, speed = paths[:, -1], aircraft[-1, :, 2], aircraft[-1, :, 3]
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
         colours = [OWNSHIP] + [INTRUDER] * scene.intruders.shape[1]
         nearest = int(np.argmin(scene.separations[-1]))
         close = scene.separations < scene.required
 
-        self._move_discs(now, close[-1], nearest, scene.required / 1000.0)
+        self._move_discs(places, close[-1], nearest, scene.required / 1000.0)
         self._move_trails(paths, close, colours)
-        ends = now + ahead * speed[:, None] * (_LEADER / 1000.0)
-        self._leaders.set(segments=np.stack([now, ends], axis=1), colors=colours)
-        self._move_planes(now, ahead, colours)
-        self._name(now, ahead, nearest)
+        ends = places + ahead * speed[:, None] * (_LEADER / 1000.0)
+        self._leaders.set(segments=np.stack([places, ends], axis=1), colors=colours)
+        self._move_planes(places, ahead, colours)
+        self._name(places, ahead, nearest)
         self._write(scene, speed)
 
-    def _move_discs(self, now: np.ndarray, close: np.ndarray, nearest: int, radius: float) -> None:
+    def _move_discs(
+        self, places: np.ndarray, close: np.ndarray, nearest: int, radius: float
+    ) -> None:
         """Move the discs of the required separation, km, around intruders ``[K]``, and the line
         from the ownship to the nearest one; red are those that are too close.
         """
-        self._discs.set_paths([Circle(tuple(at), radius) for at in now[1:]])
+        self._discs.set_paths([Circle(tuple(at), radius) for at in places[1:]])
         edges = [VIOLATION if near else INTRUDER for near in close]
         self._discs.set(
             facecolors=[edge + "26" for edge in edges], edgecolors=[edge + "b0" for edge in edges]
         )
         self._link.set(
-            segments=[now[[0, nearest + 1]]], colors=VIOLATION if close[nearest] else _FAINT
+            segments=[places[[0, nearest + 1]]], colors=VIOLATION if close[nearest] else _FAINT
         )
 
     def _move_trails(self, paths: np.ndarray, close: np.ndarray, colours: list[str]) -> None:
@@ -230,16 +232,18 @@ class Drawing:
         steps = np.stack([paths[:, :-1], paths[:, 1:]], axis=2)
         self._red.set_segments(list(steps[both[1:].T]))
 
-    def _move_planes(self, now: np.ndarray, ahead: np.ndarray, colours: list[str]) -> None:
+    def _move_planes(self, places: np.ndarray, ahead: np.ndarray, colours: list[str]) -> None:
         """Draw the aircraft where they are, nose ahead."""
-        sizes = np.array([34.0] + [27.0] * (len(now) - 1)) * self._pixel
+        sizes = np.array([34.0] + [27.0] * (len(places) - 1)) * self._pixel
         turn = np.stack([ahead, np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1)], axis=1)
-        outlines = np.einsum("pi,nij->npj", _AIRCRAFT, turn) * sizes[:, None, None] + now[:, None]
+        outlines = (
+            np.einsum("pi,nij->npj", _AIRCRAFT, turn) * sizes[:, None, None] + places[:, None]
+        )
         self._planes.set(verts=list(outlines), facecolors=colours)
 
-    def _name(self, now: np.ndarray, ahead: np.ndarray, nearest: int) -> None:
+    def _name(self, places: np.ndarray, ahead: np.ndarray, nearest: int) -> None:
         """Write the names of the aircraft beside them, on the side away from what is near."""
-        while len(self._labels) < len(now):
+        while len(self._labels) < len(places):
             style = {
                 "fontsize": 8.5,
                 "fontweight": "bold",
@@ -249,15 +253,15 @@ class Drawing:
             }
             colour = "#8a5f00" if self._labels else OWNSHIP
             self._labels.append(self._axes.text(0.0, 0.0, "", clip_on=True, color=colour, **style))
-        only = len(now) == 2
+        only = len(places) == 2
         for index, label in enumerate(self._labels):
-            label.set_visible(index < len(now))
-            if index < len(now):
+            label.set_visible(index < len(places))
+            if index < len(places):
                 side = np.array([ahead[index, 1], -ahead[index, 0]])
-                other = now[nearest + 1 if index == 0 else 0]
-                side = np.copysign(side, side * np.sign(side @ (now[index] - other) + 1e-9))
+                other = places[nearest + 1 if index == 0 else 0]
+                side = np.copysign(side, side * np.sign(side @ (places[index] - other) + 1e-9))
                 far = 20.0 + (26.0 if only and index else 12.0) * abs(side[0])
-                label.set_position(tuple(now[index] + side * far * self._pixel))
+                label.set_position(tuple(places[index] + side * far * self._pixel))
                 label.set_text("own" if index == 0 else "intruder" if only else str(index))
 
     def _write(self, scene: Picture, speed: np.ndarray) -> None:

@@ -51,7 +51,7 @@ def conflict_point(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[E
     """
     fewest, most = scenario.intruders
     shared = _Draws(*(draws[:, i] for i in range(7)))
-    each = _DrawsOfEach(*columns(draws, 7, most, 7))
+    of_intruders = _DrawsOfEach(*columns(draws, 7, most, 7))
 
     radius = between(scenario.radius, shared.radius)
     course = between((-math.pi, math.pi), shared.course)
@@ -66,20 +66,22 @@ def conflict_point(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[E
         speed,
     )
 
-    intruder_course = wrap(course[:, None] - between(scenario.course_difference, each.course), xp)
-    intruder_speed = between(scenario.intruder_speed, each.speed)
+    intruder_course = wrap(
+        course[:, None] - between(scenario.course_difference, of_intruders.course), xp
+    )
+    intruder_speed = between(scenario.intruder_speed, of_intruders.speed)
     sine, cosine = sincos(intruder_course, xp)
     back = (radius / speed)[:, None] * intruder_speed
     intruders: VehicleState[Air] = VehicleState(
-        between(shift, each.shift_x) - back * cosine,
-        between(shift, each.shift_y) - back * sine,
+        between(shift, of_intruders.shift_x) - back * cosine,
+        between(shift, of_intruders.shift_y) - back * sine,
         intruder_course,
         intruder_speed,
     )
     count = fewest + xp.floor(shared.count * (most - fewest + 1))
     mask = xp.arange(most)[None, :] < count[:, None]
 
-    to_turn = each.turn_rate, each.onset, each.heading_change
+    to_turn = of_intruders.turn_rate, of_intruders.onset, of_intruders.heading_change
     intent = one_turn(scenario, own, intruders, to_turn, xp)
     sensor = sensor_of(scenario, shared.age, xp)
     accepted = meets_conditions(scenario, own, intruders, mask, xp)
