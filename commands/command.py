@@ -98,7 +98,7 @@ def require(asker: str, *modules: str) -> None:
 
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:
     """Return a type of an option: a whole number of at least ``least``, at most ``most``."""
-    wanted = (
+    expected = (
         f"a whole number of at least {least}"
         if most is None
         else f"a whole number, {least} to {most}"
@@ -111,7 +111,7 @@ def whole(least: int, most: int | None = None) -> Callable[[str], int]:
             or int(text) < least
             or (most is not None and int(text) > most)
         ):
-            raise argparse.ArgumentTypeError(f"{text!r}; expected {wanted}")
+            raise argparse.ArgumentTypeError(f"{text!r}; expected {expected}")
         return int(text)
 
     return value
@@ -123,14 +123,16 @@ def real(low: float, high: float, unit: str = "") -> Callable[[str], float]:
 
     def value(text: str) -> float:
         try:
-            found = float(text)
+            number = float(text)
         except ValueError:
             raise argparse.ArgumentTypeError(
                 f"{text!r}; expected a number, {low:g} to {high:g}{unit}"
             ) from None
-        if not low <= found <= high:  # inverted for nan
-            raise argparse.ArgumentTypeError(f"{found:g}{unit}; expected {low:g} to {high:g}{unit}")
-        return found
+        if not low <= number <= high:  # inverted for nan
+            raise argparse.ArgumentTypeError(
+                f"{number:g}{unit}; expected {low:g} to {high:g}{unit}"
+            )
+        return number
 
     return value
 
@@ -205,8 +207,10 @@ def visible(text: str) -> str:
     Line feeds stay.
     """
     return "".join(
-        f"\\u{ord(each):04x}" if each != "\n" and unicodedata.category(each) in _HIDDEN else each
-        for each in text
+        f"\\u{ord(character):04x}"
+        if character != "\n" and unicodedata.category(character) in _HIDDEN
+        else character
+        for character in text
     )
 
 

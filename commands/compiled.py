@@ -52,8 +52,8 @@ def cache_folder(*made_with: str) -> Path | None:
             return None
         files = (file for file in folder.parent.rglob("*") if file.is_file())
         if sum(file.stat().st_size for file in files) > _LARGE:
-            for each in folder.parent.iterdir():
-                shutil.rmtree(each, ignore_errors=True)
+            for old in folder.parent.iterdir():
+                shutil.rmtree(old, ignore_errors=True)
     except (OSError, RuntimeError):
         return None
     return folder

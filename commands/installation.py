@@ -61,11 +61,11 @@ def extra_of(module: str | None, command: str) -> str | None:
     extras do.
     """
     top = (module or "").partition(".")[0]
-    found = next((extra for extra, modules in EXTRAS.items() if top in modules), None)
-    if found != "report":
-        return found
+    extra = next((extra for extra, modules in EXTRAS.items() if top in modules), None)
+    if extra != "report":
+        return extra
     return next(
-        (extra for begin, extra in _OF_COMMANDS.items() if command.startswith(begin)), found
+        (extra for begin, extra in _OF_COMMANDS.items() if command.startswith(begin)), extra
     )
 
 
@@ -87,10 +87,10 @@ def foreign() -> str:
 
 def versions(*packages: str) -> dict[str, str]:
     """Return the version of Python and of each package; ``not installed`` where there is none."""
-    found = {"python": platform.python_version()}
+    installed = {"python": platform.python_version()}
     for package in ("rlcas-toolkit", *packages):
         try:
-            found[package] = metadata.version(package)
+            installed[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+            installed[package] = "not installed"
+    return installed

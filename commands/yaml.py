@@ -50,15 +50,15 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
+        keys: set[str] = set()
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             line = key_node.start_mark.line + 1
             if not isinstance(key, str):
                 raise YamlError(f"line {line}: key {key!r} is no text")
-            if key in seen:
+            if key in keys:
                 raise YamlError(f"line {line}: key {key} stands twice")
-            seen.add(key)
+            keys.add(key)
         return super().construct_mapping(node, deep)
 
 
@@ -121,7 +121,7 @@ def check_distinct(text: str) -> None:
         if isinstance(node, yaml.SequenceNode):
             todo += node.value
         if isinstance(node, yaml.MappingNode):
-            seen: set[object] = set()
+            keys: set[object] = set()
             for key, value in node.value:
                 todo.append(value)
                 if not isinstance(key, yaml.ScalarNode):
@@ -129,10 +129,10 @@ def check_distinct(text: str) -> None:
                 # One value may be written in two ways, such as 1 and 0x1.
                 merges = key.tag == "tag:yaml.org,2002:merge"
                 made = None if merges else yaml.SafeLoader("").construct_object(key)
-                if key.value in seen or (not merges and (type(made), made) in seen):
+                if key.value in keys or (not merges and (type(made), made) in keys):
                     line = key.start_mark.line + 1
                     raise YamlError(f"line {line}: key {key.value} stands twice")
-                seen |= {key.value, (type(made), made)}
+                keys |= {key.value, (type(made), made)}
 
 
 def parse(text: str, name: str) -> Any:

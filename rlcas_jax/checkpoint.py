@@ -106,8 +106,8 @@ def restore(path: Path, like: Any, part: str = "") -> Any:
     for name, leaf in expected.items():
         stored, dtype = tensors[name], np.dtype(leaf.dtype)
         if (stored.shape, stored.dtype) != (leaf.shape, dtype):
-            found = f"{stored.dtype}{list(stored.shape)}; expected {dtype}{list(leaf.shape)}"
-            raise CheckpointError(f"{path}: {name} is {found}")
+            stored_as = f"{stored.dtype}{list(stored.shape)}; expected {dtype}{list(leaf.shape)}"
+            raise CheckpointError(f"{path}: {name} is {stored_as}")
     return jax.tree.unflatten(
         jax.tree.structure(like), [jnp.asarray(tensors[name]) for name in expected]
     )

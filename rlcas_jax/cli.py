@@ -119,7 +119,9 @@ def _new_jobs(config: TrainConfig, directory: Path, seeds: int) -> tuple[Job, ..
     if seeds == 1:
         return (Job(config, directory, resume=False),)
     configs = [config.model_copy(update={"seed": config.seed + i}) for i in range(seeds)]
-    return tuple(Job(each, directory / f"seed-{i}", resume=False) for i, each in enumerate(configs))
+    return tuple(
+        Job(of_seed, directory / f"seed-{i}", resume=False) for i, of_seed in enumerate(configs)
+    )
 
 
 def write_configurations(options: Options) -> None:

@@ -51,9 +51,9 @@ def collect(
         return environment.observe(world, jax.random.fold_in(key, index))
 
     def forward(
-        world: Any, now: tuple[Int[Array, ""], Float[Array, "N 2"]]
+        world: Any, step_noise: tuple[Int[Array, ""], Float[Array, "N 2"]]
     ) -> tuple[Any, tuple[NetworkInput, Any, Step]]:
-        index, epsilon = now
+        index, epsilon = step_noise
         world = environment.restart(world, index)
         observation = observe(world, index)
         action, kept = algorithm.act(state, observation, epsilon)

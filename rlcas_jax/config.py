@@ -357,13 +357,13 @@ class TrainConfig(Strict):
         return self._scenarios()
 
     def _scenarios(self) -> list[Scenario]:
-        aircraft, found = self.aircraft.aircraft(), []
+        aircraft, scenarios = self.aircraft.aircraft(), []
         for number, entry in enumerate(self.scenarios):
             try:
-                found.append(entry.scenario(aircraft))
+                scenarios.append(entry.scenario(aircraft))
             except ConfigError as problem:
                 raise ConfigError(f"scenarios.{number}.{problem}") from None
-        return found
+        return scenarios
 
     def phase_configs(self) -> tuple["TrainConfig", ...]:
         """Return one configuration for each phase, in which nothing is left of ``phases``.

@@ -91,16 +91,17 @@ def connect(devices: int | None = None, processes: Processes | None = None) -> D
     if processes is not None:
         _join(processes)
     here = local_devices(jax)
-    wanted = len(here) if devices is None else devices
-    if wanted > len(here):
+    count = len(here) if devices is None else devices
+    if count > len(here):
         raise ConfigError(
-            f"--devices is {wanted}; expected at most {len(here)}, the visible {here[0].platform} "
+            f"--devices is {count}; expected at most {len(here)}, the visible {here[0].platform} "
             "devices"
         )
     of_each = [
-        [one for one in jax.devices() if one.process_index == i] for i in range(jax.process_count())
+        [device for device in jax.devices() if device.process_index == i]
+        for i in range(jax.process_count())
     ]
-    chosen = [device for theirs in of_each for device in theirs[:wanted]]
+    chosen = [device for theirs in of_each for device in theirs[:count]]
     return Devices(None if len(chosen) == 1 else Mesh(np.array(chosen), (AXIS,)))
 
 

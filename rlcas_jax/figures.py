@@ -97,10 +97,10 @@ def _flies_as_the_paper(run: Path) -> bool:
         return False
     paper = TrainConfig()  # its defaults are the paper's task
     return all(
-        one.rules() == paper.rules()
-        and one.aircraft.aircraft() == paper.aircraft.aircraft()
-        and one.family.share == 0.0
-        for one in configuration_of_run(file).phase_configs()
+        phase.rules() == paper.rules()
+        and phase.aircraft.aircraft() == paper.aircraft.aircraft()
+        and phase.family.share == 0.0
+        for phase in configuration_of_run(file).phase_configs()
     )
 
 

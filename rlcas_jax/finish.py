@@ -68,14 +68,14 @@ def evaluate(run: Run) -> dict[str, Any]:
     solved, rules = np.asarray(outcome.reached), run.task.rules
     verdict = classify(encounters, rules, aircraft.limits, solved=solved).verdict
     resolvable = int(np.sum(verdict != Verdict.UNRESOLVABLE))
-    found = rates(outcome, rules)
+    measured = rates(outcome, rules)
     return {
         "encounters": settings.final_encounters,
         "seed": settings.seed,
-        "score_mean": found["eval_score"],
-        "success_rate": found["eval_success"],
-        "violation_rate": found["eval_violation"],
-        "timeout_rate": found["eval_timeout"],
+        "score_mean": measured["eval_score"],
+        "success_rate": measured["eval_success"],
+        "violation_rate": measured["eval_violation"],
+        "timeout_rate": measured["eval_timeout"],
         "unresolvable_proven": int(np.sum(verdict == Verdict.UNRESOLVABLE)),
         "undecided": int(np.sum(verdict == Verdict.UNDECIDED)),
         "success_given_resolvable": float(np.sum(solved)) / max(resolvable, 1),
@@ -105,7 +105,9 @@ def set_of(config: TrainConfig) -> SetOf:
     """
     aircraft, encoder = config.aircraft.aircraft(), tuple(config.network.encoder)
     most = max(
-        one.intruders[1] for phase in config.phase_configs() for one in phase.training_scenarios()
+        drawn.intruders[1]
+        for phase in config.phase_configs()
+        for drawn in phase.training_scenarios()
     )
     own = ratios(aircraft.limits, aircraft.separation)._asdict()
     ends = {name: (value, value) for name, value in own.items()}
@@ -138,7 +140,7 @@ def table(directory: Path, summaries: Sequence[dict[str, Any]]) -> str:
 
 
 def _lines_of_seed(summary: Mapping[str, Any]) -> list[str]:
-    found, score = summary["evaluation"], summary["training_score"]
+    evaluation, score = summary["evaluation"], summary["training_score"]
     state = "" if summary["finished"] else ", interrupted"
     first = (
         f"seed {summary['seed']}: {summary['steps']:,} steps in {summary['wall_s']:.0f} s{state}"
@@ -147,23 +149,25 @@ def _lines_of_seed(summary: Mapping[str, Any]) -> list[str]:
         "training score (stochastic policy, last 5 % of the episodes)": (
             "none yet" if score is None else f"{score:+.1f}"
         ),
-        f"deterministic policy, {found['encounters']} encounters: mean score": (
-            f"{found['score_mean']:+.1f}"
+        f"deterministic policy, {evaluation['encounters']} encounters: mean score": (
+            f"{evaluation['score_mean']:+.1f}"
         ),
-        "resolved, of all": f"{found['success_rate']:.2%}",
-        "resolved, of the resolvable": f"{found['success_given_resolvable']:.2%}",
-        "separation violated": f"{found['violation_rate']:.2%}",
-        "out of time": f"{found['timeout_rate']:.2%}",
-        "proven unresolvable": f"{found['unresolvable_proven']}",
-        "undecided (counted as resolvable)": f"{found['undecided']}",
+        "resolved, of all": f"{evaluation['success_rate']:.2%}",
+        "resolved, of the resolvable": f"{evaluation['success_given_resolvable']:.2%}",
+        "separation violated": f"{evaluation['violation_rate']:.2%}",
+        "out of time": f"{evaluation['timeout_rate']:.2%}",
+        "proven unresolvable": f"{evaluation['unresolvable_proven']}",
+        "undecided (counted as resolvable)": f"{evaluation['undecided']}",
     }
     return [first, *(f"  {name:<64}{value:>9}" for name, value in rows.items())]
 
 
 def _line_of_seeds(summaries: Sequence[Mapping[str, Any]]) -> str:
     """Return in words between which figures the seeds of a configuration lie."""
-    scores = [one["training_score"] for one in summaries if one["training_score"] is not None]
-    given = [one["evaluation"]["success_given_resolvable"] for one in summaries]
+    scores = [
+        summary["training_score"] for summary in summaries if summary["training_score"] is not None
+    ]
+    given = [summary["evaluation"]["success_given_resolvable"] for summary in summaries]
     reached = f"training score {min(scores):+.1f} to {max(scores):+.1f}, " if scores else ""
     resolved = f"resolved of the resolvable {min(given):.2%} to {max(given):.2%}"
     return f"{len(summaries)} seeds: {reached}{resolved}"

@@ -135,8 +135,8 @@ class Deconfliction(Environment[EnvState, EnvParams]):
         world = surrogate.World(with_scores(rules, self.weights), aircraft)
         before, command = state.encounter, (action[0], action[1])
         moved, result = surrogate.step(before, command, world)
-        seen = Transition(before, moved, command, result, aircraft)
-        reward, _ = learning_reward(self.rewards, seen, self.discount, jnp)
+        transition = Transition(before, moved, command, result, aircraft)
+        reward, _ = learning_reward(self.rewards, transition, self.discount, jnp)
         state = EnvState(time=state.time + 1, encounter=moved)
         violation, reached, _ = result.outcome
         info = {"separation": result.separation, "goal_distance": result.goal_distance}

@@ -317,11 +317,11 @@ class _Runner:
     def _evaluate(self, task: CompiledTask, state: TrainState) -> dict[str, float]:
         """Return the deterministic policy's rates; the first evaluation of a phase compiles."""
         tick = time.monotonic()
-        found = rates(outcomes(task, state, self._evaluated), task.rules)
+        measured = rates(outcomes(task, state, self._evaluated), task.rules)
         if task is not self._evaluates:
             self._evaluates = task
             self._reporter.leave_out(time.monotonic() - tick)
-        return found
+        return measured
 
     def _save(self, number: int, state: TrainState) -> None:
         whole = everywhere(state)
@@ -391,7 +391,7 @@ def _check_scenarios(config: TrainConfig) -> None:
         encounters, accepted = sample(drawn, draws, np)
         if not ships(drawn):
             check_sampled(drawn, take(encounters, accepted))
-            jax.eval_shape(lambda one, of=drawn: sample(of, one, jnp), draws)
+            jax.eval_shape(lambda values, of=drawn: sample(of, values, jnp), draws)
         if accepted.mean() < _LEAST_ACCEPTED:
             raise ConfigError(
                 f"scenarios.{number}: {int(accepted.sum())} of {count} draws meet the conditions "
@@ -405,8 +405,8 @@ def _check_inputs(config: TrainConfig) -> None:
     """Refuse an input of the user's own that fails in jax; in numpy it was tried when it was
     loaded.
     """
-    for one in resolve(config.network.inputs):
-        jax.eval_shape(lambda scenes, of=one: evaluate_input(of, scenes, jnp), trial_scenes())
+    for entry in resolve(config.network.inputs):
+        jax.eval_shape(lambda scenes, of=entry: evaluate_input(of, scenes, jnp), trial_scenes())
 
 
 def _check_rewards(config: TrainConfig) -> None:
@@ -420,4 +420,6 @@ def _check_rewards(config: TrainConfig) -> None:
     for name, values in shaping_of_first_step(rewards, starts, world, np).items():
         if not np.isfinite(values).all():
             raise RewardError(f"reward {name!r}: is not finite at the start of an encounter")
-    jax.eval_shape(lambda one: shaping_of_first_step(rewards, one, world, jnp), starts)
+    jax.eval_shape(
+        lambda encounters: shaping_of_first_step(rewards, encounters, world, jnp), starts
+    )

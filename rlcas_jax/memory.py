@@ -30,7 +30,7 @@ def _of_phase(config: TrainConfig) -> int:
     """Count the pool and the samples twice, as either is sorted; activations; parameters with
     gradients and moments.
     """
-    intruders = max(one.intruders[1] for one in config.training_scenarios())
+    intruders = max(drawn.intruders[1] for drawn in config.training_scenarios())
     network, hidden = config.network, config.network.hidden
     if network.feature_set == "set":
         inputs = network.input_table()

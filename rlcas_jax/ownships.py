@@ -29,8 +29,8 @@ def ownships(config: TrainConfig) -> Ownships:
     draws = np.random.default_rng((config.seed, 7)).random((5, config.environments))
     sampled, of_family = _family_sample(family, aircraft, draws[1:]), draws[0] < family.share
     chosen = (
-        np.where(of_family, one, configured).astype(np.float32)
-        for one, configured in zip(sampled, aircraft.limits, strict=True)
+        np.where(of_family, own, configured).astype(np.float32)
+        for own, configured in zip(sampled, aircraft.limits, strict=True)
     )
     return Ownships(Limits(*chosen), of_family)
 
@@ -79,16 +79,16 @@ def scenarios_for(
     traffic_speed = low * fastest, high * fastest
     return [
         replace(
-            each,
-            own_speed=_ranges(of_family, own_speed, each.own_speed),
-            intruder_speed=_ranges(of_family[:, None], traffic_speed, each.intruder_speed),
+            scenario,
+            own_speed=_ranges(of_family, own_speed, scenario.own_speed),
+            intruder_speed=_ranges(of_family[:, None], traffic_speed, scenario.intruder_speed),
         )
-        for each in scenarios
+        for scenario in scenarios
     ]
 
 
 def _ranges(of_family: np.ndarray, sampled: tuple, configured: tuple) -> tuple:
     """Return the ends of a range, those of the family's samples where there is one."""
     return tuple(
-        np.where(of_family, one, other) for one, other in zip(sampled, configured, strict=True)
+        np.where(of_family, drawn, usual) for drawn, usual in zip(sampled, configured, strict=True)
     )

@@ -299,8 +299,8 @@ def network_input(
     where = (state.goal_x, state.goal_y, aircraft.limits, aircraft.separation)
     inputs = network.input_table()
     mask = known_intruders(state, aircraft, jnp)
-    seen = scene(state.own, intruders, mask, *where, jnp)
-    return set_inputs(seen._replace(share=shares(state, aircraft, jnp)), jnp, inputs)
+    scenes = scene(state.own, intruders, mask, *where, jnp)
+    return set_inputs(scenes._replace(share=shares(state, aircraft, jnp)), jnp, inputs)
 
 
 def fly(
@@ -319,7 +319,7 @@ def fly(
         action = policy(state)
         state, result = surrogate.step(state, (action[:, 0], action[:, 1]), world)
         outcome = Outcome(
-            *(seen | (now & ~ended) for seen, now in zip(outcome, result.outcome, strict=True))
+            *(before | (new & ~ended) for before, new in zip(outcome, result.outcome, strict=True))
         )
         return (state, ended | result.outcome.ended(jnp), outcome), None
 

@@ -176,17 +176,17 @@ def _config_of(
     # Together with the rest, as it decides whether algorithm_settings are right.
     algorithm = {"algorithm": names["algorithm"]} if "algorithm" in names else {}
     if isinstance(config, TrainConfig):
-        found = validate(TrainConfig, config.model_dump() | algorithm)
+        validated = validate(TrainConfig, config.model_dump() | algorithm)
     elif isinstance(config, Mapping):
-        found = validate(TrainConfig, {**config, **algorithm})
+        validated = validate(TrainConfig, {**config, **algorithm})
     else:
-        found = load(
+        validated = load(
             TrainConfig, Path(config), [f"{key}={name}" for key, name in algorithm.items()]
         )
     if "inputs" not in names:
-        return found
-    values = found.model_dump()
-    values["network"]["inputs"] = [*found.network.inputs, *names["inputs"]]
+        return validated
+    values = validated.model_dump()
+    values["network"]["inputs"] = [*validated.network.inputs, *names["inputs"]]
     return validate(TrainConfig, values)
 
 
@@ -200,7 +200,7 @@ def _register(extensions: Extensions) -> dict[str, Any]:
     for name, term in extensions.rewards.items():
         own_rewards.register(name, term)
     if extensions.inputs:
-        names["inputs"] = [own_inputs.register(one).name for one in extensions.inputs]
+        names["inputs"] = [own_inputs.register(entry).name for entry in extensions.inputs]
     if extensions.algorithm is not None:
         names["algorithm"] = own_algorithm.register(extensions.algorithm)
     return names

@@ -40,14 +40,14 @@ def warm_learner(config: TrainConfig, shapes: Any) -> dict[str, Any]:
     except policy_file.PolicyFileError as problem:
         raise ConfigError(f"warm_start: {problem}") from None
     network = config.network
-    own_inputs = [one.name for one in network.input_table().extra]
-    for key, has, wanted in (
+    own_inputs = [entry.name for entry in network.input_table().extra]
+    for key, has, configured in (
         ("hidden", policy.hidden, tuple(network.hidden)),
         ("feature_set", policy.feature_set, network.feature_set),
-        ("inputs", [one["name"] for one in policy.extensions], own_inputs),
+        ("inputs", [contract["name"] for contract in policy.extensions], own_inputs),
     ):
-        if has != wanted:
+        if has != configured:
             raise ConfigError(
-                f"warm_start: {source} has network.{key} {has}; expected {wanted} as configured"
+                f"warm_start: {source} has network.{key} {has}; expected {configured} as configured"
             )
     return {"actor": jax.tree.map(jnp.asarray, variables(policy.actor))}

@@ -149,7 +149,7 @@ def _objective(trial: Trial, options: Options, interrupt: Interrupt) -> float:
         if done.params == values:
             return float(done.value or 0.0)
     directory = trial_directory(options.directory, trial.number)
-    found = []
+    resolved = []
     try:
         config = load(TrainConfig, options.directory / CONFIG, overrides(values))
         for index in range(seeds):
@@ -160,7 +160,7 @@ def _objective(trial: Trial, options: Options, interrupt: Interrupt) -> float:
             )
             if interrupt.requested:
                 return math.nan
-            found.append(float(summary["evaluation"]["success_given_resolvable"]))
+            resolved.append(float(summary["evaluation"]["success_given_resolvable"]))
     except (ConfigError, TrainingError, jax.errors.JaxRuntimeError) as problem:
         # Of a pruned trial Optuna learns that its region is bad, of a failed one nothing.
         reason = re.sub("^--set:? ", "", " ".join(str(problem).split()))
@@ -168,7 +168,7 @@ def _objective(trial: Trial, options: Options, interrupt: Interrupt) -> float:
     finally:
         jax.clear_caches()  # every trial compiles its own programs; they would pile up
         gc.collect()
-    return sum(found) / len(found)
+    return sum(resolved) / len(resolved)
 
 
 class _Watch(Reporter):

@@ -60,7 +60,9 @@ def check(space: Space, source: Path | str, load: Callable[[list[str]], TrainCon
         load: ``KEY=VALUE`` texts -> configuration, raises ConfigError.
     """
     draw = random.Random(0)
-    for key, value in ((key, value) for key, one in space.items() for value in _ends(one)):
+    for key, value in (
+        (key, value) for key, distribution in space.items() for value in _ends(distribution)
+    ):
         others, problems = [other for other in space if other != key], []
         for tried in range(_TRIED if others else 1):
             some = {other: draw.choice(_ends(space[other])) for other in others if tried > 0}
@@ -73,8 +75,12 @@ def check(space: Space, source: Path | str, load: Callable[[list[str]], TrainCon
             raise ConfigError(f"{source}: {problems[0]}")
 
 
-def _ends(one: Any) -> tuple[Any, ...]:
-    return one.choices if isinstance(one, CategoricalDistribution) else (one.low, one.high)
+def _ends(distribution: Any) -> tuple[Any, ...]:
+    return (
+        distribution.choices
+        if isinstance(distribution, CategoricalDistribution)
+        else (distribution.low, distribution.high)
+    )
 
 
 def _distribution(key: str, entry: Any, where: str) -> BaseDistribution:
@@ -90,7 +96,7 @@ def _distribution(key: str, entry: Any, where: str) -> BaseDistribution:
             else "expected a key of the training configuration, see train --help"
         )
         raise ConfigError(f"{where} is unknown; {hint}")
-    if any(key == one or key.startswith(f"{one}.") for one in _FIXED):
+    if any(key == fixed or key.startswith(f"{fixed}.") for fixed in _FIXED):
         raise ConfigError(
             f"{where} cannot be searched, because trials would not be compared on equal terms"
         )
