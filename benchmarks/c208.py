@@ -80,7 +80,7 @@ def plans_of(count: int, name: str, seed: int) -> list[Plan]:
     encounters = encounters_of_seed(scenario(name, PAPER), seed, 0, count)
     proposals = plan_many(
         request_of(encounters, PAPER), Policy.load(), in_wind(Options.for_aircraft(PAPER), None)
-    ).proposals
+    ).candidates
     found = []
     for number in np.flatnonzero(proposals.safe):
         plan_states = take(proposals.plan_states, number)

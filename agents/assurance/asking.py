@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.assurance.monitor import Decision, Monitor, Thresholds, activate, answer
 from agents.planner.request.options import Narrowed, Options
-from agents.planner.search.candidates import Proposals, empty
+from agents.planner.search.candidates import Candidates, empty
 from envs.arrays import Array
 from envs.trees import scatter, take
 
@@ -21,7 +21,7 @@ WIDE, IN_TIME, ALONG = range(3)
 route.
 """
 
-Planner = Callable[[Array, Options[Narrowed], int], Proposals]
+Planner = Callable[[Array, Options[Narrowed], int], Candidates]
 """Makes plans for some rows, numbers ``[m]``, with options, of a kind."""
 
 _SPARE = 0.5  # separations that a wide plan keeps beyond what is required
@@ -72,9 +72,14 @@ def renew(
     rows = np.flatnonzero(asked)
     if rows.size:
         first = np.where(reached[rows], ALONG, WIDE)
-        proposals, kind = _plan(make, options, rows, first, np.full(rows.size, ALONG))
+        candidates, kind = _plan(make, options, rows, first, np.full(rows.size, ALONG))
         monitor, taken = answer(
-            monitor, rows, decision.number[rows], proposals.plan_states, proposals.safe, thresholds
+            monitor,
+            rows,
+            decision.number[rows],
+            candidates.plan_states,
+            candidates.safe,
+            thresholds,
         )
         short[rows[taken]] = kind[taken] == ALONG
 
@@ -82,10 +87,10 @@ def renew(
     due = np.rint(monitor.memory.time / unit.dt) % _AGAIN == 0.0
     rows = np.flatnonzero(due & (short | narrow) & ~reached & ~monitor.on_backup & ~asked)
     if rows.size:
-        proposals, _ = _plan(
+        candidates, _ = _plan(
             make, options, rows, np.full(rows.size, WIDE), np.where(short[rows], IN_TIME, WIDE)
         )
-        rows, plan = rows[proposals.safe], take(proposals.plan_states, proposals.safe)
+        rows, plan = rows[candidates.safe], take(candidates.plan_states, candidates.safe)
         traffic, when = take((decision.traffic, monitor.memory.time), rows)
         monitor = activate(
             monitor, rows, plan, np.ones(rows.size, dtype=bool), when, traffic, thresholds
@@ -96,7 +101,7 @@ def renew(
 
 def _plan(
     make: Planner, options: tuple[Options[Narrowed], ...], rows: Array, first: Array, last: Array
-) -> tuple[Proposals, Array]:
+) -> tuple[Candidates, Array]:
     """Try one kind of plan after the other, of each row from its first to its last, until one is
     SAFE, ``[m]``.
     """

@@ -30,7 +30,7 @@ from agents.planner.request.request import Request, check_finite, check_request,
 from agents.planner.search import fallback
 from agents.planner.search.airspace import add_areas
 from agents.planner.search.budget import Budget
-from agents.planner.search.candidates import Plans, Proposals, empty, evaluate, keep_best
+from agents.planner.search.candidates import Candidates, Plans, empty, evaluate, keep_best
 from agents.planner.search.continuation import CROWD
 from agents.planner.search.goals import next_goals, on_same_leg
 from agents.planner.search.rollout import roll
@@ -95,7 +95,7 @@ def plan(
     goal, skipped = int(goals[0, 0]), tuple(budget.skipped)
     answer = publish(request, plans, goal, route, excluded, counted, in_air, skipped)
     assumed = *assumed_climbs(own_altitude, intruders, options), *notes
-    best = plans.proposals
+    best = plans.candidates
     passed_by = (
         skipped_points(request, best.plan_states, goal, int(best.last[0]), route, in_air)
         if answer.safe
@@ -147,7 +147,7 @@ def plan_many(
             continue
         part, order = _compact(take(request, rows), most)
         planned = _plan_rows(part, goals[rows], policy, options, Budget(), floats=floats)
-        number = planned.proposals.findings.intruder
+        number = planned.candidates.findings.intruder
         number[:] = np.where(number >= 0, order[np.arange(rows.size), number], -1)
         scatter(plans, rows, planned)
     return plans
@@ -242,8 +242,8 @@ def _plan_rows(
 
 
 def _search_on(
-    way: Callable[[Request, Array, Options[Narrowed], Budget], Proposals],
-    best: Proposals,
+    way: Callable[[Request, Array, Options[Narrowed], Budget], Candidates],
+    best: Candidates,
     source: Array,
     request: Request,
     goal: Array,

@@ -13,7 +13,7 @@ from agents.planner.request.pruning import unproven_exclusions
 from agents.planner.request.reports import Intruder
 from agents.planner.request.request import check_request, in_wind
 from agents.planner.search.airspace import add_areas
-from agents.planner.search.candidates import find_faults
+from agents.planner.search.candidates import find_violations
 from envs.areas import Area
 from envs.frames import Ground
 from envs.kinematics import VehicleState
@@ -80,7 +80,7 @@ def recheck(  # noqa: PLR0913 - a plan, and all of a request
     except RequestError as error:
         return _void(plan, late, str(error))
     curve = take(plan_states(own, left, wind=wind), None)
-    findings = find_faults(curve, request, in_air)
+    findings = find_violations(curve, request, in_air)
     nearer = unproven_exclusions(excluded, left[-1]) if left else []
     if nearer:
         return _void(plan, late, nearer[0].message)

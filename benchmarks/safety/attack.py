@@ -222,7 +222,7 @@ def _side_by_side(
     """
     tally.requests.update(_families(requests, counts))
     try:
-        best = plan_many(requests.request, policy, in_wind(options, None)).proposals
+        best = plan_many(requests.request, policy, in_wind(options, None)).candidates
     except Exception as problem:
         tally.blame("exception", requests.number[counts][0], what=repr(problem))
         return

@@ -80,7 +80,7 @@ def certify(seed: int, block: int) -> list[Certified]:
     policy = adversary.policy_for(aircraft)
     asked = _ask(seed, block, aircraft, options)
     requests = _side_by_side([each.request for each in asked])
-    plans = plan_many(requests, policy, in_wind(options, None)).proposals
+    plans = plan_many(requests, policy, in_wind(options, None)).candidates
     found = []
     for row in np.flatnonzero(plans.safe).tolist():
         rows = np.stack([field[row] for field in plans.plan_states], axis=1)[1:].tolist()

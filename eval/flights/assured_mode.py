@@ -18,7 +18,7 @@ from agents.planner.planner import Plans, plan_among, plan_many
 from agents.planner.request.encounters import request_of, route_of
 from agents.planner.request.options import Narrowed, Options
 from agents.planner.request.request import Request, drift_points
-from agents.planner.search.candidates import Proposals
+from agents.planner.search.candidates import Candidates
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
@@ -127,7 +127,7 @@ def _begin(
     reported = perceive_intruders(air.state, draws, aircraft.dt, np)
     traffic = Traffic.straight(reported, encounters.mask)
     traffic = traffic._replace(separation=encounters.separation)
-    rows, made = np.arange(count), plans.proposals
+    rows, made = np.arange(count), plans.candidates
     monitor = assurance.start(count, encounters.mask.shape[1], thresholds)
     monitor = assurance.activate(
         monitor, rows, made.plan_states, made.safe, 0.0, traffic, thresholds
@@ -223,7 +223,7 @@ class _MidFlightPlanner(NamedTuple):
     policy: Policy
     aircraft: Aircraft
 
-    def __call__(self, rows: np.ndarray, options: Options[Narrowed], kind: int) -> Proposals:
+    def __call__(self, rows: np.ndarray, options: Options[Narrowed], kind: int) -> Candidates:
         """Return the plans of some flights, numbers ``[m]``, of a kind of
         :mod:`agents.assurance.asking`.
         """
@@ -238,6 +238,6 @@ class _MidFlightPlanner(NamedTuple):
             route = route_of(own, goal_x, goal_y, self.aircraft)
             request = Request(own, traffic, *route, asked.drift)
         if self.areas is None:
-            return plan_many(request, self.policy, options, floats=True).proposals
+            return plan_many(request, self.policy, options, floats=True).candidates
         amid = self.areas[rows]
-        return plan_among(request, amid, self.policy, options, floats=True).proposals
+        return plan_among(request, amid, self.policy, options, floats=True).candidates

@@ -309,7 +309,7 @@ def _plan(ready: ReadyEvaluation, given: Conditioned) -> tuple[Flights, dict[str
 
 def _plan_columns(plans: Plans) -> dict[str, np.ndarray]:
     """Return the columns of plans as they were made."""
-    made = plans.proposals
+    made = plans.candidates
     return {
         "plan_status": np.array(STATUSES, dtype=object)[made.safe.astype(int)],
         "plan_source": np.array(SOURCES, dtype=object)[plans.source],
@@ -332,7 +332,7 @@ def _broken_promises(
     ``first``: draws of the first reports, ``[4, N, K]``.
     """
     aircraft = evaluation.aircraft
-    lost = plans.proposals.safe & (flights.outcome == OUTCOMES.index("violation"))
+    lost = plans.candidates.safe & (flights.outcome == OUTCOMES.index("violation"))
     promised = promised_separation(starts, plans, aircraft, evaluation.options, lost, first)
     loss = np.full(lost.size, None, dtype=object)
     loss[lost] = np.where(promised[lost] >= aircraft.separation, "not_promised", "broken")

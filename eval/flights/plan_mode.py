@@ -75,8 +75,8 @@ def fly_once(
     separation is not a number.
     """
     tally, dt, count = Tally(len(encounters.goal_x), aircraft, endless=endless), aircraft.dt, 0
-    rows = np.flatnonzero(plans.proposals.last >= 0)
-    begun, plan_states = take((encounters, plans.proposals.plan_states), rows)
+    rows = np.flatnonzero(plans.candidates.last >= 0)
+    begun, plan_states = take((encounters, plans.candidates.plan_states), rows)
     drift, curves = take(drift_of(wind), rows), legs(plan_states)
     air = Active(begin(begun, np), np.zeros(rows.size), plan_states.time[:, -1], drift)
     while rows.size:
@@ -90,9 +90,9 @@ def fly_once(
         on = air.ends > count * dt
         if not on.all():
             rows, air, curves = take((rows, air, curves), on)
-    whole = tally.judge(plans.proposals.safe)
+    whole = tally.judge(plans.candidates.safe)
     for separation in (whole.flights.min_separation, whole.whole_separation):
-        separation[plans.proposals.last < 0] = np.nan
+        separation[plans.candidates.last < 0] = np.nan
     return whole
 
 

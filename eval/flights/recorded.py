@@ -84,7 +84,7 @@ def fly_recorded(ready: ReadyEvaluation, numbers: Sequence[int]) -> Recorded:
     plan_states = None
     if plans is not None:
         each = NO_WIND if wind is None else Wind(wind.east[:, None], wind.north[:, None])
-        plan_states = on_ground(plans.proposals.plan_states, each)
+        plan_states = on_ground(plans.candidates.plan_states, each)
     over_ground = to_ground(flown, wind, aircraft.dt)
     return Recorded(starts, plans, plan_states, flights, over_ground, areas)
 

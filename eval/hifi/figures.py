@@ -155,13 +155,13 @@ def sheet(flights: Sequence[tuple[str, FlightRecord]], rules: Rules) -> Figure:
 
 def _draw_flight(axes: Axes, one: FlightRecord, rules: Rules) -> None:
     """Draw a flight from above, and the waypoints of its plan."""
-    rejoin = rules.t_max if one.made is None else float(one.made.plans.proposals.rejoin_time[0])
+    rejoin = rules.t_max if one.made is None else float(one.made.plans.candidates.rejoin_time[0])
     # What comes later is the route, a straight line.
     end = round(rejoin + _AFTER) if np.isfinite(rejoin) else round(rules.t_max)
     if one.flight is not None:
         draw(axes, _track_until(one, one.flight, end), rules)
     if one.made is not None and one.legs is not None and one.errors is not None:
-        plan_states = one.made.plans.proposals.plan_states
+        plan_states = one.made.plans.candidates.plan_states
         shown = plan_states.time[0] <= end
         place: VehicleState[Air] = VehicleState(*(field[0, shown] for field in plan_states[:4]))
         over = over_ground(place, one.scene.frame, plan_states.time[0, shown])

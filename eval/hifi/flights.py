@@ -133,8 +133,8 @@ def fly_one(campaign: Campaign, policy: Policy, number: int) -> FlightRecord:
         return _fly_closed(campaign, scene, number, policy)
     made, known = _initial_plan(campaign, scene, policy)
     curves, problem = None, made.problem
-    if problem is None and int(made.plans.proposals.last[0]) >= 0:
-        curves = legs(take(made.plans.proposals.plan_states, 0))
+    if problem is None and int(made.plans.candidates.last[0]) >= 0:
+        curves = legs(take(made.plans.candidates.plan_states, 0))
         reach = reach_of(campaign.vehicle, campaign.aircraft.limits, scene.drawn)
         problem = unflyable(curves, reach)
     elif problem is None and campaign.mode == "plan":
@@ -175,7 +175,7 @@ def _follow(
         return record
     surrogate = None
     if made.request is not None and made.plans.source[0] == SOURCES.index("policy"):
-        goal = int(made.plans.proposals.goal[0])
+        goal = int(made.plans.candidates.goal[0])
         options = options_in(scene.frame, campaign.options)
         surrogate = roll_out(made.request, goal, policy, options)
     return record._replace(errors=against(flight, curves, scene.frame, surrogate))
@@ -209,8 +209,8 @@ def _assured_pilot(
     margin = options.requirement.margin
     # What the margin covers is no reason for a new plan.
     track = {name: max(getattr(usual, name), margin) for name in ("cross_track", "along_track")}
-    if int(plans.proposals.last[0]) < 0:
-        plans = plans._replace(proposals=empty(1, options.waypoints))
+    if int(plans.candidates.last[0]) < 0:
+        plans = plans._replace(candidates=empty(1, options.waypoints))
     sensor = None if scene.noise is None else scene.encounter.sensor
     reckoning = Reckoning(scene.frame, lookahead_of(campaign.vehicle), sensor)
     return Assured(

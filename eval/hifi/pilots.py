@@ -20,7 +20,7 @@ from agents.planner.planner import Plans
 from agents.planner.request.encounters import route_of
 from agents.planner.request.options import Narrowed
 from agents.planner.request.request import Options
-from agents.planner.search.candidates import Proposals, empty
+from agents.planner.search.candidates import Candidates, empty
 from agents.policy.inference import Policy
 from envs.areas import Area
 from envs.c208.air_mass import ground_commands
@@ -140,7 +140,7 @@ class Assured:
         self._route, self._policy, self._rules = route, policy, rules
         self._areas, self._thresholds = areas, thresholds
         monitor = assurance.start(1, known.mask.shape[1], thresholds)
-        made = plans.proposals
+        made = plans.candidates
         self._monitor = assurance.activate(
             monitor, np.arange(1), made.plan_states, made.safe, 0.0, known, thresholds
         )
@@ -217,7 +217,7 @@ class Assured:
         rows: np.ndarray,
         options: Options[Any],
         kind: int,
-    ) -> Proposals:
+    ) -> Candidates:
         """Plan from the middle of the flight, a :data:`agents.assurance.asking.Planner` but for its
         first three arguments: to the goal from where the ownship is over the ground, or along the
         route; ``rows`` are always the one.
@@ -238,7 +238,7 @@ class Assured:
             options,
             self._areas,
         )
-        return made.plans.proposals if made.problem is None else empty(1, options.waypoints)
+        return made.plans.candidates if made.problem is None else empty(1, options.waypoints)
 
     def _follow(self) -> None:
         """Build the guidance anew where something else is to be flown than before."""

@@ -134,7 +134,7 @@ def _end(
     there = np.flatnonzero(near[1:] <= rules.goal_radius)
     if not there.size:
         return _End("timeout", rules.t_max, f"{near.min():.0f} m from the goal at best")
-    unsafe = one.made is not None and not one.made.plans.proposals.safe[0]
+    unsafe = one.made is not None and not one.made.plans.candidates.safe[0]
     if unsafe and not isinstance(one.pilot, Assured):
         # Refusing is no success, even where the advisory trajectory arrives.
         return _End("timeout", rules.t_max, "the plan is not safe")
@@ -171,16 +171,16 @@ def _plan(campaign: Campaign, one: FlightRecord) -> dict[str, Any]:
     over its whole.
     """
     made = one.made if one.made is not None and one.made.request is not None else None
-    planned = _NAN if one.made is None else float(one.made.plans.proposals.min_separation[0])
+    planned = _NAN if one.made is None else float(one.made.plans.candidates.min_separation[0])
     whole, distance = _NAN, _NAN
     if one.flight is not None and one.errors is not None:
         whole = float(one.flight.separation.min(initial=np.inf))
         distance = float(one.flight.distance.min(initial=np.inf))
     return {
-        "plan_status": "none" if made is None else STATUSES[int(made.plans.proposals.safe[0])],
+        "plan_status": "none" if made is None else STATUSES[int(made.plans.candidates.safe[0])],
         "plan_source": "none" if made is None else SOURCES[int(made.plans.source[0])],
         "plan_min_separation_m": _NAN if made is None else planned,
-        "plan_rejoin_s": _NAN if made is None else float(made.plans.proposals.rejoin_time[0]),
+        "plan_rejoin_s": _NAN if made is None else float(made.plans.candidates.rejoin_time[0]),
         "verdict": _separability(campaign, one),
         "whole_min_separation_m": whole,
         "separation_loss_m": planned - distance,
@@ -212,7 +212,7 @@ def _separability(campaign: Campaign, one: FlightRecord) -> str:
     options = campaign.options
     required = options.requirement.separation + options.requirement.margin
     rules = campaign.aircraft.rules()._replace(separation=required)
-    solved = one.made is not None and bool(one.made.plans.proposals.safe[0])
+    solved = one.made is not None and bool(one.made.plans.candidates.safe[0])
     limits = campaign.options.limits
     begins = limits.speed_min <= float(one.scene.encounter.own.speed[0]) <= limits.speed_max
     if not begins and not solved:
@@ -240,7 +240,7 @@ def _errors(one: FlightRecord) -> PlanErrors:
     late = np.abs(errors.late[planned])
     altitude = np.abs(flight.altitude - one.scene.drawn.altitude)
     assert one.made is not None
-    rejoin = float(one.made.plans.proposals.rejoin_time[0])
+    rejoin = float(one.made.plans.candidates.rejoin_time[0])
     to_goal = position[: int(rejoin / PERIOD) + 1] if math.isfinite(rejoin) else np.empty(0)
     return PlanErrors(
         cross_track_rms_m=math.sqrt(float(np.mean(cross**2))),

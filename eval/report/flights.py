@@ -149,7 +149,7 @@ def _first_plan(batch: Recorded, row: int) -> tuple[np.ndarray | None, str | Non
         return None, None
     flown = take(batch.plan_states, row)
     plan = np.stack([flown.x, flown.y, flown.time])
-    status = STATUSES[int(batch.plans.proposals.safe[row])]
+    status = STATUSES[int(batch.plans.candidates.safe[row])]
     return plan if np.isfinite(plan).all() else None, status
 
 

@@ -34,7 +34,7 @@ def _safe_within_limits(aircraft: Aircraft, policy: Policy, number: int) -> int:
     flown_by = policy.for_aircraft(aircraft, outside="allow")
     request = request_of(encounters_of_seed(scenario("circle", aircraft), number, 0, 12), aircraft)
     options = Options.for_aircraft(aircraft, exhaustive=False)
-    plans = plan_many(request, flown_by, options).proposals
+    plans = plan_many(request, flown_by, options).candidates
     curves = legs(take(plans.plan_states, plans.safe))
     after = curves.speed + curves.acceleration * (curves.duration[..., None] / ARCS)
     limits, swing = aircraft.limits, 1e-5

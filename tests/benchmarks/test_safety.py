@@ -56,7 +56,7 @@ def policy() -> Policy:
 @pytest.fixture(scope="module")
 def plans(policy: Policy) -> Plans:
     request = request_of(encounters_of_seed(scenario("circle", PAPER), 11, 0, 40), PAPER)
-    best = plan_many(request, policy, OPTIONS).proposals
+    best = plan_many(request, policy, OPTIONS).candidates
     near = np.flatnonzero(best.safe & (best.min_separation < 1_060.0))[:6]
     assert near.size >= 3
     return take(Plans(best.plan_states, request, best.last, best.min_separation), near)
@@ -428,7 +428,7 @@ def test_a_start_beyond_the_speed_limit_may_stay_there_and_no_faster(
     fast = plans.request._replace(
         own=plans.request.own._replace(speed=np.full(len(plans.last), 100.5))
     )
-    every = plan_many(fast, policy, OPTIONS).proposals
+    every = plan_many(fast, policy, OPTIONS).candidates
     solved = np.flatnonzero(every.safe)[:1]  # so fast, not all of these can be solved
     assert solved.size
     best, request, one = take(every, solved), take(fast, solved), take(plans, solved)

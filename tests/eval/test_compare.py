@@ -304,10 +304,10 @@ def test_what_only_wider_limits_solve_is_resolvable_for_them_alone() -> None:
 def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.MonkeyPatch) -> None:
     def hopeless(*given: Any, **more: Any) -> Any:
         plans = made(*given, **more)
-        proposals = plans.proposals._replace(
-            last=np.full_like(plans.proposals.last, -1), findings=Findings.empty(len(plans.source))
+        candidates = plans.candidates._replace(
+            last=np.full_like(plans.candidates.last, -1), findings=Findings.empty(len(plans.source))
         )
-        return plans._replace(proposals=proposals)
+        return plans._replace(candidates=candidates)
 
     made = recorded_flights.plan_at_start
     monkeypatch.setattr(recorded_flights, "plan_at_start", hopeless)

@@ -29,7 +29,7 @@ from agents.planner.judge.validator import CHECKS, Findings
 from agents.planner.request.options import Narrowed, Options
 from agents.planner.request.pruning import unproven_exclusions
 from agents.planner.request.request import BEYOND, Request
-from agents.planner.search.candidates import Plans, Proposals
+from agents.planner.search.candidates import Candidates, Plans
 from agents.planner.search.goals import next_goals
 from envs.area_geometry import signed_distance
 from envs.areas import Keep
@@ -116,11 +116,11 @@ def _policy_unsafe() -> tuple[Advisory, ...]:
     return (Advisory(AdvisoryCode.POLICY_UNSAFE, "the policy's own plan", what),)
 
 
-def _best_on_ground(request: Request, plans: Plans) -> Proposals:
+def _best_on_ground(request: Request, plans: Plans) -> Candidates:
     """Return the best plan ``[]`` with its states, and the places of its findings, over the
     ground.
     """
-    best = take(plans.proposals, 0)
+    best = take(plans.candidates, 0)
     if request.drift is None:
         return best
     east, north = (-float(part[0]) for part in request.drift)
@@ -132,7 +132,7 @@ def _best_on_ground(request: Request, plans: Plans) -> Proposals:
     )
 
 
-def _number_points(best: Proposals, request: Request) -> Proposals:
+def _number_points(best: Candidates, request: Request) -> Candidates:
     """Return a plan ``[]`` with its points numbered as in the route that was asked for."""
     if request.of_route is None or best.last < 0:
         return best
@@ -156,7 +156,7 @@ def _windows(request: Request, counted: Sequence[int]) -> tuple[Counts, ...]:
     )
 
 
-def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, ...]:
+def _waypoints(best: Candidates, route: Sequence[RoutePoint]) -> tuple[Waypoint, ...]:
     """Return the plan states after the request under indices that the route does not have, the
     last one under the route's where it is a point of it; none without a plan.
     """
@@ -173,7 +173,7 @@ def _waypoints(best: Proposals, route: Sequence[RoutePoint]) -> tuple[Waypoint, 
 
 def _reasons(
     request: Request,
-    best: Proposals,
+    best: Candidates,
     next_goal: int,
     counted: Sequence[int],
     options: Options[Narrowed],
@@ -220,7 +220,7 @@ def _begins_too_close(request: Request, separation: Array, counted: Sequence[int
     return reasons
 
 
-def _no_plan(best: Proposals, options: Options[Narrowed]) -> Reason:
+def _no_plan(best: Candidates, options: Options[Narrowed]) -> Reason:
     """Return why no manoeuvre was completed to a plan."""
     if best.too_short:
         what = "ends before the plan does and may not be extended"

@@ -25,7 +25,7 @@ REVERSAL_WEIGHT = 0.1
 """Cost of a change of the turn's side, separations."""
 
 
-class Proposals(NamedTuple):
+class Candidates(NamedTuple):
     """Plans with findings, cost and clearance; fields ``[N]``."""
 
     # the request and the waypoints, [N, W + 1]; nan where there is no whole plan
@@ -56,17 +56,17 @@ class Proposals(NamedTuple):
 class Plans(NamedTuple):
     """Answers to many requests; fields ``[N]``."""
 
-    proposals: Proposals
+    candidates: Candidates
     source: Array  # 0 none, 1 policy, 2 fallback; int8
     policy_safe: Array  # whether the policy's own plan for the next point was safe, bool
 
 
-def empty(count: int, waypoints: int) -> Proposals:
+def empty(count: int, waypoints: int) -> Candidates:
     """Return that there is no plan of so many waypoints, ``[count]``."""
     nan, none = np.full(count, np.nan), np.full(count, -1)
     states = (np.full((count, waypoints + 1), np.nan) for _ in PlanStates._fields)
     no, never = np.zeros(count, dtype=bool), np.full(count, np.inf)
-    return Proposals(
+    return Candidates(
         plan_states=PlanStates(*states),
         goal=none,
         last=none.copy(),
@@ -79,7 +79,7 @@ def empty(count: int, waypoints: int) -> Proposals:
     )
 
 
-def find_faults(
+def find_violations(
     plan_states: PlanStates[Air], request: Request, options: Options[Narrowed]
 ) -> Findings:
     """Return what is wrong with plans ``[N]`` of requests."""
@@ -89,7 +89,7 @@ def find_faults(
 
 def evaluate(
     request: Request, rollout: Rollout, goal: Array, options: Options[Narrowed]
-) -> Proposals:
+) -> Candidates:
     """Complete the manoeuvres ``[M]`` of requests to plans for the goals numbered ``[M]``, and
     validate them.
     """
@@ -100,10 +100,10 @@ def evaluate(
     plan_states, part = whole.plan_states, request
     if rows.size < goal.size:
         plan_states, part = take((plan_states, request), rows)
-    findings = find_faults(plan_states, part, options)
+    findings = find_violations(plan_states, part, options)
     time, path = whole.rejoin_time[rows], whole.path[rows]
     to = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
-    made = Proposals(
+    made = Candidates(
         plan_states=plan_states,
         goal=goal[rows],
         last=whole.last[rows],
@@ -116,9 +116,9 @@ def evaluate(
     )
     if rows.size == goal.size:
         return made
-    proposals = empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
-    scatter(proposals, rows, made)
-    return proposals
+    candidates = empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
+    scatter(candidates, rows, made)
+    return candidates
 
 
 def _cost(
@@ -162,7 +162,7 @@ def _rejoining(
     return TIME_WEIGHT * request.own.speed * (time + turns / task_of(options).turn_rate)
 
 
-def keep_best(best: Proposals, rows: Array, plans: Proposals) -> Array:
+def keep_best(best: Candidates, rows: Array, plans: Candidates) -> Array:
     """Write the best of plans ``[M]`` of requests numbered ``rows`` into the best so far ``[N]``,
     where it is better.
 
@@ -177,7 +177,7 @@ def keep_best(best: Proposals, rows: Array, plans: Proposals) -> Array:
     return row[gain]
 
 
-def _merits(plans: Proposals) -> tuple[Array, Array, Array]:
+def _merits(plans: Candidates) -> tuple[Array, Array, Array]:
     """Return what plans are compared by, less is better: cost of safe ones, else clearance;
     legality; safety.
     """

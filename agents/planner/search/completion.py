@@ -31,7 +31,7 @@ from envs.waypoints import PlanStates
 
 
 class Completed(NamedTuple):
-    """Whole plans, as in :class:`agents.planner.search.candidates.Proposals`; fields ``[N]``."""
+    """Whole plans, as in :class:`agents.planner.search.candidates.Candidates`; fields ``[N]``."""
 
     plan_states: PlanStates[Air]
     last: Array

@@ -21,7 +21,7 @@ from agents.planner.search.budget import Budget
 from agents.planner.search.candidates import (
     REVERSAL_WEIGHT,
     TIME_WEIGHT,
-    Proposals,
+    Candidates,
     empty,
     evaluate,
     keep_best,
@@ -53,7 +53,7 @@ _SEEDS = concatenate(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
 
 def search(
     request: Request, goal: Array, options: Options[Narrowed], budget: Budget, which: slice = ALL
-) -> Proposals:
+) -> Candidates:
     """Return the best plan that the family's stages, or some of them, hold, ``[N]``; ``goal`` is
     the number of the point to rejoin at.
     """
@@ -76,7 +76,7 @@ def search(
     return best
 
 
-def refine(request: Request, goal: Array, options: Options[Narrowed], budget: Budget) -> Proposals:
+def refine(request: Request, goal: Array, options: Options[Narrowed], budget: Budget) -> Candidates:
     """Return the best plan of a random refinement of the nearest misses, ``[N]``."""
     options = replace(options, manoeuvre=aggressive_limits(options))
     best, aircraft = empty(goal.size, options.waypoints), options.aircraft
@@ -129,7 +129,7 @@ def _elites(turn: Array, scores: Array) -> Array:
 
 
 def _try_out(
-    best: Proposals,
+    best: Candidates,
     left: Array,
     request: Request,
     goal: Array,
@@ -169,7 +169,7 @@ def _try_out(
 
 
 def _improve(
-    best: Proposals,
+    best: Candidates,
     part: Array,
     request: Request,
     goal: Array,

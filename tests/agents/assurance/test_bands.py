@@ -134,7 +134,7 @@ def test_a_safe_plan_never_holds_a_closed_band(name: str) -> None:
     encounters = encounters_of_seed(scenario(name, PAPER), 5, 0, 60)
     policy, options = Policy.load(), Options.for_aircraft(PAPER)
     request = request_of(encounters, PAPER)
-    made = plan_many(request, policy, options).proposals
+    made = plan_many(request, policy, options).candidates
     safe = np.flatnonzero(made.safe)
     assert safe.size > 40
     own, traffic, plan_states = take((request.own, request.traffic, made.plan_states), safe)

@@ -111,7 +111,7 @@ def test_without_intruders_the_route_is_flown(policy: Policy) -> None:
 def test_every_safe_plan_keeps_its_contract(policy: Policy, encounters: Encounter) -> None:
     request = request_of(encounters, PAPER)
     made = plan_many(request, policy, OPTIONS)
-    assert made.proposals.safe.mean() > 0.98
+    assert made.candidates.safe.mean() > 0.98
     for number in range(40):
         own, others, route = ask(request, number)
         answer = plan(own, others, route, policy, OPTIONS)
@@ -124,12 +124,12 @@ def test_one_request_and_many_get_the_same_answer(policy: Policy, encounters: En
     many = plan_many(request, policy, OPTIONS)
     for number in range(0, 120, 4):
         answer, row = plan(*ask(request, number), policy, OPTIONS), take(many, number)
-        assert answer.safe == row.proposals.safe
+        assert answer.safe == row.candidates.safe
         assert answer.source.value == ("none", "policy", "fallback")[int(row.source)]
         # A network evaluated row by row and in tiles rounds differently; in closed loop that grows
         # to some metres.
-        assert answer.min_separation == pytest.approx(float(row.proposals.min_separation), abs=5.0)
-        assert answer.rejoin_time == pytest.approx(float(row.proposals.rejoin_time), abs=1.0)
+        assert answer.min_separation == pytest.approx(float(row.candidates.min_separation), abs=5.0)
+        assert answer.rejoin_time == pytest.approx(float(row.candidates.rejoin_time), abs=1.0)
 
 
 def test_plans_do_not_depend_on_the_batch(policy: Policy, encounters: Encounter) -> None:
@@ -138,11 +138,13 @@ def test_plans_do_not_depend_on_the_batch(policy: Policy, encounters: Encounter)
         plan_many(request, policy, OPTIONS),
         plan_many(take(request, slice(50, 70)), policy, OPTIONS),
     )
-    np.testing.assert_array_equal(few.proposals.safe, many.proposals.safe[50:70])
+    np.testing.assert_array_equal(few.candidates.safe, many.candidates.safe[50:70])
     np.testing.assert_array_equal(
-        few.proposals.min_separation, many.proposals.min_separation[50:70]
+        few.candidates.min_separation, many.candidates.min_separation[50:70]
     )
-    np.testing.assert_array_equal(few.proposals.plan_states.x, many.proposals.plan_states.x[50:70])
+    np.testing.assert_array_equal(
+        few.candidates.plan_states.x, many.candidates.plan_states.x[50:70]
+    )
 
 
 def test_the_two_rollouts_agree(policy: Policy) -> None:
@@ -190,7 +192,7 @@ def test_the_fallback_finds_a_plan_where_the_policy_has_none(encounters: Encount
     request = request_of(take(encounters, slice(0, 24)), PAPER)
     plans = plan_many(request, Straight.load(), replace(OPTIONS, exhaustive=False))
     assert not plans.policy_safe.any()  # straight on, each of these encounters is a conflict
-    saved = plans.proposals.safe
+    saved = plans.candidates.safe
     assert saved.mean() > 0.5
     assert np.all(plans.source[saved] == 2)
 
@@ -206,13 +208,13 @@ def test_uncertain_traffic_is_avoided_without_a_refinement(
     plans = plan_many(
         request._replace(traffic=traffic), policy, replace(OPTIONS, exhaustive=False, goals=1)
     )
-    assert plans.proposals.safe.mean() > 0.8
+    assert plans.candidates.safe.mean() > 0.8
 
 
 def test_a_costly_plan_is_compared_with_the_fallback(policy: Policy, encounters: Encounter) -> None:
     request = request_of(take(encounters, slice(0, 60)), PAPER)
     never, always = (
-        plan_many(request, policy, replace(OPTIONS, fallback_cost_threshold=limit)).proposals
+        plan_many(request, policy, replace(OPTIONS, fallback_cost_threshold=limit)).candidates
         for limit in (math.inf, 0.0)
     )
     both = never.safe & always.safe
@@ -368,11 +370,11 @@ def test_requests_in_plain_floats_are_planned_as_if_alone(
         request_of(take(encounters, slice(0, 3)), PAPER),
         replace(OPTIONS, exhaustive=False),
     )
-    together = plan_many(request, policy, options, floats=True).proposals
+    together = plan_many(request, policy, options, floats=True).candidates
     for row in range(3):
         alone = plan_many(
             take(request, slice(row, row + 1)), policy, options, floats=True
-        ).proposals
+        ).candidates
         np.testing.assert_array_equal(
             np.stack(take(together.plan_states, [row])), np.stack(alone.plan_states)
         )
@@ -416,7 +418,7 @@ def test_plan_among_a_hundred_is_the_same_however_they_are_numbered(policy: Poli
     together = plan_many(
         Request(own, Traffic.straight(many), x, y, np.full(2, len(route))), policy, options
     )
-    found = np.stack(together.proposals.plan_states, axis=-1)[:, 1:]
+    found = np.stack(together.candidates.plan_states, axis=-1)[:, 1:]
     flown = [[p.x, p.y, p.heading, p.speed, p.time] for p in first.waypoints]
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_allclose(found[0], flown, atol=1.0)
@@ -436,7 +438,7 @@ def test_row_with_few_intruders_is_planned_as_alone_beside_a_crowd(policy: Polic
         one = take(request, [row])
         kept = take(one.traffic, (slice(None), one.traffic.mask[0]))
         alone = plan_many(one._replace(traffic=kept), policy, options)
-        found, expected = take(together, [row]).proposals, alone.proposals
+        found, expected = take(together, [row]).candidates, alone.candidates
         map_leaves(np.testing.assert_array_equal, found.plan_states, expected.plan_states)
         assert found.findings.clearance == expected.findings.clearance
         # Intruders go by their numbers in the request.
@@ -760,7 +762,7 @@ def test_no_plan_outlasts_its_bound(policy: Policy) -> None:
     request = Request(own, traffic, route_x, route_y, np.full(count, points))
     for extend in (False, True):
         options = Options.for_aircraft(PAPER, exhaustive=False, extend_route=extend)
-        ends = plan_many(request, policy, options).proposals.plan_states.time[:, -1]
+        ends = plan_many(request, policy, options).candidates.plan_states.time[:, -1]
         made = np.isfinite(ends)
         assert made.sum() > 20
         bound = options.latest_end(speed, route_x, route_y, request.points)

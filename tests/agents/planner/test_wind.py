@@ -150,9 +150,9 @@ def test_a_plan_is_the_same_among_others() -> None:
     winds = [Wind(9.0, -3.0), Wind(-4.0, 2.0)]
     requests = [check_request(*scene(5, wind), ROUTE, OPTIONS, wind=wind)[0] for wind in winds]
     both = map_leaves(lambda *same: np.concatenate(same), *requests)
-    together = plan_many(both, POLICY, OPTIONS).proposals
+    together = plan_many(both, POLICY, OPTIONS).candidates
     for row, request in enumerate(requests):
-        alone = plan_many(request, POLICY, OPTIONS).proposals
+        alone = plan_many(request, POLICY, OPTIONS).candidates
         for one, some in zip(alone.plan_states, together.plan_states, strict=True):
             np.testing.assert_array_equal(one[0], some[row])
 

@@ -56,20 +56,20 @@ def table_of(out: Path) -> dict[str, np.ndarray]:
 
 
 def test_safe_plans_are_flown_as_the_validator_says(plans: Plans, flown: PlanFlights) -> None:
-    safe = plans.proposals.safe
+    safe = plans.candidates.safe
     assert safe.mean() > 0.9
     assert np.all(flown.flights.outcome[safe] == REACHED)
-    assert np.abs(flown.whole_separation - plans.proposals.min_separation)[safe].max() < 0.02
+    assert np.abs(flown.whole_separation - plans.candidates.min_separation)[safe].max() < 0.02
     # The path is counted to the goal's disc, which plans enter 50 m deeper than they must.
-    assert np.abs(flown.flights.path_length - plans.proposals.path)[safe].max() < 120.0
+    assert np.abs(flown.flights.path_length - plans.candidates.path)[safe].max() < 120.0
 
 
 def test_flights_do_not_depend_on_their_company_and_need_a_trajectory(
     encounters: Encounter, plans: Plans, flown: PlanFlights
 ) -> None:
     few = take(plans, slice(10, 13))
-    last = np.array([few.proposals.last[0], -1, few.proposals.last[2]])
-    few = few._replace(proposals=few.proposals._replace(last=last))
+    last = np.array([few.candidates.last[0], -1, few.candidates.last[2]])
+    few = few._replace(candidates=few.candidates._replace(last=last))
     part = fly_once(take(encounters, slice(10, 13)), few, PAPER, OPTIONS)
     for a, b in zip((*part.flights, *part[1:]), (*flown.flights, *flown[1:]), strict=True):
         np.testing.assert_array_equal(a[[0, 2]], b[[10, 12]])
@@ -78,7 +78,7 @@ def test_flights_do_not_depend_on_their_company_and_need_a_trajectory(
 
 
 def test_refusing_is_no_success(encounters: Encounter, plans: Plans) -> None:
-    unsafe = plans._replace(proposals=plans.proposals._replace(findings=Findings.empty(16)))
+    unsafe = plans._replace(candidates=plans.candidates._replace(findings=Findings.empty(16)))
     few = slice(0, 4)
     refused = fly_once(take(encounters, few), take(unsafe, few), PAPER, OPTIONS).flights
     assert not (refused.outcome == REACHED).any()
@@ -96,13 +96,13 @@ def own_separations() -> Encounter:
 def test_safe_plans_keep_the_separation_of_each_intruder(own_separations: Encounter) -> None:
     plans = plan_at_start(own_separations, Policy.load(), PAPER, OPTIONS)
     flown = fly_once(own_separations, plans, PAPER, OPTIONS).flights
-    safe = plans.proposals.safe
+    safe = plans.candidates.safe
     assert safe.mean() > 0.8
     assert np.all(flown.outcome[safe] == REACHED)
     assert flown.min_separation[safe].min() >= PAPER.separation
     # The nearest distance in metres is less than the usual separation in some, and many times it
     # is required in others.
-    assert plans.proposals.min_separation[safe].min() < PAPER.separation
+    assert plans.candidates.min_separation[safe].min() < PAPER.separation
     assured = fly_assured(own_separations, plans, Policy.load(), PAPER, OPTIONS).flown.flights
     assert np.all(assured.outcome[safe] == REACHED)
 
@@ -114,7 +114,7 @@ def test_the_usual_separation_of_each_changes_no_plan(
     usual = some._replace(separation=np.full(some.mask.shape, PAPER.separation))
     ours = plan_at_start(usual, Policy.load(), PAPER, OPTIONS)
     np.testing.assert_array_equal(
-        ours.proposals.plan_states.x, take(plans, slice(0, 3)).proposals.plan_states.x
+        ours.candidates.plan_states.x, take(plans, slice(0, 3)).candidates.plan_states.x
     )
     there = fly_once(usual, ours, PAPER, OPTIONS).flights
     for one, other in zip(there, take(flown.flights, slice(0, 3)), strict=True):
@@ -208,7 +208,7 @@ def test_a_broken_promise_is_no_excuse(encounters: Encounter, plans: Plans) -> N
     """Among straight intruders what a plan loses is what it promised to keep."""
     tighter = PAPER._replace(separation=3.0 * PAPER.separation)
     flown = fly_once(encounters, plans, tighter, OPTIONS)
-    lost = plans.proposals.safe & (flown.flights.outcome == OUTCOMES.index("violation"))
+    lost = plans.candidates.safe & (flown.flights.outcome == OUTCOMES.index("violation"))
     assert lost.any()
     promised = promised_separation(encounters, plans, tighter, OPTIONS, lost)
     assert np.allclose(promised[lost], flown.flights.min_separation[lost], atol=1e-2)
@@ -247,7 +247,7 @@ def test_more_is_saved_than_by_the_plan_flown_once(
     assert (outcome == REACHED).mean() >= 0.95
     assert (outcome == REACHED).sum() > (once.flights.outcome == REACHED).sum()
     # What the plans lost they had not promised: the intruders turned after they were made.
-    lost = begun.proposals.safe & (once.flights.outcome == OUTCOMES.index("violation"))
+    lost = begun.candidates.safe & (once.flights.outcome == OUTCOMES.index("violation"))
     assert lost.any()
     promised = promised_separation(turning, begun, PAPER, OPTIONS, lost)
     assert np.all(np.isnan(promised) == ~lost)
@@ -265,8 +265,8 @@ def test_a_goal_that_the_plan_passes_over_is_asked_for_again(policy: Policy) -> 
     plans = plan_many(
         asked._replace(route_x=onward[0], route_y=onward[1], points=onward[2]), policy, OPTIONS
     )
-    assert plans.proposals.safe.all()
-    beyond = plans._replace(proposals=plans.proposals._replace(goal=plans.proposals.goal + 2))
+    assert plans.candidates.safe.all()
+    beyond = plans._replace(candidates=plans.candidates._replace(goal=plans.candidates.goal + 2))
     flown = fly_assured(alone, beyond, policy, PAPER, OPTIONS)
     assert np.all(flown.flown.flights.outcome == REACHED)
     np.testing.assert_array_equal(flown.replans, 1)
@@ -342,7 +342,7 @@ def test_every_safe_plan_keeps_the_separation_as_flown() -> None:
     encounters = encounters_of_seed(scenario("circle", PAPER), 7, 0, 60)
     options = Options.for_aircraft(PAPER)
     made = plan_many(request_of(encounters, PAPER), Policy.load(), options)
-    plans = made.proposals
+    plans = made.candidates
     # The narrowest ones, because a flight takes its time.
     few = np.flatnonzero(plans.safe)[np.argsort(plans.min_separation[plans.safe])[:15]]
     flown = fly_once(take(encounters, few), take(made, few), PAPER, options)

@@ -364,7 +364,7 @@ def test_a_plan_for_a_wind_enters_the_goal_on_the_ground(number: int, wind: floa
     flying = campaign(f"condition.wind_mps=[{wind},{wind}]")
     scene = scene_of(flying, number)
     made = plan_scene(scene, flying.options)
-    found = made.plans.proposals
+    found = made.plans.candidates
     if made.problem is not None or not found.safe[0] or found.goal[0] != 1:
         return  # refused, or rejoined elsewhere: said so
     curves, rejoin = legs(take(found.plan_states, 0)), float(found.rejoin_time[0])
@@ -392,8 +392,8 @@ def test_a_plan_in_an_uncertain_wind_keeps_the_limits_in_every_wind_within_it() 
     scene, limits = scene_of(flying, 3), flying.options.limits
     assert scene.frame.std == 1.0
     made = plan_scene(scene, flying.options)
-    assert made.problem is None and made.plans.proposals.safe[0]
-    curves = legs(take(made.plans.proposals.plan_states, 0))
+    assert made.problem is None and made.plans.candidates.safe[0]
+    curves = legs(take(made.plans.candidates.plan_states, 0))
     kept = narrow(limits, flying.options.requirement.sigmas)
     assert np.abs(curves.yaw_rate).max() <= kept.yaw_rate_max + 1e-6 < limits.yaw_rate_max
     assert curves.acceleration.min() >= kept.acceleration_min - 1e-6 > limits.acceleration_min
@@ -460,7 +460,7 @@ def test_a_goal_that_the_wind_keeps_out_of_reach_has_no_plan(wind: Wind) -> None
         policy(),
         Options.for_aircraft(PAPER),
     )
-    assert not made.plans.proposals.safe[0]
+    assert not made.plans.candidates.safe[0]
 
 
 def test_an_air_speed_outside_the_envelope_is_refused() -> None:
@@ -481,7 +481,9 @@ def test_an_air_speed_outside_the_envelope_is_refused() -> None:
 
 def test_legs_beyond_the_air_speeds_of_the_vehicle_are_refused() -> None:
     curves = legs(
-        take(plan_scene(scene_of(campaign(), 0), campaign().options).plans.proposals.plan_states, 0)
+        take(
+            plan_scene(scene_of(campaign(), 0), campaign().options).plans.candidates.plan_states, 0
+        )
     )
     slow, fast = float(curves.speed.min()), float(curves.speed.max())
     assert unflyable(curves, (slow - 0.5, fast + 0.5)) is None
