@@ -88,7 +88,7 @@ def _alike(parts: list[Encounter], aircraft: Aircraft) -> list[Encounter]:
         values = jax.tree.map(lambda value: jnp.full_like(place, value), missing)
         return encounter._replace(**values)
 
-    return [fill(one) for one in parts]
+    return [fill(part) for part in parts]
 
 
 def _accepted_only(drawn: Encounter, accepted: jax.Array) -> Encounter:

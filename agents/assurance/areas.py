@@ -31,8 +31,8 @@ differently, and the margin is for the follower, whose present error is taken of
 _GRAZING = 1e-3  # depth at least of a backup that is in an area between its plan states, m
 
 
-class Rest(NamedTuple):
-    """What the rest of plans keeps of the distances required from areas; fields ``[N]``."""
+class RemainingPlanKeeps(NamedTuple):
+    """What the remaining plans keep of the distances required from areas; fields ``[N]``."""
 
     lost: Array  # whether less than required, bool
     deficit: Array  # by how much at most, m; 0 where nothing is lost
@@ -76,10 +76,10 @@ def may_be_met(
     )
 
 
-def rest(
+def judge_remaining_plans(
     plan: Trajectory[Air], since: Array, areas: Array, off: Array, thresholds: Thresholds[Narrowed]
-) -> Rest:
-    """Return what the rest of plans ``[N]`` keeps.
+) -> RemainingPlanKeeps:
+    """Return what plans ``[N]`` keep from areas from now on.
 
     Args:
         plan: what is flown.
@@ -90,7 +90,7 @@ def rest(
         thresholds: of the monitor.
     """
     count = len(since)
-    result = Rest(
+    result = RemainingPlanKeeps(
         np.zeros(count, dtype=bool), np.zeros(count), np.full(count, np.inf), nameless(count)
     )
     for n in range(count):

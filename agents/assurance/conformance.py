@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.assurance.areas import rest
+from agents.assurance.areas import judge_remaining_plans
 from agents.assurance.inputs import Memory
 from agents.assurance.state import Monitor, State
 from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
@@ -86,7 +86,7 @@ class _Latch(NamedTuple):
         return np.where(beyond, int(cause), 0)
 
 
-def judge(
+def measure(
     monitor: Monitor,
     memory: Memory,
     own: VehicleState[Air],
@@ -114,8 +114,8 @@ def judge(
     offset = np.hypot(off.cross_track, off.along_track)
     separation, loss, close = _outlook(monitor, own, traffic, since, offset, thresholds)
     of_separation = np.where(close, int(Cause.SEPARATION), 0)
-    amid = rest(monitor.plan, since, memory.areas, offset, thresholds)
-    of_rest = np.where(amid.lost, int(Cause.AREA), 0)
+    from_areas = judge_remaining_plans(monitor.plan, since, memory.areas, offset, thresholds)
+    of_areas = np.where(from_areas.lost, int(Cause.AREA), 0)
 
     deviations = _deviations(monitor, traffic, since)
     concern = _of_concern(separation, traffic, thresholds)
@@ -124,7 +124,7 @@ def judge(
     # Of a plan that is not flown only reports are wanted.
     counts = np.where(follows_plan(monitor), -1, ~int(WANTING & ~_REPORTS))
     of_each = ((of_each | of_separation | of_deviation) & counts[:, None]).astype(np.int32)
-    causes = (causes | of_errors | of_end | of_rest) & counts
+    causes = (causes | of_errors | of_end | of_areas) & counts
     return (
         sums,
         (causes | np.bitwise_or.reduce(of_each, axis=-1)).astype(np.int32),
@@ -135,9 +135,9 @@ def judge(
             intruder_position=np.max(deviations.position, axis=-1, initial=0.0),
             intruder_velocity=np.max(deviations.velocity, axis=-1, initial=0.0),
             separation=np.min(separation, axis=-1, initial=np.inf) - offset,
-            loss=np.minimum(loss, amid.loss),
-            area_deficit=amid.deficit,
-            area=amid.area,
+            loss=np.minimum(loss, from_areas.loss),
+            area_deficit=from_areas.deficit,
+            area=from_areas.area,
             intruder_causes=of_each,
         ),
     )

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.assurance.areas import rest
+from agents.assurance.areas import judge_remaining_plans
 from agents.assurance.backup import Backup, refresh
-from agents.assurance.conformance import floor, has, judge, required_separations
+from agents.assurance.conformance import floor, has, measure, required_separations
 from agents.assurance.inputs import Inputs, Memory, advance, update
 from agents.assurance.state import Decision, FlyMode, Monitor, State
 from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, UNSAFE, WANTING, Cause, Thresholds
@@ -53,8 +53,10 @@ def activate(
     usable, plan = _usable(plan_states, safe, thresholds)
     when = np.broadcast_to(np.asarray(time, dtype=float), np.shape(rows))
     result = _install(monitor, rows[usable], plan, *take((when, whole(traffic)), usable))
-    rest = np.delete(rows, usable)
-    return _with(result, rest, state=int(State.DENIED), on_backup=True, causes=int(Cause.REFUSED))
+    refused = np.delete(rows, usable)
+    return _with(
+        result, refused, state=int(State.DENIED), on_backup=True, causes=int(Cause.REFUSED)
+    )
 
 
 def step(
@@ -65,7 +67,7 @@ def step(
     """
     memory, own, traffic, causes, of_each = update(monitor.memory, given, thresholds)
     now, idle, blind = memory.time, monitor.state == State.IDLE, has(causes, BLIND)
-    sums, causes, measured = judge(monitor, memory, own, traffic, causes, of_each, thresholds)
+    sums, causes, measured = measure(monitor, memory, own, traffic, causes, of_each, thresholds)
 
     sighted = np.flatnonzero(~(idle | blind))
     backup = _refresh_backups(monitor.backup, sighted, memory, own, traffic, thresholds)
@@ -202,8 +204,8 @@ def answer(
     since = memory.time - when
     keeping = Separation(traffic, least, None, thresholds.requirement.sigmas)
     kept = clearance(plan.since(since), keeping)
-    amid = rest(plan, since, memory.areas, np.zeros(when.size), thresholds)
-    good = (kept.margin >= 0.0).all(axis=-1) & ~amid.lost
+    from_areas = judge_remaining_plans(plan, since, memory.areas, np.zeros(when.size), thresholds)
+    good = (kept.margin >= 0.0).all(axis=-1) & ~from_areas.lost
     usable = usable[good]
 
     result = _install(monitor, rows[usable], *take((plan, when, known), good))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents.assurance import single
-from agents.assurance.areas import rest
+from agents.assurance.areas import judge_remaining_plans
 from agents.assurance.backup import backup_states, search
 from agents.assurance.inputs import no_areas
 from agents.assurance.single import Verdict, Watch
@@ -69,7 +69,7 @@ def test_the_rest_of_a_plan_is_lost_exactly_where_it_comes_too_near() -> None:
     for n in range(count):
         areas[n] = some(rng)
     off = rng.choice([0.0, 30.0], count)
-    found = rest(plan, since, areas, off, THRESHOLDS)
+    found = judge_remaining_plans(plan, since, areas, off, THRESHOLDS)
     lost = 0
     for n in range(count):
         required = np.maximum(0.5 * MARGIN, off[n])
