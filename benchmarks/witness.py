@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from scipy.optimize import minimize
 
 from agents.manoeuvres.escape_manoeuvre import steps, tracks
-from agents.manoeuvres.escape_search import Found
+from agents.manoeuvres.escape_search import Escapes
 from agents.resolvability.classify import replay
 from agents.resolvability.witness import least_cost
 from benchmarks.measure import report, show
@@ -183,7 +183,7 @@ def pieces(controls: np.ndarray) -> np.ndarray:
     )
 
 
-def witness_controls(encounter: Encounter, witnesses: Found, number: int) -> np.ndarray:
+def witness_controls(encounter: Encounter, witnesses: Escapes, number: int) -> np.ndarray:
     """Return the controls ``[T, 2]`` of a witness."""
     own = replay(encounter, take(witnesses.manoeuvre, number), RULES, SURROGATE).own
     turn = wrap(np.diff(own.heading), np) / (SURROGATE.yaw_rate_max * RULES.dt)
@@ -197,7 +197,7 @@ def conflicts(count: int, seed: int) -> Encounter:
     )
 
 
-def compare(encounter: Encounter, witnesses: Found, number: int, iterations: int) -> float:
+def compare(encounter: Encounter, witnesses: Escapes, number: int, iterations: int) -> float:
     """Return the shortest length that the optimiser finds for one encounter, m."""
     traffic = tracks(encounter, steps(RULES), RULES)
     goal = np.array([encounter.goal_x, encounter.goal_y])

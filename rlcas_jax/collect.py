@@ -11,7 +11,7 @@ from agents.learning.algorithm import Algorithm, Rollout
 from agents.learning.networks import NetworkInput
 
 
-class Step(NamedTuple):
+class RolloutStep(NamedTuple):
     """What an environment's step returns with its new state."""
 
     reward: Float[Array, " N"]  # for learning, in scaled units, shaping included
@@ -25,8 +25,8 @@ class Environment(NamedTuple):
     # (state, key) -> what the networks take, [N, ...]: derived once, instead of anew in every
     # epoch.
     observe: Callable[[Any, PRNGKeyArray], NetworkInput]
-    # (state, action) -> (state, Step).
-    step: Callable[[Any, Float[Array, "N 2"]], tuple[Any, Step]]
+    # (state, action) -> (state, RolloutStep).
+    step: Callable[[Any, Float[Array, "N 2"]], tuple[Any, RolloutStep]]
     # (state, index of the step in the rollout) -> state with a fresh episode wherever the last step
     # ended one.
     restart: Callable[[Any, Int[Array, ""]], Any]
@@ -52,7 +52,7 @@ def collect(
 
     def forward(
         world: Any, step_noise: tuple[Int[Array, ""], Float[Array, "N 2"]]
-    ) -> tuple[Any, tuple[NetworkInput, Any, Step]]:
+    ) -> tuple[Any, tuple[NetworkInput, Any, RolloutStep]]:
         index, epsilon = step_noise
         world = environment.restart(world, index)
         observation = observe(world, index)

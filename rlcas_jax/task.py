@@ -24,7 +24,7 @@ from envs.outcome import Outcome, Rules
 from envs.rewards import TERMS, Transition, learning_reward
 from envs.world import known_intruders, perceive_intruders, shares
 from rlcas_jax.algorithm import actor_of, algorithm_of
-from rlcas_jax.collect import Environment, Step, collect
+from rlcas_jax.collect import Environment, RolloutStep, collect
 from rlcas_jax.config import PPO, NetworkConfig, TrainConfig
 from rlcas_jax.devices import AXIS, Devices, compiler_options
 from rlcas_jax.metrics import OF_REWARDS, logged_name
@@ -341,7 +341,9 @@ def _training_environment(
         noise = jax.random.normal(key, (4, *state.mask.shape)) if noisy(scenarios) else None
         return network_input(state, world.aircraft, config.network, noise)
 
-    def step(state: surrogate.State, action: Float[Array, "N 2"]) -> tuple[surrogate.State, Step]:
+    def step(
+        state: surrogate.State, action: Float[Array, "N 2"]
+    ) -> tuple[surrogate.State, RolloutStep]:
         command = action[:, 0], action[:, 1]
         following, result = surrogate.step(state, command, world)
         moved = Transition(state, following, command, result, world.aircraft)
@@ -350,7 +352,7 @@ def _training_environment(
         # and with it every training of the toolkit's own table.
         own = {name: values for name, values in parts.items() if name not in TERMS}
         statistics = _Statistics(result.reward, result.outcome, own)
-        return following, Step(reward, following.ended, statistics)
+        return following, RolloutStep(reward, following.ended, statistics)
 
     def restart(state: surrogate.State, index: Int[Array, ""]) -> surrogate.State:
         return surrogate.restart(

@@ -65,7 +65,7 @@ class Ask:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Assessment:
     """The monitor's decision for one second."""
 
     state: State
@@ -159,7 +159,7 @@ def step(
     own_altitude: Altitude | None = None,
     gone: Sequence[str] = (),
     areas: Sequence[Area] = (),
-) -> tuple[_Watch, Verdict]:
+) -> tuple[_Watch, Assessment]:
     """Judge one second, s, by the last reports; ``own`` is None where it is missing, ``gone`` do
     not count any more. The own altitude is as of now, and so are the areas, all that there are.
     """
@@ -204,7 +204,9 @@ def step(
     backup = _waypoints(monitor, air) if np.isfinite(monitor.backup.started[0]) else ()
     watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
     fly, state = FlyMode(int(decision.fly[0])), State(int(decision.state[0]))
-    return watch, Verdict(state, fly, asked, reasons(decision, thresholds, names), backup, decision)
+    return watch, Assessment(
+        state, fly, asked, reasons(decision, thresholds, names), backup, decision
+    )
 
 
 def _areas_met(

@@ -2,6 +2,6 @@
 
 from agents.manoeuvres.direct_to_goal import DirectTask, clear
 from agents.manoeuvres.escape_manoeuvre import Flight, Manoeuvre, fly
-from agents.manoeuvres.escape_search import Found, search
+from agents.manoeuvres.escape_search import Escapes, search
 
-__all__ = ["DirectTask", "Flight", "Found", "Manoeuvre", "clear", "fly", "search"]
+__all__ = ["DirectTask", "Escapes", "Flight", "Manoeuvre", "clear", "fly", "search"]

@@ -135,7 +135,7 @@ def fly(
     )
 
 
-class Step(NamedTuple):
+class EscapeStep(NamedTuple):
     """What one step of escapes brought; fields ``[M]``."""
 
     flight: Flight  # after it
@@ -154,7 +154,7 @@ def fly_step(
     counting: Counting,
     rules: Rules,
     limits: Limits,
-) -> Step:
+) -> EscapeStep:
     """Fly one step of the escapes and measure it; traffic before and after it, ``[M, K]`` each, the
     other arguments as of :func:`choose_action`.
     """
@@ -164,7 +164,7 @@ def fly_step(
     apart = apart if counting.share is None else apart * counting.share
     separation = np.min(np.where(counting.mask, apart, np.inf), axis=-1)
     to_goal = distance(goal[0] - moved.own.x, goal[1] - moved.own.y, np)
-    return Step(moved, separation, to_goal)
+    return EscapeStep(moved, separation, to_goal)
 
 
 class Away(NamedTuple):

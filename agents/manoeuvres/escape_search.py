@@ -50,7 +50,7 @@ class EscapeOutcome(NamedTuple):
     """How escapes ended; fields ``[M]``."""
 
     arrival: Array  # time at which the goal was reached, s; nan if it was not
-    separation: Array  # smallest distance to any intruder until then, m, as of a Step
+    separation: Array  # smallest distance to any intruder until then, m, as of an EscapeStep
     path: Array  # length flown until the circle around the goal was entered, m; nan if it was not
 
 
@@ -68,7 +68,7 @@ class _Active(NamedTuple):
     to_goal: Array  # distance to the goal, m
 
 
-class Found(NamedTuple):
+class Escapes(NamedTuple):
     """The best escape of each encounter, as in :class:`EscapeOutcome`; fields ``[N]``, nan where
     none is known to work.
     """
@@ -232,7 +232,7 @@ def _fly_one(
     return moved, judged
 
 
-def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
+def search(encounter: Encounter, rules: Rules, limits: Limits) -> Escapes:
     """Look for an escape of every encounter ``[N]``: the first to reach the goal of the first stage
     that has one.
     """
@@ -254,7 +254,7 @@ def search(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
     return best
 
 
-def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Found:
+def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Escapes:
     """Improve the nearest misses of the coarse family by random changes until they keep the
     separation, ``[N]``.
     """
@@ -313,7 +313,7 @@ def within_range(values: Array) -> Array:
 
 
 def _keep_best(
-    best: Found, part: Array, which: Array, family: Manoeuvre, flown: EscapeOutcome
+    best: Escapes, part: Array, which: Array, family: Manoeuvre, flown: EscapeOutcome
 ) -> None:
     """Write, per encounter, the earliest arrival of what was flown (the widest of those) into what
     is found.
@@ -322,7 +322,7 @@ def _keep_best(
     owners, first = first_of_each(
         which[arrived], -flown.separation[arrived], flown.arrival[arrived]
     )
-    scatter(best, part[owners], take(Found(family, *flown), arrived[first]))
+    scatter(best, part[owners], take(Escapes(family, *flown), arrived[first]))
 
 
 def to_double(encounters: Encounter) -> Encounter:
@@ -336,9 +336,9 @@ def to_double(encounters: Encounter) -> Encounter:
     return cast(encounters, np.float64)
 
 
-def nothing(count: int) -> Found:
+def nothing(count: int) -> Escapes:
     """Return that no escape is known, ``[count]``."""
-    return Found(Manoeuvre(*np.full((len(SPREAD), count), np.nan)), *np.full((3, count), np.nan))
+    return Escapes(Manoeuvre(*np.full((len(SPREAD), count), np.nan)), *np.full((3, count), np.nan))
 
 
 def parts(indices: Array, escapes: int, encounter: Encounter) -> list[Array]:

@@ -63,7 +63,7 @@ class Causal(NamedTuple):
     """Flights of the oracle; fields ``[N]``."""
 
     outcome: Array  # code, the place of the one that is true in Outcome, int8
-    separation: Array  # smallest distance to any intruder, m, as of agents.manoeuvres' Step
+    separation: Array  # smallest distance to any intruder, m, as of an EscapeStep
     arrival: Array  # time at which the goal was reached, s; nan if it was not
     path: Array  # length flown until the end, m
     own: VehicleState[Air]  # the ownship's flight, [T + 1, N], a state a step; nan after the end

@@ -11,7 +11,7 @@ from agents.manoeuvres.escape_search import (
     SPREAD,
     STAGES,
     EscapeOutcome,
-    Found,
+    Escapes,
     fly_out,
     nothing,
     parts,
@@ -53,7 +53,7 @@ def least_cost(
     limits: Limits,
     start: Manoeuvre | None = None,
     rounds: int = ROUNDS,
-) -> Found:
+) -> Escapes:
     """Look for the shortest flights that keep the separation until they reach the goal in time, for
     encounters ``[N]``.
 
@@ -78,7 +78,7 @@ def least_cost(
 
 def _cheapest(
     encounter: Encounter, known: Array, rounds: int, rules: Rules, limits: Limits
-) -> Found:
+) -> Escapes:
     """Return the witnesses of a part of the encounters, ``[N]``; ``known`` is ``[8, N]``."""
     count = np.shape(encounter.goal_x)[0]
     traffic, every = tracks(encounter, steps(rules), rules), np.arange(count)
@@ -98,7 +98,7 @@ def _cheapest(
     works = ~np.isnan(flown.arrival[:, 0])
     best = np.where(works, pool[:, :, 0], np.nan)
     arrival, separation, path = (np.where(works, field[:, 0], np.nan) for field in flown)
-    return Found(Manoeuvre(*best), arrival, separation, path)
+    return Escapes(Manoeuvre(*best), arrival, separation, path)
 
 
 def _breed(

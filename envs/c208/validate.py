@@ -24,7 +24,7 @@ from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve
 KNOT = 0.514444  # m/s
 
 
-class Verdict(NamedTuple):
+class Comparison(NamedTuple):
     """A figure of the model beside what it should be."""
 
     name: str
@@ -121,7 +121,7 @@ def _glide(air: _Air, calibrated: float) -> float:
     return ratio(calibrated) / max(ratio(float(knots)) for knots in range(85, 136, 3))
 
 
-def _performance() -> Iterator[Verdict]:
+def _performance() -> Iterator[Comparison]:
     units = {"cruise": "KTAS", "climb": "ft/min", "stall": "KCAS", "glide": "of best"}
     for point in POINTS:
         figure = measure(point)
@@ -136,7 +136,7 @@ def _performance() -> Iterator[Verdict]:
             kept = abs(off) <= point.tolerance * point.value
             tolerance = f"{100.0 * point.tolerance:g} %"
         name = f"{point.quantity}: {point.name}, {point.altitude:.0f} ft"
-        yield Verdict(
+        yield Comparison(
             name, figure, units[point.quantity], f"{point.value:g}", tolerance, point.use, kept
         )
 
@@ -173,13 +173,14 @@ def modes(speed: float) -> dict[str, tuple[float, float]]:
     return {name: (abs(root), -root.real / abs(root)) for name, root in by_name.items()}
 
 
-def _handling() -> Iterator[Verdict]:
+def _handling() -> Iterator[Comparison]:
     for speed in (55.0, 70.0, 90.0):
 
         def judge(
             name: str, figure: float, unit: str, limit: str, kept: bool, level: str = "level 1"
-        ) -> Verdict:
-            return Verdict(f"{name}, at {speed:.0f} m/s", figure, unit, limit, level, "check", kept)  # noqa: B023
+        ) -> Comparison:
+            at_speed = f"{name}, at {speed:.0f} m/s"  # noqa: B023
+            return Comparison(at_speed, figure, unit, limit, level, "check", kept)
 
         mode = modes(speed)
         (frequency, short), (dutch_frequency, dutch) = mode["short period"], mode["Dutch roll"]
@@ -196,7 +197,7 @@ def _handling() -> Iterator[Verdict]:
         )
         yield judge("roll: time constant", lag, "s", "1.4", roll > 0.0 and lag <= 1.4)
         yield judge("spiral: time to double", doubling, "s", f"{least:g}", doubling >= least, level)
-        yield Verdict(f"short period: frequency, at {speed:.0f} m/s", frequency, "rad/s")
+        yield Comparison(f"short period: frequency, at {speed:.0f} m/s", frequency, "rad/s")
 
 
 def envelope(
@@ -224,16 +225,16 @@ def envelope(
     return rows
 
 
-def _idle() -> Iterator[Verdict]:
+def _idle() -> Iterator[Comparison]:
     for variant in VARIANTS:
         for speed, low, high in envelope(variant):
             if speed % 10.0 == 0.0:
                 where = f"{variant}, {speed:.0f} m/s, {REFERENCE_ALTITUDE:.0f} m"
-                yield Verdict(f"deceleration at idle: {where}", low, "m/s2")
-                yield Verdict(f"acceleration, full power: {where}", high, "m/s2")
+                yield Comparison(f"deceleration at idle: {where}", low, "m/s2")
+                yield Comparison(f"acceleration, full power: {where}", high, "m/s2")
 
 
-def _spool() -> Iterator[Verdict]:
+def _spool() -> Iterator[Comparison]:
     for variant in VARIANTS:
         fdm = Fdm(variant)
         solve(fdm, 60.0, throttle=0.0)
@@ -247,7 +248,7 @@ def _spool() -> Iterator[Verdict]:
             fdm.exec.run()
             steps += 1
         figure, name = steps * STEP, f"engine: idle to 95 % of power, {variant}"
-        yield Verdict(name, figure, "s", "5", "14 CFR 33", "check", figure <= 5.0)
+        yield Comparison(name, figure, "s", "5", "14 CFR 33", "check", figure <= 5.0)
 
 
 def main() -> int:

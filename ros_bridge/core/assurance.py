@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from agents.assurance import single
-from agents.assurance.single import Verdict, Watch
+from agents.assurance.single import Assessment, Watch
 from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Thresholds
 from agents.planner.answer import RequestError
@@ -73,7 +73,7 @@ class Supervision(Watch):
     reported: "Mapping[str, Reported]" = field(default_factory=lambda: MappingProxyType({}))
     """What the monitor got last, by aircraft."""
     areas: "FrameAreas | None" = None  # None: none have been placed yet
-    verdict: Verdict | None = None  # the last one; None: before any
+    verdict: Assessment | None = None  # the last one; None: before any
 
 
 class Reported(NamedTuple):

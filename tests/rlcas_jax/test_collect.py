@@ -28,7 +28,7 @@ from envs.rewards import (
     turn_rate,
 )
 from envs.scenarios import sample, scenario
-from rlcas_jax.collect import Environment, Step, collect
+from rlcas_jax.collect import Environment, RolloutStep, collect
 
 COUNT, STEPS, DISCOUNT, LAMBDA = 3, 10, 0.9, 0.7
 SETTINGS = ppo.PpoSettings(discount=DISCOUNT, gae_lambda=LAMBDA)
@@ -60,12 +60,12 @@ def observe(world: World, key: jax.Array) -> jax.Array:
     )
 
 
-def step(world: World, action: jax.Array) -> tuple[World, Step]:
+def step(world: World, action: jax.Array) -> tuple[World, RolloutStep]:
     clock = world.clock + 1.0
     moved = world.moved + action[:, 0]
     ended = clock >= 4.0 + world.number
     after = World(world.number, clock, moved, ended)
-    return after, Step(clock + 10.0 * world.number, ended, Seen(action, world.clock))
+    return after, RolloutStep(clock + 10.0 * world.number, ended, Seen(action, world.clock))
 
 
 def restart(world: World, index: jax.Array) -> World:

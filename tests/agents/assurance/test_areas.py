@@ -11,7 +11,7 @@ from agents.assurance import single
 from agents.assurance.areas import judge_remaining_plans
 from agents.assurance.backup import backup_states, search
 from agents.assurance.inputs import no_areas
-from agents.assurance.single import Verdict, Watch
+from agents.assurance.single import Assessment, Watch
 from agents.assurance.state import State
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.kernel.areas import ActiveArea
@@ -150,7 +150,7 @@ class Flight:
     def own(self, time: float) -> VehicleState:
         return over_ground(VehicleState(SPEED * time, 0.0, 0.0, SPEED), self.wind, time)
 
-    def step(self, time: float, *areas: Area, altitude: Altitude | None = None) -> Verdict:
+    def step(self, time: float, *areas: Area, altitude: Altitude | None = None) -> Assessment:
         self.watch, verdict = single.step(
             self.watch, time, self.own(time), {}, own_altitude=altitude, areas=areas
         )

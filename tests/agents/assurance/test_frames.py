@@ -12,7 +12,7 @@ from agents.assurance.backup import backup_states, search
 from agents.assurance.frames import Frame, carry
 from agents.assurance.inputs import no_areas
 from agents.assurance.monitor import Thresholds
-from agents.assurance.single import Verdict, Watch
+from agents.assurance.single import Assessment, Watch
 from agents.assurance.state import Monitor, State, rearrange
 from agents.kernel.areas import ActiveArea
 from agents.kernel.traffic import Traffic
@@ -64,7 +64,7 @@ def reports(wind: Wind, time: float) -> dict[str, Intruder]:
     return {"a": Intruder(state, 0.25)}
 
 
-def watch_flight(wind: Wind) -> tuple[Watch, list[Verdict]]:
+def watch_flight(wind: Wind) -> tuple[Watch, list[Assessment]]:
     """Return the monitor after 14 s of the flight in a wind, and its verdicts."""
     own = over_ground(own_at(0.0), wind, 0.0)
     watch = single.activate(single.begin(THRESHOLDS), plan_in(wind), own, reports(wind, 0.0), 0.0)
@@ -78,12 +78,12 @@ def watch_flight(wind: Wind) -> tuple[Watch, list[Verdict]]:
 
 
 @pytest.fixture(scope="module")
-def calm() -> list[Verdict]:
+def calm() -> list[Assessment]:
     return watch_flight(NO_WIND)[1]
 
 
 @pytest.mark.parametrize("wind", WINDS)
-def test_verdicts_are_those_of_still_air(wind: Wind, calm: list[Verdict]) -> None:
+def test_verdicts_are_those_of_still_air(wind: Wind, calm: list[Assessment]) -> None:
     watch, told = watch_flight(wind)
     assert watch.air == Frame(wind, 0.0)
     assert {State.MONITORING, State.REPLAN_REQUESTED} <= {verdict.state for verdict in told}
@@ -95,7 +95,7 @@ def test_verdicts_are_those_of_still_air(wind: Wind, calm: list[Verdict]) -> Non
 
 
 @pytest.mark.parametrize("wind", WINDS)
-def test_what_is_asked_and_backed_up_is_over_the_ground(wind: Wind, calm: list[Verdict]) -> None:
+def test_what_is_asked_and_backed_up_is_over_the_ground(wind: Wind, calm: list[Assessment]) -> None:
     _, told = watch_flight(wind)
     asked = 0
     for second, (still, blown) in enumerate(zip(calm, told, strict=True)):

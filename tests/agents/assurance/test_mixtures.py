@@ -140,7 +140,7 @@ ALERTING = Alerting.for_aircraft(POLICY.aircraft)
 ROUTE = [RoutePoint(number, 12_000.0 + 5_000.0 * number, 0.0) for number in range(9)]
 
 
-def look_at(verdict: single.Verdict, thresholds: Thresholds) -> None:
+def look_at(verdict: single.Assessment, thresholds: Thresholds) -> None:
     """Compute all that a display shows of a verdict."""
     measured = verdict.measured
     if int(measured.causes[0]) & BLIND:
