@@ -25,14 +25,14 @@ from agents.planner.search.areas_ahead import (
 )
 from agents.planner.search.continuation import (
     CROWD,
+    ContinuationOfOne,
     IntruderBeyond,
-    RouteBeyondOfOne,
     RouteLegs,
+    continuation_lines,
     growth_of_one,
-    lines_beyond,
     lines_clear,
     of_one,
-    route_beyond,
+    route_continuation,
 )
 from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
@@ -93,7 +93,7 @@ class SurroundingsOfOne(NamedTuple):
 
     intruders: Array  # records of Intruder that exist, nearest first, [K]
     tracks: Array  # records of Track of the latest stride, written in place, [K]
-    beyond: RouteBeyondOfOne  # with uncertainty and windows of the intruders
+    continuation: ContinuationOfOne  # with uncertainty and windows of the intruders
     areas: AreasOfOne
     goal: tuple[float, float]  # at the request, m
     drift: tuple[float, float]  # m/s
@@ -203,19 +203,19 @@ def _fly_on(
 @scalar
 def _move(stride: int, around: SurroundingsOfOne) -> None:
     """Write the intruders about the stride that ends where the given one begins."""
-    tracks, intruders, beyond = around.tracks, around.intruders, around.beyond
+    tracks, intruders, continuation = around.tracks, around.intruders, around.continuation
     end = stride * around.stride
     latest = (min(stride + LATER, around.last) + 1) * around.stride
     for k in range(len(intruders)):
-        intruder, track, spread = intruders[k], tracks[k], beyond.intruders[k]
+        intruder, track, spread = intruders[k], tracks[k], continuation.intruders[k]
         x, y, heading, speed = intruder.x, intruder.y, intruder.heading, intruder.speed
         state: VehicleState[Air] = VehicleState(x, y, heading, speed)
         moved = predict_one(state, intruder.turn_rate, intruder.turn_time, end)
         track.x0, track.y0, track.vx0, track.vy0 = track.x, track.y, track.vx, track.vy
         track.x, track.y, track.heading, track.speed = moved.x, moved.y, moved.heading, moved.speed
         track.vx, track.vy = velocity(moved, FLOATS)
-        track.later = intruder.required + growth_of_one(spread, latest, beyond.sigmas)
-        track.required = intruder.required + growth_of_one(spread, end, beyond.sigmas)
+        track.later = intruder.required + growth_of_one(spread, latest, continuation.sigmas)
+        track.required = intruder.required + growth_of_one(spread, end, continuation.sigmas)
         counts = end >= spread.begin - WINDOW_EDGE
         if not (counts and end - around.stride <= spread.end + WINDOW_EDGE):
             track.required = -math.inf
@@ -314,8 +314,8 @@ def _way_back(flight: FlightOfOne, time: float, around: SurroundingsOfOne) -> tu
     if 0 <= before < count and not _clear_of(before, own, way, time, slack, around):
         return False, _WAY_PAIRS
     if count <= before < 2 * count:
-        lines = lines_beyond(own, aim, time, around.beyond, task)
-        if not _clear_beyond_of(before - count, lines, slack, around):
+        lines = continuation_lines(own, aim, time, around.continuation, task)
+        if not _continuation_clear_of(before - count, lines, slack, around):
             return False, _WAY_PAIRS
     of_areas = _EDGE_PAIRS * len(around.areas.lines)
     if before == 2 * count and not way_clear_of_one(around.areas, own, aim, way, time, task):
@@ -324,10 +324,10 @@ def _way_back(flight: FlightOfOne, time: float, around: SurroundingsOfOne) -> tu
         if not _clear_of(k, own, way, time, slack, around):
             flight.blocker = k
             return False, (k + 1) * _WAY_PAIRS
-    lines = lines_beyond(own, aim, time, around.beyond, task)
+    lines = continuation_lines(own, aim, time, around.continuation, task)
     looked = count * (_WAY_PAIRS + len(lines)) + of_areas
     for k in range(count):
-        if not _clear_beyond_of(k, lines, slack, around):
+        if not _continuation_clear_of(k, lines, slack, around):
             flight.blocker = count + k
             return False, looked
     flight.blocker = 2 * count
@@ -344,7 +344,7 @@ def _clear_of(
     around: SurroundingsOfOne,
 ) -> bool:
     """Return whether a direct route keeps clear of an intruder."""
-    track, spread = around.tracks[k], around.beyond.intruders[k]
+    track, spread = around.tracks[k], around.continuation.intruders[k]
     intruder: VehicleState[Air] = VehicleState(track.x, track.y, track.heading, track.speed)
     window = spread.begin, spread.end
     required = track.later + slack
@@ -352,23 +352,25 @@ def _clear_of(
 
 
 @scalar
-def _clear_beyond_of(k: int, lines: Array, slack: float, around: SurroundingsOfOne) -> bool:
+def _continuation_clear_of(k: int, lines: Array, slack: float, around: SurroundingsOfOne) -> bool:
     """Return whether the route beyond the goal keeps clear of an intruder."""
     required = around.intruders[k].required + slack
-    return lines_clear(lines, around.beyond.intruders[k], required, around.beyond.sigmas)
+    return lines_clear(
+        lines, around.continuation.intruders[k], required, around.continuation.sigmas
+    )
 
 
 def _examples() -> list[tuple[Any, ...]]:
     """Return arguments of the types that are flown with."""
     zero = np.zeros(1)
     legs, intruders = RouteLegs(*[zero] * 5), IntruderBeyond(*[zero] * 9)
-    beyond = RouteBeyondOfOne(
+    continuation = ContinuationOfOne(
         records(legs._asdict()), 0.0, 0.0, zero, records(intruders._asdict()), 0.0, 0.0
     )
     around = SurroundingsOfOne(
         intruders=records(vars(Intruder(*[zero] * 7))),
         tracks=records(vars(Track(*[zero] * 12))),
-        beyond=beyond,
+        continuation=continuation,
         areas=areas_of_one((), ()),
         goal=(0.0, 0.0),
         drift=(0.0, 0.0),
@@ -401,7 +403,7 @@ def surroundings_of_one(
     order = there[np.argsort(miss[there], kind="stable")]
     intruders = take(take(traffic, 0), order)
     some = request._replace(traffic=map_leaves(lambda field: field[None], intruders))
-    beyond = route_beyond(some, goal, options, ordered=False)
+    continuation = route_continuation(some, goal, options, ordered=False)
     active = () if request.areas is None else request.areas.value
     margin = options.requirement.margin
     away = [required_distances(area, own.x, own.y, margin) for area in active]
@@ -412,7 +414,7 @@ def surroundings_of_one(
     return SurroundingsOfOne(
         intruders=records(vars(Intruder(*state, intruders.turn_rate, intruders.turn_time, kept))),
         tracks=records(vars(Track(*[none] * 12))),
-        beyond=of_one(beyond, 0),
+        continuation=of_one(continuation, 0),
         areas=areas_of_one(active, away),
         goal=to,
         drift=(float(east[0]), float(north[0])),

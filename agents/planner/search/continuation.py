@@ -40,7 +40,7 @@ class RouteLegs(NamedTuple):
     length: Array  # m; 0: none
 
 
-class RouteBeyond(NamedTuple):
+class RouteContinuation(NamedTuple):
     """The routes of requests beyond their goals, and the intruders, ``[N, K]``."""
 
     legs: RouteLegs
@@ -199,7 +199,7 @@ class IntruderBeyond(NamedTuple):
     end: Array
 
 
-class RouteBeyondOfOne(NamedTuple):
+class ContinuationOfOne(NamedTuple):
     """The route of one request beyond its goal, as compiled code takes it, and the intruders that
     exist.
     """
@@ -213,65 +213,67 @@ class RouteBeyondOfOne(NamedTuple):
     until: float
 
 
-def of_one(beyond: RouteBeyond, row: int) -> RouteBeyondOfOne:
+def of_one(continuation: RouteContinuation, row: int) -> ContinuationOfOne:
     """Return the route of the request numbered ``row``."""
-    traffic, straight = take(take((beyond.traffic, beyond.straight), row), beyond.traffic.mask[row])
+    traffic, straight = take(
+        take((continuation.traffic, continuation.straight), row), continuation.traffic.mask[row]
+    )
     always = np.full(traffic.age.shape, np.inf)
     spread = traffic.position_std, traffic.velocity_std, traffic.age
     window = (-always, always) if traffic.window is None else traffic.window
     intruders = IntruderBeyond(straight.x, straight.y, *velocity(straight, np), *spread, *window)
-    return RouteBeyondOfOne(
-        legs=records(take(beyond.legs, row)._asdict()),
-        next_x=float(beyond.next_x[row]),
-        next_y=float(beyond.next_y[row]),
-        points=beyond.points[row],
+    return ContinuationOfOne(
+        legs=records(take(continuation.legs, row)._asdict()),
+        next_x=float(continuation.next_x[row]),
+        next_y=float(continuation.next_y[row]),
+        points=continuation.points[row],
         intruders=records(intruders._asdict()),
-        sigmas=float(beyond.sigmas),
-        until=float(beyond.until),
+        sigmas=float(continuation.sigmas),
+        until=float(continuation.until),
     )
 
 
-def no_route_beyond() -> RouteBeyondOfOne:
+def no_continuation() -> ContinuationOfOne:
     """Return a route that nobody asks for."""
     none = np.zeros(0)
     legs, intruders = (
         records(dict.fromkeys(kind._fields, none)) for kind in (RouteLegs, IntruderBeyond)
     )
-    return RouteBeyondOfOne(legs, 0.0, 0.0, none, intruders, 0.0, 0.0)
+    return ContinuationOfOne(legs, 0.0, 0.0, none, intruders, 0.0, 0.0)
 
 
 @scalar
-def clear_beyond(
+def continuation_clear(
     own: VehicleState[Air],
     goal: tuple[float, float],
     required: Array,
     time: float,
-    beyond: RouteBeyondOfOne,
+    continuation: ContinuationOfOne,
     task: DirectTask,
 ) -> bool:
-    """Return :meth:`RouteBeyond.clear` of one state in plain floats; ``required`` is ``[K]``."""
-    lines = lines_beyond(own, goal, time, beyond, task)
+    """Return :meth:`RouteContinuation.clear` of one state in plain floats; required ``[K]``."""
+    lines = continuation_lines(own, goal, time, continuation, task)
     for k in range(len(required)):
-        if not lines_clear(lines, beyond.intruders[k], required[k], beyond.sigmas):
+        if not lines_clear(lines, continuation.intruders[k], required[k], continuation.sigmas):
             return False
     return True
 
 
 @scalar
-def lines_beyond(
+def continuation_lines(
     own: VehicleState[Air],
     goal: tuple[float, float],
     time: float,
-    beyond: RouteBeyondOfOne,
+    continuation: ContinuationOfOne,
     task: DirectTask,
 ) -> Array:
     """Return the flight beyond the goal of one state in plain floats, as lines: where each begins
     (m, m), the velocity (m/s, m/s), from when and until when (s, s), ``[L + 2, 6]``.
     """
-    lines = np.empty((len(beyond.legs) + 2, 6))
+    lines = np.empty((len(continuation.legs) + 2, 6))
     at_goal, course, speed = arrival(own, goal, time, task, FLOATS)
     there: VehicleState[Air] = VehicleState(goal[0], goal[1], course, speed)
-    way = direct(there, (beyond.next_x, beyond.next_y), at_goal, task, FLOATS)
+    way = direct(there, (continuation.next_x, continuation.next_y), at_goal, task, FLOATS)
     x, y = arc_end_of_one(there, way.side * way.turn, speed * way.turning)
     turned, turning = at_goal + way.turning, max(way.turning, 1e-9)
     chord = (x - there.x) / turning, (y - there.y) / turning
@@ -280,12 +282,12 @@ def lines_beyond(
     velocity = speed * math.cos(way.course), speed * math.sin(way.course)
     _write_line(lines[1], (x, y), velocity, turned, at_next)
     end = math.inf
-    for length in beyond.points:
+    for length in continuation.points:
         reached = at_next + length / speed
-        if beyond.until <= reached < end:
+        if continuation.until <= reached < end:
             end = reached
-    for number in range(len(beyond.legs)):
-        leg = beyond.legs[number]
+    for number in range(len(continuation.legs)):
+        leg = continuation.legs[number]
         first = at_next + leg.begin / speed
         last = min(first + leg.length / speed, end)
         velocity = speed * math.cos(leg.course), speed * math.sin(leg.course)
@@ -308,8 +310,8 @@ def _write_line(
 
 @scalar
 def lines_clear(lines: Array, intruder: IntruderBeyond, required: float, sigmas: float) -> bool:
-    """Return whether flights along lines (:func:`lines_beyond`) keep clear of an intruder from
-    which a distance is required before uncertainty grows, m.
+    """Return whether flights along lines (:func:`continuation_lines`) keep clear of an intruder
+    from which a distance is required before uncertainty grows, m.
     """
     for number in range(len(lines)):
         line = lines[number]
@@ -362,9 +364,9 @@ class _Passing(NamedTuple):
     last: Array  # s; not passed where it is not later
 
 
-def route_beyond(
+def route_continuation(
     request: Request, goal: Array, options: Options[Narrowed], *, ordered: bool = True
-) -> RouteBeyond:
+) -> RouteContinuation:
     """Return the routes of requests beyond the points numbered ``goal``, ``[N]``, with the order of
     a crowd where that is asked for.
 
@@ -393,7 +395,7 @@ def route_beyond(
     straight = turned._replace(
         x=turned.x - vx * traffic.turn_time, y=turned.y - vy * traffic.turn_time
     )
-    route = RouteBeyond(
+    route = RouteContinuation(
         legs=legs,
         next_x=route_x[rows, after],
         next_y=route_y[rows, after],

@@ -15,7 +15,7 @@ from agents.planner.request.options import Narrowed, Options, task_of
 from agents.planner.request.request import Request, drift_points
 from agents.planner.search import areas_ahead
 from agents.planner.search.compiled_flight import FLY_ON, LATER, TURNS, fly_one_out
-from agents.planner.search.continuation import CROWD, route_beyond
+from agents.planner.search.continuation import CROWD, route_continuation
 from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
 from envs.arrays import Array
@@ -103,7 +103,7 @@ class _RequestSurroundings:
         # Clearance, m, beyond which more is not told where there are many intruders.
         self._enough = options.aircraft.separation
         self._order = self._nearest_first(times) if self.intruders > CROWD else None
-        self._beyond = route_beyond(request, goal, options)
+        self._continuation = route_continuation(request, goal, options)
 
     @property
     def intruders(self) -> int:
@@ -136,7 +136,7 @@ class _RequestSurroundings:
             free = self._clear_of_some(departure, aim, self._order[departure.owner, :CROWD])
         rows = np.flatnonzero(free)
         if rows.size:
-            free[rows] = self._clear_beyond(*take((departure, aim), rows))
+            free[rows] = self._continuation_clear(*take((departure, aim), rows))
         if self._order is not None:
             # The validator looks at all: the search may be wrong about those far from the flight.
             rows = np.flatnonzero(free)
@@ -163,11 +163,13 @@ class _RequestSurroundings:
         each_clear = clear(own, goal, others, required, time, self._task, np, window)
         return np.all(each_clear, axis=-1)
 
-    def _clear_beyond(self, departure: Departure, aim: tuple[Array, Array]) -> Array:
+    def _continuation_clear(self, departure: Departure, aim: tuple[Array, Array]) -> Array:
         """Return whether the route beyond the goal is clear after direct routes, bool ``[R]``."""
         required = self._required[departure.owner] + departure.slack[:, None]
         time = departure.stride * self._stride
-        return self._beyond.clear(departure.own, aim, required, departure.owner, time, self._task)
+        return self._continuation.clear(
+            departure.own, aim, required, departure.owner, time, self._task
+        )
 
     def clearance(self, flown: VehicleState[Air], first: int, owner: Array) -> Array:
         """Return the least distance less the required one in each stride of flights, m,

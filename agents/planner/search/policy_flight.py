@@ -12,7 +12,11 @@ import numpy as np
 from agents.kernel.traffic import predict_one
 from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, direct, keeps_clear
 from agents.planner.request.options import Narrowed, Options, plain_task
-from agents.planner.search.continuation import RouteBeyondOfOne, clear_beyond, no_route_beyond
+from agents.planner.search.continuation import (
+    ContinuationOfOne,
+    continuation_clear,
+    no_continuation,
+)
 from agents.policy import decision
 from agents.policy.decision import Decider, decide
 from agents.policy.inference import Policy
@@ -110,7 +114,7 @@ def fly(
     steps: tuple[int, int],
     intruders: Intruders,
     target: Target,
-    beyond: RouteBeyondOfOne,
+    continuation: ContinuationOfOne,
     course: Course,
     decider: Decider,
     plan_states: Array,
@@ -122,7 +126,7 @@ def fly(
         steps: number of the first step, and of that before which to stop.
         intruders: of the request.
         target: that is flown to.
-        beyond: the route beyond it.
+        continuation: the route beyond it.
         course: how the policy is flown.
         decider: the policy.
         plan_states: where states are written at each waypoint's time, ``[4, S]``.
@@ -147,7 +151,7 @@ def fly(
         dx, dy = place[0] - state.x, place[1] - state.y
         if dx * dx + dy * dy <= task.radius * task.radius:
             return ARRIVED, step, Flight(state, path, turn_sign, reversals)
-        if asks and course.direct and _way_clear(state, aim, time, intruders, beyond, course):
+        if asks and course.direct and _way_clear(state, aim, time, intruders, continuation, course):
             return DIRECT, step, Flight(state, path, turn_sign, reversals)
         if step == course.steps:
             return OUT_OF_TIME, step, Flight(state, path, turn_sign, reversals)
@@ -220,7 +224,7 @@ def _way_clear(
     aim: tuple[float, float],
     time: float,
     intruders: Intruders,
-    beyond: RouteBeyondOfOne,
+    continuation: ContinuationOfOne,
     course: Course,
 ) -> bool:
     """Return whether the direct route is clear of all intruders, and among many the route beyond
@@ -241,7 +245,7 @@ def _way_clear(
             return False
     if not course.crowd:
         return True
-    return clear_beyond(own, aim, intruders.required, time, beyond, task)
+    return continuation_clear(own, aim, intruders.required, time, continuation, task)
 
 
 def _examples() -> list[tuple[object, ...]]:
@@ -256,7 +260,7 @@ def _examples() -> list[tuple[object, ...]]:
             (0, 1),
             Intruders(state, zero, zero, zero, zero, zero, zero),
             Target(0.0, 0.0, 0.0, 0.0, False),
-            no_route_beyond(),
+            no_continuation(),
             course,
             decision.example(),
             np.zeros((4, 1)),

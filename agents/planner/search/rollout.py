@@ -23,10 +23,10 @@ from agents.planner.search import policy_flight
 from agents.planner.search.budget import Budget
 from agents.planner.search.continuation import (
     CROWD,
-    RouteBeyond,
-    no_route_beyond,
+    RouteContinuation,
+    no_continuation,
     of_one,
-    route_beyond,
+    route_continuation,
 )
 from agents.planner.search.policy_flight import FLY, Flight
 from agents.policy.decision import Decider
@@ -92,7 +92,7 @@ def roll(
     if floats:
         return _roll_each(request, goal, to, required_range, policy, options, budget or Budget())
     crowd = traffic.mask.shape[-1] > CROWD
-    rest = route_beyond(request, goal, options) if crowd else None
+    continuation = route_continuation(request, goal, options) if crowd else None
     task, dt, spacing = task_of(options), options.aircraft.dt, options.spacing
     steps = int(task.until / dt + 1e-9)
     result = _empty(rows.size, steps // spacing + 1)
@@ -107,7 +107,7 @@ def roll(
         arrived = away <= task.radius
         ended, aim = arrived, aim_point(flight.state, place, underway.drift, task.until - time, np)
         if options.direct and step % EVERY == 0:
-            ended = ended | _clear_beyond(underway, aim, others, rest, time, task)
+            ended = ended | _continuation_clear(underway, aim, others, continuation, time, task)
         if ended.any():
             _note_end(result, underway.rows[ended], take(flight, ended), time, ~arrived[ended])
             underway, others, aim = take((underway, others, aim), ~ended)
@@ -210,8 +210,10 @@ def _roll_each(
             some = request.own, request.traffic, to, request.drift
             own, traffic, place, drift = take(some, row)
             single = slice(row, row + 1)
-            rest = route_beyond(take(request, single), goal[single], options) if crowd else None
-            ahead = _TrafficAhead(traffic, required_range[row], rest, policy, options)
+            continuation = (
+                route_continuation(take(request, single), goal[single], options) if crowd else None
+            )
+            ahead = _TrafficAhead(traffic, required_range[row], continuation, policy, options)
             target = _Target(map_leaves(float, place), map_leaves(float, drift))
             rollouts.append(_roll_one(map_leaves(float, own), ahead, target, policy, options, ends))
     return (
@@ -237,10 +239,12 @@ def _roll_compiled(
     own, traffic, drift = take((request.own, request.traffic, request.drift), row)
     there = traffic.mask
     crowd = there.size > CROWD
-    beyond = no_route_beyond()
+    continuation = no_continuation()
     if crowd:
         single = slice(row, row + 1)
-        beyond = of_one(route_beyond(take(request, single), np.array([goal]), options), 0)
+        continuation = of_one(
+            route_continuation(take(request, single), np.array([goal]), options), 0
+        )
     present, required = take((traffic, required_range), there)
     window, none, share = present.window, np.zeros(0), shares(present, options.requirement)
     intruders = contiguous(
@@ -264,7 +268,7 @@ def _roll_compiled(
     while stands == policy_flight.UNDER_WAY and not (step and ends()):
         last = min(step + policy_flight.AT_ONCE, steps + 1)
         stands, step, flight = FLY(
-            flight, (step, last), intruders, target, beyond, course, decider, plan_states
+            flight, (step, last), intruders, target, continuation, course, decider, plan_states
         )
     if stands == policy_flight.NOT_FINITE:
         raise ValueError(NOT_FINITE)
@@ -346,7 +350,7 @@ class _TrafficAhead:
         self,
         traffic: Traffic,
         required_range: Array,
-        rest: RouteBeyond | None,
+        continuation: RouteContinuation | None,
         policy: Policy,
         options: Options[Narrowed],
     ) -> None:
@@ -354,7 +358,7 @@ class _TrafficAhead:
         the goal.
         """
         self._traffic, self._required = take((traffic, required_range), traffic.mask)
-        self._rest, self._policy, self._task = rest, policy, task_of(options)
+        self._continuation, self._policy, self._task = continuation, policy, task_of(options)
         self._dt, self._window = options.aircraft.dt, self._traffic.window
         self._every_share = shares(self._traffic, options.requirement)
         count = len(self._required)
@@ -416,7 +420,7 @@ class _TrafficAhead:
                 return True
         others = take(self._block, step % _AHEAD)
         return _clear_of_others(
-            state, aim, others, self._required, self._window, time, task, self._rest
+            state, aim, others, self._required, self._window, time, task, self._continuation
         )
 
 
@@ -428,20 +432,20 @@ def _clear_of_others(
     window: Window | None,
     time: float,
     task: DirectTask,
-    rest: RouteBeyond | None,
+    continuation: RouteContinuation | None,
 ) -> bool:
     """Return whether the direct route is clear of intruders ``[K]``, and among many the route
     beyond it.
     """
     if not np.all(clear(state, goal, others, required_range, time, task, np, window)):
         return False
-    if rest is None:
+    if continuation is None:
         return True
     own: VehicleState[Air] = VehicleState(*(np.array([value]) for value in state))
     to = np.array([goal[0]]), np.array([goal[1]])
-    least = np.full(rest.traffic.mask.shape, -np.inf)
-    least[rest.traffic.mask] = required_range
-    return bool(rest.clear(own, to, least, np.array([0]), np.array([time]), task)[0])
+    least = np.full(continuation.traffic.mask.shape, -np.inf)
+    least[continuation.traffic.mask] = required_range
+    return bool(continuation.clear(own, to, least, np.array([0]), np.array([time]), task)[0])
 
 
 def _in_floats(tracks: VehicleState[Air]) -> list[list[VehicleState[Air]]]:
@@ -451,11 +455,11 @@ def _in_floats(tracks: VehicleState[Air]) -> list[list[VehicleState[Air]]]:
     return [list(map(state, *row)) for row in zip(*fields, strict=True)]
 
 
-def _clear_beyond(
+def _continuation_clear(
     underway: _Underway,
     aim: tuple[Array, Array],
     others: VehicleState[Air],
-    rest: RouteBeyond | None,
+    continuation: RouteContinuation | None,
     time: float,
     task: DirectTask,
 ) -> Array:
@@ -466,12 +470,12 @@ def _clear_beyond(
     free = _all_clear(
         underway.flight.state, aim, others, underway.traffic, required_range, time, task
     )
-    if rest is not None:
+    if continuation is not None:
         some = np.flatnonzero(free)
         least = np.where(mask, required_range, -np.inf)
         times = np.full(some.size, time)
         asked = take((underway.flight.state, aim, least), some)
-        free[some] = rest.clear(*asked, underway.rows[some], times, task)
+        free[some] = continuation.clear(*asked, underway.rows[some], times, task)
     return free
 
 

@@ -8,7 +8,7 @@ import pytest
 from agents.kernel.traffic import Traffic, predict
 from agents.planner.request.options import Options, task_of
 from agents.planner.request.request import Request
-from agents.planner.search.continuation import CROWD, route_beyond
+from agents.planner.search.continuation import CROWD, route_continuation
 from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
 from envs.trees import take
@@ -33,9 +33,12 @@ def test_estimate_beyond_the_goal_is_that_of_a_flight_along_the_route(
     zero = np.zeros(count)
     own = VehicleState(zero, zero, zero, zero + speed)
     request = Request(own, traffic, x, 0.0 * x, np.full(count, 9))
-    rest, owner = route_beyond(request, np.zeros(count, dtype=int), OPTIONS), np.arange(count)
+    continuation, owner = (
+        route_continuation(request, np.zeros(count, dtype=int), OPTIONS),
+        np.arange(count),
+    )
     required = np.full(many, separation)
-    found = rest.clear(own, (x[:, 0], zero), required, owner, zero, task_of(OPTIONS))
+    found = continuation.clear(own, (x[:, 0], zero), required, owner, zero, task_of(OPTIONS))
 
     # The goal is passed at 150 s, and the point at 32 km is the first after 380 s.
     times = np.arange(150.0, 400.01, 0.1)
