@@ -195,7 +195,7 @@ def limits(config: TrainConfig, least_s: float) -> Limits:
     network, epochs = config.network, config.ppo.epochs
     most = max(scenario.intruders[1] for scenario in config.training_scenarios())
     table = network.input_table()
-    encoder = [table.each_size, *network.encoder]
+    encoder = [table.intruder_size, *network.encoder]
     trunks = [[table.own_size + encoder[-1], *network.hidden, outputs] for outputs in (2, 1)]
     encoders = [encoder] * (2 * most)  # of both networks, for every intruder
     flop = gemm.used_flop_per_step([*trunks, *encoders], epochs)

@@ -34,7 +34,7 @@ def _of_phase(config: TrainConfig) -> int:
     network, hidden = config.network, config.network.hidden
     if network.feature_set == "set":
         inputs = network.input_table()
-        inputs = inputs.own_size + inputs.each_size * intruders
+        inputs = inputs.own_size + inputs.intruder_size * intruders
     else:
         inputs = size(network.feature_set)
     pool = 2 * config.environments * config.pool_rows * _START * (1 + intruders) // 2

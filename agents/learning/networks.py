@@ -18,8 +18,9 @@ Variables: TypeAlias = Mapping[str, Any]
 """Those of a network as flax holds them: ``{"params": ...}`` with nested names of arrays."""
 
 NetworkInput = jax.Array | SetInputs
-"""What a network takes: the inputs derived from scenes (``own [..., F]``, ``each [..., K, E]``), or
-observations of one intruder ``[..., 8]``, or the inputs derived from those (``each`` is None)."""
+"""What a network takes: the inputs derived from scenes (``own [..., F]``, ``traffic [..., K, E]``),
+observations of one intruder ``[..., 8]``, or the inputs derived from those (``traffic`` is None).
+"""
 
 
 def derive(observation: NetworkInput, feature_set: str) -> SetInputs:
@@ -120,7 +121,7 @@ class Trunk(nn.Module):
                 )
             )
 
-        x, traffic = inputs.own, inputs.each
+        x, traffic = inputs.own, inputs.traffic
         if traffic is not None:
             *before, last = self.encoder
             for i, width in enumerate(before):

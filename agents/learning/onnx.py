@@ -128,7 +128,7 @@ def network_part(policy: Policy) -> Any:
     check_one_layer(policy)
     onnx: Any = importlib.import_module("onnx")
     layers = _layers_of(policy, onnx.helper.make_node)
-    size = policy.inputs.own_size + policy.inputs.each_size
+    size = policy.inputs.own_size + policy.inputs.intruder_size
     graph = onnx.helper.make_graph(
         layers.nodes,
         "rlcas_policy_network",

@@ -18,7 +18,7 @@ from agents.policy.candidate_manoeuvres import (
     turns_of_one,
 )
 from agents.policy.scene import mirror_one, scene_of_one
-from agents.policy.set_features import ALIKE, course_to_goal, each_part, margin_of, own_part
+from agents.policy.set_features import ALIKE, course_to_goal, intruder_part, margin_of, own_part
 from envs.aircraft import ratios
 from envs.arrays import Array
 from envs.backend import FLOATS
@@ -138,7 +138,7 @@ def inputs_of(
     course = course_to_goal(scene, FLOATS)
     traffic = np.empty((len(scene.x), decider.encoder.sizes[0]))
     for k in range(len(scene.x)):
-        numbers = each_part(
+        numbers = intruder_part(
             scene.x[k],
             scene.y[k],
             scene.vx[k],

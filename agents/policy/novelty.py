@@ -31,7 +31,7 @@ class Box(NamedTuple):
     """
 
     own: np.ndarray
-    each: np.ndarray
+    traffic: np.ndarray
     source: str = "training saw"
 
 
@@ -50,7 +50,7 @@ def box_of(sha256: str, inputs: InputTable) -> Box:
     their inputs.
     """
     return shipped_box(sha256) or Box(
-        _bounds(inputs.own_numbers), _bounds(inputs.each_numbers), "its bounds are"
+        _bounds(inputs.own_numbers), _bounds(inputs.intruder_numbers), "its bounds are"
     )
 
 
@@ -78,7 +78,7 @@ def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:
     infinitely far.
     """
     excesses = []
-    for (low, high), values in ((box.own, inputs.own), (box.each, inputs.each)):
+    for (low, high), values in ((box.own, inputs.own), (box.traffic, inputs.traffic)):
         beyond = np.maximum(low - values, values - high)
         beyond = np.where(np.isnan(values), np.inf, beyond)
         excesses.append(np.where(beyond > _MARGIN * (high - low), beyond, 0.0))
@@ -95,14 +95,14 @@ def departures(
     beyond = np.concatenate([part.ravel() for part in excess(box, row)])
     if not beyond.any():
         return []
-    values = np.concatenate([row.own, row.each.ravel()])
-    ranges = np.concatenate([box.own, np.tile(box.each, len(traffic))], axis=1)
+    values = np.concatenate([row.own, row.traffic.ravel()])
+    ranges = np.concatenate([box.own, np.tile(box.traffic, len(traffic))], axis=1)
     worst = int(np.argmax(beyond / (ranges[1] - ranges[0])))
     if worst < inputs.own_size:
         what = inputs.own_numbers[worst].name
     else:
-        number, index = divmod(worst - inputs.own_size, inputs.each_size)
-        what = f"{inputs.each_numbers[index].name} (intruder {number})"
+        number, index = divmod(worst - inputs.own_size, inputs.intruder_size)
+        what = f"{inputs.intruder_numbers[index].name} (intruder {number})"
     low, high = ranges[:, worst]
     text = f"is {values[worst]:.3g}; {box.source} {low:.3g} to {high:.3g}"
     return [Departure(f"novelty: {what}", text)]

@@ -300,7 +300,7 @@ def tensor_shapes(document: Mapping[str, Any]) -> dict[str, tuple[int | None, ..
         ("head", outputs)
     ]
     if of_set:
-        encoder = TABLE.each_size + _numbers_of(document, INTRUDER)
+        encoder = TABLE.intruder_size + _numbers_of(document, INTRUDER)
         for i, units in enumerate(architecture["encoder"]):
             shapes |= {f"actor/each_{i}/kernel": (encoder, units), f"actor/each_{i}/bias": (units,)}
             encoder = units

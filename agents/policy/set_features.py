@@ -50,7 +50,7 @@ class SetInputs(NamedTuple):
     """Inputs of the network's first layers."""
 
     own: Array  # [..., F]
-    each: Array  # [..., K, E]; of absent intruders anything finite
+    traffic: Array  # [..., K, E]; of absent intruders anything finite
     mask: Array  # bool [..., K]
     # factor of the network's yaw rate, -1 where the scene is seen mirrored, [...]
     mirror_sign: Array
@@ -68,9 +68,9 @@ class InputTable(NamedTuple):
         return len(self.own_numbers)
 
     @property
-    def each_size(self) -> int:
+    def intruder_size(self) -> int:
         """How many numbers describe an intruder."""
-        return len(self.each_numbers)
+        return len(self.intruder_numbers)
 
     @property
     def own_numbers(self) -> tuple[Number, ...]:
@@ -78,7 +78,7 @@ class InputTable(NamedTuple):
         return tuple(number for entry in self.ownship for number in entry.numbers)
 
     @property
-    def each_numbers(self) -> tuple[Number, ...]:
+    def intruder_numbers(self) -> tuple[Number, ...]:
         """The numbers that describe an intruder."""
         return tuple(number for entry in self.intruder for number in entry.numbers)
 
@@ -145,7 +145,7 @@ def _ownship(scene: Scene, xp: ArrayModule) -> Array:
 def _intruder(scene: Scene, xp: ArrayModule) -> Array:
     """Return the toolkit's inputs of intruders for mirrored scenes, ``[..., K, 16]``."""
     cosine, sine = course_to_goal(scene, xp)
-    numbers = each_part(
+    numbers = intruder_part(
         scene.x,
         scene.y,
         scene.vx,
@@ -226,7 +226,7 @@ def set_inputs_of_one(
     own = [*own_part(scene, 0.0, FLOATS), *map(float, best), *margin.tolist()]
     course = course_to_goal(scene, FLOATS)
     intruders = zip(scene.x, scene.y, scene.vx, scene.vy, share, strict=True)
-    traffic = [list(each_part(*state, scene.own_speed, course, FLOATS)) for state in intruders]
+    traffic = [list(intruder_part(*state, scene.own_speed, course, FLOATS)) for state in intruders]
     if inputs is not TABLE:
         batch = batch_of_one(scene)
         for row in inputs.extra:
@@ -297,7 +297,7 @@ def course_to_goal(scene: Scene, xp: ArrayModule) -> tuple[Array, Array]:
 
 
 @scalar
-def each_part(
+def intruder_part(
     x: Array,
     y: Array,
     vx: Array,

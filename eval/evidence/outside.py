@@ -321,7 +321,7 @@ def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
     A scenario of the user's own must have been registered: nothing that the policy file names is
     imported (``ConfigError``).
     """
-    sizes = policy.inputs.own_size, policy.inputs.each_size
+    sizes = policy.inputs.own_size, policy.inputs.intruder_size
     low: list[np.ndarray] = [np.full(size, np.inf) for size in sizes]
     high = [-each for each in low]
     for number in range(count):
@@ -330,7 +330,7 @@ def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
         for moment in _moments(starts, policy, aircraft, seed):
             rows = np.flatnonzero(np.isfinite(moment.own.x))
             found = _inputs(rows, moment, aircraft)
-            for place, values in enumerate((found.own, found.each[moment.mask[rows]])):
+            for place, values in enumerate((found.own, found.traffic[moment.mask[rows]])):
                 low[place] = np.minimum(low[place], values.min(axis=0, initial=np.inf))
                 high[place] = np.maximum(high[place], values.max(axis=0, initial=-np.inf))
         print(f"aircraft {number + 1} of {count}", flush=True)
@@ -439,7 +439,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     policy = Policy.load()
     if options.box is not None:
         box = training_box(policy, options.encounters, options.seed)
-        bounds = {"own": box.own, "each": box.each}
+        bounds = {"own": box.own, "each": box.traffic}
         made = {"policy": policy.sha256} | {
             name: np.round(values, 4).tolist() for name, values in bounds.items()
         }

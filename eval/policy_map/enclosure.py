@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.policy import candidate_manoeuvres
 from agents.policy.scene import Scene
-from agents.policy.set_features import ALIKE, SEPARATION_UNIT, each_part, own_part
+from agents.policy.set_features import ALIKE, SEPARATION_UNIT, intruder_part, own_part
 from envs.aircraft import Ratios
 from envs.arrays import Array
 from envs.relative import distance
@@ -196,7 +196,7 @@ def derived_inputs(pace: Array, goal: Array, middle: Array, half: Array, ratios:
     own = np.stack(
         [np.broadcast_to(one, pace.shape) for one in own_part(seen, 0.0 * pace, np)], axis=-1
     )
-    each = each_part(
+    each = intruder_part(
         state[0],
         state[1],
         state[2],

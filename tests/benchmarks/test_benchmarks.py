@@ -109,7 +109,7 @@ def test_report_names_machine_and_versions(capsys: pytest.CaptureFixture[str]):
 
 def test_layers_are_those_of_the_shipped_network():
     shapes = measure.layers(Policy.load())
-    assert sum(inputs == TABLE.each_size for inputs, _ in shapes) == 1
+    assert sum(inputs == TABLE.intruder_size for inputs, _ in shapes) == 1
     assert sum(outputs == 2 for _, outputs in shapes) == 1
     assert monte_carlo.flops([(3, 5), (5, 2)]) == 2 * (15 + 10)
 

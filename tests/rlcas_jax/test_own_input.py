@@ -98,7 +98,7 @@ def test_sizes_contract_and_tensors_follow_from_the_table():
     assert made.metadata["schema"] == EXTENDED_SCHEMA
     assert [one["name"] for one in made.metadata["inputs"]] == ["wake", "nearest"]
     assert made.metadata["inputs"][0]["code"] == "my_inputs:wake"
-    assert made.actor["each_0/kernel"].shape == (TABLE.each_size + 1, 12)
+    assert made.actor["each_0/kernel"].shape == (TABLE.intruder_size + 1, 12)
     assert made.actor["hidden_0/kernel"].shape == (TABLE.own_size + 2 + 12, 16)
     again = parse(serialise(made), "p")  # reading needs no code
     assert (again.sha256, again.metadata) == (made.sha256, made.metadata)
@@ -177,7 +177,7 @@ def test_the_input_changes_what_the_policy_decides():
     made = content(wake())
     silent = dict(made.actor)
     silent["each_0/kernel"] = silent["each_0/kernel"].copy()
-    silent["each_0/kernel"][TABLE.each_size] = 0.0
+    silent["each_0/kernel"][TABLE.intruder_size] = 0.0
     weights = {"trunk": {}, "log_std": silent.pop("log_std")}
     for name, tensor in silent.items():
         layer, part = name.split("/")
@@ -193,7 +193,7 @@ def test_the_input_changes_what_the_policy_decides():
 def test_novelty_names_an_input_outside_its_bounds():
     inputs = table([wake()])
     box = box_of("0" * 64, inputs)
-    own, each = [0.0] * inputs.own_size, [[0.0] * inputs.each_size]
+    own, each = [0.0] * inputs.own_size, [[0.0] * inputs.intruder_size]
     own[8:12] = 0.0, -0.5, 0.5, 0.5
     assert departures(box, inputs, own, each) == []
     each[0][-1] = 1.5
@@ -206,7 +206,7 @@ def test_the_shipped_inputs_keep_the_bounds_of_their_table():
     seen = set_inputs(unpack_rows(random_scenes(5, FAMILY).astype(float)), np)
     for numbers, values in (
         (TABLE.own_numbers, seen.own),
-        (TABLE.each_numbers, seen.each[seen.mask]),
+        (TABLE.intruder_numbers, seen.traffic[seen.mask]),
     ):
         low, high = np.array([(one.low, one.high) for one in numbers]).T
         assert (values >= low).all()

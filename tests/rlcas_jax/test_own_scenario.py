@@ -113,7 +113,7 @@ def test_a_name_alone_imports_nothing():
     trained = {"scenarios": [{"name": "circle"}, {"name": NAME}], "phases": []}
     policy: Any = SimpleNamespace(
         metadata={"training": {"config": trained}},
-        inputs=SimpleNamespace(own_size=1, each_size=1),
+        inputs=SimpleNamespace(own_size=1, intruder_size=1),
         aircraft=PAPER,
         most=4,
     )
