@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.baselines.baselines import Baseline, Sight
+from agents.baselines.baselines import Baseline, Observation
 from agents.policy.inference import Policy
 from benchmarks.measure import report, request_options, show
 from commands.command import Parser, run_cli
@@ -91,7 +91,7 @@ def fly(sky: Sky, resolver: Baseline, unit: Aircraft) -> Found:
         if n.size == 0:
             break
         others: VehicleState[Air] = VehicleState(*(field[n[:, None], beside[m]] for field in own))
-        sight = Sight(
+        observation = Observation(
             VehicleState(*(field[n, m] for field in own)),
             others,
             flies[n[:, None], beside[m]],
@@ -100,7 +100,7 @@ def fly(sky: Sky, resolver: Baseline, unit: Aircraft) -> Found:
             math.inf,
         )
         action = np.zeros((2, count, aircraft))
-        action[:, n, m] = resolver.decide(sight, np.zeros(n.size))[0].T
+        action[:, n, m] = resolver.decide(observation, np.zeros(n.size))[0].T
         moved = advance(own, *commands(tuple(action), unit.limits, np), unit.dt, unit.limits, np)
         lost |= _lost(own, moved, flies, unit)
         length += np.where(flies, 0.5 * unit.dt * (own.speed + moved.speed), 0.0)

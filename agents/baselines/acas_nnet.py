@@ -23,7 +23,13 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.baselines.baselines import Sight, check_sight, course_to_goal, may_return, steer
+from agents.baselines.baselines import (
+    Observation,
+    check_observation,
+    course_to_goal,
+    may_return,
+    steer,
+)
 from commands.command import InputError
 from commands.files import check_regular
 from envs.aircraft import Aircraft
@@ -110,12 +116,12 @@ class AdvisoryLogic:
     """One for each previous advisory, or a single one."""
     aircraft: Aircraft
 
-    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def decide(self, observation: Observation, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` that hold the speed, and the advisories to remember; a
         ValueError: not finite.
         """
-        sight = check_sight(sight)
-        inputs = self._inputs(sight)
+        observation = check_observation(observation)
+        inputs = self._inputs(observation)
         scores = np.empty((len(memory), len(ADVISORIES)))
         for previous in range(len(ADVISORIES)):
             rows = memory == previous
@@ -124,14 +130,14 @@ class AdvisoryLogic:
         best = np.argmin if inputs.shape[1] == _ACAS_XU else np.argmax
         advisory = best(scores, axis=-1)
         advised = np.clip(_RATES[advisory] / self.aircraft.limits.yaw_rate_max, -1.0, 1.0)
-        free = may_return(sight, self.aircraft, self.aircraft.separation)
-        home = steer(sight.own, course_to_goal(sight, self.aircraft), self.aircraft)
+        free = may_return(observation, self.aircraft, self.aircraft.separation)
+        home = steer(observation.own, course_to_goal(observation, self.aircraft), self.aircraft)
         steering = np.where(advisory == 0, np.where(free, home, 0.0), advised)
         return np.stack([np.zeros_like(steering), steering], axis=-1), advisory.astype(np.int8)
 
-    def _inputs(self, sight: Sight) -> np.ndarray:
-        own = sight.own
-        other = most_critical(own, sight.intruders, sight.mask, self.aircraft, np)
+    def _inputs(self, observation: Observation) -> np.ndarray:
+        own = observation.own
+        other = most_critical(own, observation.intruders, observation.mask, self.aircraft, np)
         east, north = (other.x - own.x) / _FOOT, (other.y - own.y) / _FOOT
         cosine, sine = np.cos(own.heading), np.sin(own.heading)
         ahead, left = east * cosine + north * sine, north * cosine - east * sine

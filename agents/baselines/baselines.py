@@ -28,7 +28,7 @@ _MARGIN = 1.1
 _LOOKAHEAD, _PATIENCE = 120.0, 60.0  # time steps
 
 
-class Sight(NamedTuple):
+class Observation(NamedTuple):
     """What a resolver sees of encounters in progress; own fields ``[M]``, those of intruders ``[M,
     K]``.
     """
@@ -45,44 +45,50 @@ class Sight(NamedTuple):
 class Baseline(Protocol):
     """A resolver on states; it may remember a whole number of each encounter, 0 at the start."""
 
-    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def decide(self, observation: Observation, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` in [-1, 1] and what to remember, int8 ``[M]``.
 
         Raises:
-            ValueError: something of the sight is not finite; the message names it.
+            ValueError: something of the observation is not finite; the message names it.
         """
         ...
 
 
-def check_sight(sight: Sight) -> Sight:
-    """Return a sight with each intruder at its distance in its own separation, on the same bearing.
+def check_observation(observation: Observation) -> Observation:
+    """Return an observation with each intruder at its distance in its own separation, on the same
+    bearing.
 
     Raises:
         ValueError: a number is not finite, absent intruders aside; the message names it.
     """
-    fields: dict[str, Any] = {f"own.{name}": values for name, values in sight.own._asdict().items()}
-    states = sight.intruders._asdict()
-    fields |= {
-        f"intruders.{name}": np.where(sight.mask, values, 0.0) for name, values in states.items()
+    fields: dict[str, Any] = {
+        f"own.{name}": values for name, values in observation.own._asdict().items()
     }
-    fields |= {"goal_x": sight.goal_x, "goal_y": sight.goal_y, "left": sight.left}
+    states = observation.intruders._asdict()
+    fields |= {
+        f"intruders.{name}": np.where(observation.mask, values, 0.0)
+        for name, values in states.items()
+    }
+    fields |= {"goal_x": observation.goal_x, "goal_y": observation.goal_y, "left": observation.left}
     for name, values in fields.items():
         for where in np.argwhere(~np.isfinite(values)):
             value, place = np.asarray(values)[tuple(where)], where.tolist() or ""
             raise ValueError(f"{name}{place} is {value}, expected a finite number")
-    if sight.share is None:
-        return sight
-    return sight._replace(intruders=at_share(column(sight.own), sight.intruders, sight.share))
+    if observation.share is None:
+        return observation
+    return observation._replace(
+        intruders=at_share(column(observation.own), observation.intruders, observation.share)
+    )
 
 
-def course_to_goal(sight: Sight, aircraft: Aircraft) -> np.ndarray:
+def course_to_goal(observation: Observation, aircraft: Aircraft) -> np.ndarray:
     """Return the course to be steered to the goal, rad in [-pi, pi), ``[M]``.
 
     A goal inside the turning circle can never be met by turning to it: the ownship flies straight
     on until it is outside, and turns then.
     """
-    own = sight.own
-    dx, dy = sight.goal_x - own.x, sight.goal_y - own.y
+    own = observation.own
+    dx, dy = observation.goal_x - own.x, observation.goal_y - own.y
     bearing = wrap(np.arctan2(dy, dx) - own.heading, np)
     radius = own.speed / aircraft.limits.yaw_rate_max
     side = np.where(bearing >= 0.0, 1.0, -1.0)
@@ -94,7 +100,7 @@ def course_to_goal(sight: Sight, aircraft: Aircraft) -> np.ndarray:
     return wrap(own.heading + np.where(unreachable, 0.0, bearing), np)
 
 
-def may_return(sight: Sight, aircraft: Aircraft, required: float) -> np.ndarray:
+def may_return(observation: Observation, aircraft: Aircraft, required: float) -> np.ndarray:
     """Return whether the ownship may go back to its route, ``required`` metres from intruders, bool
     ``[M]``.
 
@@ -102,14 +108,17 @@ def may_return(sight: Sight, aircraft: Aircraft, required: float) -> np.ndarray:
     as is usual among published resolvers, where all of them are past their closest point of
     approach and far enough.
     """
-    own, goal = column((sight.own, (sight.goal_x, sight.goal_y)))
+    own, goal = column((observation.own, (observation.goal_x, observation.goal_y)))
     # Late or not: whether there is time is no question of being clear.
     limits = aircraft.limits
     task = DirectTask(limits, aircraft.goal_radius, _EVER, 0.95 * limits.yaw_rate_max)
-    free = np.all(clear(own, goal, sight.intruders, required, 0.0, task, np) | ~sight.mask, axis=-1)
-    past = _conflicts(sight, sight.own.heading, required, math.inf)
+    free = np.all(
+        clear(own, goal, observation.intruders, required, 0.0, task, np) | ~observation.mask,
+        axis=-1,
+    )
+    past = _conflicts(observation, observation.own.heading, required, math.inf)
     opening = (past.time == 0.0) & (past.distance > _PAST * required)
-    return free | np.all(opening | ~sight.mask, axis=-1)
+    return free | np.all(opening | ~observation.mask, axis=-1)
 
 
 def steer(own: VehicleState[Air], course: Any, aircraft: Aircraft) -> np.ndarray:
@@ -126,11 +135,11 @@ class NoResolution:
 
     aircraft: Aircraft
 
-    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def decide(self, observation: Observation, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        sight = check_sight(sight)
-        course = course_to_goal(sight, self.aircraft)
-        return _actions(steer(sight.own, course, self.aircraft)), memory
+        observation = check_observation(observation)
+        course = course_to_goal(observation, self.aircraft)
+        return _actions(steer(observation.own, course, self.aircraft)), memory
 
 
 class _Conflict(NamedTuple):
@@ -146,11 +155,13 @@ class _Conflict(NamedTuple):
     miss: np.ndarray
 
 
-def _conflicts(sight: Sight, course: np.ndarray, protected: float, lookahead: float) -> _Conflict:
+def _conflicts(
+    observation: Observation, course: np.ndarray, protected: float, lookahead: float
+) -> _Conflict:
     """Predict the conflicts of flying on at the present speed on a course, ``[M]``."""
-    own = column(sight.own._replace(heading=course))
-    x, y = sight.intruders.x - own.x, sight.intruders.y - own.y
-    (own_vx, own_vy), (vx, vy) = velocity(own, np), velocity(sight.intruders, np)
+    own = column(observation.own._replace(heading=course))
+    x, y = observation.intruders.x - own.x, observation.intruders.y - own.y
+    (own_vx, own_vy), (vx, vy) = velocity(own, np), velocity(observation.intruders, np)
     vx, vy = vx - own_vx, vy - own_vy
     square = np.maximum(vx * vx + vy * vy, 1e-6)
     time = np.maximum(-(x * vx + y * vy) / square, 0.0)
@@ -159,7 +170,7 @@ def _conflicts(sight: Sight, course: np.ndarray, protected: float, lookahead: fl
     # The protected distance is lost half a chord before the closest point.
     entry = time - np.sqrt(np.maximum(protected * protected - miss * miss, 0.0) / square)
     closing = x * vx + y * vy < 0.0
-    there = sight.mask & closing & (miss < protected) & (entry <= lookahead)
+    there = observation.mask & closing & (miss < protected) & (entry <= lookahead)
     return _Conflict(there, cpa_x, cpa_y, time, distance, miss)
 
 
@@ -178,20 +189,20 @@ class RightHand:
     patience: float = _PATIENCE
     """Time steps."""
 
-    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def decide(self, observation: Observation, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        sight = check_sight(sight)
-        own, protected = sight.own, _MARGIN * self.aircraft.separation
+        observation = check_observation(observation)
+        own, protected = observation.own, _MARGIN * self.aircraft.separation
         lookahead = _LOOKAHEAD * self.aircraft.dt
-        straight = _conflicts(sight, own.heading, protected, lookahead)
-        bearing = _bearing(sight)
+        straight = _conflicts(observation, own.heading, protected, lookahead)
+        bearing = _bearing(observation)
         # Head-on, from the right or overtaken is ours to avoid; 110 degrees from ahead is where
         # overtaking begins.
         from_left = (bearing > math.radians(15.0)) & (bearing < math.radians(110.0))
-        last = _conflicts(sight, own.heading, protected, self.patience * self.aircraft.dt)
+        last = _conflicts(observation, own.heading, protected, self.patience * self.aircraft.dt)
         ours = np.any(straight.there & ~from_left | last.there & from_left, axis=-1)
-        home = course_to_goal(sight, self.aircraft)
-        free = may_return(sight, self.aircraft, protected)
+        home = course_to_goal(observation, self.aircraft)
+        free = may_return(observation, self.aircraft, protected)
         steering = np.where(free, steer(own, home, self.aircraft), np.where(ours, -1.0, 0.0))
         return _actions(steering), memory
 
@@ -214,24 +225,24 @@ class PotentialField:
     speed: bool = False
     """Whether the speed is changed too; otherwise only the course of the new velocity is taken."""
 
-    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def decide(self, observation: Observation, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        sight = check_sight(sight)
-        own, protected = sight.own, _MARGIN * self.aircraft.separation
+        observation = check_observation(observation)
+        own, protected = observation.own, _MARGIN * self.aircraft.separation
         lookahead = _LOOKAHEAD * self.aircraft.dt
-        conflict = _conflicts(sight, own.heading, protected, lookahead)
-        push_x, push_y = self._push(sight, conflict, protected)
+        conflict = _conflicts(observation, own.heading, protected, lookahead)
+        push_x, push_y = self._push(observation, conflict, protected)
         own_vx, own_vy = velocity(own, np)
         wanted_x, wanted_y = own_vx - push_x, own_vy - push_y
         resolving = conflict.there.any(axis=-1)
 
-        free = may_return(sight, self.aircraft, protected)
+        free = may_return(observation, self.aircraft, protected)
         course = np.where(resolving, np.arctan2(wanted_y, wanted_x), own.heading)
-        course = np.where(free, course_to_goal(sight, self.aircraft), course)
+        course = np.where(free, course_to_goal(observation, self.aircraft), course)
         throttle = np.zeros(len(course))
         if self.speed:
-            needed = np.hypot(sight.goal_x - own.x, sight.goal_y - own.y) / max(
-                sight.left, self.aircraft.dt
+            needed = np.hypot(observation.goal_x - own.x, observation.goal_y - own.y) / max(
+                observation.left, self.aircraft.dt
             )
             hurry = np.maximum(1.05 * needed - own.speed, 0.0)
             change = np.where(resolving & ~free, np.hypot(wanted_x, wanted_y) - own.speed, hurry)
@@ -244,7 +255,7 @@ class PotentialField:
         return np.stack([throttle, steer(own, course, self.aircraft)], axis=-1), memory
 
     def _push(
-        self, sight: Sight, conflict: _Conflict, protected: float
+        self, observation: Observation, conflict: _Conflict, protected: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the sum over all intruders of the push towards them, to be taken off the velocity,
         m/s, ``[M]``.
@@ -252,7 +263,10 @@ class PotentialField:
         miss = np.maximum(conflict.miss, 1e-9)
         # Near a hit the shortest way out is noise: to the right of the line of sight, the zone to
         # the left.
-        x, y = sight.intruders.x - sight.own.x[:, None], sight.intruders.y - sight.own.y[:, None]
+        x, y = (
+            observation.intruders.x - observation.own.x[:, None],
+            observation.intruders.y - observation.own.y[:, None],
+        )
         apart = np.maximum(conflict.distance, 1e-9)
         hit = conflict.miss < 0.01 * self.aircraft.separation
         unit_x, unit_y = (
@@ -280,10 +294,13 @@ BASELINES: dict[str, Callable[[Aircraft], Baseline]] = {
 """The baselines by name, for an aircraft."""
 
 
-def _bearing(sight: Sight) -> np.ndarray:
+def _bearing(observation: Observation) -> np.ndarray:
     """Return the intruders' bearings from the own heading, rad, left positive, ``[M, K]``."""
-    own = column(sight.own)
-    return wrap(np.arctan2(sight.intruders.y - own.y, sight.intruders.x - own.x) - own.heading, np)
+    own = column(observation.own)
+    return wrap(
+        np.arctan2(observation.intruders.y - own.y, observation.intruders.x - own.x) - own.heading,
+        np,
+    )
 
 
 def _actions(steering: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.baselines.baselines import Sight
+from agents.baselines.baselines import Observation
 from agents.kernel.areas import ActiveArea
 from envs.aircraft import Aircraft
 from envs.areas import Area
@@ -38,15 +38,17 @@ def what_stands_in_each(areas: np.ndarray, aircraft: Aircraft) -> Standing:
     return found
 
 
-def add_to_sight(sight: Sight, what: Standing, time: float, aircraft: Aircraft) -> Sight:
+def add_to_observation(
+    observation: Observation, what: Standing, time: float, aircraft: Aircraft
+) -> Observation:
     """Return what a resolver sees of encounters ``[M]``, and after the intruders what stands in
     their ways, ``[M, S]``, some seconds after the start.
     """
     seen = as_intruders(what, time, aircraft.separation)
-    share = np.ones(sight.mask.shape) if sight.share is None else sight.share
-    both = zip(sight.intruders, seen.state, strict=True)
-    return sight._replace(
+    share = np.ones(observation.mask.shape) if observation.share is None else observation.share
+    both = zip(observation.intruders, seen.state, strict=True)
+    return observation._replace(
         intruders=VehicleState(*(np.concatenate(fields, axis=-1) for fields in both)),
-        mask=np.concatenate([sight.mask, seen.there], axis=-1),
+        mask=np.concatenate([observation.mask, seen.there], axis=-1),
         share=np.concatenate([share, seen.share], axis=-1),
     )

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.baselines.baselines import Sight
+from agents.baselines.baselines import Observation
 from agents.policy.inference import Policy
 from agents.policy.scene import OWN_NUMBERS, scene, unpack_rows, width
 from agents.policy.set_features import set_inputs
@@ -60,10 +60,10 @@ class Compiled:
         self._decided = jax.jit(decide_rows)
         self._checked: set[int] = set()
 
-    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def decide(self, observation: Observation, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        rows, places = self._rows(sight)
-        count = len(sight.mask)
+        rows, places = self._rows(observation)
+        count = len(observation.mask)
         whole = -(-count // _TILE) * _TILE  # rows of full tiles
         share = None if rows.share is None else _pad(rows.share, whole)
         padded = _Rows(_pad(rows.packed, whole), share)
@@ -79,16 +79,23 @@ class Compiled:
             )
         return actions.astype(float), memory
 
-    def _rows(self, sight: Sight) -> tuple[_Rows, int]:
+    def _rows(self, observation: Observation) -> tuple[_Rows, int]:
         """Return what resolvers see as rows ``[M]``, and the number of intruders in each."""
-        others, mask, share = sight.intruders, sight.mask, sight.share
+        others, mask, share = observation.intruders, observation.mask, observation.share
         if mask.shape[-1] > self._policy.most:
-            critical = self._policy.most_critical(sight.own, others, mask, share)
+            critical = self._policy.most_critical(observation.own, others, mask, share)
             others, mask, share = map_leaves(
                 lambda field: np.take_along_axis(field, critical, axis=-1), (others, mask, share)
             )
         seen = scene(
-            sight.own, others, mask, sight.goal_x, sight.goal_y, self._limits, self._separation, np
+            observation.own,
+            others,
+            mask,
+            observation.goal_x,
+            observation.goal_y,
+            self._limits,
+            self._separation,
+            np,
         )
         count, places = mask.shape
         packed = np.zeros((count, width(places)), np.float32)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.baselines.baselines import BASELINES, Sight
+from agents.baselines.baselines import BASELINES, Observation
 from agents.manoeuvres.escape_manoeuvre import Counting, Manoeuvre, choose_action, takeoff
 from agents.resolvability.witness import least_cost
 from envs.aircraft import Aircraft
@@ -49,20 +49,20 @@ class Witness:
         self._aircraft = aircraft
         self._step = 0
 
-    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def decide(self, observation: Observation, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the numbers of the encounters."""
         number = np.arange(len(memory)) if self._step == 0 else memory
-        action, _ = self._none.decide(sight, memory)
+        action, _ = self._none.decide(observation, memory)
         rows = np.flatnonzero(self._known[number])
         now = number[rows]
-        flight = take(self._flight, now)._replace(own=take(sight.own, rows))
+        flight = take(self._flight, now)._replace(own=take(observation.own, rows))
         made, after = choose_action(
             flight,
             take(self._manoeuvre, now),
             self._step * self._aircraft.dt,
-            (sight.goal_x[rows], sight.goal_y[rows]),
-            take(sight.intruders, rows),
-            take(Counting(sight.mask, sight.share), rows),
+            (observation.goal_x[rows], observation.goal_y[rows]),
+            take(observation.intruders, rows),
+            take(Counting(observation.mask, observation.share), rows),
             self._aircraft.rules(),
             self._aircraft.limits,
         )

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.baselines.baselines import Baseline, Sight
+from agents.baselines.baselines import Baseline, Observation
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.draws import normals
@@ -32,7 +32,7 @@ from envs.world import (
     smallest,
 )
 from envs.world import step as advance
-from eval.flights.areas_seen import add_to_sight
+from eval.flights.areas_seen import add_to_observation
 from eval.flights.static_obstacles import Standing
 from eval.flights.trajectories import TrajectoryRecorder
 
@@ -47,10 +47,15 @@ class ByPolicy(NamedTuple):
 
     policy: Policy
 
-    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def decide(self, observation: Observation, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
         action = self.policy.command(
-            sight.own, sight.intruders, sight.mask, sight.goal_x, sight.goal_y, sight.share
+            observation.own,
+            observation.intruders,
+            observation.mask,
+            observation.goal_x,
+            observation.goal_y,
+            observation.share,
         )
         return action, memory
 
@@ -64,9 +69,9 @@ class Unmitigated(NamedTuple):
 
     aircraft: Aircraft
 
-    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def decide(self, observation: Observation, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
-        off = bearing(sight.own, sight.goal_x, sight.goal_y, np) * (1.0 / math.pi)
+        off = bearing(observation.own, observation.goal_x, observation.goal_y, np) * (1.0 / math.pi)
         seen = off.astype(np.float32)  # as an observation has it: of its precision
         full = self.aircraft.limits.yaw_rate_max * self.aircraft.dt
         steering = GAINS.proportional * math.pi * seen / full
@@ -171,10 +176,12 @@ def fly(
     step = 0
     while len(air.number):
         draws = None if noise is None else noise(step)[:, air.number]
-        sight = _look(air.state, draws, rules.t_max - step * dt, aircraft)
+        observation = _look(air.state, draws, rules.t_max - step * dt, aircraft)
         if standing is not None:
-            sight = add_to_sight(sight, take(standing, air.number), step * dt, aircraft)
-        action, memory = resolver.decide(sight, air.memory)
+            observation = add_to_observation(
+                observation, take(standing, air.number), step * dt, aircraft
+            )
+        action, memory = resolver.decide(observation, air.memory)
         controls = action[:, 0], action[:, 1]
         after, flown = advance(air.state, controls, world, np)
         step += 1
@@ -198,13 +205,13 @@ def _blank(count: int) -> Flights:
     return Flights(**fields)
 
 
-def _look(state: State, draws: np.ndarray | None, left: float, aircraft: Aircraft) -> Sight:
+def _look(state: State, draws: np.ndarray | None, left: float, aircraft: Aircraft) -> Observation:
     """Return what resolvers see of states ``[M]``, by the draws of the sensors' noise,
     ``[4, M, K]``, with ``left`` seconds until the time limit.
     """
     seen = perceive_intruders(state, draws, aircraft.dt, np)
     exists, share = known_intruders(state, aircraft, np), shares(state, aircraft, np)
-    return Sight(state.own, seen, exists, state.goal_x, state.goal_y, left, share)
+    return Observation(state.own, seen, exists, state.goal_x, state.goal_y, left, share)
 
 
 def _tally(

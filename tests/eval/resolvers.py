@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.baselines.baselines import Sight
+from agents.baselines.baselines import Observation
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter
 from envs.observation import most_critical, observe
@@ -20,10 +20,12 @@ class OnObservations:
         self._decide = decide
         self.seen: list[np.ndarray] = []
 
-    def decide(self, sight: Sight, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        chosen = most_critical(sight.own, sight.intruders, sight.mask, PAPER, np)
+    def decide(self, observation: Observation, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        chosen = most_critical(observation.own, observation.intruders, observation.mask, PAPER, np)
         self.seen.append(
-            observe(sight.own, chosen, sight.goal_x, sight.goal_y, PAPER, np).astype(np.float32)
+            observe(
+                observation.own, chosen, observation.goal_x, observation.goal_y, PAPER, np
+            ).astype(np.float32)
         )
         return self._decide(self.seen[-1]).astype(float), memory
 

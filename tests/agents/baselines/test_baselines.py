@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from agents.baselines.acas_nnet import Network, NnetError, load_logic, read
 from agents.baselines.baselines import (
     BASELINES,
+    Observation,
     PotentialField,
-    Sight,
     course_to_goal,
     may_return,
     steer,
@@ -29,9 +29,9 @@ from tests.support import recorded_path
 NAMES = tuple(BASELINES)
 
 
-def make_sight(own, others, goal=(15_000.0, 0.0), left=300.0) -> Sight:
-    """Return the sight of one encounter from hand-made numbers (x, y, heading, speed)."""
-    return Sight(
+def make_observation(own, others, goal=(15_000.0, 0.0), left=300.0) -> Observation:
+    """Return the observation of one encounter from hand-made numbers (x, y, heading, speed)."""
+    return Observation(
         VehicleState(*(np.array([float(value)]) for value in own)),
         VehicleState(*(np.array([[float(other[i]) for other in others]]) for i in range(4))),
         np.ones((1, len(others)), bool),
@@ -45,34 +45,39 @@ def make_sight(own, others, goal=(15_000.0, 0.0), left=300.0) -> Sight:
 @pytest.mark.parametrize("field", ["own.x", "own.speed", "intruders.heading", "goal_y", "left"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_sight_that_is_not_finite_is_refused_by_name(name: str, field: str, value: float) -> None:
-    sight, (part, *rest) = make_sight((0, 0, 0, 75), [(9_000, 0, math.pi, 75)]), field.split(".")
-    old = getattr(sight, part)
+    observation, (part, *rest) = (
+        make_observation((0, 0, 0, 75), [(9_000, 0, math.pi, 75)]),
+        field.split("."),
+    )
+    old = getattr(observation, part)
     spoiled = old._replace(**{rest[0]: getattr(old, rest[0]) + value}) if rest else old + value
     with pytest.raises(ValueError, match=rf"^{field}.* is (nan|inf)"):
-        decide(name, sight._replace(**{part: spoiled, "goal_x": sight.goal_x}))
+        decide(name, observation._replace(**{part: spoiled, "goal_x": observation.goal_x}))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_an_absent_intruder_may_be_anything(name: str) -> None:
-    sight = make_sight((0, 0, 0, 75), [(9_000, 0, math.pi, 75)])._replace(
+    observation = make_observation((0, 0, 0, 75), [(9_000, 0, math.pi, 75)])._replace(
         mask=np.zeros((1, 1), bool)
     )
     with np.errstate(invalid="ignore"):
         nobody = decide(
             name,
-            sight._replace(intruders=VehicleState(*(np.full((1, 1), math.nan) for _ in range(4)))),
+            observation._replace(
+                intruders=VehicleState(*(np.full((1, 1), math.nan) for _ in range(4)))
+            ),
         )
-    np.testing.assert_array_equal(nobody, decide(name, sight))
+    np.testing.assert_array_equal(nobody, decide(name, observation))
 
 
-def decide(name: str, sight: Sight) -> np.ndarray:
+def decide(name: str, observation: Observation) -> np.ndarray:
     baseline = BASELINES[name](PAPER)
-    action, memory = baseline.decide(sight, np.zeros(len(sight.goal_x), np.int8))
-    assert memory.shape == sight.goal_x.shape
+    action, memory = baseline.decide(observation, np.zeros(len(observation.goal_x), np.int8))
+    assert memory.shape == observation.goal_x.shape
     return action
 
 
-def turn_sight(sight: Sight, angle: float) -> Sight:
+def turn_observation(observation: Observation, angle: float) -> Observation:
     sine, cosine = math.sin(angle), math.cos(angle)
 
     def state(s: VehicleState) -> VehicleState:
@@ -83,22 +88,27 @@ def turn_sight(sight: Sight, angle: float) -> Sight:
             s.speed,
         )
 
-    x, y = sight.goal_x * cosine - sight.goal_y * sine, sight.goal_x * sine + sight.goal_y * cosine
-    return sight._replace(
-        own=state(sight.own), intruders=state(sight.intruders), goal_x=x, goal_y=y
+    x, y = (
+        observation.goal_x * cosine - observation.goal_y * sine,
+        observation.goal_x * sine + observation.goal_y * cosine,
+    )
+    return observation._replace(
+        own=state(observation.own), intruders=state(observation.intruders), goal_x=x, goal_y=y
     )
 
 
-def mirror_sight(sight: Sight) -> Sight:
+def mirror_observation(observation: Observation) -> Observation:
     def state(s: VehicleState) -> VehicleState:
         return VehicleState(s.x, -s.y, wrap(-s.heading, np), s.speed)
 
-    return sight._replace(
-        own=state(sight.own), intruders=state(sight.intruders), goal_y=-sight.goal_y
+    return observation._replace(
+        own=state(observation.own),
+        intruders=state(observation.intruders),
+        goal_y=-observation.goal_y,
     )
 
 
-def random_sights(count: int, intruders: int) -> Sight:
+def random_observations(count: int, intruders: int) -> Observation:
     rng = np.random.default_rng(4)
 
     def states(shape) -> VehicleState:
@@ -111,12 +121,12 @@ def random_sights(count: int, intruders: int) -> Sight:
 
     goal = rng.uniform(-15_000, 15_000, (2, count))
     mask = rng.random((count, intruders)) < 0.7
-    return Sight(states(count), states((count, intruders)), mask, goal[0], goal[1], 200.0)
+    return Observation(states(count), states((count, intruders)), mask, goal[0], goal[1], 200.0)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_actions_are_finite_within_the_contract_and_held_speeds_held(name: str) -> None:
-    action = decide(name, random_sights(3_000, 3))
+    action = decide(name, random_observations(3_000, 3))
     assert action.shape == (3_000, 2)
     assert np.isfinite(action).all()
     assert np.abs(action).max() <= 1.0
@@ -125,49 +135,53 @@ def test_actions_are_finite_within_the_contract_and_held_speeds_held(name: str) 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_rotated_scene_gets_the_same_action(name: str) -> None:
-    sight = random_sights(2_000, 3)
-    np.testing.assert_allclose(decide(name, turn_sight(sight, 1.2)), decide(name, sight), atol=2e-5)
+    observation = random_observations(2_000, 3)
+    np.testing.assert_allclose(
+        decide(name, turn_observation(observation, 1.2)), decide(name, observation), atol=2e-5
+    )
 
 
 @pytest.mark.parametrize("name", ["none", "mvp", "mvp_speed"])
 def test_a_mirrored_scene_gets_the_mirrored_action(name: str) -> None:
     # The rules of the air are one-sided on purpose.
-    sight = random_sights(2_000, 1)
-    ours, theirs = decide(name, sight), decide(name, mirror_sight(sight))
+    observation = random_observations(2_000, 1)
+    ours, theirs = decide(name, observation), decide(name, mirror_observation(observation))
     # Neither side is nearer in a hit: there the choice is to the right.
-    own = VehicleState(*(field[:, None] for field in sight.own))
-    aside = straight_cpa(own, sight.intruders, np).distance[:, 0] > 10.1
+    own = VehicleState(*(field[:, None] for field in observation.own))
+    aside = straight_cpa(own, observation.intruders, np).distance[:, 0] > 10.1
     assert 0.95 < aside.mean() < 1.0
     np.testing.assert_allclose(theirs[aside], (ours * [1.0, -1.0])[aside], atol=2e-5)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_order_and_the_absence_of_intruders_do_not_matter(name: str) -> None:
-    sight = random_sights(1_000, 3)
+    observation = random_observations(1_000, 3)
     order = [2, 0, 1]
-    other = sight._replace(
-        intruders=VehicleState(*(field[:, order] for field in sight.intruders)),
-        mask=sight.mask[:, order],
+    other = observation._replace(
+        intruders=VehicleState(*(field[:, order] for field in observation.intruders)),
+        mask=observation.mask[:, order],
     )
-    np.testing.assert_allclose(decide(name, other), decide(name, sight), atol=1e-9)
-    moved = VehicleState(*(np.where(sight.mask, field, field[:, :1]) for field in sight.intruders))
+    np.testing.assert_allclose(decide(name, other), decide(name, observation), atol=1e-9)
+    moved = VehicleState(
+        *(np.where(observation.mask, field, field[:, :1]) for field in observation.intruders)
+    )
     np.testing.assert_allclose(
-        decide(name, sight._replace(intruders=moved)), decide(name, sight), atol=1e-9
+        decide(name, observation._replace(intruders=moved)), decide(name, observation), atol=1e-9
     )
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_row_does_not_depend_on_its_company(name: str) -> None:
-    sight = random_sights(50, 3)
-    together = decide(name, sight)
+    observation = random_observations(50, 3)
+    together = decide(name, observation)
     for i in range(0, 50, 7):
-        one = Sight(
-            VehicleState(*(field[i : i + 1] for field in sight.own)),
-            VehicleState(*(field[i : i + 1] for field in sight.intruders)),
-            sight.mask[i : i + 1],
-            sight.goal_x[i : i + 1],
-            sight.goal_y[i : i + 1],
-            sight.left,
+        one = Observation(
+            VehicleState(*(field[i : i + 1] for field in observation.own)),
+            VehicleState(*(field[i : i + 1] for field in observation.intruders)),
+            observation.mask[i : i + 1],
+            observation.goal_x[i : i + 1],
+            observation.goal_y[i : i + 1],
+            observation.left,
         )
         np.testing.assert_array_equal(decide(name, one)[0], together[i])
 
@@ -177,9 +191,9 @@ FAR = (90_000, 90_000, 0, 50)
 
 @pytest.mark.parametrize("name", NAMES)
 def test_without_conflict_everybody_goes_home(name: str) -> None:
-    assert decide(name, make_sight((0, 0, 0, 80), [FAR]))[0] == pytest.approx([0.0, 0.0])
-    assert decide(name, make_sight((0, 0, 0, 80), [FAR], (9_000, 9_000)))[0, 1] == 1.0
-    assert decide(name, make_sight((0, 0, 0, 80), [FAR], (9_000, -9_000)))[0, 1] == -1.0
+    assert decide(name, make_observation((0, 0, 0, 80), [FAR]))[0] == pytest.approx([0.0, 0.0])
+    assert decide(name, make_observation((0, 0, 0, 80), [FAR], (9_000, 9_000)))[0, 1] == 1.0
+    assert decide(name, make_observation((0, 0, 0, 80), [FAR], (9_000, -9_000)))[0, 1] == -1.0
 
 
 @pytest.mark.parametrize(
@@ -201,21 +215,21 @@ def test_without_conflict_everybody_goes_home(name: str) -> None:
     ],
 )
 def test_sides_by_hand(other, rules: float, mvp: float) -> None:
-    sight = make_sight((0, 0, 0, 80), [other])
-    assert np.sign(decide("rules", sight)[0, 1]) == rules
-    assert np.sign(decide("mvp", sight)[0, 1]) == mvp
+    observation = make_observation((0, 0, 0, 80), [other])
+    assert np.sign(decide("rules", observation)[0, 1]) == rules
+    assert np.sign(decide("mvp", observation)[0, 1]) == mvp
 
 
 def test_the_right_of_way_is_given_up_when_the_other_does_not_yield() -> None:
-    near = make_sight((0, 0, 0, 80), [(3_500, 3_400, -math.pi / 2, 80)])
+    near = make_observation((0, 0, 0, 80), [(3_500, 3_400, -math.pi / 2, 80)])
     assert decide("rules", near)[0, 1] == -1.0
 
 
 def test_mvp_passes_on_the_side_that_is_nearer_already() -> None:
     # The intruder passes ahead from right to left by 300 m: it is let pass, to its right.
-    ahead = make_sight((0, 0, 0, 80), [(6_000, -5_700, math.pi / 2, 80)])
+    ahead = make_observation((0, 0, 0, 80), [(6_000, -5_700, math.pi / 2, 80)])
     assert decide("mvp", ahead)[0, 1] < 0.0
-    behind = make_sight((0, 0, 0, 80), [(6_000, -6_700, math.pi / 2, 80)])
+    behind = make_observation((0, 0, 0, 80), [(6_000, -6_700, math.pi / 2, 80)])
     assert decide("mvp", behind)[0, 1] > 0.0
 
 
@@ -224,12 +238,12 @@ def test_mvp_s_new_velocity_touches_the_protected_zone() -> None:
     crossing from the left.
     """
     own, other = (0.0, 0.0, 0.0, 80.0), (7_000.0, 7_400.0, -math.pi / 2, 80.0)
-    sight = make_sight(own, [other])
+    observation = make_observation(own, [other])
     field = PotentialField(PAPER, speed=True)
     from agents.baselines.baselines import _conflicts
 
-    conflict = _conflicts(sight, sight.own.heading, 1_100.0, 300.0)
-    push_x, push_y = field._push(sight, conflict, 1_100.0)
+    conflict = _conflicts(observation, observation.own.heading, 1_100.0, 300.0)
+    push_x, push_y = field._push(observation, conflict, 1_100.0)
     vx, vy = 0.0 - (80.0 - push_x[0]), -80.0 + push_y[0]
     time = -(other[0] * vx + other[1] * vy) / (vx * vx + vy * vy)
     assert math.hypot(other[0] + vx * time, other[1] + vy * time) == pytest.approx(1_100.0, abs=1.0)
@@ -249,21 +263,21 @@ def test_steering_turns_the_short_way_and_stops_at_the_course(
 
 def test_a_goal_inside_the_turning_circle_is_flown_away_from_first() -> None:
     # At 100 m/s the circle has a radius of 1910 m; its middle is the worst place.
-    inside = make_sight((0, 0, 0, 100), [FAR], (0.0, 1_900.0))
+    inside = make_observation((0, 0, 0, 100), [FAR], (0.0, 1_900.0))
     assert course_to_goal(inside, PAPER)[0] == 0.0
-    outside = make_sight((0, 0, 0, 100), [FAR], (0.0, 4_500.0))
+    outside = make_observation((0, 0, 0, 100), [FAR], (0.0, 4_500.0))
     assert course_to_goal(outside, PAPER)[0] == pytest.approx(math.pi / 2)
 
 
 def test_the_way_back_is_free_past_the_closest_point_and_not_before() -> None:
-    before = make_sight((0, 0, 0, 80), [(6_000, 0, math.pi, 80)])
-    after = make_sight((0, 0, 0, 80), [(-2_000, 0, math.pi, 80)])
+    before = make_observation((0, 0, 0, 80), [(6_000, 0, math.pi, 80)])
+    after = make_observation((0, 0, 0, 80), [(-2_000, 0, math.pi, 80)])
     assert not may_return(before, PAPER, 1_000.0)[0]
     assert may_return(after, PAPER, 1_000.0)[0]
 
 
 def test_mvp_with_speed_hurries_when_it_is_late() -> None:
-    late = make_sight((0, 0, 0, 60), [FAR], (15_000, 0), left=180.0)
+    late = make_observation((0, 0, 0, 60), [FAR], (15_000, 0), left=180.0)
     assert decide("mvp_speed", late)[0, 0] == 1.0
     assert decide("mvp_speed", late._replace(left=290.0))[0, 0] == 0.0
 
@@ -417,8 +431,10 @@ def test_the_network_of_the_previous_advisory_is_asked(
     count = np.arange(5)
     own = VehicleState(*(np.zeros(5) for _ in range(3)), np.full(5, 60.0))
     other = VehicleState(*(np.full((5, 1), value) for value in (2_000.0, 0.0, math.pi, 60.0)))
-    sight = Sight(own, other, np.ones((5, 1), bool), np.full(5, 9_000.0), np.zeros(5), 300.0)
-    action, memory = logic.decide(sight, count.astype(np.int8))
+    observation = Observation(
+        own, other, np.ones((5, 1), bool), np.full(5, 9_000.0), np.zeros(5), 300.0
+    )
+    action, memory = logic.decide(observation, count.astype(np.int8))
     assert memory.tolist() == [1, 2, 3, 4, 0]
     # Weak left, weak right, strong left, strong right at 1.5 and 3 deg/s, then clear: straight on,
     # not home.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agents.baselines.baselines import Sight
+from agents.baselines.baselines import Observation
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
 from envs.areas import Area, Circle
@@ -13,7 +13,7 @@ from envs.scenarios import scenario
 from envs.trees import map_leaves
 from eval.config import MonteCarloConfig
 from eval.flights import chunks
-from eval.flights.areas_seen import add_to_sight, what_stands_in_each
+from eval.flights.areas_seen import add_to_observation, what_stands_in_each
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns, pick
 from eval.flights.recorded import fly_recorded
 from eval.flights.simulate import ByPolicy, fly
@@ -39,14 +39,14 @@ def still(count: int) -> Encounter:
     return pick(Evaluation(None, SOURCE, None, 3, PAPER), range(count))
 
 
-def mirrored(sight: Sight) -> Sight:
-    """Return a sight at the line y = 0."""
+def mirrored(observation: Observation) -> Observation:
+    """Return an observation at the line y = 0."""
 
     def turn(state: VehicleState) -> VehicleState:
         return state._replace(y=-state.y, heading=-state.heading)
 
-    return sight._replace(
-        own=turn(sight.own), intruders=turn(sight.intruders), goal_y=-sight.goal_y
+    return observation._replace(
+        own=turn(observation.own), intruders=turn(observation.intruders), goal_y=-observation.goal_y
     )
 
 
@@ -87,10 +87,10 @@ def test_a_flight_among_areas_does_not_depend_on_those_of_others() -> None:
 def test_a_disc_gives_the_actions_of_an_intruder_that_stands_there_with_its_separation() -> None:
     policy, starts = Policy.load(), still(3)
     own, others, nan = starts.own, starts.intruders, np.nan
-    alone = Sight(own, others, starts.mask, starts.goal_x, starts.goal_y, 300.0)
+    alone = Observation(own, others, starts.mask, starts.goal_x, starts.goal_y, 300.0)
     places = [(float(x) + 5_000.0, float(y)) for x, y in zip(own.x, own.y, strict=True)]
     areas = areas_of(*((Area(Circle(*place, 1_300.0), clearance=200.0),) for place in places))
-    seen = add_to_sight(alone, what_stands_in_each(areas, PAPER), 10.0, PAPER)
+    seen = add_to_observation(alone, what_stands_in_each(areas, PAPER), 10.0, PAPER)
     column = np.array(places)
     zero = np.zeros((3, 1))
     stands = VehicleState(column[:, :1], column[:, 1:], zero, zero)
@@ -105,14 +105,16 @@ def test_a_disc_gives_the_actions_of_an_intruder_that_stands_there_with_its_sepa
 
 def test_the_policy_among_areas_is_as_symmetric_as_without() -> None:
     resolver, starts = ByPolicy(Policy.load()), still(4)
-    sight = Sight(starts.own, starts.intruders, starts.mask, starts.goal_x, starts.goal_y, 300.0)
+    observation = Observation(
+        starts.own, starts.intruders, starts.mask, starts.goal_x, starts.goal_y, 300.0
+    )
     x, y = 0.5 * (starts.own.x + starts.goal_x), 0.5 * (starts.own.y + starts.goal_y)
     there = list(zip(x.tolist(), y.tolist(), strict=True))
     each = [(Area(Circle(*place, 1_500.0), velocity=(2.0, 3.0)),) for place in there]
     turned = [(Area(Circle(x, -y, 1_500.0), velocity=(2.0, -3.0)),) for x, y in there]
-    seen = add_to_sight(sight, what_stands_in_each(areas_of(*each), PAPER), 5.0, PAPER)
+    seen = add_to_observation(observation, what_stands_in_each(areas_of(*each), PAPER), 5.0, PAPER)
     other = what_stands_in_each(areas_of(*turned), PAPER)
-    seen_turned = add_to_sight(mirrored(sight), other, 5.0, PAPER)
+    seen_turned = add_to_observation(mirrored(observation), other, 5.0, PAPER)
     nothing = np.zeros(4)
     action, back = (resolver.decide(one, nothing)[0] for one in (seen, seen_turned))
     np.testing.assert_allclose(back, action * [1.0, -1.0], atol=1e-4)

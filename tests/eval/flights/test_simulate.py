@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.baselines.baselines import Baseline, Sight
+from agents.baselines.baselines import Baseline, Observation
 from agents.policy.inference import Policy
 from commands.command import InputError
 from envs import surrogate
@@ -180,10 +180,14 @@ def test_a_flight_does_not_depend_on_its_company(
 @pytest.mark.parametrize("name", ["circle", "multi"])
 def test_backends_decide_alike(name: str, shipped: Policy) -> None:
     start = begin(encounters_of_seed(scenario(name, PAPER), 5, 0, 300), np)
-    sight = Sight(start.own, start.intruders.vehicle, start.mask, start.goal_x, start.goal_y, 300.0)
+    observation = Observation(
+        start.own, start.intruders.vehicle, start.mask, start.goal_x, start.goal_y, 300.0
+    )
     memory = np.zeros(300, np.int8)
     resolver = shipped.for_aircraft(PAPER, outside="allow")  # multi has up to eight intruders
-    plain, compiled = (kind(resolver).decide(sight, memory)[0] for kind in (ByPolicy, Compiled))
+    plain, compiled = (
+        kind(resolver).decide(observation, memory)[0] for kind in (ByPolicy, Compiled)
+    )
     assert np.abs(plain).max() == 1.0
     np.testing.assert_allclose(compiled, plain, rtol=0.0, atol=1e-3)
 
