@@ -104,7 +104,7 @@ class Learner:
     def __init__(self, config: TrainConfig) -> None:
         settings = ppo_settings(config)
         hidden, feature_set = tuple(config.network.hidden), config.network.feature_set
-        parts = ppo.learner(Actor(hidden, feature_set), Critic(hidden, feature_set), settings)
+        parts = ppo.make_networks(Actor(hidden, feature_set), Critic(hidden, feature_set), settings)
         shape = config.environments, config.rollout
         start_key, *keys, self._key = jax.random.split(jax.random.key(config.seed), 5)
         blank = jnp.zeros((1, observation.SIZE))
@@ -113,7 +113,7 @@ class Learner:
         draw = jax.jit(partial(_draw_samples, parts, shape))
         self._samples = draw(self._state.actor, *keys)
         self._rate = jnp.float32(config.learning_rate)
-        update = partial(ppo.update, parts=parts, settings=settings)
+        update = partial(ppo.update, networks=parts, settings=settings)
         self._update = jax.jit(update, donate_argnums=0)
 
     def update(self) -> None:
@@ -123,7 +123,7 @@ class Learner:
 
 
 def _draw_samples(
-    parts: ppo.Learner,
+    parts: ppo.Networks,
     shape: tuple[int, int],
     actor: Any,
     seen_key: PRNGKeyArray,

@@ -92,7 +92,7 @@ class _Given(NamedTuple):
 
 def _prepare(config: TrainConfig, phase: int, state: task.TrainState) -> _Given:
     """Draw what an update needs and make its environment."""
-    inside = task.parts_of(config, phase=phase)
+    inside = task.context_of(config, phase=phase)
     drawn, _ = jax.jit(partial(task.draw_update, inside))(state.key)
     assert isinstance(inside.algorithm, ppo.Ppo)
     return _Given(
@@ -153,10 +153,10 @@ def _learning_parts(given: _Given) -> Iterator[Part]:
     samples, rate = config.samples, jnp.float32(config.learning_rate)
     roll_out = jax.jit(partial(_roll_out, algorithm, given.environment))
     _, rollout, _ = roll_out(learner, given.flying, given.noise, given.key)
-    estimate = partial(ppo.samples, parts=algorithm.parts, settings=algorithm.settings)
+    estimate = partial(ppo.samples, networks=algorithm.networks, settings=algorithm.settings)
     yield _compile_part("values, advantages", estimate, samples, learner, rollout)
     batch, _ = jax.jit(estimate)(learner, rollout)
-    learn = partial(ppo.update, parts=algorithm.parts, settings=algorithm.settings)
+    learn = partial(ppo.update, networks=algorithm.networks, settings=algorithm.settings)
     yield _compile_part("all epochs", learn, samples, learner, batch, given.key, rate)
     yield from _gradient_step_parts(given, batch)
 
@@ -171,10 +171,10 @@ def _gradient_step_parts(given: _Given, batch: ppo.Batch) -> Iterator[Part]:
     yield _compile_part("shuffle", _gather, steps, rows, order)
     minibatch = jax.jit(_gather)(rows, order)
     both = learner.actor, learner.critic
-    gradient = partial(ppo.gradient_of, parts=algorithm.parts, settings=algorithm.settings)
+    gradient = partial(ppo.gradient_of, networks=algorithm.networks, settings=algorithm.settings)
     yield _compile_part("gradients", gradient, steps, both, minibatch)
     direction = jax.tree.map(jnp.ones_like, both)
-    optimise = algorithm.parts.optimizer.update
+    optimise = algorithm.networks.optimizer.update
     yield _compile_part("optimiser", optimise, steps, direction, learner.optimizer)
 
 

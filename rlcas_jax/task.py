@@ -62,7 +62,7 @@ class CompiledTask(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Parts:
+class TrainingContext:
     """What the functions of a task are made of."""
 
     config: TrainConfig
@@ -105,28 +105,28 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
     """
     devices = Devices(None) if devices is None else devices
     _check_split(config, devices.count)
-    parts = parts_of(config, devices.axis, phase)
-    iterate = _split_over(devices, partial(_iterate, parts))
+    context = context_of(config, devices.axis, phase)
+    iterate = _split_over(devices, partial(_iterate, context))
     placed = _placement(devices)
     return CompiledTask(
-        initial=jax.jit(partial(_initial, parts), out_shardings=placed),
+        initial=jax.jit(partial(_initial, context), out_shardings=placed),
         update=jax.jit(
-            partial(_update, parts, iterate),
+            partial(_update, context, iterate),
             donate_argnums=0,
             out_shardings=None if placed is None else (placed, devices.whole()),
             compiler_options=compiler_options(),
         ),
-        evaluate=jax.jit(partial(_evaluate, parts), compiler_options=compiler_options()),
-        updates=parts.updates,
+        evaluate=jax.jit(partial(_evaluate, context), compiler_options=compiler_options()),
+        updates=context.updates,
         steps_per_update=config.samples,
-        rules=parts.world.rules,
+        rules=context.world.rules,
         placed=placed,
     )
 
 
-def parts_of(config: TrainConfig, axis: str | None = None, phase: int = 0) -> Parts:
+def context_of(config: TrainConfig, axis: str | None = None, phase: int = 0) -> TrainingContext:
     """Return what the task of a configuration is made of, on the devices of an axis."""
-    return Parts(
+    return TrainingContext(
         config=config,
         phase=phase,
         algorithm=algorithm_of(config, axis),
@@ -137,46 +137,50 @@ def parts_of(config: TrainConfig, axis: str | None = None, phase: int = 0) -> Pa
     )
 
 
-def _initial(parts: Parts) -> TrainState:
+def _initial(context: TrainingContext) -> TrainState:
     """Return the state at the start of a phase."""
-    config = parts.config
+    config = context.config
     key = jax.random.key(config.seed)
-    if parts.phase > 0:
-        key = jax.random.fold_in(key, parts.phase)
+    if context.phase > 0:
+        key = jax.random.fold_in(key, context.phase)
     learner_key, start_key, key = jax.random.split(key, 3)
-    environment = jax.tree.map(lambda a: a[0], draw(start_key, config, parts.scenarios, 1))
+    environment = jax.tree.map(lambda a: a[0], draw(start_key, config, context.scenarios, 1))
     first = jax.tree.map(lambda a: a[:1], environment)
-    blank = network_input(first, parts.world.aircraft, config.network)
-    learner = parts.algorithm.init(learner_key, blank)
+    blank = network_input(first, context.world.aircraft, config.network)
+    learner = context.algorithm.init(learner_key, blank)
     return TrainState(learner, environment, jax.random.key_data(key), jnp.zeros((), jnp.int32))
 
 
-def _update(parts: Parts, iterate: _Iteration, state: TrainState) -> tuple[TrainState, Figures]:
+def _update(
+    context: TrainingContext, iterate: _Iteration, state: TrainState
+) -> tuple[TrainState, Figures]:
     """Draw, fly and learn once."""
-    draws, key = draw_update(parts, state.key)
-    rate = _learning_rate(parts, state.update)
+    draws, key = draw_update(context, state.key)
+    rate = _learning_rate(context, state.update)
     (learner, flying), figures = iterate((state.learner, state.environment), draws, rate)
     figures |= {"learning_rate": rate, "finite": _finite(learner, figures)}
     return TrainState(learner, flying, jax.random.key_data(key), state.update + 1), figures
 
 
-def draw_update(parts: Parts, key_data: UInt32[Array, " W"]) -> tuple[Draws, PRNGKeyArray]:
+def draw_update(
+    context: TrainingContext, key_data: UInt32[Array, " W"]
+) -> tuple[Draws, PRNGKeyArray]:
     """Draw what an update needs; return it and the key of the next one."""
-    config = parts.config
+    config = context.config
     pool_key, rollout_key, shuffle_key, key = jax.random.split(
         jax.random.wrap_key_data(key_data), 4
     )
     noise_key, observe_key = jax.random.split(rollout_key)
-    pool = draw(pool_key, config, parts.scenarios, config.pool_rows)
+    pool = draw(pool_key, config, context.scenarios, config.pool_rows)
     noise = jax.random.normal(noise_key, (config.rollout, config.environments, 2))
-    flying = jax.tree.map(jnp.asarray, parts.ownships)
+    flying = jax.tree.map(jnp.asarray, context.ownships)
     return Draws(pool, noise, observe_key, shuffle_key, flying), key
 
 
-def _learning_rate(parts: Parts, update: Int32[Array, ""]) -> Float[Array, ""]:
+def _learning_rate(context: TrainingContext, update: Int32[Array, ""]) -> Float[Array, ""]:
     """Return the learning rate of an update: it changes linearly over the phase."""
-    first, final = parts.config.learning_rate, parts.config.learning_rate_final
-    done = update.astype(jnp.float32) / parts.updates
+    first, final = context.config.learning_rate, context.config.learning_rate_final
+    done = update.astype(jnp.float32) / context.updates
     return first + (final - first) * done
 
 
@@ -188,52 +192,52 @@ def _finite(learner: Any, figures: Figures) -> Bool[Array, ""]:
 
 
 def _iterate(
-    parts: Parts, state: _Flying, draws: Draws, rate: Float[Array, ""]
+    context: TrainingContext, state: _Flying, draws: Draws, rate: Float[Array, ""]
 ) -> tuple[_Flying, Figures]:
     """Roll out and learn; on several devices with the encounters of one of them."""
     learner, flying = state
-    environment = environment_of(parts, draws)
+    environment = environment_of(context, draws)
     key = draws.observe_key
-    if parts.axis is not None:
-        key = jax.random.fold_in(key, jax.lax.axis_index(parts.axis))
+    if context.axis is not None:
+        key = jax.random.fold_in(key, jax.lax.axis_index(context.axis))
     flying, rollout, statistics = collect(
-        parts.algorithm, learner, environment, flying, draws.noise, key
+        context.algorithm, learner, environment, flying, draws.noise, key
     )
-    learner, learned = parts.algorithm.update(learner, rollout, draws.shuffle_key, rate)
-    samples = parts.config.samples
+    learner, learned = context.algorithm.update(learner, rollout, draws.shuffle_key, rate)
+    samples = context.config.samples
     figures = {logged_name(name): value for name, value in learned.items()}
-    figures |= _episodes(statistics, samples, parts.axis)
-    figures |= _rewards(statistics, parts.config, samples, parts.axis)
+    figures |= _episodes(statistics, samples, context.axis)
+    figures |= _rewards(statistics, context.config, samples, context.axis)
     return (learner, flying), figures
 
 
-def environment_of(parts: Parts, draws: Draws) -> Environment:
+def environment_of(context: TrainingContext, draws: Draws) -> Environment:
     """Return the environment in which an update flies."""
-    world = _training_world(parts, draws.ownships)
-    return _training_environment(parts.config, world, draws.pool, parts.scenarios)
+    world = _training_world(context, draws.ownships)
+    return _training_environment(context.config, world, draws.pool, context.scenarios)
 
 
-def _training_world(parts: Parts, flying: Ownships) -> surrogate.World:
+def _training_world(context: TrainingContext, flying: Ownships) -> surrogate.World:
     """Return the world in which training flies: with less time, and the ownships of the
     environments.
     """
-    rules, aircraft = parts.world.rules, parts.world.aircraft
-    rules = rules._replace(t_max=parts.config.world.time_share * rules.t_max)
-    if parts.ownships.of_family.any():
+    rules, aircraft = context.world.rules, context.world.aircraft
+    rules = rules._replace(t_max=context.config.world.time_share * rules.t_max)
+    if context.ownships.of_family.any():
         aircraft = aircraft._replace(limits=flying.limits)
-    return parts.world._replace(rules=rules, aircraft=aircraft)
+    return context.world._replace(rules=rules, aircraft=aircraft)
 
 
-def _evaluate(parts: Parts, actor_variables: Variables, starts: Encounter) -> Outcome:
+def _evaluate(context: TrainingContext, actor_variables: Variables, starts: Encounter) -> Outcome:
     """Return how encounters ``[N]`` end by the actor's mean action."""
-    network, aircraft = parts.config.network, parts.world.aircraft
+    network, aircraft = context.config.network, context.world.aircraft
     actor = actor_of(network)
 
     def policy(state: surrogate.State) -> Float[Array, "N 2"]:
         applied: Any = actor.apply(actor_variables, network_input(state, aircraft, network))
         return applied[0]
 
-    return fly(policy, starts, parts.world)
+    return fly(policy, starts, context.world)
 
 
 def _split_over(devices: Devices, iterate: _Iteration) -> _Iteration:
@@ -347,10 +351,10 @@ def _training_environment(
         command = action[:, 0], action[:, 1]
         following, result = surrogate.step(state, command, world)
         moved = Transition(state, following, command, result, world.aircraft)
-        reward, parts = learning_reward(rewards, moved, discount, jnp, scale)
+        reward, context = learning_reward(rewards, moved, discount, jnp, scale)
         # Of the user's own terms alone: more results of a step change how the compiler rounds it,
         # and with it every training of the toolkit's own table.
-        own = {name: values for name, values in parts.items() if name not in TERMS}
+        own = {name: values for name, values in context.items() if name not in TERMS}
         statistics = _Statistics(result.reward, result.outcome, own)
         return following, RolloutStep(reward, following.ended, statistics)
 

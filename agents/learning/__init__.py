@@ -2,16 +2,23 @@
 
 from agents.learning.export import to_policy_file
 from agents.learning.networks import Actor, Critic
-from agents.learning.ppo import Learner, LearnerState, PpoSettings, initial_state, learner, update
+from agents.learning.ppo import (
+    LearnerState,
+    Networks,
+    PpoSettings,
+    initial_state,
+    make_networks,
+    update,
+)
 
 __all__ = [
     "Actor",
     "Critic",
-    "Learner",
     "LearnerState",
+    "Networks",
     "PpoSettings",
     "initial_state",
-    "learner",
+    "make_networks",
     "to_policy_file",
     "update",
 ]

@@ -48,7 +48,7 @@ class PpoSettings:
     normalize_advantage: bool = True
 
 
-class Learner(NamedTuple):
+class Networks(NamedTuple):
     """The networks and the optimiser: functions only."""
 
     actor: Actor
@@ -89,7 +89,7 @@ class Batch(NamedTuple):
     target: Float[Array, "..."]  # return that the critic is fitted to
 
 
-def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
+def make_networks(actor: Actor, critic: Critic, settings: PpoSettings) -> Networks:
     """Return networks with Adam and clipping; the learning rate is applied by :func:`update`.
 
     The gradient of each network is clipped by its own norm: a critic with large errors must not
@@ -99,7 +99,7 @@ def learner(actor: Actor, critic: Critic, settings: PpoSettings) -> Learner:
         _clip_apart(settings.max_grad_norm),
         optax.scale_by_adam(eps=settings.adam_epsilon),
     )
-    return Learner(actor, critic, optimizer)
+    return Networks(actor, critic, optimizer)
 
 
 def _clip_apart(norm: float) -> optax.GradientTransformation:
@@ -117,18 +117,18 @@ def _clip_apart(norm: float) -> optax.GradientTransformation:
 class Ppo(NamedTuple):
     """PPO as a training takes it (:class:`agents.learning.algorithm.Algorithm`)."""
 
-    parts: Learner
+    networks: Networks
     settings: PpoSettings
 
     def init(self, key: PRNGKeyArray, blank: NetworkInput) -> LearnerState:
         """Return fresh networks and a fresh optimiser."""
-        return initial_state(self.parts, key, blank)
+        return initial_state(self.networks, key, blank)
 
     def act(
         self, state: LearnerState, observation: NetworkInput, noise: Float[Array, "N 2"]
     ) -> tuple[Float[Array, "N 2"], Float[Array, "N 2"]]:
         """Return an action drawn from the policy, and the policy's mean."""
-        mean, log_std = self.parts.policy(state.actor, observation)
+        mean, log_std = self.networks.policy(state.actor, observation)
         return mean + jnp.exp(log_std) * noise, mean
 
     def update(
@@ -139,8 +139,8 @@ class Ppo(NamedTuple):
         learning_rate: Float[Array, ""],
     ) -> tuple[LearnerState, dict[str, Float[Array, ""]]]:
         """Estimate advantages and improve both networks by some epochs over the rollout."""
-        batch, figures = samples(state, rollout, self.parts, self.settings)
-        state, learned = update(state, batch, key, learning_rate, self.parts, self.settings)
+        batch, figures = samples(state, rollout, self.networks, self.settings)
+        state, learned = update(state, batch, key, learning_rate, self.networks, self.settings)
         std = jnp.exp(state.actor["params"]["log_std"])
         noise = {"std_acceleration": std[0], "std_yaw_rate": std[1]}
         return state, figures | learned | noise
@@ -148,21 +148,21 @@ class Ppo(NamedTuple):
 
 def ppo(setup: Setup, settings: PpoSettings) -> Ppo:
     """Return the algorithm for the networks of a training."""
-    parts = learner(setup.actor, setup.critic, settings)
-    return Ppo(parts._replace(axis=setup.axis), settings)
+    networks = make_networks(setup.actor, setup.critic, settings)
+    return Ppo(networks._replace(axis=setup.axis), settings)
 
 
-def initial_state(parts: Learner, key: PRNGKeyArray, blank: NetworkInput) -> LearnerState:
+def initial_state(networks: Networks, key: PRNGKeyArray, blank: NetworkInput) -> LearnerState:
     """Initialise parameters and optimiser from a key; ``blank`` has the shapes of what the networks
     take.
     """
     actor_key, critic_key = jax.random.split(key)
-    actor, critic = parts.actor.init(actor_key, blank), parts.critic.init(critic_key, blank)
-    return LearnerState(actor, critic, parts.optimizer.init((actor, critic)))
+    actor, critic = networks.actor.init(actor_key, blank), networks.critic.init(critic_key, blank)
+    return LearnerState(actor, critic, networks.optimizer.init((actor, critic)))
 
 
 def samples(
-    state: LearnerState, rollout: Rollout, parts: Learner, settings: PpoSettings
+    state: LearnerState, rollout: Rollout, networks: Networks, settings: PpoSettings
 ) -> tuple[Batch, dict[str, Float[Array, ""]]]:
     """Return the samples of a rollout, leading axes ``[N, T]``, and how well the critic predicts
     them.
@@ -170,8 +170,8 @@ def samples(
     mean, log_std = rollout.kept, state.actor["params"]["log_std"]
     action = mean + jnp.exp(log_std) * rollout.noise
     log_prob = gaussian_log_prob(action, mean, log_std)
-    value_t = _values(state.critic, rollout.observation, parts)
-    last = parts.value(state.critic, rollout.last)
+    value_t = _values(state.critic, rollout.observation, networks)
+    last = networks.value(state.critic, rollout.last)
     value_tp1 = jnp.concatenate([value_t[1:], last[None]])
     terminated = rollout.terminated.astype(value_t.dtype)
     estimate = advantages(
@@ -180,10 +180,12 @@ def samples(
     target = estimate + value_t
     batch = Batch(rollout.observation, action, log_prob, estimate, target)
     batch = jax.tree.map(lambda a: jnp.swapaxes(a, 0, 1), batch)
-    return batch, {"explained_variance": explained_variance(value_t, target, parts.axis)}
+    return batch, {"explained_variance": explained_variance(value_t, target, networks.axis)}
 
 
-def _values(critic: Variables, observation: NetworkInput, parts: Learner) -> Float[Array, "T N"]:
+def _values(
+    critic: Variables, observation: NetworkInput, networks: Networks
+) -> Float[Array, "T N"]:
     """Return the values of a rollout's observations ``[T, N]``: by wide products instead of
     a narrow one per step.
     """
@@ -191,8 +193,8 @@ def _values(critic: Variables, observation: NetworkInput, parts: Learner) -> Flo
     rows = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), observation)
     tiles = in_tiles(rows, math.prod(shape))
     if tiles is None:
-        return parts.value(critic, rows).reshape(shape)
-    return jax.lax.map(partial(parts.value, critic), tiles).reshape(shape)
+        return networks.value(critic, rows).reshape(shape)
+    return jax.lax.map(partial(networks.value, critic), tiles).reshape(shape)
 
 
 def gaussian_log_prob(
@@ -254,15 +256,15 @@ def normalize(advantage: Float[Array, "B M"], axis: str | None = None) -> Float[
 def losses(
     parameters: tuple[Variables, Variables],
     batch: Batch,
-    parts: Learner,
+    networks: Networks,
     settings: PpoSettings,
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
     """Return the scalar loss of a minibatch and its parts, means over this device's samples;
     advantages as given.
     """
     actor_variables, critic_variables = parameters
-    mean, log_std = parts.policy(actor_variables, batch.observation)
-    value = parts.value(critic_variables, batch.observation)
+    mean, log_std = networks.policy(actor_variables, batch.observation)
+    value = networks.value(critic_variables, batch.observation)
 
     log_prob = gaussian_log_prob(batch.action, mean, log_std)
     log_ratio = log_prob - batch.log_prob
@@ -291,12 +293,12 @@ def losses(
 
 
 def gradient_of(
-    parameters: tuple[Variables, Variables], batch: Batch, parts: Learner, settings: PpoSettings
+    parameters: tuple[Variables, Variables], batch: Batch, networks: Networks, settings: PpoSettings
 ) -> tuple[Any, dict[str, Float[Array, ""]]]:
     """Return the gradient of :func:`losses` of a minibatch ``[M, ...]``, and the losses' parts: the
     means of those of its tiles (:func:`in_tiles`).
     """
-    gradient = jax.grad(partial(losses, parts=parts, settings=settings), has_aux=True)
+    gradient = jax.grad(partial(losses, networks=networks, settings=settings), has_aux=True)
     tiles = in_tiles(batch, len(batch.log_prob))
     if tiles is None:
         return gradient(parameters, batch)
@@ -326,7 +328,7 @@ def update(
     rollout: Batch,
     key: PRNGKeyArray,
     learning_rate: Float[Array, ""],
-    parts: Learner,
+    networks: Networks,
     settings: PpoSettings,
 ) -> tuple[LearnerState, dict[str, Float[Array, ""]]]:
     """Improve the networks by some epochs over a rollout.
@@ -340,55 +342,55 @@ def update(
     encounters, steps = rollout.log_prob.shape
     segments = encounters * steps // settings.segment
     rows = jax.tree.map(lambda a: a.reshape(segments, settings.segment, *a.shape[2:]), rollout)
-    if parts.axis is not None:
-        key = jax.random.fold_in(key, jax.lax.axis_index(parts.axis))
-    improve = partial(_epoch, _Lesson(rows, learning_rate, parts, settings))
+    if networks.axis is not None:
+        key = jax.random.fold_in(key, jax.lax.axis_index(networks.axis))
+    improve = partial(_epoch, _UpdateContext(rows, learning_rate, networks, settings))
     state, logged = jax.lax.scan(improve, state, jax.random.split(key, settings.epochs))
     return state, {name: jnp.mean(values[-1]) for name, values in logged.items()}
 
 
-class _Lesson(NamedTuple):
+class _UpdateContext(NamedTuple):
     """What the epochs of an update learn from, and how."""
 
     rows: Batch  # segments of time, [S, segment, ...]
     learning_rate: Float[Array, ""]
-    parts: Learner
+    networks: Networks
     settings: PpoSettings
 
 
 def _epoch(
-    lesson: _Lesson, state: LearnerState, key: PRNGKeyArray
+    context: _UpdateContext, state: LearnerState, key: PRNGKeyArray
 ) -> tuple[LearnerState, dict[str, Float[Array, " minibatches"]]]:
     """Improve the networks by every minibatch once, of segments in random order; return the new
     state and the parts of the loss of each.
     """
-    rows, settings = lesson.rows, lesson.settings
+    rows, settings = context.rows, context.settings
     segments, minibatches = len(rows.log_prob), settings.minibatches
     order = jax.random.permutation(key, segments).reshape(minibatches, segments // minibatches)
     advantage = rows.advantage[order].reshape(minibatches, -1)
     if settings.normalize_advantage:
-        advantage = normalize(advantage, lesson.parts.axis)
-    return jax.lax.scan(partial(_gradient_step, lesson), state, (order, advantage))
+        advantage = normalize(advantage, context.networks.axis)
+    return jax.lax.scan(partial(_gradient_step, context), state, (order, advantage))
 
 
 def _gradient_step(
-    lesson: _Lesson,
+    context: _UpdateContext,
     state: LearnerState,
     minibatch: tuple[Int[Array, " segments"], Float[Array, " samples"]],
 ) -> tuple[LearnerState, dict[str, Float[Array, ""]]]:
     """Improve the networks by a minibatch: numbers of segments, and the advantages of their
     samples.
     """
-    (chosen, advantage), parts = minibatch, lesson.parts
-    batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), lesson.rows)._replace(
+    (chosen, advantage), networks = minibatch, context.networks
+    batch = jax.tree.map(lambda a: a[chosen].reshape(-1, *a.shape[2:]), context.rows)._replace(
         advantage=advantage
     )
-    networks = (state.actor, state.critic)
-    gradient, parts_of_loss = gradient_of(networks, batch, parts, lesson.settings)
-    if parts.axis is not None:
-        gradient, parts_of_loss = mean_of_devices((gradient, parts_of_loss), parts.axis)
-    direction, optimizer = parts.optimizer.update(gradient, state.optimizer)
-    actor, critic = jax.tree.map(lambda p, d: p - lesson.learning_rate * d, networks, direction)
+    variables = (state.actor, state.critic)
+    gradient, parts_of_loss = gradient_of(variables, batch, networks, context.settings)
+    if networks.axis is not None:
+        gradient, parts_of_loss = mean_of_devices((gradient, parts_of_loss), networks.axis)
+    direction, optimizer = networks.optimizer.update(gradient, state.optimizer)
+    actor, critic = jax.tree.map(lambda p, d: p - context.learning_rate * d, variables, direction)
     parts_of_loss["grad_norm"] = optax.tree.norm(gradient)
     return LearnerState(actor, critic, optimizer), parts_of_loss
 

@@ -18,7 +18,7 @@ from scipy import stats
 
 from agents.learning import ppo
 from agents.learning.networks import Actor, Critic, greatest_products
-from agents.learning.ppo import Batch, Learner, LearnerState, PpoSettings
+from agents.learning.ppo import Batch, LearnerState, Networks, PpoSettings
 from tests.probes import Probe, train_on_probe
 
 compiled_advantages = jax.jit(ppo.advantages)
@@ -109,7 +109,7 @@ class SumOfObservation:
         return observation.sum(axis=-1) * variables["gain"]
 
 
-BY_HAND: Any = Learner(MeanOfObservation(), SumOfObservation(), optax.identity())
+BY_HAND: Any = Networks(MeanOfObservation(), SumOfObservation(), optax.identity())
 UNIT = ({"gain": jnp.float32(1.0), "log_std": jnp.zeros(2)}, {"gain": jnp.float32(2.0)})
 
 
@@ -227,8 +227,8 @@ ENCOUNTERS, STEPS = 6, 8
 
 
 @pytest.fixture(scope="module")
-def small() -> tuple[Learner, LearnerState, Batch]:
-    parts = ppo.learner(Actor((8,), "none"), Critic((8,), "none"), SETTINGS)
+def small() -> tuple[Networks, LearnerState, Batch]:
+    parts = ppo.make_networks(Actor((8,), "none"), Critic((8,), "none"), SETTINGS)
     state = ppo.initial_state(parts, jax.random.key(0), jnp.zeros((1, 3)))
     generator = np.random.default_rng(2)
     shape = (ENCOUNTERS, STEPS)
@@ -285,7 +285,7 @@ def test_each_networks_gradient_is_clipped_to_its_own_norm(small) -> None:
     once = PpoSettings(
         epochs=1, minibatches=1, segment=2, max_grad_norm=0.5 * SETTINGS.max_grad_norm
     )
-    parts = ppo.learner(parts.actor, parts.critic, once)
+    parts = ppo.make_networks(parts.actor, parts.critic, once)
     after, logged = update(state, rollout, jax.random.key(1), 0.0, parts, once)
     samples = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), rollout)
     samples = samples._replace(advantage=ppo.normalize(samples.advantage[None])[0])
@@ -307,7 +307,7 @@ def test_each_networks_gradient_is_clipped_to_its_own_norm(small) -> None:
 def test_a_gradient_within_the_norm_is_left_alone(small) -> None:
     _, state, rollout = small
     wide = PpoSettings(epochs=1, minibatches=1, segment=2, max_grad_norm=1e6)
-    parts = ppo.learner(Actor((8,), "none"), Critic((8,), "none"), wide)
+    parts = ppo.make_networks(Actor((8,), "none"), Critic((8,), "none"), wide)
     after, logged = update(state, rollout, jax.random.key(1), 0.0, parts, wide)
     assert float(optax.tree.norm(adams_first_moment(after))) / 0.1 == pytest.approx(
         float(logged["grad_norm"]), rel=1e-3
@@ -348,7 +348,7 @@ def recorder(total: int, size: int) -> optax.GradientTransformation:
 def test_every_epoch_uses_every_sample_once(segment: int) -> None:
     total = ENCOUNTERS * STEPS
     settings = PpoSettings(epochs=5, minibatches=6, segment=segment, normalize_advantage=False)
-    parts: Any = Learner(Fixed(), Table(), recorder(total, total // 6))
+    parts: Any = Networks(Fixed(), Table(), recorder(total, total // 6))
     variables = {"mean": jnp.zeros(2)}, {"table": jnp.zeros(total)}
     state = LearnerState(*variables, parts.optimizer.init(variables))
     index = np.arange(total, dtype=np.float32).reshape(ENCOUNTERS, STEPS)
@@ -367,7 +367,9 @@ def test_initial_networks_are_those_of_the_recipe() -> None:
     """Orthogonal hidden layers of gain sqrt(2), a head of 0.01 for the policy and 1 for the value,
     zero biases.
     """
-    parts = ppo.learner(Actor((16, 16), "none", -0.7), Critic((16, 16), "none"), PpoSettings())
+    parts = ppo.make_networks(
+        Actor((16, 16), "none", -0.7), Critic((16, 16), "none"), PpoSettings()
+    )
     state = ppo.initial_state(parts, jax.random.key(4), jnp.zeros((1, 8)))
     actor, critic = state.actor["params"], state.critic["params"]
     np.testing.assert_allclose(actor["log_std"], -0.7)
@@ -391,7 +393,7 @@ def test_explained_variance() -> None:
 # The probe environments.
 
 PROBE_SETTINGS = PpoSettings(epochs=4, minibatches=4, segment=4)
-PARTS = ppo.learner(Actor((16,), "none"), Critic((16,), "none"), PROBE_SETTINGS)
+PARTS = ppo.make_networks(Actor((16,), "none"), Critic((16,), "none"), PROBE_SETTINGS)
 
 
 def with_discount(discount: Any) -> ppo.Ppo:
@@ -458,7 +460,7 @@ def test_a_gradient_in_tiles_is_that_of_the_whole_minibatch(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     settings = PpoSettings(action_bound_coef=0.3, entropy=0.01)
-    parts = ppo.learner(Actor((8,), "none"), Critic((8,), "none"), settings)
+    parts = ppo.make_networks(Actor((8,), "none"), Critic((8,), "none"), settings)
     state = ppo.initial_state(parts, jax.random.key(0), jnp.zeros((1, 8)))
     draws = np.random.default_rng(3).normal(size=(13, 24)).astype(np.float32)
     batch = Batch(
