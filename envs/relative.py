@@ -26,10 +26,12 @@ def chord(x0: Array, y0: Array, x1: Array, y1: Array, xp: ArrayModule = np) -> A
 
 
 @scalar
-def at_share(own: VehicleState[F], other: VehicleState[F], share: Array) -> VehicleState[F]:
-    """Return an intruder at a share of its distance, on the same bearing; all ``[...]``."""
-    x = own.x + share * (other.x - own.x)
-    y = own.y + share * (other.y - own.y)
+def at_distance_scale(
+    own: VehicleState[F], other: VehicleState[F], distance_scale: Array
+) -> VehicleState[F]:
+    """Return an intruder at a part of its distance, on the same bearing; all ``[...]``."""
+    x = own.x + distance_scale * (other.x - own.x)
+    y = own.y + distance_scale * (other.y - own.y)
     return VehicleState(x, y, other.heading, other.speed)
 
 

@@ -20,7 +20,7 @@ from envs.observation import SetObservation, Vehicles, beside
 from envs.outcome import Outcome, Rules
 from envs.perception import Coverage, Sensor, carry_back, perceive, report
 from envs.reaction import Reaction, answer
-from envs.relative import at_share, distance, leg_separation
+from envs.relative import at_distance_scale, distance, leg_separation
 
 Intruders: TypeAlias = Any
 """An `IntruderState` of arrays ``[..., K]``, or a tuple of K of floats."""
@@ -182,8 +182,8 @@ def evaluate(
         intruders,
     )
     if state.separation is not None:
-        share = _shares(state.separation, usual, xp)
-        separations = _each(lambda apart, times: apart * times, xp, separations, share)
+        distance_scale = _distance_scales(state.separation, usual, xp)
+        separations = _each(lambda apart, times: apart * times, xp, separations, distance_scale)
     separation = smallest(separations, state.mask, xp)
     goal_distance = distance(state.goal_x - own.x, state.goal_y - own.y, xp)
     steps = state.steps + 1.0
@@ -222,17 +222,17 @@ def perceive_intruders(state: State, noise: Array | None, dt: Array, xp: ArrayMo
     )
 
 
-def shares(state: State | Encounter, aircraft: Aircraft, xp: ArrayModule) -> Array | None:
-    """Return at which share of its distance each intruder of encounters, in progress or at their
+def distance_scales(state: State | Encounter, aircraft: Aircraft, xp: ArrayModule) -> Array | None:
+    """Return at which part of its distance each intruder of encounters, in progress or at their
     start, counts, ``[..., K]``: the aircraft's separation divided by the intruder's own; None where
     they have none of their own.
     """
     if state.separation is None:
         return None
-    return _shares(state.separation, aircraft.separation, xp)
+    return _distance_scales(state.separation, aircraft.separation, xp)
 
 
-def _shares(separation: Array, usual: Array, xp: ArrayModule) -> Array:
+def _distance_scales(separation: Array, usual: Array, xp: ArrayModule) -> Array:
     return _each(lambda own: usual / own, xp, separation)
 
 
@@ -249,14 +249,14 @@ def known_intruders(state: State, aircraft: Aircraft, xp: ArrayModule) -> Array:
 def _in_own_separations(
     state: State, noise: Array | None, aircraft: Aircraft, xp: ArrayModule
 ) -> Vehicles:
-    """Return the intruders of :func:`perceive_intruders`, ``[..., K]``, each at that share of its
+    """Return the intruders of :func:`perceive_intruders`, ``[..., K]``, each at that part of its
     distance at which it counts, on the same bearing.
     """
     perceived = perceive_intruders(state, noise, aircraft.dt, xp)
-    share = shares(state, aircraft, xp)
-    if share is None:
+    distance_scale = distance_scales(state, aircraft, xp)
+    if distance_scale is None:
         return perceived
-    return _each(partial(at_share, beside(state.own)), xp, perceived, share)
+    return _each(partial(at_distance_scale, beside(state.own)), xp, perceived, distance_scale)
 
 
 def observe(

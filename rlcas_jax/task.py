@@ -22,7 +22,7 @@ from envs.aircraft import Aircraft
 from envs.encounters import Encounter, Scenario
 from envs.outcome import Outcome, Rules
 from envs.rewards import TERMS, Transition, learning_reward
-from envs.world import known_intruders, perceive_intruders, shares
+from envs.world import distance_scales, known_intruders, perceive_intruders
 from rlcas_jax.algorithm import actor_of, algorithm_of
 from rlcas_jax.collect import Environment, RolloutStep, collect
 from rlcas_jax.config import PPO, NetworkConfig, TrainConfig
@@ -304,7 +304,9 @@ def network_input(
     inputs = network.input_table()
     mask = known_intruders(state, aircraft, jnp)
     scenes = scene(state.own, intruders, mask, *where, jnp)
-    return set_inputs(scenes._replace(share=shares(state, aircraft, jnp)), jnp, inputs)
+    return set_inputs(
+        scenes._replace(distance_scale=distance_scales(state, aircraft, jnp)), jnp, inputs
+    )
 
 
 def fly(

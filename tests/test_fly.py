@@ -83,7 +83,7 @@ def test_it_decides_as_the_policy_on_a_thousand_scenes(opened: Any) -> None:
             scenes.append([name, own, np.column_stack([others, kept]).tolist(), *goal.tolist()])
             seen = VehicleState(*own), VehicleState(*others.T), np.ones(count, bool), *goal
             for pilot, commands_of in zip(pilots, (expected, rounded), strict=True):
-                commands_of.append(pilot.command(*seen, share=length / kept))
+                commands_of.append(pilot.command(*seen, distance_scale=length / kept))
     decided = np.array(
         opened.evaluate(
             f"""(scenes) => {{ {STATE} return scenes.map(([name, own, others, x, y]) =>
@@ -359,10 +359,14 @@ def test_polygons_are_judged_as_the_planner_judges_them(opened: Any) -> None:
     limits = aircraft_of(opened)["paper"]
     unit = limits.separation / limits.limits.speed_max
     turn = (np.arange(200) % 3 - 1.0) * limits.limits.yaw_rate_max * unit
-    share = np.linspace(0.0, 1.0, 2_001)
-    angle = 0.5 * turn[:, None] * share
-    x = begin[:, :1] + speed * share * np.sinc(angle / np.pi) * np.cos(heading[:, None] + angle)
-    y = begin[:, 1:] + speed * share * np.sinc(angle / np.pi) * np.sin(heading[:, None] + angle)
+    distance_scale = np.linspace(0.0, 1.0, 2_001)
+    angle = 0.5 * turn[:, None] * distance_scale
+    x = begin[:, :1] + speed * distance_scale * np.sinc(angle / np.pi) * np.cos(
+        heading[:, None] + angle
+    )
+    y = begin[:, 1:] + speed * distance_scale * np.sinc(angle / np.pi) * np.sin(
+        heading[:, None] + angle
+    )
     away = signed_distance(area, x, y)
     entered = 0
     for one, row in zip(found, away, strict=True):
@@ -371,7 +375,7 @@ def test_polygons_are_judged_as_the_planner_judges_them(opened: Any) -> None:
         assert (one is not None) == bool(row.min() < 0.0)
         if one is not None:
             entered += 1
-            assert one == pytest.approx(share[np.argmax(row < 0.0)], abs=0.1)
+            assert one == pytest.approx(distance_scale[np.argmax(row < 0.0)], abs=0.1)
     assert 40 < entered < 160
 
 

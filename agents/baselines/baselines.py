@@ -18,7 +18,7 @@ from envs.aircraft import Aircraft
 from envs.angles import wrap
 from envs.frames import Air
 from envs.kinematics import VehicleState, velocity
-from envs.relative import at_share
+from envs.relative import at_distance_scale
 from envs.trees import column
 
 _GAIN = 0.5  # of the error of the heading that is turned in a time step
@@ -39,7 +39,8 @@ class Observation(NamedTuple):
     goal_x: np.ndarray
     goal_y: np.ndarray
     left: float  # time that is left to reach the goal, s
-    share: Any = None  # aircraft's separation over that of each intruder, [M, K]; None: 1 of all
+    # aircraft's separation over that of each intruder, [M, K]; None: 1 of all
+    distance_scale: Any = None
 
 
 class Baseline(Protocol):
@@ -74,10 +75,12 @@ def check_observation(observation: Observation) -> Observation:
         for where in np.argwhere(~np.isfinite(values)):
             value, place = np.asarray(values)[tuple(where)], where.tolist() or ""
             raise ValueError(f"{name}{place} is {value}, expected a finite number")
-    if observation.share is None:
+    if observation.distance_scale is None:
         return observation
     return observation._replace(
-        intruders=at_share(column(observation.own), observation.intruders, observation.share)
+        intruders=at_distance_scale(
+            column(observation.own), observation.intruders, observation.distance_scale
+        )
     )
 
 

@@ -241,8 +241,12 @@ def _known_actions(
         ("separations of their own", 30.0, policy.most + 4, True),
     ):
         states = random_states(policy.aircraft, random, _DRAWN, count, size)
-        share = random.uniform(0.3, 3.3, states.mask.shape) if own_separations else None
-        yield kind, inputs_of_states(states, policy.aircraft, share), policy.command(*states, share)
+        distance_scale = random.uniform(0.3, 3.3, states.mask.shape) if own_separations else None
+        yield (
+            kind,
+            inputs_of_states(states, policy.aircraft, distance_scale),
+            policy.command(*states, distance_scale),
+        )
 
 
 class States(NamedTuple):
@@ -283,15 +287,21 @@ def random_states(
 
 
 def inputs_of_states(
-    states: States, aircraft: Aircraft, share: np.ndarray | None = None
+    states: States, aircraft: Aircraft, distance_scale: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
     """Return the inputs of a model of schema 2 or 3 by name, float32, for states of an aircraft;
-    shares as :meth:`Policy.command` takes them.
+    distance scales as :meth:`Policy.command` takes them.
     """
     around = surroundings(*states, aircraft.limits, aircraft.separation, np)
     own = [around.own_speed, around.goal_x, around.goal_y]
     own += [np.full_like(around.own_speed, ratio) for ratio in around.ratios]
-    traffic = [around.x, around.y, around.vx, around.vy, *([] if share is None else [share])]
+    traffic = [
+        around.x,
+        around.y,
+        around.vx,
+        around.vy,
+        *([] if distance_scale is None else [distance_scale]),
+    ]
     named = {"own": np.stack(own, -1), "traffic": np.stack(traffic, -1), "mask": states.mask}
     return {name: values.astype(np.float32) for name, values in named.items()}
 
@@ -334,13 +344,15 @@ def _decision(
         return jnp.clip(mean[0], -1.0, 1.0) + nothing[:, None]
 
     def of_scene(own: jax.Array, traffic: jax.Array, mask: jax.Array) -> jax.Array:
-        # The share is the fifth of the traffic's numbers, 1 where there are four.
+        # The distance scale is the fifth of the traffic's numbers, 1 where there are four.
         numbers = jnp.concatenate([traffic, jnp.ones_like(mask)[..., None]], axis=-1)
-        x, y, vx, vy, share = (jnp.moveaxis(numbers, -1, 0)[number] for number in range(5))
+        x, y, vx, vy, distance_scale = (jnp.moveaxis(numbers, -1, 0)[number] for number in range(5))
         rows = jnp.stack([x, y, vx, vy, mask], axis=-1)
-        scene = unpack(own, rows)._replace(share=share)
+        scene = unpack(own, rows)._replace(distance_scale=distance_scale)
         # 0, but NaN where a number is not finite: comparisons inside would make a number of it.
-        nothing = 0.0 * (jnp.sum(own, axis=-1) + jnp.sum(rows, axis=(-2, -1)) + jnp.sum(share, -1))
+        nothing = 0.0 * (
+            jnp.sum(own, axis=-1) + jnp.sum(rows, axis=(-2, -1)) + jnp.sum(distance_scale, -1)
+        )
         scene = _most_urgent(scene, content.metadata["architecture"]["intruders"])
         return clip(set_inputs(as_seen(scene, jnp), jnp, table), nothing)
 
@@ -357,7 +369,7 @@ def _most_urgent(scene: Scene, most: int) -> Scene:
     """Return a scene ``[N, K]`` whose mask leaves the ``most`` most urgent intruders, as
     :meth:`Policy.most_critical` chooses them.
     """
-    place = scene.share * scene.x, scene.share * scene.y
+    place = scene.distance_scale * scene.x, scene.distance_scale * scene.y
     motion = RelativeMotion(*place, scene.vx - scene.own_speed[:, None], scene.vy)
     rank = rank_motion(motion, 1.0, 1.0, jnp)  # lengths in separations, speeds in the greatest
     rank = jnp.where(scene.mask, rank, jnp.inf)

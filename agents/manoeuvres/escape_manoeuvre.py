@@ -54,7 +54,8 @@ class Counting(NamedTuple):
     """How intruders count; fields ``[..., K]``."""
 
     mask: Array  # which of them exist, bool
-    share: Array  # of the distance to each: the rules' separation over its own; None: 1 of all
+    # of the distance to each: the rules' separation over its own; None: 1 of all
+    distance_scale: Array
 
 
 def steps(rules: Rules) -> int:
@@ -161,7 +162,7 @@ def fly_step(
     before, after = traffic
     moved = fly(flight, manoeuvre, time, goal, before, counting, rules, limits)
     apart = leg_separation(column(flight.own), column(moved.own), before, after, rules.dt, np)
-    apart = apart if counting.share is None else apart * counting.share
+    apart = apart if counting.distance_scale is None else apart * counting.distance_scale
     separation = np.min(np.where(counting.mask, apart, np.inf), axis=-1)
     to_goal = distance(goal[0] - moved.own.x, goal[1] - moved.own.y, np)
     return EscapeStep(moved, separation, to_goal)
@@ -230,7 +231,7 @@ def _way_back_clear(
     turning = np.abs(to_goal) / limits.yaw_rate_max
     traffic_vx, traffic_vy = velocity(traffic, np)
     required = (rules.separation + slack)[:, None]
-    required = required if counting.share is None else required / counting.share
+    required = required if counting.distance_scale is None else required / counting.distance_scale
 
     half_x, half_y = arc_end(own, 0.5 * to_goal, own.speed * 0.5 * turning)
     seconds = 0.5 * turning[:, None]

@@ -86,7 +86,7 @@ class _Intruders(NamedTuple):
     y: Array
     vx: Array
     vy: Array
-    weight: Array | None = None  # square of the share; None: 1 of all
+    weight: Array | None = None  # square of the distance scale; None: 1 of all
 
 
 def paths(scene: Scene, xp: ArrayModule) -> Paths:
@@ -134,7 +134,7 @@ def min_separation(scene: Scene, xp: ArrayModule) -> Array:
     ...]``, in D, or in the separation of an intruder that has one of its own.
     """
     path = paths(scene, xp)
-    weight = None if scene.share is None else scene.share * scene.share
+    weight = None if scene.distance_scale is None else scene.distance_scale * scene.distance_scale
     intruders = _Intruders(scene.x, scene.y, scene.vx, scene.vy, weight)
     if xp is np:
         # One intruder after the other stays in cache.
@@ -245,20 +245,20 @@ class MinSeparationOfOne:
         there -= back * over
         there *= there
         square = there[0] + there[1]
-        if scene.share is not None:
-            square *= np.square(scene.share)[:, None, None]
+        if scene.distance_scale is not None:
+            square *= np.square(scene.distance_scale)[:, None, None]
         return np.sqrt(np.minimum.reduce(square, axis=(0, 2), initial=1e6))
 
 
 @scalar
 def min_separations_of_one(
-    scene: Scene, share: np.ndarray, fixed: np.ndarray, acceleration: np.ndarray
+    scene: Scene, distance_scale: np.ndarray, fixed: np.ndarray, acceleration: np.ndarray
 ) -> np.ndarray:
     """Return what :class:`MinSeparationOfOne` does, in loops to be compiled.
 
     Args:
         seen: scene of plain floats, the intruders' fields arrays.
-        share: of each intruder, ``[K]``.
+        distance_scale: of each intruder, ``[K]``.
         fixed: chords of the manoeuvres of an aircraft, and
         acceleration: theirs; attributes of that class.
     """
@@ -300,7 +300,7 @@ def min_separations_of_one(
             own_y += step_y[i]
             x[i], y[i], begin, before, nearest[i] = own_x, own_y, end, after, 1e6
     for k in range(len(scene.x)):
-        vx, vy, weight = scene.vx[k], scene.vy[k], share[k] * share[k]
+        vx, vy, weight = scene.vx[k], scene.vy[k], distance_scale[k] * distance_scale[k]
         for i in range(COUNT * _PIECES):
             there_x, there_y = scene.x[k] + vx * time[i] - x[i], scene.y[k] + vy * time[i] - y[i]
             over_x, over_y = vx * span[i] - step_x[i], vy * span[i] - step_y[i]

@@ -85,7 +85,7 @@ def example(dtype: DTypeLike = np.float32) -> Decider:
 def decide(
     own: VehicleState[Air],
     intruders: VehicleState[Air],
-    share: np.ndarray,
+    distance_scale: np.ndarray,
     goal_x: float,
     goal_y: float,
     decider: Decider,
@@ -95,12 +95,12 @@ def decide(
     Args:
         own: state, floats in SI units.
         intruders: states of those that are looked at, arrays ``[K]``.
-        share: of each, ``[K]``; 1: it has the aircraft's separation.
+        distance_scale: of each, ``[K]``; 1: it has the aircraft's separation.
         goal_x: m.
         goal_y: m.
         decider: the policy.
     """
-    mine, traffic, sign = inputs_of(own, intruders, share, goal_x, goal_y, decider)
+    mine, traffic, sign = inputs_of(own, intruders, distance_scale, goal_x, goal_y, decider)
     encoder, trunk = decider.encoder, decider.trunk
     inputs = np.empty(trunk.sizes[0], trunk.values.dtype)
     inputs[: mine.size] = mine
@@ -117,7 +117,7 @@ def decide(
 def inputs_of(
     own: VehicleState[Air],
     intruders: VehicleState[Air],
-    share: np.ndarray,
+    distance_scale: np.ndarray,
     goal_x: float,
     goal_y: float,
     decider: Decider,
@@ -128,8 +128,8 @@ def inputs_of(
     unmirrored = scene_of_one(
         own, intruders, goal_x, goal_y, decider.limits, decider.separation, FLOATS
     )
-    scene, sign = mirror_one(unmirrored, share, FLOATS)
-    separation = min_separations_of_one(scene, share, decider.fixed, decider.acceleration)
+    scene, sign = mirror_one(unmirrored, distance_scale, FLOATS)
+    separation = min_separations_of_one(scene, distance_scale, decider.fixed, decider.acceleration)
     margin, best = _margins(separation, turns_of_one(scene))
     flight = own_part(scene, 0.0, FLOATS)
     mine = np.empty(len(flight) + len(best) + COUNT)
@@ -143,7 +143,7 @@ def inputs_of(
             scene.y[k],
             scene.vx[k],
             scene.vy[k],
-            share[k],
+            distance_scale[k],
             scene.own_speed,
             course,
             FLOATS,

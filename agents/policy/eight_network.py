@@ -18,7 +18,7 @@ from envs.backend import FLOATS
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.observation import criticality, most_critical, observe
-from envs.relative import at_share
+from envs.relative import at_distance_scale
 from envs.trees import column
 
 _BEHIND = 20.0  # separations
@@ -73,11 +73,13 @@ class EightNetwork:
         mask: np.ndarray,
         goal_x: np.ndarray,
         goal_y: np.ndarray,
-        share: np.ndarray | None = None,
+        distance_scale: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``, shares ``[N, K]``."""
-        if share is not None:
-            intruders = at_share(column(own), intruders, share)
+        """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``, distance scales
+        ``[N, K]``.
+        """
+        if distance_scale is not None:
+            intruders = at_distance_scale(column(own), intruders, distance_scale)
         if not mask.any(axis=-1).all():
             intruders, mask = _never_alone(own, intruders, mask, self._scales)
         critical = most_critical(own, intruders, mask, self._scales, np)
@@ -91,13 +93,16 @@ class EightNetwork:
         intruders: Sequence[VehicleState[Air]],
         goal_x: float,
         goal_y: float,
-        share: Sequence[float] | None = None,
+        distance_scale: Sequence[float] | None = None,
     ) -> tuple[float, float]:
         """Return the action of one aircraft: features in double precision, then products with a
         vector.
         """
-        if share is not None:
-            intruders = [at_share(own, *pair) for pair in zip(intruders, share, strict=True)]
+        if distance_scale is not None:
+            intruders = [
+                at_distance_scale(own, *pair)
+                for pair in zip(intruders, distance_scale, strict=True)
+            ]
         if len(intruders) == 1:
             other = intruders[0]
         elif intruders:

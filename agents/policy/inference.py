@@ -24,7 +24,7 @@ from envs.backend import FLOATS
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.observation import NAMES, SIZE, beside, urgent
-from envs.relative import at_share
+from envs.relative import at_distance_scale
 from envs.trees import map_leaves
 
 PARITY_TOLERANCE = 2e-5
@@ -161,16 +161,16 @@ class Policy:
         own: VehicleState[Air],
         intruders: VehicleState[Air],
         mask: ArrayLike,
-        share: ArrayLike | None = None,
+        distance_scale: ArrayLike | None = None,
     ) -> np.ndarray:
         """Return the numbers of the intruders that the policy looks at, ``[..., min(most, K)]``: as
         many as in training, the most urgent first (:func:`envs.observation.urgent`).
 
-        ``own`` has fields ``[...]``, the intruders ``[..., K]``; ``mask`` says which exist, shares
-        as :meth:`command` takes them.
+        ``own`` has fields ``[...]``, the intruders ``[..., K]``; ``mask`` says which exist,
+        the distance scales are as :meth:`command` takes them.
         """
-        if share is not None:
-            intruders = at_share(beside(own), intruders, share)
+        if distance_scale is not None:
+            intruders = at_distance_scale(beside(own), intruders, distance_scale)
         return urgent(own, intruders, np.asarray(mask, bool), self.most, self.aircraft, np)
 
     def departures(
@@ -179,16 +179,18 @@ class Policy:
         intruders: Sequence[VehicleState[Air]],
         goal_x: float,
         goal_y: float,
-        share: Sequence[float] | None = None,
+        distance_scale: Sequence[float] | None = None,
     ) -> list[Departure]:
         """Return how aircraft and scene are unlike all that the policy was trained with; of more
         intruders than it looks at, by those.
         """
         if not isinstance(self._resolver, SetNetwork):
             return [*self._unlike]
-        intruders, share = self._most_critical(own, intruders, share)
+        intruders, distance_scale = self._most_critical(own, intruders, distance_scale)
         box = novelty.box_of(self.sha256, self.inputs)
-        mine, traffic, _ = self._resolver.inputs_of_one(own, intruders, goal_x, goal_y, share)
+        mine, traffic, _ = self._resolver.inputs_of_one(
+            own, intruders, goal_x, goal_y, distance_scale
+        )
         return [*self._unlike, *novelty.departures(box, self.inputs, mine, traffic)]
 
     @classmethod
@@ -236,7 +238,7 @@ class Policy:
         mask: ArrayLike,
         goal_x: Array,
         goal_y: Array,
-        share: ArrayLike | None = None,
+        distance_scale: ArrayLike | None = None,
     ) -> np.ndarray:
         """Return the actions ``[..., 2]``, float64; the bits of a row do not depend on the
         batch.
@@ -246,8 +248,8 @@ class Policy:
             intruders: fields ``[..., K]``; of absent ones anything finite.
             mask: which of them exist, bool ``[..., K]``.
             goal_x, goal_y: m, ``[...]``.
-            share: the aircraft's separation over that of each intruder, ``[..., K]``; None: they
-                have the aircraft's.
+            distance_scale: the aircraft's separation over that of each intruder, ``[..., K]``;
+                None: they have the aircraft's.
 
         Raises:
             ValueError: a shape is wrong, or a number is not finite; ``OutsideDomainError``: there
@@ -261,19 +263,26 @@ class Policy:
         own = _states("own", own, shape)
         goal_x, goal_y = _shape("goal_x", goal_x, shape), _shape("goal_y", goal_y, shape)
         others = _states("intruders", intruders, exist.shape)
-        shares = None if share is None else _shape("share", share, exist.shape)
+        distance_scales = (
+            None
+            if distance_scale is None
+            else _shape("distance_scale", distance_scale, exist.shape)
+        )
         if exist.shape[-1] > self.most:
             self.check_intruders(int(np.max(np.count_nonzero(exist, axis=-1), initial=0)))
-            order = self.most_critical(own, others, exist, shares)
-            others, exist, shares = map_leaves(
-                lambda field: np.take_along_axis(field, order, axis=-1), (others, exist, shares)
+            order = self.most_critical(own, others, exist, distance_scales)
+            others, exist, distance_scales = map_leaves(
+                lambda field: np.take_along_axis(field, order, axis=-1),
+                (others, exist, distance_scales),
             )
         wide = own.x.size, exist.shape[-1]
         flat_own, to_x, to_y = map_leaves(lambda field: field.reshape(-1), (own, goal_x, goal_y))
-        flat_others, exist, shares = map_leaves(
-            lambda field: field.reshape(wide), (others, exist, shares)
+        flat_others, exist, distance_scales = map_leaves(
+            lambda field: field.reshape(wide), (others, exist, distance_scales)
         )
-        actions = self._resolver.of_states(flat_own, flat_others, exist, to_x, to_y, shares)
+        actions = self._resolver.of_states(
+            flat_own, flat_others, exist, to_x, to_y, distance_scales
+        )
         return _clip(actions).astype(float).reshape(*shape, 2)
 
     def command_one(
@@ -282,7 +291,7 @@ class Policy:
         intruders: Sequence[VehicleState[Air]],
         goal_x: float,
         goal_y: float,
-        share: Sequence[float] | None = None,
+        distance_scale: Sequence[float] | None = None,
     ) -> tuple[float, float]:
         """Return the action of one aircraft in plain floats, SI: the fast path of a step-by-step
         rollout.
@@ -293,8 +302,8 @@ class Policy:
         """
         if len(intruders) > self.most:
             self.check_intruders(len(intruders))
-            intruders, share = self._most_critical(own, intruders, share)
-        throttle, steering = self._resolver.of_one(own, intruders, goal_x, goal_y, share)
+            intruders, distance_scale = self._most_critical(own, intruders, distance_scale)
+        throttle, steering = self._resolver.of_one(own, intruders, goal_x, goal_y, distance_scale)
         if not (isfinite(throttle) and isfinite(steering)):
             raise ValueError(NOT_FINITE)
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)
@@ -303,18 +312,20 @@ class Policy:
         self,
         own: VehicleState[Air],
         intruders: Sequence[VehicleState[Air]],
-        share: Sequence[float] | None = None,
+        distance_scale: Sequence[float] | None = None,
     ) -> tuple[Sequence[VehicleState[Air]], Sequence[float] | None]:
-        """Return the most critical of intruders in plain floats, and their shares."""
+        """Return the most critical of intruders in plain floats, and their distance
+        scales.
+        """
         if len(intruders) <= self.most:
-            return intruders, share
+            return intruders, distance_scale
         every: VehicleState[Air] = VehicleState(
             *(np.array(field) for field in zip(*intruders, strict=True))
         )
         state: VehicleState[Air] = VehicleState(*map(np.asarray, own))
         exist = np.ones(len(intruders), bool)
-        order = list[int](self.most_critical(state, every, exist, share))
-        chosen = None if share is None else [share[number] for number in order]
+        order = list[int](self.most_critical(state, every, exist, distance_scale))
+        chosen = None if distance_scale is None else [distance_scale[number] for number in order]
         return [intruders[number] for number in order], chosen
 
     def _check(self, array: np.ndarray) -> np.ndarray:

@@ -64,13 +64,13 @@ def inputs_of(
     mask: np.ndarray,
     goal: tuple[np.ndarray, np.ndarray],
     aircraft: Aircraft,
-    share: np.ndarray | None = None,
+    distance_scale: np.ndarray | None = None,
 ) -> SetInputs:
     """Return the network's inputs for states ``[N]`` and ``[N, K]`` with K >= 1, present ones bool
-    ``[N, K]``; shares of separations of the intruders' own, ``[N, K]``.
+    ``[N, K]``; distance scales of the intruders, ``[N, K]``.
     """
     scenes = scene(own, intruders, mask, *goal, aircraft.limits, aircraft.separation, np)
-    return set_inputs(scenes._replace(share=share), np)
+    return set_inputs(scenes._replace(distance_scale=distance_scale), np)
 
 
 def excess(box: Box, inputs: SetInputs) -> tuple[np.ndarray, np.ndarray]:

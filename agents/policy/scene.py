@@ -5,8 +5,8 @@ Lengths are in required separations D, speeds in the ownship's greatest speed, t
 quotient (:mod:`envs.aircraft`); x points ahead and y to the left. Beyond 20 D only the direction
 counts.
 
-From an intruder with a separation of its own the distance counts in that: its *share* is D over
-its own separation. Places and velocities stay as they are; the inputs take the share.
+From an intruder with a separation of its own the distance counts in that: its *distance scale* is D
+over its own separation. Places and velocities stay as they are; the inputs take the scale.
 """
 
 from collections.abc import Mapping
@@ -41,7 +41,8 @@ class Scene(NamedTuple):
     vy: Array
     mask: Array  # bool
     ratios: Ratios  # of the ownship; floats or [...]
-    share: Array | None = None  # D over the separation of each intruder, [..., K]; None: 1 of all
+    # D over the separation of each intruder, [..., K]; None: 1 of all
+    distance_scale: Array | None = None
 
 
 def scene(
@@ -246,7 +247,7 @@ def mirror(scene: Scene, xp: ArrayModule) -> tuple[Scene, Array]:
         scene.y,
         scene.vx,
         scene.vy,
-        1.0 if scene.share is None else scene.share,
+        1.0 if scene.distance_scale is None else scene.distance_scale,
         scene.own_speed[..., None],
         (scene.goal_x[..., None], scene.goal_y[..., None]),
         xp,
@@ -258,14 +259,21 @@ def mirror(scene: Scene, xp: ArrayModule) -> tuple[Scene, Array]:
 
 
 @scalar
-def mirror_one(scene: Scene, share: Array, xp: ArrayModule) -> tuple[Scene, float]:
-    """Return :func:`mirror` of a scene of plain floats, whose lists or arrays it overwrites; shares
-    ``[K]``.
+def mirror_one(scene: Scene, distance_scale: Array, xp: ArrayModule) -> tuple[Scene, float]:
+    """Return :func:`mirror` of a scene of plain floats, whose lists or arrays it overwrites;
+    distance scales ``[K]``.
     """
     goal, total = (scene.goal_x, scene.goal_y), 0.0
     for k in range(len(scene.x)):
         total += _towards(
-            scene.x[k], scene.y[k], scene.vx[k], scene.vy[k], share[k], scene.own_speed, goal, xp
+            scene.x[k],
+            scene.y[k],
+            scene.vx[k],
+            scene.vy[k],
+            distance_scale[k],
+            scene.own_speed,
+            goal,
+            xp,
         )
     sign = xp.copysign(1.0, total + 1e-20 * scene.goal_y)
     for k in range(len(scene.x)):
@@ -281,7 +289,7 @@ def mirror_one(scene: Scene, share: Array, xp: ArrayModule) -> tuple[Scene, floa
         scene.vy,
         scene.mask,
         scene.ratios,
-        scene.share,
+        scene.distance_scale,
     )
     return mirrored, sign
 
@@ -297,7 +305,7 @@ def _towards(
     y: Array,
     vx: Array,
     vy: Array,
-    share: Array,
+    distance_scale: Array,
     pace: Array,
     goal: tuple[Array, Array],
     xp: ArrayModule,
@@ -309,7 +317,10 @@ def _towards(
     relative_x, relative_y = vx - pace, vy
     square = relative_x * relative_x + relative_y * relative_y + 0.0025
     time = xp.clip(-(x * relative_x + y * relative_y) / square, 0.0, 30.0)
-    closest_x, closest_y = share * (x + relative_x * time), share * (y + relative_y * time)
+    closest_x, closest_y = (
+        distance_scale * (x + relative_x * time),
+        distance_scale * (y + relative_y * time),
+    )
     weight = 1.0 / (
         (1.0 + 0.1 * time * time) * (1.0 + closest_x * closest_x + closest_y * closest_y)
     )

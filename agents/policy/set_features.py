@@ -114,8 +114,8 @@ def set_inputs(scene: Scene, xp: ArrayModule, inputs: InputTable | None = None) 
     a table the toolkit's own, all within about [-3, 3].
     """
     inputs = TABLE if inputs is None else inputs
-    if scene.share is not None:  # of absent intruders it must not count
-        scene = scene._replace(share=xp.where(scene.mask, scene.share, 1.0))
+    if scene.distance_scale is not None:  # of absent intruders it must not count
+        scene = scene._replace(distance_scale=xp.where(scene.mask, scene.distance_scale, 1.0))
     scene, sign = mirror(scene, xp)
     return SetInputs(
         _side_by_side(inputs.ownship, scene, xp),
@@ -150,7 +150,7 @@ def _intruder(scene: Scene, xp: ArrayModule) -> Array:
         scene.y,
         scene.vx,
         scene.vy,
-        scene.share,
+        scene.distance_scale,
         scene.own_speed[..., None],
         (cosine[..., None], sine[..., None]),
         xp,
@@ -213,10 +213,10 @@ BUILT_IN = (
 
 
 def set_inputs_of_one(
-    scene: Scene, share: Sequence[float], separation: np.ndarray, inputs: InputTable
+    scene: Scene, distance_scale: Sequence[float], separation: np.ndarray, inputs: InputTable
 ) -> tuple[list[float], list[list[float]]]:
     """Return the inputs for one mirrored scene of plain floats: for the ownship, and a list for
-    each intruder present, whose shares are ``[K]``.
+    each intruder present, whose distance scales are ``[K]``.
 
     ``separation`` is what :func:`agents.policy.candidate_manoeuvres.min_separation` gives of the
     scene, ``[22]``. The user's own inputs are computed on arrays of one scene.
@@ -225,7 +225,7 @@ def set_inputs_of_one(
     best = _best(margin, candidate_manoeuvres.turns_of_one(scene), np)
     own = [*own_part(scene, 0.0, FLOATS), *map(float, best), *margin.tolist()]
     course = course_to_goal(scene, FLOATS)
-    intruders = zip(scene.x, scene.y, scene.vx, scene.vy, share, strict=True)
+    intruders = zip(scene.x, scene.y, scene.vx, scene.vy, distance_scale, strict=True)
     traffic = [list(intruder_part(*state, scene.own_speed, course, FLOATS)) for state in intruders]
     if inputs is not TABLE:
         batch = batch_of_one(scene)
@@ -247,7 +247,9 @@ def batch_of_one(scene: Scene) -> Scene:
     """
     scene = scene._replace(mask=[True] * len(scene.x))
     if not scene.x:
-        scene = scene._replace(x=[NOWHERE], y=[0.0], vx=[0.0], vy=[0.0], mask=[False], share=None)
+        scene = scene._replace(
+            x=[NOWHERE], y=[0.0], vx=[0.0], vy=[0.0], mask=[False], distance_scale=None
+        )
     return Scene(
         own_speed=np.array([scene.own_speed]),
         goal_x=np.array([scene.goal_x]),
@@ -258,7 +260,7 @@ def batch_of_one(scene: Scene) -> Scene:
         vy=np.array([scene.vy]),
         mask=np.array([scene.mask]),
         ratios=scene.ratios,
-        share=None if scene.share is None else np.array([scene.share]),
+        distance_scale=None if scene.distance_scale is None else np.array([scene.distance_scale]),
     )
 
 
@@ -302,7 +304,7 @@ def intruder_part(
     y: Array,
     vx: Array,
     vy: Array,
-    share: Array,
+    distance_scale: Array,
     pace: Array,
     course: tuple[Array, Array],
     xp: ArrayModule,
@@ -314,7 +316,11 @@ def intruder_part(
     """
     away = distance(x, y, xp) + 1e-6
     relative, (cosine, sine) = vx - pace, course
-    counted, units = (away, _UNITS) if share is None else (away * share, _in_shares(share))
+    counted, units = (
+        (away, _UNITS)
+        if distance_scale is None
+        else (away * distance_scale, _scaled_units(distance_scale))
+    )
     flown = (
         x / away,
         y / away,
@@ -331,11 +337,13 @@ def intruder_part(
 
 
 @scalar
-def _in_shares(share: Array) -> PassingUnits:
+def _scaled_units(distance_scale: Array) -> PassingUnits:
     """Return the units of :func:`passing` for an intruder with a separation of its own."""
     # Not by _replace, which takes three times as long: it is asked at every step of a flight.
     slow, horizon, per_time, per_length, per_far, floor = _UNITS
-    return PassingUnits(slow, horizon, per_time, per_length * share, per_far * share, floor)
+    return PassingUnits(
+        slow, horizon, per_time, per_length * distance_scale, per_far * distance_scale, floor
+    )
 
 
 @scalar
@@ -353,10 +361,14 @@ def _best(margin: Array, steering: Array, xp: ArrayModule) -> tuple[Array, Array
     """
     most = margin.max(axis=-1)
     behind = (most[..., None] - margin) * (1.0 / ALIKE)
-    share = 1.0 / (1.0 + behind * behind)
-    whole = share.sum(axis=-1)
+    weight = 1.0 / (1.0 + behind * behind)
+    whole = weight.sum(axis=-1)
     throttles = xp.asarray(candidate_manoeuvres.THROTTLES.astype(most.dtype, copy=False))
-    return most, (share * throttles).sum(axis=-1) / whole, (share * steering).sum(axis=-1) / whole
+    return (
+        most,
+        (weight * throttles).sum(axis=-1) / whole,
+        (weight * steering).sum(axis=-1) / whole,
+    )
 
 
 @scalar

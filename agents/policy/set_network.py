@@ -87,15 +87,17 @@ class SetNetwork:
         mask: np.ndarray,
         goal_x: np.ndarray,
         goal_y: np.ndarray,
-        share: np.ndarray | None = None,
+        distance_scale: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``, shares ``[N, K]``."""
+        """Return the actions ``[N, 2]`` for states ``[N]`` and ``[N, K]``, distance scales
+        ``[N, K]``.
+        """
         if mask.shape[-1] == 0:
             intruders = VehicleState(*(np.zeros((len(mask), 1)) for _ in intruders))
-            mask, share = np.zeros((len(mask), 1), bool), None
+            mask, distance_scale = np.zeros((len(mask), 1), bool), None
         limits, separation = self._aircraft.limits, self._aircraft.separation
         scenes = scene(own, intruders, mask, goal_x, goal_y, limits, separation, np)
-        return self._of_scenes(scenes._replace(share=share))
+        return self._of_scenes(scenes._replace(distance_scale=distance_scale))
 
     def of_one(
         self,
@@ -103,10 +105,10 @@ class SetNetwork:
         intruders: Sequence[VehicleState[Air]],
         goal_x: float,
         goal_y: float,
-        share: Sequence[float] | None = None,
+        distance_scale: Sequence[float] | None = None,
     ) -> tuple[float, float]:
         """Return the action of one aircraft in plain floats."""
-        mine, traffic, sign = self.inputs_of_one(own, intruders, goal_x, goal_y, share)
+        mine, traffic, sign = self.inputs_of_one(own, intruders, goal_x, goal_y, distance_scale)
         x = np.empty(len(self._trunk[0][0]), self._dtype)
         x[: self._own_size] = mine
         if traffic:
@@ -127,22 +129,24 @@ class SetNetwork:
         intruders: Sequence[VehicleState[Air]],
         goal_x: float,
         goal_y: float,
-        share: Sequence[float] | None = None,
+        distance_scale: Sequence[float] | None = None,
     ) -> tuple[list[float], list[list[float]], float]:
         """Return the inputs of one aircraft, those of each intruder, and how the scene is mirrored,
         1 or -1.
         """
         if self.decider is not None and INPUTS_OF.ready:
-            scene = _in_arrays(own, intruders, goal_x, goal_y, share)
+            scene = _in_arrays(own, intruders, goal_x, goal_y, distance_scale)
             mine, traffic, sign = INPUTS_OF(*scene, self.decider)
             return mine.tolist(), traffic.tolist(), sign
         limits, separation = self._aircraft.limits, self._aircraft.separation
-        shares = [1.0] * len(intruders) if share is None else share
+        distance_scales = [1.0] * len(intruders) if distance_scale is None else distance_scale
         fields: VehicleState[Air] = VehicleState(*_transposed(intruders))
         unmirrored = scene_of_one(own, fields, goal_x, goal_y, limits, separation, FLOATS)
-        mirrored, sign = mirror_one(unmirrored._replace(share=share), shares, FLOATS)
+        mirrored, sign = mirror_one(
+            unmirrored._replace(distance_scale=distance_scale), distance_scales, FLOATS
+        )
         separations = self._min_separation(mirrored)
-        return *set_inputs_of_one(mirrored, shares, separations, self._inputs), sign
+        return *set_inputs_of_one(mirrored, distance_scales, separations, self._inputs), sign
 
     def _of_scenes(self, scenes: Scene) -> np.ndarray:
         """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders."""
@@ -169,13 +173,15 @@ def _in_arrays(
     intruders: Sequence[VehicleState[Air]],
     goal_x: float,
     goal_y: float,
-    share: Sequence[float] | None,
+    distance_scale: Sequence[float] | None,
 ) -> tuple[VehicleState[Air], VehicleState[Air], np.ndarray, float, float]:
     """Return a scene as compiled code takes it."""
     states = np.array(intruders, dtype=float).reshape(-1, len(VehicleState._fields))
     fields: VehicleState[Air] = VehicleState(*np.ascontiguousarray(states.T))
-    shares = np.ones(len(intruders)) if share is None else np.array(share, dtype=float)
-    return VehicleState(*map(float, own)), fields, shares, float(goal_x), float(goal_y)
+    distance_scales = (
+        np.ones(len(intruders)) if distance_scale is None else np.array(distance_scale, dtype=float)
+    )
+    return VehicleState(*map(float, own)), fields, distance_scales, float(goal_x), float(goal_y)
 
 
 def _transposed(states: Sequence[VehicleState[Air]]) -> Sequence[Sequence[float]]:

@@ -138,14 +138,15 @@ class _Moment(NamedTuple):
     seen: VehicleState[Air]  # [N, K]
     mask: np.ndarray  # which intruders exist, bool [N, K]
     goal: tuple[np.ndarray, np.ndarray]  # m
-    share: np.ndarray | None = None  # D over the intruders' own separations, [N, K]; None: 1
+    # D over the intruders' own separations, [N, K]; None: 1
+    distance_scale: np.ndarray | None = None
 
 
 def _inputs(rows: np.ndarray, moment: _Moment, aircraft: Aircraft) -> SetInputs:
     """Return the network's inputs of some flights of all."""
-    own, seen, mask, goal, share = take(moment, rows)
+    own, seen, mask, goal, distance_scale = take(moment, rows)
     there: VehicleState[Air] = VehicleState(*(np.where(mask, field, 0.0) for field in seen))
-    return novelty.inputs_of(own, there, mask, goal, aircraft, share)
+    return novelty.inputs_of(own, there, mask, goal, aircraft, distance_scale)
 
 
 def _steps(flights: Flights) -> Iterator[tuple[VehicleState[Air], VehicleState[Air]]]:
@@ -379,13 +380,15 @@ def _moments(
     others: VehicleState[Air] = VehicleState(
         *(np.where(first.mask, field, np.nan) for field in first.intruders)
     )
-    share = aircraft.separation / first.separation
-    yield _Moment(first.own, others, np.isfinite(others.x), (first.goal_x, first.goal_y), share)
+    distance_scale = aircraft.separation / first.separation
+    yield _Moment(
+        first.own, others, np.isfinite(others.x), (first.goal_x, first.goal_y), distance_scale
+    )
     some = reduce(join, (take(one, slice(0, _FLOWN)) for one in starts))
     flights = fly_reported(some, policy, aircraft, seed)
     for own, seen in list(_steps(flights))[::_NOVEL_EVERY]:
-        share = aircraft.separation / some.separation
-        yield _Moment(own, seen, np.isfinite(seen.x), flights.goal, share)
+        distance_scale = aircraft.separation / some.separation
+        yield _Moment(own, seen, np.isfinite(seen.x), flights.goal, distance_scale)
 
 
 def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:

@@ -45,10 +45,14 @@ def add_to_observation(
     their ways, ``[M, S]``, some seconds after the start.
     """
     seen = as_intruders(what, time, aircraft.separation)
-    share = np.ones(observation.mask.shape) if observation.share is None else observation.share
+    distance_scale = (
+        np.ones(observation.mask.shape)
+        if observation.distance_scale is None
+        else observation.distance_scale
+    )
     both = zip(observation.intruders, seen.state, strict=True)
     return observation._replace(
         intruders=VehicleState(*(np.concatenate(fields, axis=-1) for fields in both)),
         mask=np.concatenate([observation.mask, seen.there], axis=-1),
-        share=np.concatenate([share, seen.share], axis=-1),
+        distance_scale=np.concatenate([distance_scale, seen.distance_scale], axis=-1),
     )

@@ -26,7 +26,7 @@ class _Rows(NamedTuple):
     """Scenes as the compiled function takes them, float32."""
 
     packed: np.ndarray  # of agents.policy.scene, [M, width]
-    share: np.ndarray | None  # of each intruder, as of the scene, [M, K]
+    distance_scale: np.ndarray | None  # of each intruder, as of the scene, [M, K]
 
 
 class Compiled:
@@ -43,10 +43,12 @@ class Compiled:
 
         local_devices(jax)
 
-        def decide_rows(known: Any, rows: Array, share: Array | None) -> Array:
+        def decide_rows(known: Any, rows: Array, distance_scale: Array | None) -> Array:
             encoder, trunk, numbers = known
             # What hangs on the aircraft alone is computed once for all rows of a tile.
-            seen = unpack_rows(rows)._replace(ratios=Ratios(*numbers), share=share)
+            seen = unpack_rows(rows)._replace(
+                ratios=Ratios(*numbers), distance_scale=distance_scale
+            )
             inputs = set_inputs(seen, jax.numpy, policy.inputs)
             return jax.numpy.clip(actions(inputs, encoder, trunk, jax.numpy), -1.0, 1.0)
 
@@ -65,8 +67,8 @@ class Compiled:
         rows, places = self._rows(observation)
         count = len(observation.mask)
         whole = -(-count // _TILE) * _TILE  # rows of full tiles
-        share = None if rows.share is None else _pad(rows.share, whole)
-        padded = _Rows(_pad(rows.packed, whole), share)
+        distance_scale = None if rows.distance_scale is None else _pad(rows.distance_scale, whole)
+        padded = _Rows(_pad(rows.packed, whole), distance_scale)
         tiles = [take(padded, slice(first, first + _TILE)) for first in range(0, whole, _TILE)]
         if places not in self._checked:
             self._check(tiles[0])
@@ -81,11 +83,16 @@ class Compiled:
 
     def _rows(self, observation: Observation) -> tuple[_Rows, int]:
         """Return what resolvers see as rows ``[M]``, and the number of intruders in each."""
-        others, mask, share = observation.intruders, observation.mask, observation.share
+        others, mask, distance_scale = (
+            observation.intruders,
+            observation.mask,
+            observation.distance_scale,
+        )
         if mask.shape[-1] > self._policy.most:
-            critical = self._policy.most_critical(observation.own, others, mask, share)
-            others, mask, share = map_leaves(
-                lambda field: np.take_along_axis(field, critical, axis=-1), (others, mask, share)
+            critical = self._policy.most_critical(observation.own, others, mask, distance_scale)
+            others, mask, distance_scale = map_leaves(
+                lambda field: np.take_along_axis(field, critical, axis=-1),
+                (others, mask, distance_scale),
             )
         seen = scene(
             observation.own,
@@ -102,7 +109,9 @@ class Compiled:
         packed[:, :3] = np.stack((seen.own_speed, seen.goal_x, seen.goal_y), axis=-1)
         for i, field in enumerate((seen.x, seen.y, seen.vx, seen.vy, seen.mask)):
             packed[:, OWN_NUMBERS + i :: 5] = field
-        return _Rows(packed, None if share is None else share.astype(np.float32)), places
+        return _Rows(
+            packed, None if distance_scale is None else distance_scale.astype(np.float32)
+        ), places
 
     def _check(self, tile: _Rows) -> None:
         """Refuse a processor on which the bits of a row depend on its place in the tile."""

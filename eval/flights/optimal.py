@@ -62,7 +62,7 @@ class Witness:
             self._step * self._aircraft.dt,
             (observation.goal_x[rows], observation.goal_y[rows]),
             take(observation.intruders, rows),
-            take(Counting(observation.mask, observation.share), rows),
+            take(Counting(observation.mask, observation.distance_scale), rows),
             self._aircraft.rules(),
             self._aircraft.limits,
         )

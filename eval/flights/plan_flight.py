@@ -18,7 +18,7 @@ from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance
 from envs.relative import distance, leg_separation
 from envs.trees import column, take
-from envs.world import State, move_intruders, shares
+from envs.world import State, distance_scales, move_intruders
 from eval.flights.simulate import OUTCOMES, Flights, last_turn, reversal_rate
 
 SUBSTEPS = round(1.0 / PERIOD)  # periods of the follower in a time step
@@ -76,7 +76,7 @@ def fly_step(
     own, other, following = state.own, state.intruders.vehicle, move_intruders(state, dt, np)
     # Over a step the intruder's controller holds its yaw rate.
     turn_rate = wrap(following.vehicle.heading - other.heading, np) / dt
-    share = shares(state, aircraft, np)
+    distance_scale = distance_scales(state, aircraft, np)
     side, step = air.side, Step.blank(own.x.size)
     for number in range(SUBSTEPS):
         now, after = (take(references, number + i) for i in (0, 1))
@@ -87,7 +87,7 @@ def fly_step(
         clock = (state.steps + (number + 1) * PERIOD) * dt
         judged = state.mask & (clock <= air.ends + 1e-6)[:, None]
         apart = leg_separation(column(own), column(moved), other, other_moved, PERIOD * dt, np)
-        apart = apart if share is None else apart * share
+        apart = apart if distance_scale is None else apart * distance_scale
         least = np.min(np.where(judged, apart, np.inf), axis=-1, initial=np.inf)
         goal_x, goal_y = drift_points((state.goal_x, state.goal_y), air.drift, clock)
         to_goal = distance(goal_x - moved.x, goal_y - moved.y, np)

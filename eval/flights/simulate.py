@@ -26,9 +26,9 @@ from envs.world import (
     StepResult,
     World,
     begin,
+    distance_scales,
     known_intruders,
     perceive_intruders,
-    shares,
     smallest,
 )
 from envs.world import step as advance
@@ -55,7 +55,7 @@ class ByPolicy(NamedTuple):
             observation.mask,
             observation.goal_x,
             observation.goal_y,
-            observation.share,
+            observation.distance_scale,
         )
         return action, memory
 
@@ -210,8 +210,11 @@ def _look(state: State, draws: np.ndarray | None, left: float, aircraft: Aircraf
     ``[4, M, K]``, with ``left`` seconds until the time limit.
     """
     seen = perceive_intruders(state, draws, aircraft.dt, np)
-    exists, share = known_intruders(state, aircraft, np), shares(state, aircraft, np)
-    return Observation(state.own, seen, exists, state.goal_x, state.goal_y, left, share)
+    exists, distance_scale = (
+        known_intruders(state, aircraft, np),
+        distance_scales(state, aircraft, np),
+    )
+    return Observation(state.own, seen, exists, state.goal_x, state.goal_y, left, distance_scale)
 
 
 def _tally(
@@ -256,9 +259,13 @@ def _ends(air: _Air, flown: StepResult, time: float) -> Flights:
 
 def _takeoff(encounters: Encounter, aircraft: Aircraft, *, history_dt: float | None) -> _Air:
     state, count = begin(encounters, np, history_dt=history_dt), len(encounters.goal_x)
-    own, vehicles, share = encounters.own, encounters.intruders, shares(state, aircraft, np)
+    own, vehicles, distance_scale = (
+        encounters.own,
+        encounters.intruders,
+        distance_scales(state, aircraft, np),
+    )
     apart = distance(vehicles.x - own.x[:, None], vehicles.y - own.y[:, None], np)
-    apart = apart if share is None else apart * share
+    apart = apart if distance_scale is None else apart * distance_scale
     return _Air(
         state=state,
         number=np.arange(count),

@@ -50,7 +50,7 @@ class Seen(NamedTuple):
 
     state: VehicleState[Air]
     there: Array  # whether it counts, bool
-    share: Array  # at how much of its distance it counts
+    distance_scale: Array  # at how much of its distance it counts
 
 
 class _Disc(NamedTuple):

@@ -148,7 +148,7 @@ def sheet(flights: Sequence[tuple[str, FlightRecord]], rules: Rules) -> Figure:
             below.set_xlabel("time, s" if row == len(rows) else "", fontsize=8)
     more = [sample("waypoints", **_WAYPOINT)] if len(rows) > 1 else []
     more += [area_sample()] if any(one.scene.areas for _, one in flights) else []
-    own_separations = any(one.scene.share is not None for _, one in flights)
+    own_separations = any(one.scene.distance_scale is not None for _, one in flights)
     explain(figure, rules, *more, own_separations=own_separations)
     return figure
 

@@ -70,7 +70,7 @@ class Traffic:
 
     The noise of the sensors is by second, ``[4, 1, K]``; None for perfect knowledge. ``watch`` is
     called after every period with the intruders that exist, ``mask [1, K]``. Distances to them
-    count in the shares of :func:`envs.world.shares`, ``[1, K]``.
+    count at the scales of :func:`envs.world.distance_scales`, ``[1, K]``.
     """
 
     def __init__(
@@ -79,10 +79,10 @@ class Traffic:
         wind: Wind,
         noise: Callable[[int], np.ndarray] | None = None,
         watch: Callable[[VehicleState[Ground]], None] | None = None,
-        share: np.ndarray | None = None,
+        distance_scale: np.ndarray | None = None,
     ) -> None:
         self._state, self.mask = begin(encounter, np, history_dt=1.0), encounter.mask
-        self.share = share
+        self.distance_scale = distance_scale
         self._wind, self._noise, self._watch, self._clock = wind, noise, watch, 0
 
     def ground(self) -> VehicleState[Ground]:
@@ -143,7 +143,7 @@ class _Log:
         own = _stack(self.states[-SUBSTEPS - 1 :])
         apart = _apart_by_period(own, whole, traffic.mask)
         self.distances.append(float(apart.min(initial=np.inf)))
-        self.separations.append(float(_nearest(apart, traffic.share).min(initial=np.inf)))
+        self.separations.append(float(_nearest(apart, traffic.distance_scale).min(initial=np.inf)))
 
     def flight(self, goal: tuple[float, float], failure: str | None) -> Flight:
         own = _stack(self.states)
@@ -210,13 +210,13 @@ def straight_separation(
     intruders: VehicleState[Ground],
     mask: np.ndarray,
     seconds: int,
-    share: np.ndarray | None = None,
+    distance_scale: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return how near the aircraft would have come to intruders that fly straight on, m, ``[S]``.
 
     The aircraft flies as it did. The intruders are states at its start,
     ``[1, K]``; the result is the smallest distance to any of them in each of the first seconds,
-    counted in the shares ``[1, K]``.
+    counted at the scales ``[1, K]``.
     """
     periods = SUBSTEPS * seconds + 1
     own = take(flight.own, slice(periods))
@@ -227,7 +227,7 @@ def straight_separation(
         intruders.heading + 0.0 * times,
         intruders.speed + 0.0 * times,
     )
-    apart = _nearest(_apart_by_period(own, straight, mask), share)
+    apart = _nearest(_apart_by_period(own, straight, mask), distance_scale)
     whole = apart.size // SUBSTEPS
     return apart[: whole * SUBSTEPS].reshape(whole, SUBSTEPS).min(axis=1)
 
@@ -251,7 +251,7 @@ def _apart_by_period(
     return np.where(mask, apart, np.inf)
 
 
-def _nearest(apart: np.ndarray, share: np.ndarray | None) -> np.ndarray:
-    """Return the smallest of distances ``[P, K]``, counted in shares ``[1, K]``, ``[P]``."""
-    counted = apart if share is None else apart * share
+def _nearest(apart: np.ndarray, distance_scale: np.ndarray | None) -> np.ndarray:
+    """Return the smallest of distances ``[P, K]``, counted at scales ``[1, K]``, ``[P]``."""
+    counted = apart if distance_scale is None else apart * distance_scale
     return np.min(counted, axis=1, initial=np.inf)

@@ -29,7 +29,7 @@ from envs.perception import Sensor
 from envs.trees import take
 from envs.waypoints import Legs, legs
 from envs.wind import Wind, over_ground, through_air
-from envs.world import shares
+from envs.world import distance_scales
 from eval.flights import sources
 from eval.flights.among_areas import areas_of
 from eval.flights.plan_mode import SOURCES, perceive_at_start
@@ -69,7 +69,8 @@ class Beginning(NamedTuple):
     route: Route  # over the ground; the second point is the goal
     noise: Callable[[int], np.ndarray] | None  # of the intruders' reports by second, [4, 1, K]
     areas: tuple[Area, ...] = ()  # over the ground, as they are at the start
-    share: np.ndarray | None = None  # at which the distance to each intruder counts, [1, K]
+    # at which the distance to each intruder counts, [1, K]
+    distance_scale: np.ndarray | None = None
 
 
 class FlightRecord(NamedTuple):
@@ -122,7 +123,7 @@ def scene_of(campaign: Campaign, number: int) -> Beginning:
         route=Route(line.route_x[0], line.route_y[0]),
         noise=noise,
         areas=() if amid is None else amid[0],
-        share=shares(one, campaign.aircraft, np),
+        distance_scale=distance_scales(one, campaign.aircraft, np),
     )
 
 
@@ -155,7 +156,7 @@ def _fly_closed(campaign: Campaign, scene: Beginning, number: int, policy: Polic
     """Fly by the policy's decisions, once a second."""
     goal = float(scene.route.x[1]), float(scene.route.y[1])
     limits, mask = campaign.aircraft.limits, scene.encounter.mask
-    pilot = Closed(policy, limits, goal, mask, scene.frame, scene.areas, scene.share)
+    pilot = Closed(policy, limits, goal, mask, scene.frame, scene.areas, scene.distance_scale)
     until = round(campaign.aircraft.t_max)
     flight, problem = _fly(campaign, scene, number, pilot, until, ("violation", "goal"))
     return FlightRecord(scene, flight=flight, problem=problem, pilot=pilot)
@@ -245,7 +246,7 @@ def _fly(
     navigation = Navigation(campaign.condition.own_position_std, campaign.seed, number)
     goal = float(scene.route.x[1]), float(scene.route.y[1])
     watch = None if campaign.viewer is None else vehicle.show
-    traffic = Traffic(scene.encounter, scene.wind, scene.noise, watch, scene.share)
+    traffic = Traffic(scene.encounter, scene.wind, scene.noise, watch, scene.distance_scale)
     return fly(
         vehicle, pilot, navigation, traffic, goal, campaign.aircraft.rules(), until, ends
     ), None

@@ -50,7 +50,7 @@ class Closed:
     """The network, once a second, in the frame of a wind; what it commands is held in the
     air mass.
 
-    The goal is over the ground, m; the mask says which intruders exist, ``[1, K]``, the shares at
+    The goal is over the ground, m; the mask says which intruders exist, ``[1, K]``, the scales at
     which their distances count. Areas are over the ground, as they are at the start.
     """
 
@@ -64,9 +64,9 @@ class Closed:
         mask: np.ndarray,
         frame: Wind,
         areas: tuple[Area, ...] = (),
-        share: np.ndarray | None = None,
+        distance_scale: np.ndarray | None = None,
     ) -> None:
-        self._policy, self._limits, self._share = policy, limits, share
+        self._policy, self._limits, self._distance_scale = policy, limits, distance_scale
         self._stands = what_stands(in_air_mass(areas, frame, 0.0), policy.aircraft)
         self._goal, self._mask, self._frame = goal, mask, frame
         self._held = 0.0, 0.0  # acceleration, m/s^2, and yaw rate, rad/s
@@ -83,15 +83,17 @@ class Closed:
         others: list[VehicleState[Air]] = [
             VehicleState(*(float(field[0, k]) for field in seen)) for k in exist
         ]
-        share = None if self._share is None else self._share[0, exist].tolist()
+        distance_scale = (
+            None if self._distance_scale is None else self._distance_scale[0, exist].tolist()
+        )
         if self._stands.x.size:
-            share = [1.0] * len(others) if share is None else share
+            distance_scale = [1.0] * len(others) if distance_scale is None else distance_scale
             amid = as_intruders(self._stands, time, self._policy.aircraft.separation)
             for n in np.flatnonzero(amid.there):
                 others.append(VehicleState(*(float(field[n]) for field in amid.state)))
-                share.append(float(amid.share[n]))
+                distance_scale.append(float(amid.distance_scale[n]))
         now: VehicleState[Air] = VehicleState(*(float(field) for field in here))
-        action = self._policy.command_one(now, others, *goal, share)
+        action = self._policy.command_one(now, others, *goal, distance_scale)
         acceleration, yaw_rate = commands(action, self._limits, np)
         self._held = float(acceleration), float(yaw_rate)
 

@@ -198,8 +198,8 @@ def _loss(campaign: Campaign, one: FlightRecord) -> PlanLoss:
     assert flight is not None
     reported = report_at_start(campaign, one.scene)
     seconds = round(rules.t_max)
-    mask, share = one.scene.encounter.mask, one.scene.share
-    apart = straight_separation(flight, reported, mask, seconds, share)
+    mask, distance_scale = one.scene.encounter.mask, one.scene.distance_scale
+    apart = straight_separation(flight, reported, mask, seconds, distance_scale)
     promised = float(apart.min(initial=np.inf))
     kind = "not_promised" if promised >= rules.separation else "broken"
     return PlanLoss(kind, promised)

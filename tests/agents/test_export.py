@@ -311,16 +311,16 @@ def test_intruders_of_the_usual_separation_need_no_share():
 @pytest.mark.slow
 def test_own_separations_are_seen_alike_by_numpy_jax_and_plain_floats():
     own, others, mask, *goal = states(300)
-    share = own_shares(mask)
+    distance_scale = own_shares(mask)
     where = (PAPER.limits, PAPER.separation)
-    seen = scene(own, others, mask, *goal, *where, np)._replace(share=share)
+    seen = scene(own, others, mask, *goal, *where, np)._replace(distance_scale=distance_scale)
     ours = set_inputs(seen, np)
     theirs = set_inputs(jax.tree.map(jnp.asarray, seen), jnp)
     for name in ("own", "each"):
         there = mask if name == "each" else slice(None)
         apart = np.abs(getattr(ours, name) - getattr(theirs, name))[there]
         assert np.quantile(apart, 0.999) < 2e-3
-    together = policy("float64").command(own, others, mask, *goal, share)
+    together = policy("float64").command(own, others, mask, *goal, distance_scale)
     assert (np.abs(together - policy("float64").command(own, others, mask, *goal)) > 0.01).any()
     for row in range(50):
         there = np.flatnonzero(mask[row])
@@ -329,37 +329,39 @@ def test_own_separations_are_seen_alike_by_numpy_jax_and_plain_floats():
             [rows(others, (row, k)) for k in there],
             goal[0][row],
             goal[1][row],
-            share[row, there].tolist(),
+            distance_scale[row, there].tolist(),
         )
         np.testing.assert_allclose(alone, together[row], atol=1e-5)
 
 
 def test_own_separations_do_not_break_the_symmetries():
     own, others, mask, goal_x, goal_y = states(200)
-    share, order = own_shares(mask), [2, 0, 1]
-    action = policy().command(own, others, mask, goal_x, goal_y, share)
+    distance_scale, order = own_shares(mask), [2, 0, 1]
+    action = policy().command(own, others, mask, goal_x, goal_y, distance_scale)
     turned = VehicleState(*(field[:, order] for field in others))
     np.testing.assert_allclose(
-        policy().command(own, turned, mask[:, order], goal_x, goal_y, share[:, order]),
+        policy().command(own, turned, mask[:, order], goal_x, goal_y, distance_scale[:, order]),
         action,
         atol=1e-6,
     )
     mirror = [each._replace(y=-each.y, heading=-each.heading) for each in (own, others)]
     np.testing.assert_allclose(
-        policy().command(*mirror, mask, goal_x, -goal_y, share), action * [1.0, -1.0], atol=1e-6
+        policy().command(*mirror, mask, goal_x, -goal_y, distance_scale),
+        action * [1.0, -1.0],
+        atol=1e-6,
     )
 
 
 def test_a_manoeuvre_keeps_the_least_of_what_it_keeps_from_each():
     own, others, mask, *goal = states(100)
     seen = scene(own, others, mask, *goal, PAPER.limits, PAPER.separation, np)
-    share = own_shares(mask)
+    distance_scale = own_shares(mask)
     each = [
         min_separation(seen._replace(**{n: getattr(seen, n)[:, k : k + 1] for n in PLACES}), np)
         for k in range(mask.shape[1])
     ]
-    expected = np.min([kept * share[:, k] for k, kept in enumerate(each)], axis=0)
-    found = min_separation(seen._replace(share=share), np)
+    expected = np.min([kept * distance_scale[:, k] for k, kept in enumerate(each)], axis=0)
+    found = min_separation(seen._replace(distance_scale=distance_scale), np)
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 

@@ -106,9 +106,9 @@ def as_inputs(*states: Any) -> dict[str, np.ndarray]:
 def test_it_decides_as_the_shipped_policy(size: float, most: int, own_separations: bool):
     random = np.random.default_rng(int(size))
     states = random_states(PAPER, random, 2000, most, size)
-    share = random.uniform(0.3, 3.3, states.mask.shape) if own_separations else None
-    flown = Policy.load().for_aircraft(PAPER, outside="allow").command(*states, share)
-    actions = run_onnx(shipped_model(), inputs_of_states(states, PAPER, share))
+    distance_scale = random.uniform(0.3, 3.3, states.mask.shape) if own_separations else None
+    flown = Policy.load().for_aircraft(PAPER, outside="allow").command(*states, distance_scale)
+    actions = run_onnx(shipped_model(), inputs_of_states(states, PAPER, distance_scale))
     assert np.abs(actions - flown).max() <= 1e-5
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.kernel.levels import Altitude
 from agents.planner.answer import Advisory, AdvisoryCode, Field, Subject
-from agents.planner.request.observation import shares
+from agents.planner.request.observation import distance_scales
 from agents.planner.request.options import L, Narrowed, Options
 from agents.planner.request.reports import Intruder
 from agents.planner.request.request import BEYOND, Request, drift_points
@@ -49,9 +49,9 @@ def outside_domain(
         traffic = take(request.traffic, 0)
         rows = zip(*(field.tolist() for field in traffic.state), strict=True)
         others: list[VehicleState[Air]] = [VehicleState(*row) for row in rows]
-        share = shares(traffic, options.requirement)
+        distance_scale = distance_scales(traffic, options.requirement)
         to_x, to_y = float(request.route_x[0, goal]), float(request.route_y[0, goal])
-        outside += policy.departures(own, others, to_x, to_y, share)
+        outside += policy.departures(own, others, to_x, to_y, distance_scale)
     return [Advisory(AdvisoryCode.OUTSIDE_DOMAIN, *departure) for departure in outside]
 
 

@@ -10,7 +10,7 @@ from agents.kernel.traffic import Requirement, Traffic, Window, separations
 from envs.arrays import Array
 
 
-def shares(traffic: Traffic, requirement: Requirement) -> Array:
+def distance_scales(traffic: Traffic, requirement: Requirement) -> Array:
     """Return at how much of its distance each intruder counts, ``[..., K]``; None: all of it, for
     each.
     """

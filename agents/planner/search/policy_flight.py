@@ -26,7 +26,7 @@ from envs.compiled import Entry, scalar
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.observation import criticality_of
-from envs.relative import at_share
+from envs.relative import at_distance_scale
 from envs.wind import aim_point
 
 TURNS = 0.1
@@ -48,7 +48,7 @@ class Intruders(NamedTuple):
     turn_rate: Array  # rad/s
     turn_time: Array  # s
     required: Array  # distance, m
-    share: Array  # at which the policy counts their distances; 1: whole
+    distance_scale: Array  # at which the policy counts their distances; 1: whole
     begin: Array  # of the windows in which they count, s; empty: all count always
     end: Array
 
@@ -155,8 +155,8 @@ def fly(
             return DIRECT, step, Flight(state, path, turn_sign, reversals)
         if step == course.steps:
             return OUT_OF_TIME, step, Flight(state, path, turn_sign, reversals)
-        others, share = _states_of(looked_at, time, intruders)
-        throttle, steering = decide(state, others, share, aim[0], aim[1], decider)
+        others, distance_scale = _states_of(looked_at, time, intruders)
+        throttle, steering = decide(state, others, distance_scale, aim[0], aim[1], decider)
         if not (math.isfinite(throttle) and math.isfinite(steering)):
             return NOT_FINITE, step, Flight(state, path, turn_sign, reversals)
         acceleration, yaw_rate = commands((throttle, steering), limits, FLOATS)
@@ -197,7 +197,9 @@ def _look(own: VehicleState[Air], time: float, intruders: Intruders, course: Cou
         rank[k] = math.inf
         if len(intruders.begin) == 0 or intruders.begin[k] <= time <= intruders.end[k]:
             there += 1
-            other = at_share(own, _predicted(k, time, intruders), intruders.share[k])
+            other = at_distance_scale(
+                own, _predicted(k, time, intruders), intruders.distance_scale[k]
+            )
             rank[k] = criticality_of(own, other, course.separation, course.time_unit, FLOATS)
     if count <= course.most:  # in their own order
         return np.nonzero(rank < math.inf)[0]
@@ -208,14 +210,16 @@ def _look(own: VehicleState[Air], time: float, intruders: Intruders, course: Cou
 def _states_of(
     looked_at: Array, time: float, intruders: Intruders
 ) -> tuple[VehicleState[Air], Array]:
-    """Return the intruders that are looked at as they are at a time, and their shares."""
+    """Return the intruders that are looked at as they are at a time, and their distance
+    scales.
+    """
     count = len(looked_at)
-    x, y, heading, speed, share = np.empty((5, count))
+    x, y, heading, speed, distance_scale = np.empty((5, count))
     for i in range(count):
         other = _predicted(looked_at[i], time, intruders)
         x[i], y[i], heading[i], speed[i] = other.x, other.y, other.heading, other.speed
-        share[i] = intruders.share[looked_at[i]]
-    return VehicleState(x, y, heading, speed), share
+        distance_scale[i] = intruders.distance_scale[looked_at[i]]
+    return VehicleState(x, y, heading, speed), distance_scale
 
 
 @scalar

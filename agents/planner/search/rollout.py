@@ -16,7 +16,7 @@ import numpy as np
 
 from agents.kernel.traffic import Traffic, Window, predict, requirement_of
 from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, clear, direct, keeps_clear
-from agents.planner.request.observation import shares, visible
+from agents.planner.request.observation import distance_scales, visible
 from agents.planner.request.options import Narrowed, Options, task_of
 from agents.planner.request.request import Request, drift_points
 from agents.planner.search import policy_flight
@@ -69,7 +69,7 @@ class _Underway(NamedTuple):
     required_range: Array  # from each intruder, m, [M, K]
     flight: Flight
     chosen: Array  # numbers of the intruders that the policy sees among many
-    share: Array  # at which the policy counts their distances, [M, K]; None: whole
+    distance_scale: Array  # at which the policy counts their distances, [M, K]; None: whole
 
 
 def roll(
@@ -115,7 +115,9 @@ def roll(
             break
         if traffic.mask.shape[-1] > policy.most and step % EVERY == 0:
             present = _present(underway, time)
-            chosen = policy.most_critical(underway.flight.state, others, present, underway.share)
+            chosen = policy.most_critical(
+                underway.flight.state, others, present, underway.distance_scale
+            )
             underway = underway._replace(chosen=chosen)
         underway = underway._replace(flight=_fly(underway, others, aim, time, policy, options))
     return result
@@ -142,7 +144,7 @@ def _begin(
         required_range=required_range,
         flight=Flight(state, path, turn_sign, reversals),
         chosen=np.zeros((count, min(policy.most, traffic.mask.shape[-1])), dtype=int),
-        share=shares(traffic, options.requirement),
+        distance_scale=distance_scales(traffic, options.requirement),
     )
 
 
@@ -161,12 +163,13 @@ def _fly(
 ) -> Flight:
     """Return the flights after one time step of the policy's."""
     limits, dt, before = options.manoeuvre, options.aircraft.dt, underway.flight
-    others, mask, share = traffic, _present(underway, time), underway.share
+    others, mask, distance_scale = traffic, _present(underway, time), underway.distance_scale
     if underway.traffic.mask.shape[-1] > policy.most:
-        others, mask, share = map_leaves(
-            lambda field: np.take_along_axis(field, underway.chosen, axis=-1), (others, mask, share)
+        others, mask, distance_scale = map_leaves(
+            lambda field: np.take_along_axis(field, underway.chosen, axis=-1),
+            (others, mask, distance_scale),
         )
-    action = policy.command(before.state, others, mask, *aim, share)
+    action = policy.command(before.state, others, mask, *aim, distance_scale)
     acceleration, yaw_rate = commands((action[:, 0], action[:, 1]), limits, np)
     moved = advance(before.state, acceleration, yaw_rate, dt, limits, np)
     turns = np.abs(yaw_rate) >= policy_flight.TURNS * limits.yaw_rate_max
@@ -246,14 +249,18 @@ def _roll_compiled(
             route_continuation(take(request, single), np.array([goal]), options), 0
         )
     present, required = take((traffic, required_range), there)
-    window, none, share = present.window, np.zeros(0), shares(present, options.requirement)
+    window, none, distance_scale = (
+        present.window,
+        np.zeros(0),
+        distance_scales(present, options.requirement),
+    )
     intruders = contiguous(
         policy_flight.Intruders(
             present.state,
             present.turn_rate,
             present.turn_time,
             required,
-            np.ones(required.size) if share is None else share,
+            np.ones(required.size) if distance_scale is None else distance_scale,
             none if window is None else window.begin,
             none if window is None else window.end,
         )
@@ -330,7 +337,7 @@ def _roll_one(
             break
         if step == steps or (asks and ends()):
             break
-        action = policy.command_one(state, ahead.intruders_at(step), *aim, ahead.share)
+        action = policy.command_one(state, ahead.intruders_at(step), *aim, ahead.distance_scale)
         acceleration, yaw_rate = commands(action, limits, FLOATS)
         moved = advance(state, acceleration, yaw_rate, dt, limits, FLOATS)
         path += 0.5 * dt * (state.speed + moved.speed)
@@ -360,17 +367,18 @@ class _TrafficAhead:
         self._traffic, self._required = take((traffic, required_range), traffic.mask)
         self._continuation, self._policy, self._task = continuation, policy, task_of(options)
         self._dt, self._window = options.aircraft.dt, self._traffic.window
-        self._every_share = shares(self._traffic, options.requirement)
+        self._every_scale = distance_scales(self._traffic, options.requirement)
         count = len(self._required)
         self._many, self._every_number = count > policy.most, np.arange(count)
         self._all = np.ones(count, dtype=bool)
         # Whether it is chosen anew every few time steps which of them are looked at.
         self._chooses = self._many or self._window is not None
         self._block = self._predict(0)  # of many time steps, [T, K]
-        # Of those that are looked at: states at some time steps, what is required, their shares.
+        # Of those that are looked at: states at some time steps, what is required, their distance
+        # scales.
         self._flown: list[list[VehicleState[Air]]] = []
         self._far: list[float] = self._required.tolist()
-        self.share = None if self._every_share is None else self._every_share.tolist()
+        self.distance_scale = None if self._every_scale is None else self._every_scale.tolist()
 
     def look(self, step: int, state: VehicleState[Air]) -> None:
         """Predict the intruders for many time steps, and choose what is looked at for the next
@@ -384,8 +392,8 @@ class _TrafficAhead:
             chosen = self._choose(take(ahead, 0), state, step * self._dt)
             self._flown = _in_floats(take(ahead, (slice(None), chosen)))
             self._far = self._required[chosen].tolist()
-            if self._every_share is not None:
-                self.share = self._every_share[chosen].tolist()
+            if self._every_scale is not None:
+                self.distance_scale = self._every_scale[chosen].tolist()
         elif first == 0:
             self._flown = _in_floats(self._block)
 
@@ -398,7 +406,7 @@ class _TrafficAhead:
         there = self._all & visible(self._window, time)
         chosen = self._every_number
         if self._many:
-            chosen = self._policy.most_critical(state, others, there, self._every_share)
+            chosen = self._policy.most_critical(state, others, there, self._every_scale)
         return chosen[there[chosen]]
 
     def intruders_at(self, step: int) -> list[VehicleState[Air]]:

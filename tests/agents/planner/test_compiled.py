@@ -36,12 +36,12 @@ def test_decisions_are_the_same(count: int) -> None:
             *rng.uniform([-1e3, -1e3, -3.1, 50.0], [1e3, 1e3, 3.1, 100.0])
         )
         states = rng.uniform([-2e4, -2e4, -3.1, 20.0], [2e4, 2e4, 3.1, 150.0], (count, 4))
-        share = rng.uniform(0.3, 3.0, count)
+        distance_scale = rng.uniform(0.3, 3.0, count)
         goal_x, goal_y = rng.uniform(-3e4, 3e4, 2)
         fields: VehicleState[Air] = VehicleState(*np.ascontiguousarray(states.T))
         each: list[VehicleState[Air]] = [VehicleState(*row) for row in states]
-        interpreted = network.of_one(own, each, goal_x, goal_y, share.tolist())
-        found = _DECIDE(own, fields, share, goal_x, goal_y, decider)
+        interpreted = network.of_one(own, each, goal_x, goal_y, distance_scale.tolist())
+        found = _DECIDE(own, fields, distance_scale, goal_x, goal_y, decider)
         np.testing.assert_allclose(found, interpreted, rtol=0.0, atol=1e-12)
 
 

@@ -183,7 +183,7 @@ class Straight(Policy):
         mask: Any,
         goal_x: Any,
         goal_y: Any,
-        share: Any = None,
+        distance_scale: Any = None,
     ) -> np.ndarray:
         return np.zeros((*np.shape(own.x), 2))
 
@@ -676,14 +676,19 @@ class InOtherUnits:
         self.sha256, self.most = policy.sha256, policy.most
 
     def command_one(
-        self, own: VehicleState, intruders: Any, goal_x: float, goal_y: float, share: Any = None
+        self,
+        own: VehicleState,
+        intruders: Any,
+        goal_x: float,
+        goal_y: float,
+        distance_scale: Any = None,
     ) -> tuple[float, float]:
         own, *others = (
             VehicleState(*(v / u for v, u in zip(s, self._units, strict=True)))
             for s in (own, *intruders)
         )
         return self._policy.command_one(
-            own, others, goal_x / self._units[0], goal_y / self._units[0], share
+            own, others, goal_x / self._units[0], goal_y / self._units[0], distance_scale
         )
 
     def departures(self, *scene: Any) -> list[str]:

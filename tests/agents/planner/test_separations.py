@@ -18,7 +18,7 @@ from agents.kernel.traffic import Requirement, Traffic
 from agents.planner.answer import AdvisoryCode, Kind, Plan, RequestError
 from agents.planner.judge.validator import validate
 from agents.planner.planner import plan
-from agents.planner.request.observation import shares
+from agents.planner.request.observation import distance_scales
 from agents.planner.request.request import Altitude, Intruder, Options
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
@@ -231,5 +231,5 @@ def test_a_separation_that_is_none_is_refused_by_name(name: str, value: Any) -> 
 def test_the_policy_counts_distances_in_the_separation_of_each() -> None:
     other = VehicleState(3_100.0, 4_200.0, 1.0, 70.0)
     seen = Traffic.straight(other)._replace(separation=np.array([2_000.0, 500.0, math.nan]))
-    np.testing.assert_array_equal(shares(seen, Requirement(1_000.0)), [0.5, 2.0, 1.0])
-    assert shares(Traffic.straight(other), Requirement(1_000.0)) is None
+    np.testing.assert_array_equal(distance_scales(seen, Requirement(1_000.0)), [0.5, 2.0, 1.0])
+    assert distance_scales(Traffic.straight(other), Requirement(1_000.0)) is None

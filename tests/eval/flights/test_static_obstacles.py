@@ -42,8 +42,10 @@ def test_no_place_of_a_polygon_or_its_clearance_is_outside_of_its_discs(
 ) -> None:
     what = what_is(Area(shape, clearance=clearance))
     ring = np.array(shape.outer)
-    share = np.linspace(0.0, 1.0, 50)[:, None, None]
-    places = ((1.0 - share) * ring + share * np.roll(ring, -1, axis=0)).reshape(-1, 2)
+    distance_scale = np.linspace(0.0, 1.0, 50)[:, None, None]
+    places = ((1.0 - distance_scale) * ring + distance_scale * np.roll(ring, -1, axis=0)).reshape(
+        -1, 2
+    )
     away = np.hypot(places[:, :1] - what.x, places[:, 1:] - what.y) - what.separation
     assert np.all(away.min(axis=1) <= -clearance + 1e-3)
 
@@ -79,7 +81,7 @@ def test_a_disc_is_an_intruder_with_its_radius_and_clearance_as_separation() -> 
     own = VehicleState(0.0, 0.0, 0.1, 70.0)
     asked = policy.command_one(own, [centre], 15_000.0, 0.0, [UNIT / 1_500.0])
     states = [VehicleState(*(float(field[0]) for field in seen.state))]
-    assert policy.command_one(own, states, 15_000.0, 0.0, seen.share.tolist()) == asked
+    assert policy.command_one(own, states, 15_000.0, 0.0, seen.distance_scale.tolist()) == asked
     assert policy.command_one(own, [], 15_000.0, 0.0) != asked
 
 
@@ -87,7 +89,7 @@ def test_a_disc_is_an_intruder_with_its_radius_and_clearance_as_separation() -> 
 def test_what_an_area_grows_by_is_kept(time: float) -> None:
     area = Area(Circle(0.0, 0.0, 1_000.0), velocity=(5.0, 0.0), growth=3.0, clearance=50.0)
     seen = as_intruders(what_is(area), time, UNIT)
-    edge = float(seen.state.x[0]) + UNIT / float(seen.share[0])
+    edge = float(seen.state.x[0]) + UNIT / float(seen.distance_scale[0])
     assert signed_distance(area, edge, 0.0, time) == pytest.approx(50.0)
 
 
@@ -104,4 +106,4 @@ def test_an_area_is_seen_while_it_counts_and_is_there() -> None:
 def test_areas_to_be_kept_in_are_not_seen_and_small_ones_not_smaller_than_in_training() -> None:
     assert what_is(Area(Circle(0.0, 0.0, 9_000.0), keep=Keep.IN)).x.size == 0
     seen = as_intruders(what_is(Area(Circle(0.0, 0.0, 1.0))), 0.0, UNIT)
-    assert seen.share.tolist() == [1.0 / 0.3]
+    assert seen.distance_scale.tolist() == [1.0 / 0.3]
