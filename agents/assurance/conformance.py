@@ -112,7 +112,7 @@ def measure(
     of_end = latch.bits(thresholds.plan_ending - left, 0.0, Cause.PLAN_ENDING)
 
     offset = np.hypot(off.cross_track, off.along_track)
-    separation, loss, close = _outlook(monitor, own, traffic, since, offset, thresholds)
+    separation, loss, close = _look_ahead(monitor, own, traffic, since, offset, thresholds)
     of_separation = np.where(close, int(Cause.SEPARATION), 0)
     from_areas = judge_remaining_plans(monitor.plan, since, memory.areas, offset, thresholds)
     of_areas = np.where(from_areas.lost, int(Cause.AREA), 0)
@@ -184,7 +184,7 @@ def _of_concern(separation: Array, traffic: Traffic, thresholds: Thresholds[Narr
     return separation < thresholds.concern + more
 
 
-def _outlook(
+def _look_ahead(
     monitor: Monitor,
     own: VehicleState[Air],
     traffic: Traffic,

@@ -74,7 +74,7 @@ class Assessment:
     """The plan that is wanted now; None: none."""
     reasons: tuple[Why, ...]
     backup: tuple[Waypoint, ...]
-    """The backup at hand, its times from when it was refreshed; none before the first own state."""
+    """The current backup, its times from when it was refreshed; none before the first own state."""
     measured: Decision
     """The numbers, ``[1]``."""
 
@@ -344,7 +344,7 @@ def _plan_states(
 
 
 def backup_states(watch: Watch) -> PlanStates[Ground]:
-    """Return the plan states of the backup at hand over the ground, ``[B]``, their times from when
+    """Return the plan states of the current backup over the ground, ``[B]``, their times from when
     it was refreshed.
     """
     return _on_ground(watch.monitor, watch.air)

@@ -115,7 +115,7 @@ class AdvisoryCode(IntEnum):
 
 
 class Advisory(NamedTuple):
-    """A remark for the operator; it does not make a plan less safe."""
+    """What the operator should know; it does not make a plan less safe."""
 
     code: AdvisoryCode
     field: Field | str
@@ -224,7 +224,7 @@ class Plan:
     cost: float = float("nan")
     """Extra path, time and reversals as metres (:mod:`agents.planner.search.candidates`)."""
     advisories: tuple[Advisory, ...] = ()
-    """Remarks for the operator, such as that the policy's own plan was not safe."""
+    """What the operator should know, such as that the policy's own plan was not safe."""
     unsearched: tuple[str, ...] = ()
     """What the deadline left out or cut short: ``policy``, ``fallback``, ``refinement``, ``goal
     2``, ...

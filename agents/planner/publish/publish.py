@@ -111,7 +111,7 @@ def _out_of_time(skipped: Sequence[str], options: Options[Narrowed]) -> Reason:
 
 
 def _policy_unsafe() -> tuple[Advisory, ...]:
-    """Return the remark that the policy's own plan was not safe, and another is given."""
+    """Return the advisory that the policy's own plan was not safe, and another is given."""
     what = "to the next point of the route was not safe"
     return (Advisory(AdvisoryCode.POLICY_UNSAFE, "the policy's own plan", what),)
 

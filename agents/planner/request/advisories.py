@@ -1,4 +1,4 @@
-"""Remarks to a plan for the operator: what the policy was not trained for, what is unknown and
+"""Advisories of a plan for the operator: what the policy was not trained for, what is unknown and
 assumed, which intruders are kept other separations from than the others, and which points of the
 route are skipped.
 """
