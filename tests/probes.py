@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from agents.learning.algorithm import Algorithm
-from rlcas_jax.collect import Environment, Step, collect
+from rlcas_jax.collect import Environment, RolloutStep, collect
 
 COUNT, STEPS = 32, 16
 
@@ -47,14 +47,14 @@ def environment(probe: Probe, cost: jax.Array) -> Environment:
     def observe(world: World, key: jax.Array) -> jax.Array:
         return jnp.stack([probe.shows_sign * world.sign, probe.shows_clock * world.clock], axis=-1)
 
-    def step(world: World, action: jax.Array) -> tuple[World, Step]:
+    def step(world: World, action: jax.Array) -> tuple[World, RolloutStep]:
         clock = world.clock + 1.0
         ended = clock >= probe.length
         miss = action[:, 0] - probe.target - probe.target_by_sign * world.sign
         reward = (
             jnp.where(ended, probe.pays + probe.pays_sign * world.sign, 0.0) - cost * miss * miss
         )
-        return world._replace(clock=clock, ended=ended), Step(reward, ended, None)
+        return world._replace(clock=clock, ended=ended), RolloutStep(reward, ended, None)
 
     def restart(world: World, index: jax.Array) -> World:
         key, draw = jax.random.split(world.key)

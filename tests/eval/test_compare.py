@@ -17,7 +17,7 @@ from agents.baselines.acas_nnet import NnetError
 from agents.baselines.baselines import BASELINES
 from agents.config.load import ConfigError
 from agents.manoeuvres.escape_manoeuvre import steps, tracks
-from agents.manoeuvres.escape_search import Found
+from agents.manoeuvres.escape_search import Escapes
 from agents.planner.judge.validator import Findings
 from agents.policy import file as policy_file
 from agents.policy.inference import OutsideDomainError
@@ -459,7 +459,7 @@ def starts() -> Encounter:
 
 
 @pytest.fixture(scope="module")
-def best(starts: Encounter) -> Found:
+def best(starts: Encounter) -> Escapes:
     return least_cost(starts, QUICK.rules(), SURROGATE, rounds=FEW.rounds)
 
 
@@ -475,7 +475,7 @@ def comparison_of(source: Any, *names: str, search: WitnessSearch = FEW) -> Comp
     )
 
 
-def test_what_is_flown_is_the_witness(starts: Encounter, best: Found, flown: Any) -> None:
+def test_what_is_flown_is_the_witness(starts: Encounter, best: Escapes, flown: Any) -> None:
     flights, paths = flown
     known = np.flatnonzero(np.isfinite(best.arrival))
     assert known.size >= 7
@@ -497,7 +497,7 @@ def test_what_is_flown_is_the_witness(starts: Encounter, best: Found, flown: Any
 
 
 def test_without_a_witness_the_flight_is_that_of_none(
-    starts: Encounter, best: Found, flown: Any
+    starts: Encounter, best: Escapes, flown: Any
 ) -> None:
     lost = np.flatnonzero(np.isnan(best.arrival))
     assert {1, 5} <= set(lost)
@@ -551,7 +551,7 @@ def test_a_recorded_intruder_is_known_to_its_end(starts: Encounter, flown: Any) 
     )
 
 
-def test_a_manoeuvre_is_not_stopped_by_a_loss(starts: Encounter, best: Found) -> None:
+def test_a_manoeuvre_is_not_stopped_by_a_loss(starts: Encounter, best: Escapes) -> None:
     # An escape of one encounter, flown in another, where it saves nothing.
     wrong = take(best.manoeuvre, np.full(2, np.flatnonzero(np.isfinite(best.arrival))[0]))
     lost = take(starts, [1, 5])

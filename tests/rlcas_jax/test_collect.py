@@ -32,7 +32,7 @@ from rlcas_jax.collect import Environment, RolloutStep, collect
 
 COUNT, STEPS, DISCOUNT, LAMBDA = 3, 10, 0.9, 0.7
 SETTINGS = ppo.PpoSettings(discount=DISCOUNT, gae_lambda=LAMBDA)
-PARTS = ppo.learner(Actor((8,), "none", -1.0), Critic((8,), "none"), SETTINGS)
+PARTS = ppo.make_networks(Actor((8,), "none", -1.0), Critic((8,), "none"), SETTINGS)
 
 
 class World(NamedTuple):

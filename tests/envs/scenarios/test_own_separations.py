@@ -84,10 +84,10 @@ def test_numpy_and_jax_judge_alike(drawn: Encounter):
 
 
 def test_distances_count_in_the_separation_of_each(drawn: Encounter):
-    share = world.shares(world.begin(drawn, np), PAPER, np)
+    share = world.distance_scales(world.begin(drawn, np), PAPER, np)
     np.testing.assert_allclose(share, PAPER.separation / drawn.separation)
     plain = world.begin(drawn._replace(separation=None), np)
-    assert world.shares(plain, PAPER, np) is None
+    assert world.distance_scales(plain, PAPER, np) is None
 
 
 def test_eight_numbers_hold_an_intruder_at_its_distance_in_its_own_separation(drawn: Encounter):
