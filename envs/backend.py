@@ -21,6 +21,8 @@ class FloatNamespace:
     pi = math.pi
     inf = math.inf
     sqrt = staticmethod(math.sqrt)
+    exp = staticmethod(math.exp)
+    log = staticmethod(math.log)
     floor = staticmethod(math.floor)
     copysign = staticmethod(math.copysign)
     abs = staticmethod(abs)

@@ -47,7 +47,7 @@ class Frame(NamedTuple):
     def report(self, given: Intruder[Ground], time: float) -> Intruder[Air]:
         """Return a report, as it is known at a time, s, as the air mass sees it."""
         state = self.to_air(given.state, time - given.age)
-        return with_state(given, state, velocity_std_in(given, self.wind))
+        return with_state(given, state, velocity_std_in(given, state, self.wind))
 
     def area(self, given: Area, time: float) -> Area:
         """Return an area as it is over the ground at a time, s, as the air mass sees it."""
@@ -97,7 +97,6 @@ def carry(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
         memory=memory._replace(
             own=state(memory.own, memory.own_time),
             intruders=state(memory.intruders, memory.seen),
-            drift=_drift(memory, old, new),
             areas=_areas(memory, old, new),
         ),
         expected=traffic(monitor.expected, monitor.started),
@@ -114,21 +113,3 @@ def _areas(memory: Memory, old: Frame, new: Frame) -> Array:
             for active in some
         )
     return carried
-
-
-def _drift(memory: Memory, old: Frame, new: Frame) -> Array:
-    """Return the comparison of the intruders' places with their velocities in another air mass."""
-    drift = memory.drift
-    known = np.isfinite(drift.began) & np.isfinite(memory.seen)
-    began, last_seen = (np.where(known, time, 0.0) for time in (drift.began, memory.seen))
-    at: VehicleState[Air] = VehicleState(
-        drift.x, drift.y, np.zeros(began.shape), np.ones(began.shape)
-    )
-    there = new.to_air(old.to_ground(at, began), began)
-    length = np.where(known, last_seen - began, 0.0)
-    return drift._replace(
-        x=np.where(known, there.x, drift.x),
-        y=np.where(known, there.y, drift.y),
-        flown_x=drift.flown_x + (old.wind.east - new.wind.east) * length,
-        flown_y=drift.flown_y + (old.wind.north - new.wind.north) * length,
-    )

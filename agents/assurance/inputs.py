@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.assurance.plausible import SIGMAS, Drift, follow, greatest_change, unknown
 from agents.assurance.thresholds import Cause, Thresholds
-from agents.kernel.traffic import Traffic, Window, advance_reports
+from agents.kernel.traffic import Traffic, Window, advance_reports, turn_error
 from agents.planner.request.options import Narrowed
 from agents.planner.request.reports import AHEAD
 from agents.policy.domain import excess
@@ -20,22 +19,25 @@ from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import FASTEST, VehicleState, velocity
+from envs.tracking.tracker import Sightings, belief, goes_on
 from envs.trees import map_leaves
 from envs.wind import turned_error
 
 _SAME = (
     1e-6  # s by which the time of one report differs between two steps: rounding of now less age
 )
-_FARTHEST, _LONGEST = 1e6, 1e12  # m, s
-_BASELINE = (0.2, 5.0)  # time steps between two reports that a turn rate may be read from
-_SIGNIFICANT = 3.0  # sigmas that an estimated turn must differ from straight flight
+_FARTHEST, _LONGEST, _FASTEST_TURN = 1e6, 1e12, 2.0 * math.pi  # m, s, rad/s
+_SIGMAS = 5.5
+"""Standard deviations that excuse a speed or a turn rate: of thousands of noisy reports none is out
+of range."""
 
 
 class Inputs(NamedTuple):
     """What a step is given; fields ``[N]``, of intruders ``[N, K]``; what is missing is nan.
 
-    Standard deviations are believed: 0 is exact. Where the accuracy is unknown, the caller gives
-    the worst that is plausible.
+    What stands here is believed: reports go through :mod:`envs.tracking` first, which says how
+    exact they are and who turns. A standard deviation of 0 is exact. Where the accuracy is unknown,
+    the caller gives the worst that is plausible.
     """
 
     time: Array  # now, on the monitor's clock, s
@@ -47,6 +49,8 @@ class Inputs(NamedTuple):
     mask: Array  # which intruders exist, bool, [N, K]; one that is updated away here is forgotten
     position_std: Array  # one sigma per axis, m, [N, K]
     velocity_std: Array  # one sigma per axis, m/s, [N, K]
+    turn_rate: Array  # rad/s, positive to the left, [N, K]; 0: straight flight
+    turn_std: Array  # one sigma of it, rad/s, [N, K]
     separation: Array = None  # to be kept from each, m, [N, K]; nan, None: the requirement's
     window: Window | None = None  # when each counts, s from now, [N, K]; None: always
     # that each may meet, as they are now: tuples of kernel.areas.ActiveArea, object [N]; None: none
@@ -61,12 +65,12 @@ class Memory(NamedTuple):
     own_time: Array  # time of the own report, s; -inf before the first
     intruders: VehicleState[Air]  # [N, K]
     seen: Array  # times of the intruders' reports, s, [N, K]; -inf before the first
-    turn_rate: Array  # from the last two reports, rad/s, [N, K]
     position_std: Array
     velocity_std: Array
+    turn_rate: Array  # rad/s, [N, K]
+    turn_std: Array
     separation: Array  # to be kept from each, m, [N, K]; nan: the requirement's
     window: Window  # when each counts, on the monitor's clock, s, [N, K]
-    drift: Drift  # [N, K]
     areas: Array  # as they are at the last step, object [N]
 
 
@@ -77,8 +81,8 @@ def inputs(
     mask: Array = None,
     **more: Any,
 ) -> Inputs:
-    """Return inputs ``[N]``, those of intruders ``[N, K]``; what is not given is 0, that is exact
-    and fresh, and every intruder exists.
+    """Return inputs ``[N]``, those of intruders ``[N, K]``; what is not given is 0, that is exact,
+    fresh and straight ahead, and every intruder exists.
     """
     each, pairs = np.shape(own.x), np.shape(intruders.x)
     given: dict[str, Any] = {
@@ -86,6 +90,8 @@ def inputs(
         "age": np.zeros(pairs),
         "position_std": np.zeros(pairs),
         "velocity_std": np.zeros(pairs),
+        "turn_rate": np.zeros(pairs),
+        "turn_std": np.zeros(pairs),
     } | more
     exists = np.ones(pairs, dtype=bool) if mask is None else mask
     return Inputs(
@@ -94,6 +100,36 @@ def inputs(
         intruders=intruders,
         mask=exists,
         **given,
+    )
+
+
+def believed(
+    time: float,
+    own: VehicleState[Air],
+    sightings: Sightings[Air],
+    mask: Array,
+    turn_time: float,
+    **more: Any,
+) -> Inputs:
+    """Return inputs ``[N]`` of intruders ``[N, K]`` as the tracker believes them to be at a time,
+    s; what cannot be believed, and who was never reported, is missing.
+
+    A turn is expected to go on for a time, s. ``more`` is as of :func:`inputs`.
+    """
+    known = belief(sightings.tracks)
+    missing = known.doubtful | ~np.isfinite(sightings.time)
+    turns = (known.turn_rate != 0.0) & goes_on(known.turn_std, turn_time)
+    return inputs(
+        time,
+        own,
+        map_leaves(lambda field: np.where(missing, np.nan, field), known.state),
+        mask,
+        age=np.where(missing, 0.0, time - sightings.time),
+        position_std=known.position_std,
+        velocity_std=known.velocity_std,
+        turn_rate=np.where(turns, known.turn_rate, 0.0),
+        turn_std=np.where(turns, known.turn_std, 0.0),
+        **more,
     )
 
 
@@ -106,10 +142,9 @@ def blank(count: int, intruders: int, speed: Array) -> Memory:
         never.copy(),
         VehicleState(*(np.zeros(pairs) for _ in range(4))),
         np.full(pairs, -np.inf),
-        *(np.zeros(pairs) for _ in range(3)),
+        *(np.zeros(pairs) for _ in range(4)),
         separation=np.full(pairs, np.nan),
         window=Window(np.full(pairs, -np.inf), np.full(pairs, np.inf)),
-        drift=unknown(pairs),
         areas=no_areas(count),
     )
 
@@ -162,16 +197,18 @@ def _take_intruders(
         _sane(given.intruders, given.age)
         & _spread(given.position_std)
         & _spread(given.velocity_std)
+        & (np.abs(given.turn_rate) <= _FASTEST_TURN)
+        & _spread(given.turn_std)
     )
     reported = now[:, None] - np.where(sane, given.age, 0.0)
     known = np.where(given.mask, memory.seen, -np.inf)
     ordered = (given.age >= -AHEAD) & (reported >= known - _SAME)
     good = sane & ordered & clock[:, None] & given.mask
-    turn_rate, outside = _turn_rate(memory, given, reported - known, good, thresholds)
-    before = memory.intruders, memory.position_std, memory.velocity_std
-    report = given.intruders, given.position_std, given.velocity_std
-    drift = follow(memory.drift, before, report, (known, reported), good, thresholds)
-    intruders, position_std, velocity_std = map_leaves(partial(np.where, good), report, before)
+    names = "intruders", "position_std", "velocity_std", "turn_rate", "turn_std"
+    taken = {
+        name: map_leaves(partial(np.where, good), getattr(given, name), getattr(memory, name))
+        for name in names
+    }
     separation = memory.separation
     if given.separation is not None:
         separation = np.where(good, given.separation, separation)
@@ -180,39 +217,33 @@ def _take_intruders(
         lambda had, new: np.where(good, now[:, None] + new, had), memory.window, ends
     )
     memory = memory._replace(
-        intruders=intruders,
+        **taken,
         seen=np.where(good, np.fmax(reported, known), known),
-        turn_rate=turn_rate,
-        position_std=position_std,
-        velocity_std=velocity_std,
         separation=separation,
         window=window,
-        drift=drift,
     )
     causes = (
         _bit(~sane, Cause.INTRUDER_MISSING)
         | _bit(sane & ~ordered, Cause.INTRUDER_OUT_OF_ORDER)
-        | _lasting_causes(memory, now[:, None], outside, thresholds)
+        | _lasting_causes(memory, now[:, None], thresholds)
     )
     return memory, np.where(given.mask, causes, 0).astype(np.int32)
 
 
-def _lasting_causes(
-    memory: Memory, now: Array, outside: Array, thresholds: Thresholds[Narrowed]
-) -> Array:
+def _lasting_causes(memory: Memory, now: Array, thresholds: Thresholds[Narrowed]) -> Array:
     """Return the causes that lie in the last good reports of intruders, ``[N, K]``, at a time, s,
-    ``[N, 1]``; ``outside`` says whose turn rates are out of range, ``[N, K]``.
+    ``[N, 1]``.
     """
     speed = excess(thresholds.traffic["intruder_speed"], memory.intruders.speed)
-    outside = outside | (speed > SIGMAS * memory.velocity_std)
+    outside = speed > _SIGMAS * memory.velocity_std
+    turn = excess(thresholds.traffic["intruder_turn_rate"], np.abs(memory.turn_rate))
+    outside |= turn > thresholds.turn_rate_min + _SIGMAS * memory.turn_std
     outside |= excess(thresholds.traffic["position_std"], memory.position_std) > 0.0
     outside |= excess(thresholds.traffic["velocity_std"], memory.velocity_std) > 0.0
     causes = np.zeros(outside.shape, np.int32)
     for where, cause in (
         (~(now - memory.seen <= thresholds.intruder_age), Cause.INTRUDER_STALE),
         (outside & np.isfinite(memory.seen), Cause.OUTSIDE_RANGE),
-        (now < memory.drift.rate_until, Cause.IMPOSSIBLE_RATE),
-        (now < memory.drift.place_until, Cause.CONTRADICTION),
     ):
         causes |= _bit(where, cause)
     return causes
@@ -227,15 +258,17 @@ def advance(
     own_age = np.where(np.isfinite(memory.own_time), memory.time - memory.own_time, 0.0)
     known = np.isfinite(memory.seen)
     age = np.where(known, memory.time[:, None] - memory.seen, 0.0)
-    turn_time = np.where(memory.turn_rate == 0.0, 0.0, thresholds.turn_time)
+    turn_rate = turning(memory, thresholds)
+    turn_time = np.where(turn_rate == 0.0, 0.0, thresholds.turn_time)
+    turned = turn_error(memory.intruders.speed, memory.turn_std, turn_time)
     reports = Traffic(
         state=memory.intruders,
         mask=mask & known,
-        turn_rate=memory.turn_rate,
+        turn_rate=turn_rate,
         turn_time=turn_time,
         position_std=memory.position_std,
-        velocity_std=memory.velocity_std
-        + turned_error(memory.turn_rate * turn_time, thresholds.wind_std),
+        velocity_std=np.hypot(memory.velocity_std, turned)
+        + turned_error(turn_rate * turn_time, thresholds.wind_std),
         age=0.0 * age,
         separation=memory.separation,
         window=map_leaves(lambda when: when - memory.time[:, None], memory.window),
@@ -247,40 +280,14 @@ def advance(
     )
 
 
-def _turn_rate(
-    memory: Memory, given: Inputs, elapsed: Array, good: Array, thresholds: Thresholds[Narrowed]
-) -> tuple[Array, Array]:
-    """Return the turn rates (rad/s, 0 where they may be noise) of the last two reports, and which
-    are outside.
+def turning(memory: Memory, thresholds: Thresholds[Narrowed]) -> Array:
+    """Return the turn rates that intruders are expected to go on with, rad/s, ``[N, K]``.
+
+    What turns less than the least rate flies straight; what seems to turn a little faster than an
+    aircraft can turns as fast as one can.
     """
-    shortest, longest = (steps * thresholds.options.aircraft.dt for steps in _BASELINE)
-    comparable = good & (elapsed >= shortest) & (elapsed <= longest)
-    seconds = np.where(comparable, elapsed, 1.0)
-    rate = (
-        wrap(np.where(comparable, given.intruders.heading - memory.intruders.heading, 0.0), np)
-        / seconds
-    )
-    speed = np.maximum(np.where(comparable, given.intruders.speed, 1.0), 1.0)
-    noise = np.hypot(np.where(comparable, given.velocity_std, 0.0), memory.velocity_std)
-    std = noise / (speed * seconds)
-    size = np.abs(rate)
-    turning = size >= np.maximum(thresholds.turn_rate_min, _SIGNIFICANT * std)
-    fastest = thresholds.traffic["intruder_turn_rate"]
-    # A track that begins anew, because its aircraft turns, adds what it lagged behind.
-    outside = comparable & (excess(fastest, size) > thresholds.turn_rate_min + 2.0 * SIGMAS * std)
-    # What seems to turn a little faster than an aircraft can turns as fast as one can. Beyond that
-    # it has jumped: nothing follows but Cause.IMPOSSIBLE_RATE.
-    seen = map_leaves(lambda field: np.where(comparable, field, 0.0), given.intruders)
-    before, after = velocity(memory.intruders, np), velocity(seen, np)
-    change = np.hypot(after[0] - before[0], after[1] - before[1])
-    most, limits = thresholds.turn_rate_max, thresholds.options.aircraft.limits
-    greatest = np.maximum(memory.intruders.speed, seen.speed)
-    possible = change <= greatest_change(greatest, seconds, noise, most, limits)
-    rate = np.where(turning & possible, np.clip(rate, -most, most), 0.0)
-    # A repeated report says nothing new; one after a gap begins anew.
-    again = ~good | (elapsed < shortest)
-    rate = np.where(comparable, rate, np.where(again, memory.turn_rate, 0.0))
-    return np.where(given.mask, rate, 0.0), outside
+    most, rate = thresholds.turn_rate_max, memory.turn_rate
+    return np.where(np.abs(rate) >= thresholds.turn_rate_min, np.clip(rate, -most, most), 0.0)
 
 
 def _sane(state: VehicleState[Air], age: Array) -> Array:

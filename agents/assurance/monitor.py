@@ -16,7 +16,7 @@ from agents.assurance.backup import Backup, refresh
 from agents.assurance.conformance import floor, has, measure, required_separations
 from agents.assurance.inputs import Inputs, Memory, advance, update
 from agents.assurance.state import Decision, FlyMode, Monitor, State
-from agents.assurance.thresholds import BLIND, DOUBTFUL, LOST, UNSAFE, WANTING, Cause, Thresholds
+from agents.assurance.thresholds import BLIND, LOST, UNSAFE, WANTING, Cause, Thresholds
 from agents.kernel.clearance import clearance
 from agents.kernel.separation import Separation
 from agents.kernel.traffic import Traffic, whole
@@ -77,7 +77,7 @@ def step(
     asked = _requests(monitor, causes, now, thresholds)
     causes |= np.where(asked.refused, int(Cause.REFUSED), 0)
     causes |= np.where(asked.silent, int(Cause.NO_ANSWER), 0)
-    causes = np.where(idle, causes & int(BLIND | LOST | DOUBTFUL), causes).astype(np.int32)
+    causes = np.where(idle, causes & int(BLIND | LOST), causes).astype(np.int32)
 
     urgent = measured.loss <= thresholds.urgent
     at_once = has(causes, UNSAFE) & (asked.hopeless | (asked.held_up & urgent))
@@ -162,7 +162,7 @@ def _state(idle: Array, on_backup: Array, causes: Array, unanswered: Array) -> A
     that is wanted was refused, or is not coming.
     """
     wants = has(causes, WANTING)
-    denied = has(causes, LOST | DOUBTFUL) | (wants & unanswered)
+    denied = has(causes, LOST) | (wants & unanswered)
     return np.select(
         [idle, has(causes, BLIND), on_backup, denied, wants],
         [State.IDLE, State.DENIED, State.BACKUP, State.DENIED, State.REPLAN_REQUESTED],

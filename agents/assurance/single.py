@@ -21,7 +21,7 @@ from agents.assurance import monitor as monitors
 from agents.assurance.areas import may_be_met
 from agents.assurance.backup import resting
 from agents.assurance.frames import STILL, Frame, carry, frame_of
-from agents.assurance.inputs import Inputs, Memory, no_areas
+from agents.assurance.inputs import Inputs, Memory, no_areas, turning
 from agents.assurance.state import Decision, FlyMode, Monitor, State, rearrange, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.kernel.levels import Altitude
@@ -171,7 +171,6 @@ def step(
     )
     watch = _allocate(watch, names)
     air, reports = watch.air, [intruders.get(name, Intruder(_MISSING)) for name in names]
-    # A turn is what two reports show, not what one says.
     in_air = [
         with_state(report, air.to_air(report.state, time - report.age), report.velocity_std)
         for report in reports
@@ -188,6 +187,8 @@ def step(
         mask=traffic.mask,
         position_std=traffic.position_std,
         velocity_std=traffic.velocity_std,
+        turn_rate=np.where(traffic.turn_time > 0.0, traffic.turn_rate, 0.0),
+        turn_std=np.array([[report.turn_std for report in reports]], dtype=float),
         separation=traffic.separation,
         window=windows(reports, own_altitude, thresholds.options),
         areas=_areas_met(watch, areas, here, own_altitude, time),
@@ -279,7 +280,7 @@ def _ask(watch: Watch, monitor: Monitor, decision: Decision, own_altitude: Altit
     intruders = air.to_ground(memory.intruders, when)
     known = tuple(
         _at_its_level(
-            _last_report(memory, intruders, place, watch.thresholds),
+            _last_report(memory, intruders, place, watch.thresholds_in_air),
             float(memory.seen[0, place]),
             watch.levels.get(name),
         )
@@ -290,15 +291,17 @@ def _ask(watch: Watch, monitor: Monitor, decision: Decision, own_altitude: Altit
 
 
 def _last_report(
-    memory: Memory, intruders: VehicleState[Ground], place: int, thresholds: Thresholds
+    memory: Memory, intruders: VehicleState[Ground], place: int, thresholds: Thresholds[Narrowed]
 ) -> Intruder[Ground]:
     """Return the last good report of the intruder at a place, of these states, with its age."""
-    turn_rate, separation = float(memory.turn_rate[0, place]), float(memory.separation[0, place])
+    turn_rate = float(turning(memory, thresholds)[0, place])
+    separation = float(memory.separation[0, place])
     return Intruder(
         state=VehicleState(*(float(field[0, place]) for field in intruders)),
         age=float(memory.time[0] - memory.seen[0, place]),
         turn_rate=turn_rate,
         turn_time=0.0 if turn_rate == 0.0 else thresholds.turn_time,
+        turn_std=float(memory.turn_std[0, place]),
         position_std=float(memory.position_std[0, place]),
         velocity_std=float(memory.velocity_std[0, place]),
         separation=None if math.isnan(separation) else separation,

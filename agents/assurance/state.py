@@ -115,11 +115,11 @@ _BY_PLACE = (
     "intruders",
     "seen",
     "turn_rate",
+    "turn_std",
     "position_std",
     "velocity_std",
     "separation",
     "window",
-    "drift",
 )
 """Fields of a memory that are of intruders, ``[N, K]``."""
 

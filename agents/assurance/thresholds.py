@@ -36,8 +36,6 @@ class Cause(IntFlag):
     REFUSED = 1 << 15
     BACKUP_UNSAFE = 1 << 16
     OUTSIDE_RANGE = 1 << 17
-    IMPOSSIBLE_RATE = 1 << 18
-    CONTRADICTION = 1 << 19
     AREA = 1 << 20
     BACKUP_IN_AREA = 1 << 21
 
@@ -84,14 +82,6 @@ SAYS = {
         "are outside_domain: speed, turn rate or declared noise is out of range; the policy was "
         "not trained for them",
     ),
-    Cause.IMPOSSIBLE_RATE: (
-        "intruders",
-        "are outside_domain: a velocity changed faster than an aircraft can",
-    ),
-    Cause.CONTRADICTION: (
-        "intruders",
-        "are outside_domain: places contradict velocities, and no plan can rely on them",
-    ),
     Cause.AREA: (
         "areas",
         "are not kept clear of by the rest of the plan: it comes {now.area_deficit:.0f} m nearer "
@@ -111,12 +101,7 @@ BLIND = Cause.OWN_MISSING | Cause.OWN_STALE | Cause.OWN_OUT_OF_ORDER | Cause.CLO
 LOST = Cause.INTRUDER_STALE
 """Nothing can be planned against an intruder: DENIED, or BACKUP."""
 
-DOUBTFUL = Cause.IMPOSSIBLE_RATE | Cause.CONTRADICTION
-"""No plan against an intruder can be called safe: DENIED; plans are asked for and flown as the best
-there is.
-"""
-
-OUTSIDE = Cause.OUTSIDE_RANGE | DOUBTFUL
+OUTSIDE = Cause.OUTSIDE_RANGE
 """The intruders are outside the operating domain."""
 
 WANTING = (
@@ -176,11 +161,9 @@ class Thresholds(Generic[L]):
     separation of its own it differs by as much as that.
     """
     turn_time: float
-    """For how long an intruder is expected to go on with the turn that its last two reports show,
-    s.
-    """
+    """For how long an intruder that turns is expected to go on with its turn, s."""
     turn_rate_min: float
-    """Estimated turn rate below which it counts as straight, rad/s."""
+    """Turn rate below which it counts as straight, rad/s."""
     turn_rate_max: float
     """Largest turn rate that is accepted, rad/s."""
     replan_interval: float

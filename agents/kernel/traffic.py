@@ -83,6 +83,16 @@ def within_window(traffic: Traffic, begin: Array, end: Array) -> Array:
     return (end >= window.begin - WINDOW_EDGE) & (begin <= window.end + WINDOW_EDGE)
 
 
+def turn_error(speed: Array, turn_std: Array, turn_time: Array) -> Array:
+    """Return one sigma of the velocity, m/s, that bounds an error of the turn rate, rad/s, where
+    the turn goes on for a time, s.
+
+    t seconds into the turn the error has moved the position by ``speed turn_std t^2 / 2``, after
+    its end by ``speed turn_std turn_time`` more each second: a line of that slope bounds both.
+    """
+    return speed * turn_std * turn_time
+
+
 class Requirement(NamedTuple):
     """How far the plan must stay from the intruders."""
 

@@ -15,9 +15,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from agents.assurance.inputs import blank, inputs, update
+from agents.assurance.inputs import believed, blank, update
 from agents.assurance.thresholds import Cause, Thresholds
-from agents.assurance.tracker import Tracks, follow
 from agents.planner.request.options import Options
 from agents.policy import novelty
 from agents.policy.domain import excess, traffic
@@ -34,15 +33,12 @@ from envs.kinematics import Limits, VehicleState
 from envs.perception import Sensor, carry_back, perceive
 from envs.scenarios import scenario
 from envs.starts import OF_INTRUDERS, encounters_of_seed, join
+from envs.tracking.agreement import errors
+from envs.tracking.tracker import Reports, Sightings, belief, observe
 from envs.trees import map_leaves, take
 from envs.wind import NO_WIND
 from eval.stats.intervals import share
 
-_REASONS = {
-    "range": Cause.OUTSIDE_RANGE,
-    "rate": Cause.IMPOSSIBLE_RATE,
-    "consistency": Cause.CONTRADICTION,
-}
 _BEGIN = 10  # time steps of true reports before a shift begins
 _NOVEL_EVERY = 5  # time steps
 _STARTS = 200  # encounters of each scenario and aircraft whose starts make the box
@@ -112,23 +108,36 @@ def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.n
     memory = blank(count, most, np.full(count, aircraft.limits.speed_max))
     causes, new = np.zeros(count, np.int32), np.zeros(count, bool)
     box = novelty.shipped_box(policy.sha256)
-    tracks: Tracks[Air] | None = None
+    sightings: Sightings[Air] | None = None
+    wrong = np.zeros(count, bool)
     for number, (own, reported) in enumerate(_steps(flights)):
-        seen, mask = reported, np.isfinite(reported.x)
-        known: dict[str, Any] = {}
-        if max(flights.std) > 0.0:
-            tracks = follow(tracks, seen, *flights.std, aircraft.dt)
-            seen, known = tracks.state, tracks.errors
-        given = inputs(number * aircraft.dt, own, seen, mask, **known)
+        mask = np.isfinite(reported.x)
+        time = number * aircraft.dt
+        sightings = observe(sightings, Reports(reported, *flights.std), time, mask)
+        wrong |= (_contradict(sightings, time, thresholds.intruder_age) & mask).any(axis=-1)
+        given = believed(time, own, sightings, mask, thresholds.turn_time)
         memory, _own, _traffic, _causes, of_each = update(memory, given, thresholds)
         causes |= np.bitwise_or.reduce(of_each, axis=-1)
         if box is not None and number % _NOVEL_EVERY == 0:
             rows = np.flatnonzero(mask.any(axis=-1))
-            moment = _Moment(own, seen, mask, flights.goal)
+            moment = _Moment(
+                own, given.intruders, mask & np.isfinite(given.intruders.x), flights.goal
+            )
             beyond = novelty.excess(box, _inputs(rows, moment, aircraft))
             new[rows] |= (beyond[0] > 0.0).any(axis=-1) | (beyond[1] > 0.0).any(axis=(-1, -2))
-    reasons = {name: (causes & int(cause)) != 0 for name, cause in _REASONS.items()}
-    return reasons | {"novelty": new}
+    outside = (causes & int(Cause.OUTSIDE_RANGE)) != 0
+    return {"range": outside, "consistency": wrong, "novelty": new}
+
+
+def _contradict(sightings: Sightings[Air], time: float, oldest: float) -> np.ndarray:
+    """Return of which intruders positions and velocities differ, scatter by more than they declare,
+    or stand still for longer than ``oldest``, s, bool ``[N, K]``.
+    """
+    tracks = sightings.tracks
+    declared = tracks.newest.position_std, tracks.newest.velocity_std
+    near, fast = errors(tracks.agreement, declared, np)
+    found = (belief(tracks).bias > 0.0) | (near > declared[0]) | (fast > declared[1])
+    return np.asarray(found | (time - sightings.time > oldest))
 
 
 class _Moment(NamedTuple):

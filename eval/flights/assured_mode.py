@@ -10,9 +10,9 @@ import numpy as np
 from agents import assurance
 from agents.assurance.areas import may_be_met
 from agents.assurance.asking import ALONG, Planner, renew
+from agents.assurance.inputs import believed
 from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.state import Monitor
-from agents.assurance.tracker import Tracks, follow
 from agents.kernel.traffic import Traffic
 from agents.planner.planner import Plans, plan_among, plan_many
 from agents.planner.request.encounters import request_of, route_of
@@ -25,6 +25,7 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
+from envs.tracking.tracker import Reports, Sightings, observe
 from envs.trees import take
 from envs.wind import NO_WIND, Wind
 from envs.world import State, begin, perceive_intruders
@@ -51,9 +52,7 @@ class _Flights(NamedTuple):
     air: Active
     asked: Request  # of the planner at the start
     monitor: Monitor
-    tracks: (
-        Tracks[Air] | None
-    )  # of the intruders; None: reports are the truth, or there was none yet
+    sightings: Sightings[Air] | None  # of the intruders; None: there was none yet
     short: np.ndarray  # whether what is flown passes over the goal, or gets there too late
     reached: np.ndarray  # whether the goal was reached
 
@@ -74,10 +73,10 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
     """Fly encounters ``[N]``, float64, planned at their start, with the monitor until the time
     limit or a violation.
 
-    With noise of the sensors by step, ``[4, N, K]``, monitor and planner see tracks of such
-    reports. The limits of the options are those of the vehicle. A recorder takes the trajectories;
-    endless flights lose nothing. In a wind all of it is in its air mass, through which goals and
-    routes drift. Areas are over the ground, object ``[N]``; None: none.
+    Monitor and planner see what the tracker makes of the reports, with the noise of the sensors by
+    step, ``[4, N, K]``. The limits of the options are those of the vehicle. A recorder takes the
+    trajectories; endless flights lose nothing. In a wind all of it is in its air mass, through
+    which goals and routes drift. Areas are over the ground, object ``[N]``; None: none.
     """
     count, dt = len(encounters.goal_x), aircraft.dt
     # The wind is known exactly, and takes nothing off the limits.
@@ -137,7 +136,7 @@ def _begin(
         air=air,
         asked=asked,
         monitor=monitor,
-        tracks=None,
+        sightings=None,
         short=made.goal > _GOAL,
         reached=np.zeros(count, dtype=bool),
     )
@@ -154,19 +153,16 @@ def _watch(
     """Let the monitors see the reports of a time, s, and the areas as they are then, and decide;
     dt: since the reports before, s.
     """
-    state, tracks = flights.air.state, flights.tracks
-    seen = perceive_intruders(state, draws, dt, np)
-    known: dict[str, Any] = {}
-    if draws is not None:
-        sensor = state.sensor
-        tracks = follow(tracks, seen, sensor.position_std, sensor.velocity_std, dt)
-        seen, known = tracks.state, tracks.errors
+    state, sensor = flights.air.state, flights.air.state.sensor
+    reported = perceive_intruders(state, draws, dt, np)
+    noise = (0.0, 0.0) if draws is None else (sensor.position_std, sensor.velocity_std)
+    sightings = observe(flights.sightings, Reports(reported, *noise), time, state.mask)
+    known: dict[str, Any] = {"separation": state.separation}
     if areas is not None:
         known["areas"] = _areas_met(areas, state, flights.monitor, time, thresholds)
-    known["separation"] = state.separation
-    given = assurance.inputs(time, state.own, seen, state.mask, **known)
+    given = believed(time, state.own, sightings, state.mask, thresholds.turn_time, **known)
     monitor, decision = assurance.step(flights.monitor, given, thresholds)
-    return flights._replace(monitor=monitor, tracks=tracks), decision
+    return flights._replace(monitor=monitor, sightings=sightings), decision
 
 
 def _areas_met(

@@ -11,9 +11,8 @@ import numpy as np
 from agents import assurance
 from agents.assurance.areas import may_be_met
 from agents.assurance.asking import ALONG, renew
-from agents.assurance.inputs import Inputs
+from agents.assurance.inputs import Inputs, believed
 from agents.assurance.monitor import Decision, Thresholds
-from agents.assurance.tracker import Tracks, follow
 from agents.kernel.areas import ActiveArea
 from agents.kernel.traffic import Traffic as Known
 from agents.planner.planner import Plans
@@ -29,6 +28,7 @@ from envs.frames import Air, Ground
 from envs.kinematics import Limits, VehicleState, commands
 from envs.outcome import Rules
 from envs.perception import Sensor
+from envs.tracking.tracker import Reports, Sightings, observe
 from envs.trees import take
 from envs.wind import Wind, through_air
 from eval.flights.among_areas import as_row, in_air_mass
@@ -138,7 +138,7 @@ class Assured:
         areas: tuple[Area, ...] = (),
     ) -> None:
         self._frame, self._gains, self._sensor = reckoning
-        self._tracks: Tracks[Ground] | None = None
+        self._sightings: Sightings[Air] | None = None
         self._route, self._policy, self._rules = route, policy, rules
         self._areas, self._thresholds = areas, thresholds
         monitor = assurance.start(1, known.mask.shape[1], thresholds)
@@ -194,15 +194,16 @@ class Assured:
         as reported, over the ground.
         """
         one: VehicleState[Air] = VehicleState(*(np.array([float(field)]) for field in here))
-        reported, known = intruders, dict[str, Any](separation=self._separation)
+        time, known = float(clock), dict[str, Any](separation=self._separation)
+        noise = (0.0, 0.0)
         if self._sensor is not None:
             noise = self._sensor.position_std, self._sensor.velocity_std
-            self._tracks = follow(self._tracks, intruders, *noise, self._rules.dt)
-            reported, known = self._tracks.state, {**known, **self._tracks.errors}
-        seen = through_air(reported, self._frame, float(clock))
+        reports = Reports(through_air(intruders, self._frame, time), *noise)
+        self._sightings = observe(self._sightings, reports, time, self._mask)
         if self._areas:
-            known = {**known, "areas": as_row(self._areas_met(float(clock), here))}
-        return assurance.inputs(float(clock), one, seen, self._mask, **known)
+            known["areas"] = as_row(self._areas_met(time, here))
+        turn_time = self._thresholds.turn_time
+        return believed(time, one, self._sightings, self._mask, turn_time, **known)
 
     def _areas_met(self, time: float, own: VehicleState[Air]) -> tuple[ActiveArea, ...]:
         """Return the areas that an ownship in the air mass may meet, s after the start."""

@@ -31,7 +31,7 @@ from ros_bridge.core.areas import AreaReport, Placed
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import STATUS_SAFE, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.motion import to_local
+from ros_bridge.core.motion import Turns, expected_turn, to_local
 from ros_bridge.core.reach import Reach, level, out_of_reach, vertically_apart
 from ros_bridge.core.replies import geodetic_points, to_frame, true_wind, wind_of
 from ros_bridge.core.reports import USUAL, Report, Unknown
@@ -40,13 +40,6 @@ from ros_bridge.core.tracks import Track
 
 if TYPE_CHECKING:
     from rlcas_msgs.msg import Trajectory
-
-_SPACING = 0.25
-"""Between two reports that the monitor gets at least, time steps: it reads turns from 0.2 on."""
-
-_NEWS = 0.4
-"""Share of the deviations allowed: a report so far from what was expected is handed over at once.
-"""
 
 _GRID = 2.0**20
 """Parts of a second that times are rounded to: at any age a report has one time, exactly."""
@@ -228,7 +221,7 @@ def _traffic(supervision: Supervision, situation: Situation, now: int) -> _Traff
         if usable and reach is not None and _vertically_apart(track, reach, supervision):
             continue  # by its last report, which says nothing of an aircraft that is silent
         before = supervision.reported.get(name)
-        report = _report_due(None if before is None else before.report, track, limits)
+        report = track.estimate if track.fault is None else None
         if report is not None:
             reported[name] = _placed(frame, report, before)
             intruders[name] = _intruder(supervision, situation, reported[name], now)
@@ -401,34 +394,22 @@ def _intruder(
     """Return a report in the monitor's frame, with its separations and its altitude."""
     report, categories = reported.report, supervision.categories
     position_std, velocity_std = report.spread(supervision.unknown)
-    climb = supervision.thresholds.options.unknown_climb
+    limits = supervision.thresholds
+    climb = limits.options.unknown_climb
+    turns = Turns.of(limits)
+    turn, turn_std = expected_turn(report, reported.state, supervision.air.wind, turns)
     return Intruder(
         reported.state,
         _age(supervision.zero, report.time, now),
+        turn_rate=turn,
+        turn_time=turns.lasts if turn else 0.0,
+        turn_std=turn_std,
         position_std=position_std,
         velocity_std=velocity_std,
         altitude=level(report.height(climb), 0, _undulation(situation), climb),
         separation=categories.separations.get(report.category),
         vertical_separation=categories.vertical.get(report.category),
     )
-
-
-def _report_due(before: Report | None, track: Track, limits: Thresholds) -> Report | None:
-    """Return the report to hand over, if any: the newest, unless it follows closely and says
-    nothing new.
-    """
-    newest = track.estimate
-    if newest is None or track.fault is not None:
-        return None
-    if newest is before:
-        return before
-    seconds = 0.0 if before is None else (newest.time - before.time) / SECOND
-    if before is None or not 0.0 <= seconds < _SPACING * limits.options.aircraft.dt:
-        return newest
-    off = before.off(newest.place, newest.time)
-    faster = math.hypot(newest.east - before.east, newest.north - before.north)
-    news = off > _NEWS * limits.intruder_position or faster > _NEWS * limits.intruder_velocity
-    return newest if news else before
 
 
 def _is_far(frame: LocalFrame, published: Published) -> bool:

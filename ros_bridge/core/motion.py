@@ -3,20 +3,22 @@ now.
 """
 
 import math
+from typing import NamedTuple, Self
 
 import numpy as np
 
+from agents.assurance.thresholds import Thresholds
 from agents.kernel.traffic import Traffic, predict
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.wind import NO_WIND, Wind, over_ground, through_air
+from envs.tracking.tracker import goes_on
+from envs.wind import NO_WIND, Wind, over_ground, through_air, turn_through_air
 from ros_bridge.core.reports import Report, Unknown
-from ros_bridge.core.tracks import Track
 
-__all__ = ["carry_on", "ownship_wind", "to_local", "turn_of", "wind_in"]
+__all__ = ["Turns", "carry_on", "expected_turn", "ownship_wind", "to_local", "turn_of", "wind_in"]
 
 
 def to_local(frame: LocalFrame, report: Report) -> VehicleState[Ground]:
@@ -28,12 +30,37 @@ def to_local(frame: LocalFrame, report: Report) -> VehicleState[Ground]:
     )
 
 
-def turn_of(track: Track, rates: tuple[float, float]) -> float:
-    """Return the turn rate of an aircraft, rad/s; 0 where it is too small to count. What seems to
-    turn a little faster than an aircraft can turns as fast as one can.
+class Turns(NamedTuple):
+    """How the turns of aircraft are expected to go on."""
+
+    lasts: float  # for how long after a report, s
+    least: float  # turn rate that counts as a turn, rad/s
+    most: float  # that an aircraft is believed to have, rad/s
+
+    @classmethod
+    def of(cls, thresholds: Thresholds) -> Self:
+        """Return what a monitor with thresholds expects."""
+        return cls(thresholds.turn_time, thresholds.turn_rate_min, thresholds.turn_rate_max)
+
+
+def turn_of(report: Report, turns: Turns) -> float:
+    """Return the turn rate of an aircraft over the ground, rad/s; 0 where it is too small to count.
+    What seems to turn a little faster than an aircraft can turns as fast as one can.
     """
-    (least, most), rate = rates, track.turn_rate
-    return max(-most, min(rate, most)) if abs(rate) >= least else 0.0
+    rate = report.turn_rate
+    return max(-turns.most, min(rate, turns.most)) if abs(rate) >= turns.least else 0.0
+
+
+def expected_turn(
+    report: Report, state: VehicleState[Ground], wind: Wind, turns: Turns
+) -> tuple[float, float]:
+    """Return the turn rate through the air that an aircraft of the traffic is expected to go on
+    with, and one sigma of it, rad/s.
+    """
+    rate = turn_of(report, turns)
+    if rate == 0.0 or not goes_on(report.turn_std, turns.lasts):
+        return 0.0, 0.0
+    return turn_through_air(state, rate, wind), report.turn_std
 
 
 def carry_on(

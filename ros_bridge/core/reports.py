@@ -54,6 +54,11 @@ class Report:
     )
     category: int = 0  # emitter category (:mod:`ros_bridge.core.categories`); 0: unknown
     callsign: str = ""  # "": unknown
+    # What the aircraft's reports up to this one show: the least of the two standard deviations, m
+    # and m/s, and its turn, rad/s, positive to the left, with one sigma of it.
+    shown: tuple[float, float] = (0.0, 0.0)
+    turn_rate: float = 0.0
+    turn_std: float = 0.0
 
     @property
     def place(self) -> tuple[float, float]:
@@ -87,7 +92,8 @@ class Report:
         """
         position = unknown.position_std if self.position_std is None else self.position_std
         velocity = unknown.velocity_std if self.velocity_std is None else self.velocity_std
-        return math.hypot(position, self.speed * self.time_std), velocity
+        position = math.hypot(position, self.speed * self.time_std)
+        return max(position, self.shown[0]), max(velocity, self.shown[1])
 
     def off(self, place: tuple[float, float], time: int) -> float:
         """Return how far a place is from where the aircraft is to be expected at a time (ns),

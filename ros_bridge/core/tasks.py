@@ -13,7 +13,6 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from agents.assurance.plausible import greatest_change
 from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
 from agents.planner.request.options import Narrowed
 from agents.planner.request.request import Altitude, Intruder, Options, in_wind
@@ -27,7 +26,7 @@ from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import Route
 from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal
 from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
-from ros_bridge.core.motion import carry_on, ownship_wind, to_local, turn_of
+from ros_bridge.core.motion import Turns, carry_on, expected_turn, ownship_wind, to_local, turn_of
 from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.situation import ACCURATE, Held, Situation
@@ -114,9 +113,7 @@ class Settings:
     """How old inputs may be, and how plans are made."""
 
     options: Options
-    # for how long after its report an intruder goes on with the turn that its reports show, s
-    turn_time: float
-    turn_rates: tuple[float, float]  # least and greatest turn rates that count as a turn, rad/s
+    turns: Turns
     freshness: Freshness = USUAL_FRESHNESS
     unknown: Unknown = USUAL  # what is taken for standard deviations that reports lack
     categories: Categories = NO_CATEGORIES  # separations by emitter category
@@ -173,7 +170,6 @@ def task(
     frame, undulation = _newest_usable(situation.origin, _ORIGIN, "has not been received")
     fresh = settings.freshness
     report = _usable_report(situation.own, _OWNSHIP, now, fresh.own, fresh.future)
-    _check_turn(situation.own, _OWNSHIP, settings)
     wind, notes = _wind(frame, report, settings)
     own = _own_now(frame, situation.own, report, wind, now, settings)
     far = math.hypot(own.x, own.y)
@@ -206,7 +202,8 @@ def _own_now(
 ) -> VehicleState[Ground]:
     """Return the ownship's state at a moment, ns, on the turn that its reports show."""
     state = to_local(frame, report)
-    turn = turn_through_air(state, turn_of(track, settings.turn_rates), wind)
+    last = track.estimate or report
+    turn = turn_through_air(state, turn_of(last, settings.turns), wind)
     carried = carry_on(state, turn, math.inf, (now - report.time) / SECOND, wind)
     return VehicleState(*(float(value) for value in carried))
 
@@ -313,10 +310,8 @@ def _assumptions(number: int, track: Track, unknown: Unknown) -> Iterator[Adviso
         field_ = Field(Subject.INTRUDERS, "header.stamp", number)
         what = f"is known within {report.time_std:.2g} s (one sigma)"
         yield Advisory(AdvisoryCode.TIME_UNCERTAIN, field_, what)
-    if track.course is not None and track.course.scatter:
-        field_ = Field(Subject.INTRUDERS, "position", number)
-        what = f"scatters by {track.course.scatter:.0f} m (one sigma), which its reports do not say"
-        yield Advisory(AdvisoryCode.ASSUMED, field_, what)
+    for name, what in () if track.course is None else track.course.corrections:
+        yield Advisory(AdvisoryCode.ASSUMED, Field(Subject.INTRUDERS, name, number), what)
     if track.divided:
         what = "is a name of several aircraft, which are told apart by their places"
         yield Advisory(AdvisoryCode.ASSUMED, Field(Subject.INTRUDERS, "id", number), what)
@@ -354,24 +349,6 @@ def _usable_report(
     stamp = f"{whose.name}.header.stamp"
     check_age(whose.age, stamp, track.age(now), oldest, future)
     return track.last
-
-
-def _check_turn(track: Track, whose: _Aircraft, settings: Settings) -> None:
-    """Refuse an aircraft whose velocity changed faster than one can turn and noise excuses."""
-    if track.course is None or track.estimate is None:
-        return
-    most, turn, report = settings.turn_rates[1], track.course.turn, track.estimate
-    noise = turn.noise
-    if report.velocity_std is None:
-        noise = math.sqrt(2.0) * settings.unknown.velocity_std
-    limits = settings.options.aircraft.limits
-    allowed = greatest_change(report.speed + turn.change, turn.seconds, noise, most, limits)
-    if abs(turn.rate) > most and turn.change > allowed:
-        what = (
-            f"turned at {math.degrees(abs(turn.rate)):.0f} deg/s and changed by {turn.change:.0f} "
-            f"m/s in {turn.seconds:.1f} s, expected {allowed:.0f} m/s at most"
-        )
-        raise Refusal(whose.invalid, f"{whose.name}.velocity", what)
 
 
 def _aircraft_of_alert(situation: Situation, now: int, settings: Settings) -> frozenset[str]:
@@ -425,7 +402,6 @@ def _traffic(
         whose = _intruder_called(name)
         try:
             _usable_report(track, whose, now, fresh.intruder, fresh.future)
-            _check_turn(track, whose, settings)
         except Refusal:
             why = None if name in alerted else out_of_reach(track, reach)
             if why is None:
@@ -444,15 +420,16 @@ def _intruder(
     report = track.estimate
     assert report is not None, "there is one beside every usable report"
     state = to_local(frame.local, report)
-    turn = turn_through_air(state, turn_of(track, settings.turn_rates), frame.wind)
     # The planner advances the report over its age; only the altitude's reference is settled here.
     climb = reach.unknown_climb
     position_std, velocity_std = report.spread(settings.unknown)
+    turn, turn_std = expected_turn(report, state, frame.wind, settings.turns)
     return Intruder(
         state,
         age=(now - report.time) / SECOND,
         turn_rate=turn,
-        turn_time=settings.turn_time if turn else 0.0,
+        turn_time=settings.turns.lasts if turn else 0.0,
+        turn_std=turn_std,
         position_std=position_std,
         velocity_std=velocity_std,
         altitude=level(report.height(climb), 0, reach.undulation, climb),

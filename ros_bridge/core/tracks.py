@@ -118,7 +118,7 @@ class Track:
         """Turn rate that the reports show, rad/s, positive to the left; 0 where noise could be all
         of it.
         """
-        return 0.0 if self.course is None else self.course.turn.rate
+        return 0.0 if self.estimate is None else self.estimate.turn_rate
 
     def age(self, now: int) -> float:
         """Return the age of the last good report, s; infinite without one."""
@@ -196,11 +196,11 @@ def follow(
     if not after.shared or after.rival is None or not free:
         return {**tracks, key: after}
     rival = after.rival
-    other = Track(rival.newest, rival.estimate, course=rival, divided=True, arrived=now)
+    other = Track(rival.taken, rival.estimate, course=rival, divided=True, arrived=now)
     problem = rival.contradiction
     if problem:
         other = _set_fault(
-            other, Verdict.CONTRADICTION, f"intruder {free[0]}.position", problem, now
+            other, Verdict.CONTRADICTION, f"intruder {free[0]}.{rival.field}", problem, now
         )
     alone = replace(after, rival=None, since=0, shared=False, divided=True)
     if after.fault is not None and after.fault.verdict is Verdict.SHARED:
@@ -293,8 +293,8 @@ def _take_good(track: Track, course: Course, arrival: _Arrival) -> Track:
     track = replace(track, course=course, sightings=sightings)
     if course.contradiction:
         problem = course.contradiction
-        return _set_fault(track, Verdict.CONTRADICTION, f"{name}.position", problem, now)
-    track = replace(track, last=course.newest, estimate=course.estimate)
+        return _set_fault(track, Verdict.CONTRADICTION, f"{name}.{course.field}", problem, now)
+    track = replace(track, last=course.taken, estimate=course.estimate)
     if track.shared and track.rival is not None:
         apart = distance(*course.newest.place, *track.rival.newest.place)
         problem = f"is the name of two aircraft {apart / 1e3:.1f} km apart, expected one"

@@ -11,11 +11,12 @@ from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.wind import NO_WIND
+from ros_bridge.core.courses import Course
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.freshness import Freshness
 from ros_bridge.core.motion import carry_on
 from ros_bridge.core.reach import level
-from ros_bridge.core.reports import Report
+from ros_bridge.core.reports import EXACT, Report
 from ros_bridge.core.tracks import Track
 from ros_bridge.display.picture import (
     NO_THREAT,
@@ -182,7 +183,22 @@ def _plane(track: Track, motion: _Motion, number: int, now: int, fresh: Freshnes
         age=round(age, 3),
         state=_state(track, now, _COASTING * fresh.intruder, fresh.intruder),
         fault="" if track.fault is None else track.fault.message,
+        accuracy=_accuracy(report, age),
+        correction="" if track.course is None else _correction(track.course),
     )
+
+
+def _accuracy(report: Report, age: float) -> float | None:
+    """Return two sigmas of a position some seconds after its report, m; None: unknown."""
+    if report.position_std is None or report.velocity_std is None:
+        return None
+    position, velocity = report.spread(EXACT)
+    return round(2.0 * math.hypot(position, velocity * age), 1)
+
+
+def _correction(course: Course) -> str:
+    """Return what is not believed as it is reported."""
+    return "; ".join(f"{field} {what}" for field, what in course.corrections)
 
 
 def _last(track: Track) -> Report:

@@ -46,6 +46,8 @@ class DrawnPlane(NamedTuple):
     age: float = 0.0  # of its report
     state: Literal["fresh", "coasting", "stale", "faulty"] = "fresh"
     fault: str = ""  # "": none
+    accuracy: float | None = None  # two sigmas of the position now, m; None: unknown
+    correction: str = ""  # what is not believed as it is reported; "": all is
 
 
 class DrawnOwnship(NamedTuple):

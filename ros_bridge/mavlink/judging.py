@@ -36,6 +36,7 @@ from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import Published, Route
 from ros_bridge.core.fields import SECOND, Refusal
 from ros_bridge.core.freshness import Freshness
+from ros_bridge.core.motion import Turns
 from ros_bridge.core.planning import plan_task
 from ros_bridge.core.replies import plan_points, start_point, to_frame, true_wind, wind_of
 from ros_bridge.core.reports import Unknown
@@ -139,8 +140,7 @@ def rules(
     )
     settings = Settings(
         options,
-        limits.turn_time,
-        (limits.turn_rate_min, limits.turn_rate_max),
+        Turns.of(limits),
         freshness=fresh,
         unknown=unknown,
         categories=categories,

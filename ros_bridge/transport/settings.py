@@ -16,6 +16,7 @@ from envs.kinematics import Limits
 from ros_bridge.core.aircraft import aircraft_of, load_extensions
 from ros_bridge.core.categories import Categories, separations_of
 from ros_bridge.core.freshness import Freshness
+from ros_bridge.core.motion import Turns
 from ros_bridge.core.reports import Unknown
 from ros_bridge.core.tasks import Settings
 from ros_bridge.core.tracks import Rules
@@ -178,11 +179,9 @@ def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settin
     has them.
     """
     options = planning_options(value, aircraft)
-    usual = Thresholds.for_plans(options)
-    turns = usual.turn_time, (usual.turn_rate_min, usual.turn_rate_max)
     return Settings(
         options,
-        *turns,
+        Turns.of(Thresholds.for_plans(options)),
         freshness=freshness_of(value),
         unknown=unknown_spread(value),
         categories=separations_by_category(value),

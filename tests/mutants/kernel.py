@@ -165,7 +165,7 @@ _CHANGES = {
             _CLEARANCE,
             _VALIDATOR,
             _PROOFS,
-            "tests/agents/assurance/test_tracker.py",
+            "tests/agents/kernel/test_traffic.py",
             "tests/agents/planner/test_levels.py",
         ),
     ),

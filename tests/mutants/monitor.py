@@ -18,7 +18,7 @@ _OF_MONITOR = (
     ("causes |= np.where(~idle & (backup.depth > 0.0), int(Cause.BACKUP_IN_AREA), 0)", "pass"),
     ("causes |= np.where(asked.refused, int(Cause.REFUSED), 0)", "pass"),
     ("causes |= np.where(asked.silent, int(Cause.NO_ANSWER), 0)", "pass"),
-    ("causes & int(BLIND | LOST | DOUBTFUL), causes)", "causes, causes)"),
+    ("causes & int(BLIND | LOST), causes)", "causes, causes)"),
     # When the backup is flown, and when it is left.
     ("urgent = measured.loss <= thresholds.urgent", "urgent = measured.loss > thresholds.urgent"),
     ("(asked.hopeless | (asked.held_up & urgent))", "asked.hopeless"),
@@ -42,8 +42,7 @@ _OF_MONITOR = (
     ("hopeless=refused | lost | silent", "hopeless=refused | silent"),
     ("sighted = np.flatnonzero(~(idle | blind))", "sighted = np.flatnonzero(~idle)"),
     # Which state wins.
-    ("denied = has(causes, LOST | DOUBTFUL) | ", "denied = has(causes, LOST) | "),
-    ("has(causes, LOST | DOUBTFUL) | (wants & unanswered)", "has(causes, LOST | DOUBTFUL)"),
+    ("has(causes, LOST) | (wants & unanswered)", "has(causes, LOST)"),
     ("unanswered=asked.refused | asked.silent", "unanswered=asked.refused"),
     (
         "has(causes, BLIND), on_backup, denied, wants],\n        [State.IDLE, State.DENIED, State.BACKUP,",
@@ -142,17 +141,24 @@ _OF_INPUTS = (
     ),
     ("good = sane & ordered & clock[:, None] & given.mask", "good = sane & ordered & given.mask"),
     # What lies in them.
-    ("outside = outside | (speed > SIGMAS * memory.velocity_std)", "pass"),
+    ("outside = speed > _SIGMAS * memory.velocity_std", "outside = speed > np.inf"),
+    ("outside |= turn > thresholds.turn_rate_min + _SIGMAS * memory.turn_std", "pass"),
     ('outside |= excess(thresholds.traffic["position_std"], memory.position_std) > 0.0', "pass"),
     ('outside |= excess(thresholds.traffic["velocity_std"], memory.velocity_std) > 0.0', "pass"),
     (
         "~(now - memory.seen <= thresholds.intruder_age)",
         "now - memory.seen > thresholds.intruder_age + 1.0",
     ),
-    ("now < memory.drift.rate_until", "now < -np.inf"),
-    # Where all are.
     # Turns.
-    # Sense.
+    ("np.clip(rate, -most, most), 0.0)", "rate, 0.0)"),
+    ("np.abs(rate) >= thresholds.turn_rate_min", "np.abs(rate) >= 0.0"),
+    ("velocity_std=np.hypot(memory.velocity_std, turned)", "velocity_std=memory.velocity_std"),
+    # What is believed of reports.
+    (
+        "missing = known.doubtful | ~np.isfinite(sightings.time)",
+        "missing = ~np.isfinite(sightings.time)",
+    ),
+    ("age=np.where(missing, 0.0, time - sightings.time)", "age=np.zeros(np.shape(missing))"),
 )
 
 
@@ -170,7 +176,6 @@ _OF_FRAMES = (
         "there = new.to_air(old.to_ground(given, time), time)",
         "there = new.to_air(old.to_ground(given, 0.0 * time), 0.0 * time)",
     ),
-    ("(old.wind.north - new.wind.north) * length", "(new.wind.north - old.wind.north) * length"),
     (
         "state = self.to_air(given.state, time - given.age)",
         "state = self.to_air(given.state, time)",

@@ -17,6 +17,7 @@ from envs.aircraft import PAPER
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.fields import Code, Refusal
+from ros_bridge.core.motion import Turns
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tasks import Settings, task
 from ros_bridge.core.tracks import Rules
@@ -51,9 +52,7 @@ FRAME = LocalFrame(47.0, 8.0)
 RULES = Rules()
 OPTIONS = Options.for_aircraft(PAPER, deadline_s=math.inf)  # no clock decides what is found
 THRESHOLDS = Thresholds.for_plans(OPTIONS)
-SETTINGS = Settings(
-    OPTIONS, THRESHOLDS.turn_time, (THRESHOLDS.turn_rate_min, THRESHOLDS.turn_rate_max)
-)
+SETTINGS = Settings(OPTIONS, Turns.of(THRESHOLDS))
 EXACT = 0xC5  # bits of an AircraftState: position and velocity with their standard deviations
 _NUMBERS = {
     **{f"{sign}int{bits}": int for sign in ("", "u") for bits in (8, 16, 32, 64)},

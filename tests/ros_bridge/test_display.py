@@ -73,6 +73,17 @@ def test_aircraft_are_drawn_where_they_are_to_be_expected(x, y, heading, seconds
     assert one["age"] == pytest.approx(seconds, abs=0.01)
 
 
+def test_how_sure_a_position_is_grows_with_the_age_of_its_report_and_is_unknown_without_it():
+    spread = {"position_std": 30.0, "velocity_std": 3.0}
+    for seconds, expected in ((0.0, 60.0), (10.0, 2.0 * math.hypot(30.0, 30.0))):
+        scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, **spread))
+        assert drawn(scene, after(seconds))["traffic"][0]["accuracy"] == pytest.approx(
+            expected, abs=0.1
+        )
+    unknown = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, valid=0x05))
+    assert drawn(unknown, NOW)["traffic"][0]["accuracy"] is None
+
+
 def test_what_is_old_is_marked_and_then_forgotten():
     scene, usual = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), USUAL_FRESHNESS
     states = [

@@ -15,9 +15,10 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 from envs import kinematics
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import SURROGATE, VehicleState
+from envs.wind import Wind
 from ros_bridge.core.conversions import aircraft as read
 from ros_bridge.core.fields import FieldError
-from ros_bridge.core.motion import turn_of
+from ros_bridge.core.motion import expected_turn, turn_of
 from ros_bridge.core.tracks import (
     UNKNOWN,
     Rules,
@@ -32,6 +33,7 @@ from ros_bridge.core.tracks import (
 from tests.ros_bridge.scenes import NOW, SECOND, SETTINGS, aircraft
 
 RULES = Rules()
+FAST = SURROGATE._replace(yaw_rate_max=1.0)
 START = VehicleState(np.float64(0.0), np.float64(0.0), np.float64(0.3), np.float64(75.0))
 
 
@@ -80,22 +82,23 @@ def test_in_whatever_order_they_come_the_newest_counts(order: list[int]):
 
 
 @given(
-    st.lists(
-        st.tuples(st.integers(1, 3), st.floats(-200.0, 200.0), st.floats(-3.0, 3.0)),
-        min_size=1,
-        max_size=8,
-    )
+    st.lists(st.tuples(st.integers(1, 3), st.floats(-5.0, 5.0)), min_size=1, max_size=8),
+    st.sampled_from([0x05, 0xC5]),
 )
-def test_without_declared_noise_the_report_is_believed(flown: list[tuple[int, float, float]]):
-    track, seconds = UNKNOWN, 0.0
-    for step, off, heading in flown:
+def test_a_report_that_declares_no_noise_and_agrees_with_its_past_is_believed_as_it_is(
+    flown: list[tuple[int, float]], valid: int
+):
+    track, at, seconds = UNKNOWN, START, 0.0
+    for step, degrees in flown:
         seconds += step
-        message = aircraft(80.0 * seconds, off, heading, 80.0, time=NOW + round(seconds * SECOND))
+        at = kinematics.advance(at, 0.0, math.radians(degrees), float(step), FAST, np)
+        state = tuple(float(value) for value in at)
+        message = aircraft(*state, time=NOW + round(seconds * SECOND), valid=valid)
         one = read(message, "it")
         track = take_in(track, one, "it", one.time, RULES)
-        assert track.estimate is not None and track.last is not None
-        # Where its places scatter they are less certain, and believed all the same.
-        assert replace(track.estimate, position_std=track.last.position_std) == track.last
+        assert track.estimate is not None
+        still = {"turn_rate": 0.0, "turn_std": 0.0}
+        assert replace(track.estimate, **still) == track.last == one
 
 
 @pytest.mark.parametrize("latitude", [0.0, 47.0, -80.0])
@@ -328,8 +331,30 @@ def test_frozen_position_is_a_fault_under_declared_noise_too(std: tuple[float, f
 
 
 @pytest.mark.parametrize(
-    "unit", [1_852.0 / 3_600.0, 3_600.0 / 1_852.0, 0.3048, 1.0 / 0.3048, 3.6, 1.0 / 3.6]
+    ("unit", "turn"),
+    [(1_852.0 / 3_600.0, 0.0), (3_600.0 / 1_852.0, 0.0), (1.0, 25.0), (1.0, -25.0), (1.2, 10.0)],
 )
+@pytest.mark.parametrize("std", [None, 1.0])
+def test_a_velocity_that_differs_from_the_places_is_taken_from_them(
+    unit: float, turn: float, std: float | None
+):
+    track = UNKNOWN
+    for second in range(20):
+        time, heading = NOW + second * SECOND, math.radians(turn)
+        message = aircraft(80.0 * second, 0.0, heading, 80.0 * unit, time=time)
+        if std is not None:
+            message.valid |= 0x05
+            message.position_std = message.velocity_std = std
+        track = take_in(track, read(message, "it"), "it", time, RULES)
+    assert track.fault is None and track.course is not None and track.estimate is not None
+    assert (track.estimate.east, track.estimate.north) == pytest.approx((80.0, 0.0), abs=0.5)
+    ((field, what),) = track.course.corrections
+    assert field == "velocity" and "taken from positions" in what
+    assert (f"{abs(turn):.0f} deg" in what) == (turn != 0.0)
+    assert (f"{80.0 * (unit - 1.0):+.0f} m/s" in what) == (unit != 1.0)
+
+
+@pytest.mark.parametrize("unit", [0.3048, 1.0 / 0.3048, 3.6, 1.0 / 3.6])
 def test_velocity_in_another_unit_is_a_fault(unit: float):
     track = UNKNOWN
     for second in range(12):
@@ -436,7 +461,8 @@ def turning(rate: float, every: float, std: float = 0.0, count: int = 9) -> Trac
         at = kinematics.advance(START, 0.0, rate, np.float64(seconds), SURROGATE, np)
         time = NOW + round(seconds * SECOND)
         state = tuple(float(value) for value in at)
-        message = aircraft(*state, time=time, valid=0x85, velocity_std=std)
+        spread = {"position_std": 10.0 * std, "velocity_std": std}
+        message = aircraft(*state, time=time, valid=0xC5, **spread)
         track = take_in(track, read(message, "it"), "it", time, RULES)
     return track
 
@@ -449,15 +475,30 @@ def test_a_turn_shows_in_the_reports_whatever_their_rate(degrees: float, side: f
     )  # meridians converge
 
 
-def test_noise_and_gaps_show_no_turn():
+def test_gaps_show_no_turn():
     rate = math.radians(3.0)
-    assert turn_of(turning(rate, 1.0), SETTINGS.turn_rates) == turning(rate, 1.0).turn_rate != 0.0
-    assert turn_of(turning(0.0, 1.0), SETTINGS.turn_rates) == 0.0
-    assert turning(rate, 1.0, std=3.0).turn_rate == 0.0
+    flown = turning(rate, 1.0).estimate
+    assert flown is not None and turn_of(flown, SETTINGS.turns) == flown.turn_rate != 0.0
+    level = turning(0.0, 1.0).estimate
+    assert level is not None and turn_of(level, SETTINGS.turns) == 0.0
     assert turning(rate, 6.0, count=3).turn_rate == 0.0
 
 
 def test_a_turn_too_fast_to_be_believed_counts_as_the_fastest() -> None:
-    most = SETTINGS.turn_rates[1]
+    most = SETTINGS.turns.most
     for sign in (1.0, -1.0):
-        assert turn_of(turning(sign * math.radians(7.0), 1.0), SETTINGS.turn_rates) == sign * most
+        flown = turning(sign * math.radians(7.0), 1.0).estimate
+        assert flown is not None and turn_of(flown, SETTINGS.turns) == sign * most
+
+
+def test_a_turn_in_noise_is_expected_to_go_on_only_where_its_end_is_known() -> None:
+    still, rate = Wind(), math.radians(3.0)
+    for std, goes_on in ((3.0, False), (0.1, True)):
+        track = turning(rate, 1.0, std=std, count=40)
+        flown = track.estimate
+        assert flown is not None and track.turn_rate == pytest.approx(
+            rate, abs=4.0 * flown.turn_std
+        )
+        found, spread = expected_turn(flown, START, still, SETTINGS.turns)
+        assert bool(found != 0.0) is goes_on
+        assert bool(spread > 0.0) is goes_on

@@ -11,14 +11,14 @@ from typing import Any, Generic, NamedTuple, cast
 import numpy as np
 
 from agents.kernel.levels import ALWAYS, Altitude, window
-from agents.kernel.traffic import Traffic, Window
+from agents.kernel.traffic import Traffic, Window, turn_error
 from agents.planner.answer import Field, RequestError
 from agents.planner.request.fields import part_value, quote
 from agents.planner.request.options import L, Options
 from envs.arrays import Array
 from envs.frames import Air, F, Ground
 from envs.kinematics import FASTEST, VehicleState
-from envs.wind import Wind, through_air, turned_error
+from envs.wind import NO_WIND, Wind, through_air, turned_error
 
 FARTHEST = 1e6
 """Coordinates beyond this, m, belong to no local frame, whatever the aircraft."""
@@ -62,6 +62,8 @@ class Intruder(Generic[F]):
     """Predicted vertical separation beyond which it does not count, m; None:
     ``Options.vertical_filter``.
     """
+    turn_std: float = 0.0
+    """One sigma of the turn rate, rad/s."""
 
     def vertical(self, options: Options[L]) -> float:
         """Return the vertical separation beyond which it does not count, m."""
@@ -121,6 +123,7 @@ def check_report(name: Field, report: Intruder[Ground], options: Options[L]) -> 
         age=age,
         turn_rate=rate,
         turn_time=lasts,
+        turn_std=part_value(name, "turn_std", report.turn_std, 0.0, 0.5, "rad/s"),
         position_std=part_value(name, "position_std", report.position_std, 0.0, 10_000.0, "m"),
         velocity_std=part_value(name, "velocity_std", report.velocity_std, 0.0, 100.0, "m/s"),
         altitude=report.altitude,
@@ -141,10 +144,11 @@ def report_in_air(report: Intruder[Ground], wind: Wind | None) -> Intruder[Air]:
 
     A turn is one through the air: its rate and its time stay.
     """
-    if wind is None:
-        return cast("Intruder[Air]", report)  # in still air both are the same
+    if wind is None:  # in still air both are the same
+        state = cast("VehicleState[Air]", report.state)
+        return with_state(report, state, velocity_std_in(report, state, NO_WIND))
     state = through_air(report.state, wind, -report.age)
-    return with_state(report, state, velocity_std_in(report, wind))
+    return with_state(report, state, velocity_std_in(report, state, wind))
 
 
 def with_state(report: Intruder[Any], state: VehicleState[F], velocity_std: float) -> Intruder[F]:
@@ -154,14 +158,16 @@ def with_state(report: Intruder[Any], state: VehicleState[F], velocity_std: floa
     return replace(report, state=state, velocity_std=velocity_std)
 
 
-def velocity_std_in(report: Intruder[Ground], wind: Wind) -> float:
-    """Return one sigma of an intruder's velocity where the wind may be another, m/s.
+def velocity_std_in(report: Intruder[Ground], state: VehicleState[Air], wind: Wind) -> float:
+    """Return one sigma of the velocity, m/s, of an intruder with a state in the air mass of a wind:
+    with what the errors of its turn rate and of the wind make of it.
 
     What the ground velocity becomes by a turn depends on the wind, whose error e moves it by up to
     ``2 e sin(turn / 2)``; the velocity's error of an intruder that turns grows by that at least.
     """
     turn = report.turn_rate * report.turn_time
-    return report.velocity_std + float(turned_error(turn, float(wind.std)))
+    turned = turn_error(float(state.speed), report.turn_std, report.turn_time)
+    return math.hypot(report.velocity_std, turned) + float(turned_error(turn, float(wind.std)))
 
 
 class _Report(NamedTuple):

@@ -134,7 +134,7 @@ function table({ traffic, own }) {
     const bearing = own ? degrees((Math.atan2(one.x - own.x, one.y - own.y) * 180) / Math.PI + 360) : "";
     const high = one.relative_altitude === null ? "?" : `${Math.round(one.relative_altitude * units().height)} ${units().tall}`;
     const rate = one.climb === null ? "?" : `${Math.round(one.climb * units().climb)} ${units().climbs}`;
-    const cells = [one.callsign || one.id, apart === null ? "" : `${distance(apart)} ${bearing}`, `${high}, ${rate}`, one.fault || (one.state === "fresh" ? "" : `${one.state}, ${seconds(one.age)}`)];
+    const cells = [one.callsign || one.id, apart === null ? "" : `${distance(apart)} ${bearing}`, `${high}, ${rate}`, one.fault || (one.state === "fresh" ? one.correction : `${one.state}, ${seconds(one.age)}`)];
     cells.forEach((cell, n) => put(part(row, "td", n), cell));
   });
 }
@@ -311,6 +311,11 @@ function drawTraffic(pen, { traffic, own }, { place, scale, width, height, turn,
   shown.sort((a, b) => b.one.level - a.one.level || apart(a.one) - apart(b.one));
   for (const { one, at: [x, y] } of shown.toReversed()) {
     const colour = one.level > 0 ? colours[NAMES[one.level]] : colours.traffic, late = one.state !== "fresh";
+    if (one.accuracy * scale > 10) { // where it may be, by two sigmas, wider than its symbol
+      circle(pen, x, y, one.accuracy * scale);
+      pen.fillStyle = tint(colour, 0.15);
+      pen.fill();
+    }
     if (one.separation) (circle(pen, x, y, one.separation * scale), stroke(pen, tint(colour, 0.7), 1.2, [5, 5]));
     line(pen, ahead(one).map(([px, py]) => place(px, py)));
     stroke(pen, tint(colour, late ? 0.45 : 0.9), one.level > 0 ? 2.4 : 1.5, late ? [3, 4] : []);

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.assurance.plausible import Tolerance, difference
+from agents.assurance.inputs import believed
+from agents.assurance.monitor import step
 from agents.assurance.single import reasons
 from agents.assurance.state import State
 from agents.assurance.thresholds import Cause
@@ -22,6 +23,7 @@ from envs.aircraft import PAPER, new_aircraft
 from envs.kinematics import VehicleState
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
+from envs.tracking.tracker import Reports, observe
 from envs.trees import map_leaves
 from envs.waypoints import RoutePoint
 from eval.evidence.outside import SHIFTS, Flights, flag, fly_reported, inside, main
@@ -33,6 +35,7 @@ from tests.agents.scenes import (
     causes_of,
     far,
     flying,
+    on_plan,
     other,
     state_of,
     tell,
@@ -41,6 +44,9 @@ from tests.support import mirror_state
 
 COUNT, STEPS = 20, 90
 HIDDEN = "a constant delay of 5 s, not declared"
+HELD = "each repeated for 5 s, with new stamps"
+"""The tracker takes such a report for as old as its position: nothing is wrong with it."""
+
 ROUTE = [RoutePoint(n, 5_000.0 * n, 0.0) for n in range(8)]
 
 
@@ -66,16 +72,17 @@ def shift_flights(name: str) -> Flights:
 
 def judge(flights: Flights, aircraft: Any = PAPER) -> np.ndarray:
     found = flag(flights, policy(), aircraft)
-    return np.stack([found[name] for name in ("range", "rate", "consistency", "novelty")])
+    return np.stack([found[name] for name in ("range", "consistency", "novelty")])
 
 
 @pytest.mark.parametrize("name", ["maneuvering", "noisy"])
 def test_nominal_flights_are_quiet(name: str) -> None:
     assert inside(nominal(name), PAPER).all()
-    assert not judge(nominal(name)).any()
+    # Late reports of a turn do contradict themselves.
+    assert judge(nominal(name)).any(axis=0).mean() <= (0.1 if name == "noisy" else 0.0)
 
 
-@pytest.mark.parametrize("name", [name for name in SHIFTS if name != HIDDEN])
+@pytest.mark.parametrize("name", [name for name in SHIFTS if name not in (HIDDEN, HELD)])
 def test_each_shift_is_caught(name: str) -> None:
     assert judge(shift_flights(name)).any(axis=0).mean() >= 0.95
 
@@ -86,7 +93,8 @@ def test_a_delay_that_nothing_contradicts_is_not_seen() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["heading with the wrong sign", "turns at 2 to 4 times the greatest rate"]
+    "name",
+    ["intruders at 1.5 to 2.5 of the greatest speed", "turns at 2 to 4 times the greatest rate"],
 )
 def test_a_scene_and_its_image_in_other_units_get_the_same_verdict(name: str) -> None:
     flights, length = shift_flights(name), 2.0
@@ -111,8 +119,6 @@ def test_a_scene_and_its_image_in_other_units_get_the_same_verdict(name: str) ->
 
 
 def test_nothing_that_is_no_number_passes() -> None:
-    off, allowed = difference((NAN, 0.0), (0.0, 0.0), 0.0, Tolerance(1.0, 0.1, 3.0))
-    assert not off <= allowed
     box = novelty.shipped_box(policy().sha256)
     assert box is not None, (
         "the box is of the policy that ships: python -m eval.evidence.outside --box"
@@ -128,27 +134,42 @@ def test_nothing_that_is_no_number_passes() -> None:
     assert causes_of(monitor) & Cause.INTRUDER_MISSING
 
 
-def test_reports_that_contradict_themselves_deny_assurance() -> None:
-    monitor, decision = tell(flying(), 0.0)
-    for time in range(1, 4):
-        monitor, decision = tell(monitor, float(time), seen=far(0.0))
-    assert causes_of(monitor) == Cause.CONTRADICTION
-    assert state_of(monitor) is State.DENIED
-    assert ["outside_domain" in why.message for why in reasons(decision, THRESHOLDS)] == [True]
-    back = 3.0
-    for time in range(4, 60):
-        moved = far(time - back)
-        monitor, decision = tell(monitor, float(time), seen=moved)
-    assert state_of(monitor) is State.MONITORING, "a window that agrees is believed again"
+def tell_reports(reports: list[VehicleState]) -> tuple[list[State], list[bool]]:
+    """Return the monitor's states, and whether it asks for a plan, where it is given what the
+    tracker makes of an intruder's reports, second by second.
+    """
+    monitor, sightings, mask = flying(), None, np.ones((1, 1), bool)
+    states, asks = [], []
+    for second, report in enumerate(reports):
+        sightings = observe(sightings, Reports(report, 0.0, 0.0), float(second), mask)
+        time, own = float(second), on_plan(float(second))
+        given = believed(time, own, sightings, mask, THRESHOLDS.turn_time)
+        monitor, decision = step(monitor, given, THRESHOLDS)
+        states.append(state_of(monitor))
+        asks.append(bool(decision.replan[0]))
+    return states, asks
 
 
-def test_plans_are_still_asked_for_against_contradictory_reports() -> None:
-    monitor, _ = tell(flying(), 0.0)
-    asked = []
-    for time in range(1, 4):
-        monitor, decision = tell(monitor, float(time), seen=other(4_000.0, 0.0, math.pi))
-        asked.append(bool(decision.replan[0]))
-    assert state_of(monitor) in (State.DENIED, State.BACKUP) and any(asked)
+def test_places_that_stand_still_deny_assurance_until_they_move_again() -> None:
+    held = 10
+    states, _ = tell_reports([far(float(max(0, time - held))) for time in range(60)])
+    assert State.DENIED in states[:held] and states[-1] is State.MONITORING
+
+
+def test_reports_that_nobody_can_believe_deny_assurance() -> None:
+    turned = [
+        far(float(time))._replace(heading=np.full((1, 1), 0.5 * math.pi)) for time in range(20)
+    ]
+    states, asks = tell_reports(turned)
+    assert states[-1] is State.DENIED and any(asks)
+
+
+def test_a_velocity_that_differs_a_little_is_taken_from_places_and_denies_nothing() -> None:
+    turned = [
+        far(float(time))._replace(heading=np.full((1, 1), math.radians(25.0))) for time in range(30)
+    ]
+    states, _ = tell_reports(turned)
+    assert State.DENIED not in states and states[-1] is State.MONITORING
 
 
 def test_traffic_out_of_range_is_said_and_changes_nothing_else() -> None:
