@@ -93,8 +93,8 @@ class TracksConfig(Strict):
     ahead: float = Field(default=220.0, ge=10.0, le=3_600.0)
     """The goal lies so many seconds ahead on the ownship's first course, at its first speed."""
     repair: bool = False
-    """Whether rows that are incomplete, out of order or impossible are dropped, and gaps filled;
-    else: refused.
+    """Whether rows that are incomplete, out of order or impossible are dropped, and gaps flown
+    along a curve; else: refused.
     """
     max_gap: float = Field(default=5.0, gt=0.0, le=3_600.0)
     """Longest time between two rows of an aircraft, s."""

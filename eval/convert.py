@@ -82,7 +82,7 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--repair",
         action="store_true",
-        help="drop and fill what is wrong in tracks, and say what was done",
+        help="drop what is wrong in tracks, accept gaps, and say what was done",
     )
     add(
         "--lossy",

@@ -58,8 +58,8 @@ def order_flights(
     Args:
         apart: reports of an aircraft with more time than this between them are of different
             flights, s.
-        repair: drop rows that are incomplete, out of order or impossible, and fill gaps, instead of
-            refusing the file.
+        repair: drop rows that are incomplete, out of order or impossible, and accept gaps, instead
+            of refusing the file.
         max_gap: longest time between two rows of a flight, s.
         grounded: counts the reports that are left out because they are on the ground, by address.
 
@@ -78,7 +78,7 @@ def order_flights(
         rows.setdefault(name, []).append(
             (number, {key: _value(report, key, where, repair) for key in _FIELDS})
         )
-    how = Reading(source, repair, max_gap, "report", apart, _STANDING, _NAMES)
+    how = Reading(source, repair, max_gap, "report", apart, _STANDING, _NAMES, KNOT)
     for name, found in rows.items():
         yield name, *flights_of(name, found, how)
 

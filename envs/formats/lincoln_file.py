@@ -19,11 +19,15 @@ import numpy as np
 from commands.text_file import json_of
 from envs.traffic.track_units import DEGREES, FOOT, KNOT, Range
 from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, sum_of_repairs
+from envs.traffic.velocities import UNITS
 
 _STEP = 0.1
 _LONGEST = 36_000.0
 _LONGEST_FILE = 2_000_000.0  # s, of all encounters together
 _ANY = Range(-1e12, 1e12)
+_FEWEST_PUBLISHED, _MOST_PUBLISHED = 5, 100  # encounters with which a file is judged
+_OFF_PUBLISHED = 300.0
+"""m; 8 m of the public encounters, whose vehicles are not ours; 700 m and more in another unit."""
 _PLACE = Range(-DISTANT / FOOT, DISTANT / FOOT, FOOT)
 _STATE = {
     "n_ft": _PLACE,
@@ -91,7 +95,43 @@ def read_lincoln(path: str | os.PathLike[str], *, repair: bool = False) -> list[
                 "distinct ones"
             )
         numbers.add(one.number)
+    _check_published(encounters, source)
     return encounters
+
+
+def _check_published(encounters: list[LincolnEncounter], source: str) -> None:
+    """Raise a TrackError where the encounters as flown are not those whose miss distances the file
+    has: their speeds are in another unit, or their headings are others.
+    """
+    known = [one for one in encounters if math.isfinite(one.miss) and math.isfinite(one.time)]
+    if len(known) < _FEWEST_PUBLISHED:
+        return
+    known = known[:_MOST_PUBLISHED]
+    off = _off_published(known, 1.0)
+    if off <= _OFF_PUBLISHED:
+        return
+    by_unit = {unit: _off_published(known, value / FOOT) for unit, value in UNITS.items()}
+    likely = min(by_unit, key=by_unit.__getitem__)
+    fits = by_unit[likely] <= _OFF_PUBLISHED
+    question = f": are they in {likely}?" if fits else ""
+    raise TrackError(
+        f"{source}, field v_ftps: with these speeds the flights of {len(known)} encounters miss "
+        f"each other by {off:.0f} m more or less than published, in the median, expected at most "
+        f"{_OFF_PUBLISHED:g} m{question}"
+    )
+
+
+def _off_published(encounters: list[LincolnEncounter], factor: float) -> float:
+    """Return the median error of the miss distances of flights whose first speeds are multiplied by
+    a factor, m.
+    """
+    errors = []
+    for one in encounters:
+        own, other = tracks_of(one._replace(speed=factor * one.speed))
+        row = min(max(round(one.time / _STEP), 0), len(own.time) - 1)
+        flown = math.hypot(other.x[row] - own.x[row], other.y[row] - own.y[row])
+        errors.append(abs(flown - one.miss))
+    return float(np.median(errors))
 
 
 def tracks_of(encounter: LincolnEncounter) -> tuple[Track, Track]:

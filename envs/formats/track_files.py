@@ -67,7 +67,7 @@ def read_daidalus(
     Geographic positions become local ones around the ownship's first.
 
     Args:
-        repair: drop rows that are not finite, out of range, out of order or impossible, and fill
+        repair: drop rows that are not finite, out of range, out of order or impossible, and accept
             gaps, instead of refusing the file.
         max_gap: longest time between two rows of an aircraft, s.
 
@@ -104,7 +104,8 @@ def read_daidalus(
         raise TrackError(
             f"{source}, field name: {sorted(rows)[:8]}, expected no two that differ only in case"
         )
-    return track_file(rows, Reading(source, repair, max_gap))
+    speed = fields["gs" if "gs" in fields else "vx"].scale
+    return track_file(rows, Reading(source, repair, max_gap, speed_unit=speed))
 
 
 def _lines(source: str) -> list[tuple[int, list[str]]]:

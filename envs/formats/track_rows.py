@@ -24,6 +24,7 @@ import numpy as np
 from envs.angles import wrap
 from envs.formats.local_frame import local, wgs84
 from envs.traffic.tracks import DISTANT, Repairs, Track, TrackError, TrackFile, sum_of_repairs
+from envs.traffic.velocities import describe, mismatch, of_positions
 
 POSITION, VELOCITY, ACCELERATION = 300.0, 50.0, 5.0
 """m, m/s and m/s^2, horizontally. Of 210 000 steps of real reports a second apart 7 are beyond."""
@@ -44,13 +45,14 @@ class Reading(NamedTuple):
     """How the rows of a file are read."""
 
     source: str  # name of the file for messages
-    repair: bool  # whether to drop and fill instead of refusing
+    repair: bool  # whether to drop rows and accept gaps instead of refusing
     max_gap: float  # longest time between two rows, s
     noun: str = "line"  # what the file counts
     apart: float = math.inf  # rows further apart in time are of different flights, s
     standing: float = math.inf
     """A position that stays the same although the aircraft moved further than this, m, is stale."""
     names: Mapping[str, str] = {}  # what the file calls our fields, where that differs
+    speed_unit: float = 1.0  # that the file has speeds over the ground in, m/s
 
     def field(self, number: int, key: str) -> str:
         """Return where a value stands, for messages."""
@@ -116,7 +118,7 @@ def track_of(name: str, rows: Rows, reference: tuple[float, float] | None) -> Tr
 
 
 def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs]:
-    """Return the flights of an aircraft, each in order and without gaps, at least one, and what was
+    """Return the flights of an aircraft, each in order, at least one, and what was
     repaired for it.
 
     Raises:
@@ -124,7 +126,12 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
     """
     counts = dict.fromkeys(Repairs._fields, 0)
     sorter = _Sorter(name)
-    for number, values in rows:
+    # In a wrong unit no row may follow from another.
+    ordered = _in_order(rows)
+    taken = dict(_velocities_of_positions(name, ordered, how, steady=True) if ordered else [])
+    counts["velocity"] += len(taken)
+    for number, reported in rows:
+        values = taken.get(number, reported)
         bad = next((key for key, value in values.items() if not math.isfinite(value)), None)
         if bad is not None:
             if not how.repair:
@@ -146,10 +153,67 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
     found: list[Rows] = []
     for group in sorter.groups:
         lasting = _lasting(group)
-        found += [flight.rows for flight in lasting]
+        for flight in lasting:
+            flown = _velocities_of_positions(name, flight.reported, how)
+            counts["velocity"] += len(flown)
+            found.append(flown or flight.reported)
         counts["split"] += len(lasting) - 1
         counts["impossible"] += _count_rows(group) - _count_rows(lasting)
     return found or [[]], Repairs(**counts)
+
+
+def _in_order(rows: Rows) -> Rows:
+    """Return the rows that are finite and after those before."""
+    ordered: Rows = []
+    for number, values in rows:
+        finite = all(map(math.isfinite, values.values()))
+        if finite and (not ordered or values["time"] > ordered[-1][1]["time"]):
+            ordered.append((number, values))
+    return ordered
+
+
+def _velocities_of_positions(name: str, rows: Rows, how: Reading, *, steady: bool = False) -> Rows:
+    """Return the rows of a flight with the velocities that its positions show, where those reported
+    make another way, or one that is off steadily; else none.
+
+    Raises:
+        TrackError: they do, and it must not be repaired.
+    """
+    columns = {key: np.array([values[key] for _, values in rows]) for key in rows[0][1]}
+    time, ways, velocities = columns["time"], _ways(columns), _velocities(columns)
+    off = mismatch(time, ways, velocities)
+    if off is None or (steady and not off.steady):
+        return []
+    polar = "gs" in columns
+    if not how.repair:
+        key = ("trk" if off.turned else "gs") if polar else "vx"
+        raise TrackError(f"{how.field(rows[0][0], key)}: {describe(off, name, how.speed_unit)}")
+    shown = of_positions(time, ways)
+    if polar:
+        fields = {"gs": np.abs(shown), "trk": 0.5 * math.pi - np.angle(shown)}
+    else:
+        fields = {"vx": np.real(shown), "vy": np.imag(shown)}
+    return [
+        (number, values | {key: float(column[i]) for key, column in fields.items()})
+        for i, (number, values) in enumerate(rows)
+    ]
+
+
+def _ways(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the ways from each row to the next, east and north, m, complex ``[T - 1]``."""
+    if "sx" in columns:
+        return np.diff(columns["sx"]) + 1j * np.diff(columns["sy"])
+    lat, lon = columns["lat"], columns["lon"]
+    out, back, length = wgs84().inv(lon[:-1], lat[:-1], lon[1:], lat[1:], radians=True)
+    middle = out + 0.5 * wrap(back + math.pi - out, np)
+    return length * np.exp(1j * (0.5 * math.pi - middle))
+
+
+def _velocities(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return velocities over the ground, east and north, m/s, complex ``[T]``."""
+    if "gs" in columns:
+        return columns["gs"] * np.exp(1j * (0.5 * math.pi - columns["trk"]))
+    return columns["vx"] + 1j * columns["vy"]
 
 
 class _Fit(NamedTuple):
@@ -206,7 +270,9 @@ class _Flight:
 
     def __init__(self, name: str, number: int, values: dict[str, float]) -> None:
         self.name = name
+        self.reported: Rows = [(number, values)]
         self.rows: Rows = [(number, values)]
+        """Those reported and, for the checks, what is filled into gaps on the straight line."""
         self.times = [values["time"]]
         self.missed = [_Miss(0.0, 0.0, 0.0, 0.0)]
         """In all since the first row, at each row."""
@@ -216,7 +282,7 @@ class _Flight:
         return self.times[-1] - self.times[0]
 
     def add(self, number: int, values: dict[str, float], how: Reading) -> _Fit:
-        """Add a row and fill the gap before it, or return what keeps it out."""
+        """Add a row that follows, across a gap too, or return what keeps it out."""
         step = values["time"] - self.times[-1]
         if step <= 0.0:
             return self._look_back(number, values, how)
@@ -260,8 +326,8 @@ class _Flight:
         )
 
     def _fill(self, number: int, values: dict[str, float], parts: int, how: Reading) -> _Fit:
-        """Add a row at the end of so many equal steps, and one at the end of each step before; or
-        none of them where one strays.
+        """Add a row at the end of so many equal steps, and for the checks one at the end of each
+        step before; or none of them where one strays.
         """
         size, last = len(self.rows), self.rows[-1][1]
         for part in range(1, parts + 1):
@@ -276,6 +342,7 @@ class _Flight:
                 return _Fit("impossible", strays)
             self.rows.append((number, row))
             self.times.append(row["time"])
+        self.reported.append((number, values))
         return _Fit(filled=parts - 1)
 
     def strays(self, number: int, values: dict[str, float], how: Reading) -> str:
@@ -321,7 +388,7 @@ def _lasting(group: list[_Flight]) -> list[_Flight]:
 
 
 def _count_rows(flights: list[_Flight]) -> int:
-    return sum(len(flight.rows) for flight in flights)
+    return sum(len(flight.reported) for flight in flights)
 
 
 def _misses(before: dict[str, float], after: dict[str, float]) -> tuple[float, float, float]:

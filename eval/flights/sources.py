@@ -29,10 +29,11 @@ from eval.config import FILE, MODEL, EncountersConfig, TracksConfig, TrafficConf
 _DONE = {
     "not_finite": "rows without a valid value dropped",
     "out_of_order": "rows out of order dropped",
-    "filled": "rows filled into gaps",
+    "filled": "rows missing in gaps",
     "stale": "repeated positions dropped",
     "impossible": "rows that no aircraft could fly dropped",
     "split": "flights divided",
+    "velocity": "velocities taken from positions",
 }
 
 Source: TypeAlias = Scenario | Encounter | Replay | ModelTraffic

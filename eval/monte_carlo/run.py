@@ -119,7 +119,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--mode", metavar="MODE", help=f"what decides: {modes}")
     scenario_option(parser, *PREFIXES)
     repair = (
-        "drop and fill what is wrong in recorded tracks, and say what was done (default: "
+        "drop what is wrong in recorded tracks and accept gaps, and say what was done (default: "
         "refuse such files)"
     )
     add("--repair", action="store_const", const="true", help=repair)

@@ -90,7 +90,7 @@ def test_holes_are_refused_or_repaired(tmp_path: Path) -> None:
         write_reports(tmp_path, [*REPORTS[:2], *REPORTS[3:]]), repair=True, max_gap=100.0
     )
     assert repairs == Repairs(filled=7)
-    assert np.diff(own.time)[1:] == pytest.approx(799.0 / 8)
+    assert own.time.tolist() == [100.0, 101.0, 900.0]
 
 
 @pytest.mark.parametrize(
@@ -400,6 +400,42 @@ def test_velocities_away_from_the_reference_follow_the_positions(
         course = np.arctan2(np.diff(track.y), np.diff(track.x))
         reported = np.arctan2(track.vy, track.vx)
         assert abs(course - 0.5 * (reported[1:] + reported[:-1])).max() < np.radians(0.01)
+
+
+@pytest.mark.parametrize("latitude", [47.0, -89.9])
+@pytest.mark.parametrize("step", [1.0, 12.0])
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"groundspeed": 80.0}, "groundspeed: velocities of 'bbb002' make 0.51 .* they in m/s"),
+        ({"groundspeed": 288.0}, "groundspeed: velocities of 'bbb002' make 1.85 .* they in km/h"),
+        ({"groundspeed": 100.0}, "groundspeed: velocities of 'bbb002' make 0.64 .*expected 1"),
+        ({"groundspeed": 0.0}, "groundspeed: velocities of 'bbb002' make 0.00 times"),
+        ({"track": -25.0}, "track: velocities of 'bbb002' point 25 deg to the left of .* heading"),
+    ],
+)
+def test_wrong_velocities_of_a_whole_flight_are_refused_or_taken_from_positions(
+    tmp_path: Path, changes: dict[str, float], sentence: str, step: float, latitude: float
+) -> None:
+    right = flight("bbb002", latitude, 8.0, 40.0, step=step)
+    wrong = [dict(report) for report in right]
+    for report in wrong:
+        report["groundspeed"] = changes.get("groundspeed", report["groundspeed"])
+        report["track"] = (report["track"] + changes.get("track", 0.0)) % 360.0
+    path = reports_file(tmp_path, wrong)
+    with pytest.raises(TrackError, match=sentence):
+        tracks(path, max_gap=20.0)
+    (repaired,), repairs = tracks(path, max_gap=20.0, repair=True)
+    assert repairs == Repairs(velocity=len(right))
+    ((true,), _) = tracks(reports_file(tmp_path, right), max_gap=20.0)
+    assert np.hypot(repaired.vx - true.vx, repaired.vy - true.vy).max() < 3.0
+
+
+def test_wrong_velocities_of_a_few_seconds_are_no_wrong_unit(tmp_path: Path) -> None:
+    one, two = meeting(47.0, 8.0)
+    for report in two[30:75]:
+        report["groundspeed"] /= 1.5
+    assert tracks(reports_file(tmp_path, one, two))[1] == Repairs()
 
 
 HEAD_ON = ("aaa001-bbb002-1600000060",)

@@ -20,6 +20,7 @@ from envs.formats.track_files import read_daidalus
 from envs.traffic.replay import replay
 from envs.traffic.track_units import FAMILIES, KNOT, si
 from envs.traffic.tracks import Repairs, TrackError, at_times
+from envs.traffic.velocities import UNITS
 from tests.support import WGS84, flight, recorded_path
 
 LOCAL = """\
@@ -228,11 +229,12 @@ def test_repairs_are_made_on_request_and_counted(tmp_path: Path) -> None:
         read_daidalus(write_file(tmp_path, text))
     (own,), repairs = read_daidalus(write_file(tmp_path, text), repair=True, max_gap=5.0)
     assert repairs == Repairs(not_finite=1, out_of_order=1, filled=3)
-    assert own.time.tolist() == [0.0, 4.0, 8.0, 12.0, 16.0]
-    assert own.y == pytest.approx(1e3 * north * np.linspace(0, 1, 5))
+    assert own.time.tolist() == [0.0, 16.0]
     # From 350 to 10 degrees through north, the short way.
-    assert own.vx[2] == pytest.approx(0.0, abs=1e-9)
-    assert own.vy[2] == pytest.approx(100 * KNOT)
+    middle = at_times(own, np.array([8.0]))
+    assert middle.y == pytest.approx(500.0 * north)
+    assert middle.vx == pytest.approx(0.0, abs=1e-9)
+    assert middle.vy == pytest.approx(100 * KNOT, rel=0.01)
     with pytest.raises(TrackError, match="no row of 'own' is left"):
         read_daidalus(write_file(tmp_path, text.replace("100, 0", "nan, 0")), repair=True)
     whole = read_daidalus(
@@ -279,9 +281,32 @@ def test_what_is_no_file_of_tracks(tmp_path: Path) -> None:
 def test_tracks_at_other_times(tmp_path: Path) -> None:
     own = read_daidalus(write_file(tmp_path, LOCAL)).tracks[0]
     middle = at_times(own, np.array([1.25, 1.5]))
-    assert middle.x == pytest.approx(own.x[1] * np.array([0.25, 0.5]))
+    assert middle.x == pytest.approx(own.x[1] * np.array([0.25, 0.5]), rel=1e-3)
     with pytest.raises(TrackError, match="covers 1 to 2 s"):
         at_times(own, np.array([1.5, 2.5]))
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("m/s", "1.94"), ("km/h", "0.54"), ("ft/s", "0.59"), ("nmi/h", "")]
+)
+def test_a_file_of_velocities_in_a_wrong_unit_is_refused_or_repaired(
+    tmp_path: Path, unit: str, factor: str
+) -> None:
+    file = recorded_path("daidalus_scenarios/scenario_5.daa")
+    right = read_daidalus(file).tracks
+    path = write_file(tmp_path, file.read_text().replace("[knot]", f"[{unit}]", 1))
+    if not factor:  # it is the right one
+        assert read_daidalus(path).repairs == Repairs()
+        return
+    sentence = rf"line 3, field gs: velocities of 'ownship' make {factor} times .*are they in kt"
+    with pytest.raises(TrackError, match=sentence):
+        read_daidalus(path)
+    tracks, repairs = read_daidalus(path, repair=True)
+    assert repairs == Repairs(velocity=sum(len(track.time) for track in right))
+    for repaired, true in zip(tracks, right, strict=True):
+        off = np.hypot(repaired.vx - true.vx, repaired.vy - true.vy)
+        assert np.median(off) < 0.3
+        assert off.max() < 10.0  # where a turn begins and ends
 
 
 @given(st.floats(-80, 80), st.floats(-180, 180), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
@@ -387,6 +412,21 @@ def test_flights_meet_the_published_miss_distances() -> None:
     errors_ft = [abs(miss(one) - one.miss) / FOOT for one in found]
     # Some tracks exceed what the models' own vehicle could fly: the median is what can be judged.
     assert np.median(errors_ft) <= 30.0
+
+
+@pytest.mark.parametrize(
+    ("unit", "question"), [("kt", "are they in kt"), ("m/s", "are they in m/s"), (None, "300 m$")]
+)
+def test_speeds_that_miss_the_published_distances_are_refused(
+    tmp_path: Path, unit: str | None, question: str
+) -> None:
+    content = json.loads(recorded_path("lincoln_lab/encounters.json").read_text())
+    factor = 2.7 if unit is None else FOOT / UNITS[unit]
+    for one in content:
+        one["v_ftps"] = [factor * speed for speed in one["v_ftps"]]
+    with pytest.raises(TrackError, match=rf"field v_ftps: .* of 50 encounters .*{question}"):
+        read_lincoln(write_lincoln(tmp_path, content))
+    assert len(read_lincoln(write_lincoln(tmp_path, content[:4]))) == 4
 
 
 @pytest.mark.parametrize(
