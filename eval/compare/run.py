@@ -131,7 +131,7 @@ def _parser() -> argparse.ArgumentParser:
         "--repair",
         action="store_const",
         const="true",
-        help="drop and fill what is wrong in recorded tracks",
+        help="drop what is wrong in recorded tracks and accept gaps",
     )
     add(
         "--encounters",

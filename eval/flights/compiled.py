@@ -18,6 +18,7 @@ from commands.compiled import keep_compiled, local_devices
 from envs.aircraft import Ratios, ratios
 from envs.arrays import Array
 from envs.trees import map_leaves, take
+from eval.flights.believed import steer_alone
 
 _TILE = 256
 
@@ -79,7 +80,7 @@ class Compiled:
             raise ValueError(
                 "the policy gives an action that is not finite; expected finite states"
             )
-        return actions.astype(float), memory
+        return steer_alone(actions.astype(float), observation, self._policy.aircraft), memory
 
     def _rows(self, observation: Observation) -> tuple[_Rows, int]:
         """Return what resolvers see as rows ``[M]``, and the number of intruders in each."""

@@ -16,10 +16,12 @@ from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.draws import normals
 from envs.encounters import Encounter
+from envs.frames import Air
 from envs.intruder import GAINS
 from envs.kinematics import Limits, commands
 from envs.outcome import Outcome
 from envs.relative import bearing, distance
+from envs.tracking.tracker import Sightings
 from envs.trees import scatter, take
 from envs.world import (
     State,
@@ -33,6 +35,7 @@ from envs.world import (
 )
 from envs.world import step as advance
 from eval.flights.areas_seen import add_to_observation
+from eval.flights.believed import carry_on, steer_alone
 from eval.flights.static_obstacles import Standing
 from eval.flights.trajectories import TrajectoryRecorder
 
@@ -57,7 +60,7 @@ class ByPolicy(NamedTuple):
             observation.goal_y,
             observation.distance_scale,
         )
-        return action, memory
+        return steer_alone(action, observation, self.policy.aircraft), memory
 
 
 class Unmitigated(NamedTuple):
@@ -107,6 +110,7 @@ class _Air(NamedTuple):
     side: np.ndarray  # of the last turn, int8: see last_turn
     reversals: np.ndarray
     memory: np.ndarray  # of a baseline
+    sightings: Sightings[Air] | None = None  # of the intruders, where not all are reported
 
 
 def path_excess(flights: Flights, route: np.ndarray, aircraft: Aircraft) -> np.ndarray:
@@ -163,10 +167,11 @@ def fly(
 ) -> Flights:
     """Fly encounters ``[N]``, float64, to their end; the resolver acts once per time step.
 
-    The sensors' noise is by step, ``[4, N, K]``, None for perfect knowledge of the intruders. A
-    recorder takes the trajectories (about 150 bytes an encounter and step); endless flights go on
-    after a loss of separation. What stands in the ways, ``[N, S]``, is seen beside the intruders;
-    flights are not judged against it.
+    The sensors' noise is by step, ``[4, N, K]``, None for perfect knowledge of the intruders; those
+    that are not reported at times are carried on (:mod:`eval.flights.believed`). A recorder takes
+    the trajectories (about 150 bytes an encounter and step); endless flights go on after a loss of
+    separation. What stands in the ways, ``[N, S]``, is seen beside the intruders; flights are not
+    judged against it.
     """
     rules = aircraft.rules()
     rules = rules._replace(separation=0.0) if endless else rules
@@ -176,7 +181,7 @@ def fly(
     step = 0
     while len(air.number):
         draws = None if noise is None else noise(step)[:, air.number]
-        observation = _look(air.state, draws, rules.t_max - step * dt, aircraft)
+        observation, sightings = _look(air, draws, step * dt, aircraft)
         if standing is not None:
             observation = add_to_observation(
                 observation, take(standing, air.number), step * dt, aircraft
@@ -186,7 +191,8 @@ def fly(
         after, flown = advance(air.state, controls, world, np)
         step += 1
         yaw_rate = commands(controls, aircraft.limits, np)[1]
-        air = _tally(air, after, flown, yaw_rate, step * dt, aircraft)._replace(memory=memory)
+        air = _tally(air, after, flown, yaw_rate, step * dt, aircraft)
+        air = air._replace(memory=memory, sightings=sightings)
         if recorder is not None:
             recorder.append(
                 air.number, after.own, after.intruders.vehicle, flown.separation, action
@@ -205,16 +211,21 @@ def _blank(count: int) -> Flights:
     return Flights(**fields)
 
 
-def _look(state: State, draws: np.ndarray | None, left: float, aircraft: Aircraft) -> Observation:
-    """Return what resolvers see of states ``[M]``, by the draws of the sensors' noise,
-    ``[4, M, K]``, with ``left`` seconds until the time limit.
+def _look(
+    air: _Air, draws: np.ndarray | None, time: float, aircraft: Aircraft
+) -> tuple[Observation, Sightings[Air] | None]:
+    """Return what resolvers see of flights ``[M]`` at a time, s, by the draws of the sensors'
+    noise, ``[4, M, K]``, and what the tracker knows.
     """
+    state, left = air.state, aircraft.t_max - time
     seen = perceive_intruders(state, draws, aircraft.dt, np)
-    exists, distance_scale = (
-        known_intruders(state, aircraft, np),
-        distance_scales(state, aircraft, np),
-    )
-    return Observation(state.own, seen, exists, state.goal_x, state.goal_y, left, distance_scale)
+    exists = known_intruders(state, aircraft, np)
+    scale = distance_scales(state, aircraft, np)
+    observation = Observation(state.own, seen, exists, state.goal_x, state.goal_y, left, scale)
+    if state.coverage is None:
+        return observation, None
+    sensor = None if draws is None else state.sensor
+    return carry_on(observation, state.mask, air.sightings, sensor, time, aircraft)
 
 
 def _tally(

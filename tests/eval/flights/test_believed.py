@@ -1,0 +1,102 @@
+"""Traffic that is not always reported: carried on while it can be, and gone then."""
+
+import math
+
+import numpy as np
+import pytest
+
+from agents.baselines.baselines import Observation
+from agents.inference import Policy
+from envs.aircraft import PAPER
+from envs.encounters import Encounter
+from envs.kinematics import VehicleState
+from envs.scenarios import scenario
+from envs.starts import OF_INTRUDERS, encounters_of_seed
+from eval.flights.believed import CARRIED, carry_on, steer_alone
+from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
+
+
+@pytest.fixture(scope="module")
+def resolver() -> ByPolicy:
+    return ByPolicy(Policy.load().for_aircraft(PAPER, outside="allow"))
+
+
+def sight_of(intruder: VehicleState, there: bool) -> Observation:
+    own = VehicleState(*np.array([[0.0], [0.0], [0.3], [80.0]]))
+    others = VehicleState(*(np.array([[field]]) for field in intruder))
+    return Observation(own, others, np.array([[there]]), np.array([9e3]), np.array([0.0]), 200.0)
+
+
+@pytest.mark.parametrize("rate", [0.0, math.radians(2.0)])
+def test_an_intruder_is_carried_on_along_its_course_or_turn_and_is_gone_then(rate: float) -> None:
+    course, known, exists = 0.5, None, np.array([[True]])
+    place = 0.0 + 0.0j
+    hidden = VehicleState(1e5, 1e5, 0.0, 0.0)  # what is not reported must not matter
+    for second in range(80):
+        there = second < 10
+        now = VehicleState(place.real, place.imag, course, 70.0)
+        sight = sight_of(now if there else hidden, there)
+        seen, known = carry_on(sight, exists, known, None, float(second), PAPER)
+        if there:
+            assert seen is sight
+        elif second - 9.0 <= CARRIED:
+            far = abs(seen.intruders.x[0, 0] + 1j * seen.intruders.y[0, 0] - place)
+            # A turn is expected to end after 15 s.
+            assert seen.mask.all()
+            assert far < 1e-6 or (rate and second > 9 + 15)
+        else:
+            assert not seen.mask.any()
+        middle = course + 0.5 * rate
+        place += 70.0 * np.sinc(0.5 * rate / math.pi) * np.exp(1j * middle)
+        course += rate
+
+
+def test_who_was_never_reported_is_nobody() -> None:
+    sight = sight_of(VehicleState(1e3, 0.0, 0.0, 50.0), False)
+    seen, _ = carry_on(sight, np.array([[True]]), None, None, 0.0, PAPER)
+    assert not seen.mask.any()
+
+
+def test_a_policy_steers_to_the_goal_where_nobody_is(resolver: ByPolicy) -> None:
+    alone, other = (sight_of(VehicleState(3e3, 0.0, 0.0, 50.0), there) for there in (False, True))
+    action = np.array([[0.25, 0.125]])
+    assert steer_alone(action, other, PAPER) is action
+    steered = steer_alone(action, alone, PAPER)
+    assert steered[0, 0] == 0.25
+    assert steered[0, 1] == -1.0  # the goal is to the right
+    assert resolver.decide(alone, np.zeros(1, np.int8))[0][0, 1] == -1.0
+
+
+def drawn(count: int, *, dropouts: bool = True) -> Encounter:
+    starts = encounters_of_seed(
+        scenario("circle + partly_seen", PAPER), 5, 0, count, heeds=OF_INTRUDERS
+    )
+    given = starts.coverage
+    everywhere = given._replace(reach=np.inf * given.reach, half_angle=0.0 * given.reach + math.pi)
+    if not dropouts:
+        everywhere = everywhere._replace(silence=0.0 * given.silence)
+    return starts._replace(coverage=everywhere)
+
+
+def reached(flights: Flights) -> int:
+    return int(np.count_nonzero(flights.outcome == OUTCOMES.index("reached")))
+
+
+def test_reports_of_all_at_all_times_change_nothing(resolver: ByPolicy) -> None:
+    starts = drawn(150, dropouts=False)
+    for one, other in zip(
+        fly(starts, resolver, PAPER),
+        fly(starts._replace(coverage=None), resolver, PAPER),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_drop_outs_alone_lose_hardly_an_encounter(resolver: ByPolicy) -> None:
+    starts = drawn(300)
+    flights = fly(starts, resolver, PAPER)
+    assert reached(flights) >= 297
+    assert flights.reversals.mean() < 2.0
+    few = fly(drawn(20), resolver, PAPER)
+    for field in Flights._fields:  # a flight does not depend on its company
+        np.testing.assert_array_equal(getattr(few, field), getattr(flights, field)[:20])
