@@ -1,0 +1,166 @@
+"""How often aircraft are later where the tracker predicted them: ``python -m benchmarks.prediction
+DATA``.
+
+DATA is a folder of public recordings, with ``adsb`` (OpenSky's reports as of the ``traffic``
+package) and ``lincoln_lab``. Reports go through the tracker at their own times, as reports that do
+not declare how exact they are: with the defaults of the ROS nodes. After each of them the position
+30 and 60 s later is predicted, along the course or for 15 s along the turn, and held against the
+first report after that. Two sigmas per axis should hold 95.4 % of normal errors.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.kernel.traffic import Traffic, predict, turn_error, uncertainty
+from benchmarks.measure import report, show
+from commands.command import Parser, run_cli
+from envs.angles import wrap
+from envs.formats.adsb_file import order_flights
+from envs.formats.lincoln_file import read_lincoln, tracks_of
+from envs.formats.track_rows import place_of, track_of
+from envs.frames import Air
+from envs.kinematics import VehicleState
+from envs.tracking.tracker import Reports, belief, goes_on, observe
+from envs.traffic.tracks import Track, at_times
+from envs.trees import map_leaves, take
+from ros_bridge.core.reports import USUAL
+
+_AHEAD = (30.0, 60.0)  # s
+_LATE = 10.0  # s after which a report is no longer of that time
+_TURN = 15.0  # s that a turn is expected to last
+_SIGMAS = 2.0
+_APART = 60.0  # s between two reports of different flights
+_EVERY = 10  # rows of Lincoln Laboratory's tracks, which are 0.1 s apart
+# Course (rad) or speed (m/s) changed by more until then: it has manoeuvred.
+_TURNED, _FASTER = np.radians(10.0), 5.0
+
+
+class Grid(NamedTuple):
+    """Reports of flights in a row each; fields ``[N, T]``, nan after the last."""
+
+    time: np.ndarray  # s
+    state: VehicleState[Air]
+
+
+class Predictions(NamedTuple):
+    """Predictions that a report has come for; fields ``[P]``."""
+
+    off: np.ndarray  # error of the position, in sigmas, ``[2, P]``
+    sigma: np.ndarray  # per axis, m
+    manoeuvred: np.ndarray  # whether course or speed have changed until then, bool
+
+
+def sources(data: Path) -> Iterator[tuple[str, list[Track]]]:
+    """Yield the flights of each recording."""
+    for name in ("calfire", "quickstart"):
+        path = data / "adsb" / f"{name}.json.gz"
+        flights = order_flights(path, _APART, repair=True, max_gap=_APART)
+        rows = [some for _, found, _ in flights for some in found if len(some) > 1]
+        yield name, [track_of(name, some, place_of(some[0])) for some in rows]
+    encounters = read_lincoln(data / "lincoln_lab" / "encounters.json")
+    flown = [track for one in encounters for track in tracks_of(one)]
+    yield "lincoln", [at_times(track, track.time[::_EVERY]) for track in flown]
+
+
+def grid(tracks: list[Track]) -> Grid:
+    """Return the reports of tracks."""
+    longest = max(len(track.time) for track in tracks)
+
+    def rows(values: list[np.ndarray]) -> np.ndarray:
+        return np.stack(
+            [np.pad(each, (0, longest - len(each)), constant_values=np.nan) for each in values]
+        )
+
+    x, y, vx, vy = (rows([getattr(each, key) for each in tracks]) for key in ("x", "y", "vx", "vy"))
+    time = rows([track.time - track.time[0] for track in tracks])
+    state: VehicleState[Air] = VehicleState(x, y, np.arctan2(vy, vx), np.hypot(vx, vy))
+    return Grid(time, state)
+
+
+def believe(reports: Grid) -> Traffic:
+    """Return what the tracker believes after each report, ``[N, T]``."""
+    believed: list[Traffic] = []
+    sightings = None
+    for row in range(reports.time.shape[1]):
+        there = np.isfinite(reports.time[:, row])
+        time: Any = np.where(there, reports.time[:, row], 0.0)  # of each flight
+        unknown = Reports(take(reports.state, np.s_[:, row]), 0.0, 0.0, False)
+        sightings = observe(sightings, unknown, time, there)
+        now = belief(sightings.tracks)
+        turns = (now.turn_rate != 0.0) & goes_on(now.turn_std, _TURN)
+        turn_time = np.where(turns, _TURN, 0.0)
+        velocity_std = np.maximum(now.velocity_std, USUAL.velocity_std)
+        believed.append(
+            Traffic.straight(now.state, there)._replace(
+                turn_rate=np.where(turns, now.turn_rate, 0.0),
+                turn_time=turn_time,
+                position_std=np.maximum(now.position_std, USUAL.position_std),
+                velocity_std=np.hypot(
+                    velocity_std, turn_error(now.state.speed, now.turn_std, turn_time)
+                ),
+            )
+        )
+    return map_leaves(lambda *fields: np.stack(fields, axis=-1), *believed)
+
+
+def predictions(reports: Grid, believed: Traffic, ahead: float) -> Predictions:
+    """Return what was predicted some seconds ahead, where there is a report then."""
+    count, length = reports.time.shape
+    later = np.full((count, length), length - 1)
+    for n, time in enumerate(reports.time):
+        known = np.count_nonzero(np.isfinite(time))
+        later[n, :known] = np.minimum(
+            np.searchsorted(time[:known], time[:known] + ahead), length - 1
+        )
+    n = np.arange(count)[:, None]
+    elapsed = reports.time[n, later] - reports.time
+    rows = np.nonzero((elapsed >= ahead) & (elapsed <= ahead + _LATE))
+    now, then = (rows[0], rows[1]), (rows[0], later[rows])
+    some, before = take((believed, reports.state), now)
+    true = take(reports.state, then)
+    there = predict(some, elapsed[rows])
+    sigma = uncertainty(some, elapsed[rows])
+    off = np.stack([there.x - true.x, there.y - true.y]) / sigma
+    turned = np.abs(wrap(true.heading - before.heading, np)) > _TURNED
+    return Predictions(off, sigma, turned | (np.abs(true.speed - before.speed) > _FASTER))
+
+
+def figures(found: Predictions) -> dict[str, Any]:
+    """Return the figures of predictions so far ahead."""
+    held = np.abs(found.off) <= _SIGMAS
+    return {
+        "predictions": int(found.sigma.size),
+        "coverage": _share(held),
+        "sigma_median_m": float(np.median(found.sigma)),
+        "manoeuvred": _share(found.manoeuvred),
+        "coverage_manoeuvred": _share(held[:, found.manoeuvred]),
+        "coverage_flown_on": _share(held[:, ~found.manoeuvred]),
+        "misses_of_manoeuvres": _share(np.broadcast_to(found.manoeuvred, held.shape)[~held]),
+    }
+
+
+def _share(holds: np.ndarray) -> float | None:
+    """Return the share of what holds; None of nothing."""
+    return float(holds.mean()) if holds.size else None
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = Parser(description=__doc__)
+    parser.add_argument("data", type=Path, metavar="DATA", help="folder of the public recordings")
+    given = parser.parse_args()
+    for name, tracks in sources(given.data):
+        reports = grid(tracks)
+        believed = believe(reports)
+        for ahead in _AHEAD:
+            shown = {"benchmark": "prediction", "source": name, "ahead_s": ahead}
+            shown |= figures(predictions(reports, believed, ahead))
+            show(shown)
+            report(shown, ("numpy",))
+
+
+if __name__ == "__main__":
+    run_cli(main)
