@@ -52,7 +52,6 @@ _SILENCE = 30.0  # s without a report, after which an aircraft is as new: it may
 # Of the speed: a larger bias leaves open which of position and velocity is wrong. A velocity in m/s
 # that was sent in knots, or the reverse, makes 0.49 of the greater of the two speeds.
 _BOTH = 0.55
-_DIGITS = 5.0  # m, of a position as ADS-B transmits it: within so much it may repeat itself
 # s between two reports that a rate of turn is read from: rounding hides what is shorter, and within
 # what is longer a turn may have begun and ended.
 _BASELINE = (0.2, 5.0)
@@ -325,7 +324,7 @@ def repeats(before: VehicleState[F], state: VehicleState[F], dt: Array, xp: Arra
     flies: what it says is as old as that position, whatever its stamp.
     """
     same = xp.logical_and(before.x == state.x, before.y == state.y)
-    return xp.logical_and(same, state.speed * dt > _DIGITS)
+    return xp.logical_and(same, state.speed * dt > ROUNDING[0])
 
 
 def observe(
