@@ -23,7 +23,7 @@ from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_rows import place_of, track_of
 from envs.frames import Air
 from envs.kinematics import VehicleState
-from envs.tracking.tracker import Reports, belief, goes_on, observe
+from envs.tracking.tracker import Reports, belief, carried_turn, observe
 from envs.traffic.tracks import Track, at_times
 from envs.trees import map_leaves, take
 from ros_bridge.core.reports import USUAL
@@ -90,17 +90,14 @@ def believe(reports: Grid) -> Traffic:
         unknown = Reports(take(reports.state, np.s_[:, row]), 0.0, 0.0, False)
         sightings = observe(sightings, unknown, time, there)
         now = belief(sightings.tracks)
-        turns = (now.turn_rate != 0.0) & goes_on(now.turn_std, _TURN)
-        turn_time = np.where(turns, _TURN, 0.0)
+        turn_rate, turn_std = carried_turn(now.turn_rate, now.turn_std, _TURN)
         velocity_std = np.maximum(now.velocity_std, USUAL.velocity_std)
         believed.append(
             Traffic.straight(now.state, there)._replace(
-                turn_rate=np.where(turns, now.turn_rate, 0.0),
-                turn_time=turn_time,
+                turn_rate=turn_rate,
+                turn_time=np.where(turn_rate == 0.0, 0.0, _TURN),
                 position_std=np.maximum(now.position_std, USUAL.position_std),
-                velocity_std=np.hypot(
-                    velocity_std, turn_error(now.state.speed, now.turn_std, turn_time)
-                ),
+                velocity_std=np.hypot(velocity_std, turn_error(now.state.speed, turn_std, _TURN)),
             )
         )
     return map_leaves(lambda *fields: np.stack(fields, axis=-1), *believed)

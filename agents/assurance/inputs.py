@@ -19,7 +19,7 @@ from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import FASTEST, VehicleState, velocity
-from envs.tracking.tracker import Sightings, belief, goes_on
+from envs.tracking.tracker import Sightings, belief, carried_turn
 from envs.trees import map_leaves
 from envs.wind import turned_error
 
@@ -118,7 +118,7 @@ def believed(
     """
     known = belief(sightings.tracks)
     missing = known.doubtful | ~np.isfinite(sightings.time)
-    turns = (known.turn_rate != 0.0) & goes_on(known.turn_std, turn_time)
+    turn_rate, turn_std = carried_turn(known.turn_rate, known.turn_std, turn_time)
     return inputs(
         time,
         own,
@@ -127,8 +127,8 @@ def believed(
         age=np.where(missing, 0.0, time - sightings.time),
         position_std=known.position_std,
         velocity_std=known.velocity_std,
-        turn_rate=np.where(turns, known.turn_rate, 0.0),
-        turn_std=np.where(turns, known.turn_std, 0.0),
+        turn_rate=turn_rate,
+        turn_std=turn_std,
         **more,
     )
 

@@ -362,3 +362,14 @@ def goes_on(turn_std: Array, turn_time: Array) -> Array:
     known; else straight flight with new estimates every second misleads less.
     """
     return turn_std * turn_time <= _COURSE
+
+
+def carried_turn(
+    turn_rate: Array, turn_std: Array, turn_time: Array, xp: ArrayModule = np
+) -> tuple[Array, Array]:
+    """Return the turn rate that aircraft are expected to go on with for a time, s, and one sigma of
+    it, rad/s, ``[...]``; both are 0 where they fly straight, or are expected to
+    (:func:`goes_on`).
+    """
+    carried = xp.logical_and(turn_rate != 0.0, goes_on(turn_std, turn_time))
+    return xp.where(carried, turn_rate, 0.0), xp.where(carried, turn_std, 0.0)

@@ -11,10 +11,11 @@ from agents.assurance.thresholds import Thresholds
 from agents.kernel.traffic import Traffic, predict
 from envs.angles import wrap
 from envs.arrays import Array
+from envs.backend import FLOATS
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.tracking.tracker import goes_on
+from envs.tracking.tracker import carried_turn
 from envs.wind import NO_WIND, Wind, over_ground, through_air, turn_through_air
 from ros_bridge.core.reports import Report, Unknown
 
@@ -57,10 +58,8 @@ def expected_turn(
     """Return the turn rate through the air that an aircraft of the traffic is expected to go on
     with, and one sigma of it, rad/s.
     """
-    rate = turn_of(report, turns)
-    if rate == 0.0 or not goes_on(report.turn_std, turns.lasts):
-        return 0.0, 0.0
-    return turn_through_air(state, rate, wind), report.turn_std
+    rate, std = carried_turn(turn_of(report, turns), report.turn_std, turns.lasts, FLOATS)
+    return turn_through_air(state, rate, wind), std
 
 
 def carry_on(
