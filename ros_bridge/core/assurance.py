@@ -31,7 +31,8 @@ from ros_bridge.core.areas import AreaReport, Placed
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import STATUS_SAFE, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
-from ros_bridge.core.motion import Turns, expected_turn, to_local
+from ros_bridge.core.intruders import Assumptions, intruder_of
+from ros_bridge.core.motion import Turns, to_local
 from ros_bridge.core.reach import Reach, level, out_of_reach, vertically_apart
 from ros_bridge.core.replies import geodetic_points, to_frame, true_wind, wind_of
 from ros_bridge.core.reports import USUAL, Report, Unknown
@@ -392,24 +393,16 @@ def _intruder(
     supervision: Supervision, situation: Situation, reported: Reported, now: int
 ) -> Intruder[Ground]:
     """Return a report in the monitor's frame, with its separations and its altitude."""
-    report, categories = reported.report, supervision.categories
-    position_std, velocity_std = report.spread(supervision.unknown)
-    limits = supervision.thresholds
-    climb = limits.options.unknown_climb
-    turns = Turns.of(limits)
-    turn, turn_std = expected_turn(report, reported.state, supervision.air.wind, turns)
-    return Intruder(
-        reported.state,
-        _age(supervision.zero, report.time, now),
-        turn_rate=turn,
-        turn_time=turns.lasts if turn else 0.0,
-        turn_std=turn_std,
-        position_std=position_std,
-        velocity_std=velocity_std,
-        altitude=level(report.height(climb), 0, _undulation(situation), climb),
-        separation=categories.separations.get(report.category),
-        vertical_separation=categories.vertical.get(report.category),
+    limits, report = supervision.thresholds, reported.report
+    assumed = Assumptions(
+        supervision.unknown,
+        Turns.of(limits),
+        supervision.categories,
+        limits.options.unknown_climb,
+        _undulation(situation),
     )
+    age = _age(supervision.zero, report.time, now)
+    return intruder_of(report, reported.state, age, supervision.air.wind, assumed)
 
 
 def _is_far(frame: LocalFrame, published: Published) -> bool:

@@ -26,7 +26,8 @@ from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import Route
 from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal
 from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
-from ros_bridge.core.motion import Turns, carry_on, expected_turn, ownship_wind, to_local, turn_of
+from ros_bridge.core.intruders import Assumptions, intruder_of
+from ros_bridge.core.motion import Turns, carry_on, ownship_wind, to_local, turn_of
 from ros_bridge.core.reach import Reach, level, out_of_reach
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.situation import ACCURATE, Held, Situation
@@ -420,22 +421,14 @@ def _intruder(
     report = track.estimate
     assert report is not None, "there is one beside every usable report"
     state = to_local(frame.local, report)
-    # The planner advances the report over its age; only the altitude's reference is settled here.
-    climb = reach.unknown_climb
-    position_std, velocity_std = report.spread(settings.unknown)
-    turn, turn_std = expected_turn(report, state, frame.wind, settings.turns)
-    return Intruder(
-        state,
-        age=(now - report.time) / SECOND,
-        turn_rate=turn,
-        turn_time=settings.turns.lasts if turn else 0.0,
-        turn_std=turn_std,
-        position_std=position_std,
-        velocity_std=velocity_std,
-        altitude=level(report.height(climb), 0, reach.undulation, climb),
-        separation=settings.categories.separations.get(report.category),
-        vertical_separation=settings.categories.vertical.get(report.category),
+    assumed = Assumptions(
+        settings.unknown,
+        settings.turns,
+        settings.categories,
+        reach.unknown_climb,
+        reach.undulation,
     )
+    return intruder_of(report, state, (now - report.time) / SECOND, frame.wind, assumed)
 
 
 def _route(
