@@ -5,6 +5,7 @@ and counted; of unusable messages name and place are kept.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -65,7 +66,7 @@ _OBSTACLES = (19, 20, 21)  # emitter categories C3 to C5; tethered balloons are 
 
 
 @dataclass(frozen=True)
-class Target:
+class Target(ABC):
     """An aircraft as a message of a feed tells of it; what cannot be read raises
     :class:`FieldError` when it is asked for. A format says in its own class what it has.
     """
@@ -96,27 +97,27 @@ class Target:
             raise FieldError(f"{self.field}.age", problem)
         return self.heard
 
+    @abstractmethod
     def place(self) -> tuple[float, float]:
         """Return latitude and longitude, degrees."""
-        raise NotImplementedError
 
+    @abstractmethod
     def speed(self) -> float | None:
         """Return the speed over the ground, m/s; None: unknown."""
-        raise NotImplementedError
 
+    @abstractmethod
     def velocity(self) -> tuple[float, float]:
         """Return true east and north, m/s."""
-        raise NotImplementedError
 
+    @abstractmethod
     def climb(self) -> float | None:
         """Return the vertical speed, m/s; None: unknown."""
-        raise NotImplementedError
 
+    @abstractmethod
     def altitude(self, reference: str | None) -> Altitude | None:
         """Return the altitude of a reference if there is one of it, or else what there is; None:
         unknown.
         """
-        raise NotImplementedError
 
     def position_std(self) -> float | None:
         """Return one sigma of the position per axis, m; None: unknown."""
@@ -194,7 +195,7 @@ class Traffic:
         """Return an aircraft's report, or raise :class:`FieldError`; None where it is no traffic,
         or repeated.
         """
-        reason = self._left_out(target)
+        reason = self._reason_left_out(target)
         if reason:
             self.counts[reason] += 1
             return None
@@ -211,7 +212,7 @@ class Traffic:
         remember(self._reported, target.name, target.heard)
         return found
 
-    def _left_out(self, target: Target) -> str:
+    def _reason_left_out(self, target: Target) -> str:
         """Return why an aircraft is no traffic, as it is counted; "": it is."""
         if self._is_echo(target):
             return "own echo"
