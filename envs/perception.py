@@ -23,6 +23,11 @@ class Sensor(NamedTuple):
     latency: Array = 0.0  # age of a report when it is used, s, at most two time steps
 
 
+def declared_errors(sensor: Sensor | None) -> tuple[Array, Array]:
+    """Return one sigma per axis of reported positions and velocities, m and m/s; None: exact."""
+    return (0.0, 0.0) if sensor is None else (sensor.position_std, sensor.velocity_std)
+
+
 class Coverage(NamedTuple):
     """Of which intruders there are reports at all; fields ``[..., K]``."""
 

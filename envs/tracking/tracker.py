@@ -106,7 +106,7 @@ def begin(reports: Reports[F], xp: ArrayModule = np) -> Tracks[F]:
     )
     vx, vy = velocity(reports.state, xp)
     agreement = agreements.begin(vx, vy, reports.position_std, xp)
-    straight, turning = _begun(_measure(reports, agreement, xp))
+    straight, turning = _first_estimates(_measure(reports, agreement, xp))
     heading = reports.state.heading
     return Tracks(reports, straight, turning, zero + FIRST, heading, zero, zero, agreement)
 
@@ -147,7 +147,7 @@ def extend(
     anew = agreements.worse(tracks.agreement, agreement, declared, xp)
     straight, turning, turns = map_leaves(
         lambda begun, kept: xp.where(anew, begun, kept),
-        (*_begun(measured), FIRST),
+        (*_first_estimates(measured), FIRST),
         (straight, turning, turns),
     )
     zero = 0.0 * turns
@@ -177,7 +177,7 @@ def restart(tracks: Tracks[F], xp: ArrayModule = np) -> Tracks[F]:
     shown of their errors stays.
     """
     newest, agreement = tracks.newest, tracks.agreement
-    straight, turning = _begun(_measure(newest, agreement, xp))
+    straight, turning = _first_estimates(_measure(newest, agreement, xp))
     turns = 0.0 * tracks.turns + FIRST
     return Tracks(
         newest, straight, turning, turns, tracks.course, tracks.since, tracks.rate, agreement
@@ -199,7 +199,7 @@ def _measure(reports: Reports[F], agreement: Agreement, xp: ArrayModule) -> Meas
     )
 
 
-def _begun(measured: Measurement[F]) -> tuple[Estimate[F], Estimate[F]]:
+def _first_estimates(measured: Measurement[F]) -> tuple[Estimate[F], Estimate[F]]:
     """Return the estimates of straight flight and of a turn that know one report."""
     x, y, vx, vy, near, fast = measured
     zero = 0.0 * near

@@ -25,6 +25,7 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
+from envs.perception import declared_errors
 from envs.tracking.tracker import Reports, Sightings, observe
 from envs.trees import take
 from envs.wind import NO_WIND, Wind
@@ -153,9 +154,9 @@ def _watch(
     """Let the monitors see the reports of a time, s, and the areas as they are then, and decide;
     dt: since the reports before, s.
     """
-    state, sensor = flights.air.state, flights.air.state.sensor
+    state = flights.air.state
     reported = perceive_intruders(state, draws, dt, np)
-    noise = (0.0, 0.0) if draws is None else (sensor.position_std, sensor.velocity_std)
+    noise = declared_errors(None if draws is None else state.sensor)
     sightings = observe(flights.sightings, Reports(reported, *noise), time, state.mask)
     known: dict[str, Any] = {"separation": state.separation}
     if areas is not None:

@@ -12,7 +12,7 @@ from agents.baselines.baselines import Observation, course_to_goal, steer
 from agents.kernel.traffic import Traffic, predict
 from envs.aircraft import Aircraft
 from envs.frames import Air
-from envs.perception import Sensor
+from envs.perception import Sensor, declared_errors
 from envs.tracking.tracker import Reports, Sightings, belief, observe
 from envs.trees import map_leaves
 
@@ -43,8 +43,9 @@ def carry_on(
         time: s after the start.
         aircraft: the ownship.
     """
-    noise = (0.0, 0.0) if sensor is None else (sensor.position_std, sensor.velocity_std)
-    sightings = observe(sightings, Reports(observation.intruders, *noise), time, observation.mask)
+    sightings = observe(
+        sightings, Reports(observation.intruders, *declared_errors(sensor)), time, observation.mask
+    )
     age = time - sightings.time
     carried = mask & ~observation.mask & (age <= CARRIED * aircraft.dt)
     if not carried.any():

@@ -27,7 +27,7 @@ from envs.c208.guidance import Guide, Lookahead, Path
 from envs.frames import Air, Ground
 from envs.kinematics import Limits, VehicleState, commands
 from envs.outcome import Rules
-from envs.perception import Sensor
+from envs.perception import Sensor, declared_errors
 from envs.tracking.tracker import Reports, Sightings, observe
 from envs.trees import take
 from envs.wind import Wind, through_air
@@ -195,10 +195,8 @@ class Assured:
         """
         one: VehicleState[Air] = VehicleState(*(np.array([float(field)]) for field in here))
         time, known = float(clock), dict[str, Any](separation=self._separation)
-        noise = (0.0, 0.0)
-        if self._sensor is not None:
-            noise = self._sensor.position_std, self._sensor.velocity_std
-        reports = Reports(through_air(intruders, self._frame, time), *noise)
+        seen = through_air(intruders, self._frame, time)
+        reports = Reports(seen, *declared_errors(self._sensor))
         self._sightings = observe(self._sightings, reports, time, self._mask)
         if self._areas:
             known["areas"] = as_row(self._areas_met(time, here))
