@@ -316,8 +316,8 @@ def test_own_separations_are_seen_alike_by_numpy_jax_and_plain_floats():
     seen = scene(own, others, mask, *goal, *where, np)._replace(distance_scale=distance_scale)
     ours = set_inputs(seen, np)
     theirs = set_inputs(jax.tree.map(jnp.asarray, seen), jnp)
-    for name in ("own", "each"):
-        there = mask if name == "each" else slice(None)
+    for name in ("own", "traffic"):
+        there = mask if name == "traffic" else slice(None)
         apart = np.abs(getattr(ours, name) - getattr(theirs, name))[there]
         assert np.quantile(apart, 0.999) < 2e-3
     together = policy("float64").command(own, others, mask, *goal, distance_scale)
