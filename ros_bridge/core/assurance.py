@@ -26,7 +26,7 @@ from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
-from envs.wind import Wind
+from envs.wind import NO_WIND, Wind
 from ros_bridge.core.areas import AreaReport, Placed
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import STATUS_SAFE, Published, trajectory
@@ -137,17 +137,22 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
             fresh, frame=frame, zero=zero, areas=supervision.areas, verdict=supervision.verdict
         )
     own, waypoints = to_frame(frame, published)
+    wind = wind_of(frame, published)
     tracks = ((name, situation.traffic.get(name)) for name in published.identifiers)
     intruders = {
         name: _intruder(
-            supervision, situation, _placed(frame, track.estimate, None), published.began
+            supervision,
+            situation,
+            _placed(frame, track.estimate, None),
+            wind or NO_WIND,
+            published.began,
         )
         for name, track in tracks
         if track is not None and track.estimate is not None
     }
     began = single.activate(
         supervision,
-        reconstruct(waypoints, wind_of(frame, published)),
+        reconstruct(waypoints, wind),
         own,
         intruders,
         _clock(zero, published.began),
@@ -225,7 +230,9 @@ def _traffic(supervision: Supervision, situation: Situation, now: int) -> _Traff
         report = track.estimate if track.fault is None else None
         if report is not None:
             reported[name] = _placed(frame, report, before)
-            intruders[name] = _intruder(supervision, situation, reported[name], now)
+            intruders[name] = _intruder(
+                supervision, situation, reported[name], supervision.air.wind, now
+            )
         elif name not in known:
             # An aircraft without any good report must be missed all the same.
             intruders[name] = Intruder(_UNKNOWN)
@@ -390,9 +397,11 @@ def _placed(frame: LocalFrame, report: Report, before: Reported | None) -> Repor
 
 
 def _intruder(
-    supervision: Supervision, situation: Situation, reported: Reported, now: int
+    supervision: Supervision, situation: Situation, reported: Reported, wind: Wind, now: int
 ) -> Intruder[Ground]:
-    """Return a report in the monitor's frame, with its separations and its altitude."""
+    """Return a report in the monitor's frame, with its separations, its altitude and its turn
+    through the air of a wind.
+    """
     limits, report = supervision.thresholds, reported.report
     assumed = Assumptions(
         supervision.unknown,
@@ -402,7 +411,7 @@ def _intruder(
         _undulation(situation),
     )
     age = _age(supervision.zero, report.time, now)
-    return intruder_of(report, reported.state, age, supervision.air.wind, assumed)
+    return intruder_of(report, reported.state, age, wind, assumed)
 
 
 def _is_far(frame: LocalFrame, published: Published) -> bool:

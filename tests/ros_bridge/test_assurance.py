@@ -148,6 +148,26 @@ def test_a_plan_in_a_wind_is_monitored_in_it():
     assert abs(verdict.measured.cross_track.item()) > 0.2
 
 
+def test_a_turn_is_one_through_the_air_of_the_plan_that_is_taken_up():
+    situation, radius, rate = heard(), 50.0 / 0.03, 0.03
+    for second in range(-2, 1):
+        moment, heading = NOW + second * SECOND, rate * second
+        place = 8_000.0 + radius * math.sin(heading), 4_000.0 - radius * math.cos(heading)
+        message = aircraft(*place, heading, 50.0, time=moment)
+        situation = updates.traffic(situation, message, moment, RULES)
+    calm = publish_plan(situation)
+    windy = calm._replace(wind=(-20.0, 0.0), revision=2)
+
+    def turn_rate(supervision: Supervision) -> float:
+        return float(supervision.monitor.expected.turn_rate.item())
+
+    before = activate(initial(THRESHOLDS), situation, calm)
+    assert turn_rate(before) == pytest.approx(rate, rel=0.01)
+    after, at_once = (activate(begun, situation, windy) for begun in (before, initial(THRESHOLDS)))
+    # Through the air it flies 20 m/s faster than over the ground, and turns less quickly.
+    assert turn_rate(at_once) == turn_rate(after) == pytest.approx(rate * 50.0 / 70.0, rel=0.03)
+
+
 def test_the_uncertainty_of_the_wind_counts_in_the_monitor_as_in_the_plan():
     settings = replace(SETTINGS, unknown=USUAL._replace(reported_wind_std=1.5))
     situation = traffic(heard(own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xE5)), 0.0)
