@@ -23,14 +23,13 @@ from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_rows import place_of, track_of
 from envs.frames import Air
 from envs.kinematics import VehicleState
-from envs.tracking.tracker import Reports, belief, carried_turn, observe
+from envs.tracking.tracker import TURN_STEPS, Reports, belief, carried_turn, observe
 from envs.traffic.tracks import Track, at_times
 from envs.trees import map_leaves, take
 from ros_bridge.core.reports import USUAL
 
 _AHEAD = (30.0, 60.0)  # s
 _LATE = 10.0  # s after which a report is no longer of that time
-_TURN = 15.0  # s that a turn is expected to last
 _SIGMAS = 2.0
 _APART = 60.0  # s between two reports of different flights
 _EVERY = 10  # rows of Lincoln Laboratory's tracks, which are 0.1 s apart
@@ -90,14 +89,16 @@ def believe(reports: Grid) -> Traffic:
         unknown = Reports(take(reports.state, np.s_[:, row]), 0.0, 0.0, False)
         sightings = observe(sightings, unknown, time, there)
         now = belief(sightings.tracks)
-        turn_rate, turn_std = carried_turn(now.turn_rate, now.turn_std, _TURN)
+        turn_rate, turn_std = carried_turn(now.turn_rate, now.turn_std, TURN_STEPS)
         velocity_std = np.maximum(now.velocity_std, USUAL.velocity_std)
         believed.append(
             Traffic.straight(now.state, there)._replace(
                 turn_rate=turn_rate,
-                turn_time=np.where(turn_rate == 0.0, 0.0, _TURN),
+                turn_time=np.where(turn_rate == 0.0, 0.0, TURN_STEPS),
                 position_std=np.maximum(now.position_std, USUAL.position_std),
-                velocity_std=np.hypot(velocity_std, turn_error(now.state.speed, turn_std, _TURN)),
+                velocity_std=np.hypot(
+                    velocity_std, turn_error(now.state.speed, turn_std, TURN_STEPS)
+                ),
             )
         )
     return map_leaves(lambda *fields: np.stack(fields, axis=-1), *believed)

@@ -12,6 +12,7 @@ from agents.planner.request.options import L, Narrowed, Options, agility
 from agents.planner.request.request import in_wind
 from agents.policy.domain import traffic
 from envs.kinematics import Limits, intersection
+from envs.tracking.tracker import TURN_STEPS
 from envs.wind import Wind
 
 
@@ -210,7 +211,7 @@ class Thresholds(Generic[L]):
             "intruder_position": 0.05 * far,
             "intruder_velocity": 0.05 * limits.speed_max,
             "concern": 1.6 * far,
-            "turn_time": 15.0 * step,
+            "turn_time": TURN_STEPS * step,
             "turn_rate_min": 0.0044 / step,
             "turn_rate_max": max(0.105 / step, 2.0 * limits.yaw_rate_max),
             "replan_interval": 2.0 * step,

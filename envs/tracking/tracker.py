@@ -55,8 +55,6 @@ _BOTH = 0.55
 # s between two reports that a rate of turn is read from: rounding hides what is shorter, and within
 # what is longer a turn may have begun and ended.
 _BASELINE = (0.2, 5.0)
-# rad, 10 degrees: one sigma of the course at the end of a turn that is expected to go on.
-_COURSE = 0.175
 _SAME = 1e-6  # s by which the times of one report may differ: rounding of a clock less an age
 
 
@@ -355,6 +353,14 @@ def observe(
         first,
     )
     return Sightings(tracks, np.where(new, time, sightings.time))
+
+
+TURN_STEPS = 15.0
+"""Time steps after its report for which a turn is expected to go on; seconds where nobody knows the
+time step of an aircraft."""
+
+# rad, 10 degrees: one sigma of the course at the end of a turn that is expected to go on.
+_COURSE = 0.175
 
 
 def goes_on(turn_std: Array, turn_time: Array) -> Array:

@@ -13,16 +13,13 @@ from agents.kernel.traffic import Traffic, predict
 from envs.aircraft import Aircraft
 from envs.frames import Air
 from envs.perception import Sensor, declared_errors
-from envs.tracking.tracker import Reports, Sightings, belief, observe
+from envs.tracking.tracker import TURN_STEPS, Reports, Sightings, belief, observe
 from envs.trees import map_leaves
 
 CARRIED = 60.0
 """Time steps without a report, after which an intruder is gone. With 30 the policy loses 0.4 % more
 of the encounters of ``circle + partly_seen``, because it turns back into the way of those that it
 has turned its view from."""
-
-_TURN = 15.0
-"""Time steps that a turn is expected to last, as the monitor does."""
 
 
 def carry_on(
@@ -52,7 +49,7 @@ def carry_on(
         return observation, sightings
     believed = belief(sightings.tracks)
     flown = Traffic.straight(believed.state, carried)._replace(
-        turn_rate=believed.turn_rate, turn_time=np.full(age.shape, _TURN * aircraft.dt)
+        turn_rate=believed.turn_rate, turn_time=np.full(age.shape, TURN_STEPS * aircraft.dt)
     )
     there = predict(flown, np.where(carried, age, 0.0))
     intruders = map_leaves(

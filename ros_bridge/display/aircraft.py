@@ -10,6 +10,7 @@ from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.tracking.tracker import TURN_STEPS
 from envs.wind import NO_WIND
 from ros_bridge.core.courses import Course
 from ros_bridge.core.fields import SECOND
@@ -28,7 +29,6 @@ from ros_bridge.display.picture import (
 )
 from ros_bridge.display.scene import DisplayScene
 
-_TURN = 15.0  # s that an aircraft is expected to turn on after its report
 _COASTING = 0.5  # share of the age that counts, from which on an aircraft is marked as carried on
 _PROXIMATE = 6.0 * 1852.0, 1200.0 * 0.3048
 """m: traffic without an alert that is nearer than both horizontally and vertically is *proximate*
@@ -150,7 +150,7 @@ def _carry_on(tracks: Sequence[Track], frame: LocalFrame, now: int) -> _Motion:
     heading = np.arctan2(north, east) + here.convergence
     start: VehicleState[Ground] = VehicleState(here.x, here.y, heading, np.hypot(east, north))
     rates = np.array([track.turn_rate for track in tracks])
-    state = carry_on(start, rates, _TURN, age, NO_WIND)
+    state = carry_on(start, rates, TURN_STEPS, age, NO_WIND)
     vx, vy = state.speed * np.cos(state.heading), state.speed * np.sin(state.heading)
     return _Motion(
         x=state.x,
@@ -176,7 +176,7 @@ def _plane(track: Track, motion: _Motion, number: int, now: int, fresh: Freshnes
         vy=round(float(motion.vy[number]), 2),
         track_deg=round(float(motion.track_deg[number]), 1),
         speed=round(report.speed, 1),
-        turn_deg=round(math.degrees(track.turn_rate), 2) if age < _TURN else 0.0,
+        turn_deg=round(math.degrees(track.turn_rate), 2) if age < TURN_STEPS else 0.0,
         altitude=None if height is None else round(height.value, 1),
         reference=None if height is None else height.reference,
         climb=None if climb is None else round(climb, 1),
