@@ -8,10 +8,13 @@ import pytest
 from agents.baselines.baselines import Observation
 from agents.inference import Policy
 from envs.aircraft import PAPER
+from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.kinematics import VehicleState
+from envs.perception import Sensor
 from envs.scenarios import scenario
 from envs.starts import OF_INTRUDERS, encounters_of_seed
+from envs.tracking.tracker import belief
 from eval.flights.believed import CARRIED, carry_on, steer_alone
 from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
 
@@ -49,6 +52,30 @@ def test_an_intruder_is_carried_on_along_its_course_or_turn_and_is_gone_then(rat
         middle = course + 0.5 * rate
         place += 70.0 * np.sinc(0.5 * rate / math.pi) * np.exp(1j * middle)
         course += rate
+
+
+def test_a_turn_is_carried_on_only_where_its_end_is_known() -> None:
+    exists, rate = np.array([[True]]), math.radians(3.0)
+    for sensor, goes_on in ((Sensor(30.0, 3.0), False), (Sensor(1.0, 0.1), True)):
+        known, random, place = None, np.random.default_rng(1), 0.0j
+        for second in range(40):
+            velocity = 70.0 * np.exp(1j * rate * second)
+            there, flown = (
+                true + std * complex(*random.normal(size=2))
+                for true, std in (
+                    (place, sensor.position_std),
+                    (velocity, sensor.velocity_std),
+                )
+            )
+            state = VehicleState(there.real, there.imag, np.angle(flown), abs(flown))
+            _, known = carry_on(sight_of(state, True), exists, known, sensor, float(second), PAPER)
+            place += velocity * np.exp(0.5j * rate)
+        assert known is not None
+        believed = belief(known.tracks)
+        assert believed.turn_rate[0, 0] > 0.5 * rate
+        seen, _ = carry_on(sight_of(state, False), exists, known, sensor, 49.0, PAPER)
+        turned = wrap(seen.intruders.heading - believed.state.heading, np)[0, 0]
+        assert turned == (pytest.approx(10.0 * rate, rel=0.1) if goes_on else 0.0)
 
 
 def test_who_was_never_reported_is_nobody() -> None:
