@@ -19,7 +19,7 @@ from envs.angles import wrap
 from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import FASTEST, VehicleState, velocity
-from envs.tracking.tracker import Sightings, belief, carried_turn
+from envs.tracking.tracker import Sightings, belief, carried_turn, plausible_turn
 from envs.trees import map_leaves
 from envs.wind import turned_error
 
@@ -258,7 +258,8 @@ def advance(
     own_age = np.where(np.isfinite(memory.own_time), memory.time - memory.own_time, 0.0)
     known = np.isfinite(memory.seen)
     age = np.where(known, memory.time[:, None] - memory.seen, 0.0)
-    turn_rate = turning(memory, thresholds)
+    limits = thresholds.turn_rate_min, thresholds.turn_rate_max
+    turn_rate = plausible_turn(memory.turn_rate, *limits)
     turn_time = np.where(turn_rate == 0.0, 0.0, thresholds.turn_time)
     turned = turn_error(memory.intruders.speed, memory.turn_std, turn_time)
     reports = Traffic(
@@ -278,16 +279,6 @@ def advance(
     return VehicleState(x, y, wrap(memory.own.heading, np), memory.own.speed), advance_reports(
         reports, age
     )
-
-
-def turning(memory: Memory, thresholds: Thresholds[Narrowed]) -> Array:
-    """Return the turn rates that intruders are expected to go on with, rad/s, ``[N, K]``.
-
-    What turns less than the least rate flies straight; what seems to turn a little faster than an
-    aircraft can turns as fast as one can.
-    """
-    most, rate = thresholds.turn_rate_max, memory.turn_rate
-    return np.where(np.abs(rate) >= thresholds.turn_rate_min, np.clip(rate, -most, most), 0.0)
 
 
 def _sane(state: VehicleState[Air], age: Array) -> Array:

@@ -21,7 +21,7 @@ from agents.assurance import monitor as monitors
 from agents.assurance.areas import may_be_met
 from agents.assurance.backup import resting
 from agents.assurance.frames import STILL, Frame, carry, frame_of
-from agents.assurance.inputs import Inputs, Memory, no_areas, turning
+from agents.assurance.inputs import Inputs, Memory, no_areas
 from agents.assurance.state import Decision, FlyMode, Monitor, State, rearrange, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.kernel.levels import Altitude
@@ -31,8 +31,10 @@ from agents.planner.request.fields import listed
 from agents.planner.request.options import L, Narrowed
 from agents.planner.request.reports import Intruder, arrays_of_reports, windows, with_state
 from envs.areas import Area
+from envs.backend import FLOATS
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
+from envs.tracking.tracker import plausible_turn
 from envs.trees import take
 from envs.waypoints import PlanStates, Waypoint, plan_states
 from envs.wind import NO_WIND
@@ -294,7 +296,8 @@ def _last_report(
     memory: Memory, intruders: VehicleState[Ground], place: int, thresholds: Thresholds[Narrowed]
 ) -> Intruder[Ground]:
     """Return the last good report of the intruder at a place, of these states, with its age."""
-    turn_rate = float(turning(memory, thresholds)[0, place])
+    limits = thresholds.turn_rate_min, thresholds.turn_rate_max
+    turn_rate = plausible_turn(float(memory.turn_rate[0, place]), *limits, FLOATS)
     separation = float(memory.separation[0, place])
     return Intruder(
         state=VehicleState(*(float(field[0, place]) for field in intruders)),

@@ -355,6 +355,15 @@ def observe(
     return Sightings(tracks, np.where(new, time, sightings.time))
 
 
+def plausible_turn(turn_rate: Array, least: float, most: float, xp: ArrayModule = np) -> Array:
+    """Return the turn rates that count, rad/s, ``[...]``.
+
+    What turns by less than the least rate flies straight; what seems to turn a little faster than
+    an aircraft can turns as fast as it can.
+    """
+    return xp.where(xp.abs(turn_rate) >= least, xp.clip(turn_rate, -most, most), 0.0)
+
+
 TURN_STEPS = 15.0
 """Time steps after its report for which a turn is expected to go on; seconds where nobody knows the
 time step of an aircraft."""

@@ -15,7 +15,7 @@ from envs.backend import FLOATS
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.tracking.tracker import carried_turn
+from envs.tracking.tracker import carried_turn, plausible_turn
 from envs.wind import NO_WIND, Wind, over_ground, through_air, turn_through_air
 from ros_bridge.core.reports import Report, Unknown
 
@@ -45,11 +45,8 @@ class Turns(NamedTuple):
 
 
 def turn_of(report: Report, turns: Turns) -> float:
-    """Return the turn rate of an aircraft over the ground, rad/s; 0 where it is too small to count.
-    What seems to turn a little faster than an aircraft can turns as fast as one can.
-    """
-    rate = report.turn_rate
-    return max(-turns.most, min(rate, turns.most)) if abs(rate) >= turns.least else 0.0
+    """Return the turn rate of an aircraft over the ground that counts, rad/s."""
+    return plausible_turn(report.turn_rate, turns.least, turns.most, FLOATS)
 
 
 def expected_turn(

@@ -149,9 +149,6 @@ _OF_INPUTS = (
         "~(now - memory.seen <= thresholds.intruder_age)",
         "now - memory.seen > thresholds.intruder_age + 1.0",
     ),
-    # Turns.
-    ("np.clip(rate, -most, most), 0.0)", "rate, 0.0)"),
-    ("np.abs(rate) >= thresholds.turn_rate_min", "np.abs(rate) >= 0.0"),
     ("velocity_std=np.hypot(memory.velocity_std, turned)", "velocity_std=memory.velocity_std"),
     # What is believed of reports.
     (
@@ -161,6 +158,11 @@ _OF_INPUTS = (
     ("age=np.where(missing, 0.0, time - sightings.time)", "age=np.zeros(np.shape(missing))"),
 )
 
+
+_OF_TRACKER = (
+    ("xp.clip(turn_rate, -most, most), 0.0)", "turn_rate, 0.0)"),
+    ("xp.abs(turn_rate) >= least", "xp.abs(turn_rate) >= 0.0"),
+)
 
 _OF_FRAMES = (
     ("intruders=state(memory.intruders, memory.seen)", "intruders=memory.intruders"),
@@ -199,6 +201,7 @@ _CHANGES = {
     ),
     "agents/assurance/conformance.py": (_OF_CONFORMANCE, (_CONFORMANCE, _AREAS, _BACKUP, _MONITOR)),
     "agents/assurance/inputs.py": (_OF_INPUTS, (_INPUTS, _FRAMES, _OUTSIDE)),
+    "envs/tracking/tracker.py": (_OF_TRACKER, (_INPUTS,)),
     "agents/assurance/frames.py": (_OF_FRAMES, (_FRAMES, _AREAS)),
     "agents/assurance/state.py": (_OF_STATE, (_FRAMES,)),
 }
