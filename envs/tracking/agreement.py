@@ -68,13 +68,22 @@ class Agreement(NamedTuple):
     bb: Array
     position_scatter: Array  # running mean of deviations, as one sigma per axis, m
     velocity_scatter: Array  # m/s
+    # The random errors, one sigma per axis: as the newest declares, or as the reports show where
+    # that is clearly more.
+    position_std: Array  # m
+    velocity_std: Array  # m/s
     biased: Array  # whether the bias is significant, bool
 
 
-def begin(vx: Array, vy: Array, position_std: Array, xp: ArrayModule) -> Agreement:
-    """Return what one report shows, with one sigma of its position, per axis, m, ``[...]``."""
-    zero = 0.0 * (vx + position_std)
-    known = xp.maximum(zero + position_std, _UNKNOWN)
+def begin(
+    velocity: tuple[Array, Array], declared: tuple[Array, Array], xp: ArrayModule
+) -> Agreement:
+    """Return what one report shows, ``[...]``: its velocity, m/s, and one sigma per axis of its
+    position and velocity as declared, m and m/s.
+    """
+    vx, vy = velocity
+    zero = 0.0 * (vx + declared[0] + declared[1])
+    known = xp.maximum(zero + declared[0], _UNKNOWN)
     return Agreement(
         zero + 1.0,
         zero,
@@ -96,26 +105,39 @@ def begin(vx: Array, vy: Array, position_std: Array, xp: ArrayModule) -> Agreeme
         zero + _BIAS_PRIOR**2,
         zero,
         zero,
+        zero + declared[0],
+        zero + declared[1],
         zero > 1.0,
     )
 
 
-def errors(
-    agreement: Agreement, declared: tuple[Array, Array], xp: ArrayModule
+@scalar
+def _errors(
+    count: Array,
+    seconds: Array,
+    scatter: tuple[Array, Array],
+    declared: tuple[Array, Array],
+    xp: ArrayModule,
 ) -> tuple[Array, Array]:
-    """Return the random errors of positions and velocities, per axis, m and m/s, ``[...]``: what is
-    declared, or what the reports show where that is clearly more.
+    """Return the random errors of positions and velocities, per axis, m and m/s, ``[...]``.
+
+    Args:
+        count: of reports.
+        seconds: between the two newest.
+        scatter: running means of deviations of positions and velocities, m and m/s.
+        declared: one sigma per axis of the newest report, m and m/s.
+        xp: the array module.
     """
-    position = agreement.position_scatter
+    position = scatter[0]
     # A velocity's error is in the way between two places too; without it there it was a manoeuvre.
-    most = _IN_PLACES * position / xp.maximum(agreement.seconds, 1e-3)
-    velocity = xp.minimum(agreement.velocity_scatter, most)
+    most = _IN_PLACES * position / xp.maximum(seconds, 1e-3)
+    velocity = xp.minimum(scatter[1], most)
     further = position > _SHOWN * declared[0] + _SHOWN_LEAST[0]
     # A manoeuvre between two reports changes a velocity the more the longer it lasts.
-    least = _SHOWN_LEAST[1] * xp.maximum(agreement.seconds, 1.0)
+    least = _SHOWN_LEAST[1] * xp.maximum(seconds, 1.0)
     faster = velocity > _SHOWN * declared[1] + least
     # Who understates the error of one field is not believed about the other either.
-    shown = xp.logical_and(agreement.count > _SETTLED, xp.logical_or(further, faster))
+    shown = xp.logical_and(count > _SETTLED, xp.logical_or(further, faster))
     far = xp.logical_and(shown, position > xp.maximum(declared[0], ROUNDING[0]))
     fast = xp.logical_and(shown, velocity > xp.maximum(declared[1], ROUNDING[1]))
     return xp.where(far, position, declared[0]), xp.where(fast, velocity, declared[1])
@@ -145,9 +167,12 @@ def worse(
         declared: one sigma per axis of position and velocity, m and m/s.
         xp: the array module.
     """
-    known, shown = errors(before, declared, xp), errors(after, declared, xp)
-    further = shown[0] > _GROWN * xp.maximum(known[0], ROUNDING[0])
-    faster = shown[1] > _GROWN * xp.maximum(known[1], ROUNDING[1])
+    known = (
+        xp.maximum(before.position_std, declared[0]),
+        xp.maximum(before.velocity_std, declared[1]),
+    )
+    further = after.position_std > _GROWN * xp.maximum(known[0], ROUNDING[0])
+    faster = after.velocity_std > _GROWN * xp.maximum(known[1], ROUNDING[1])
     biased = xp.logical_and(after.biased, xp.logical_not(before.biased))
     return xp.logical_or(xp.logical_or(further, faster), biased)
 
@@ -221,12 +246,17 @@ def extend(
         xp.maximum(_SHARE, 1.0 / xp.maximum(old.count - 1.0, 1.0)),
         0.0,
     )
+    position_scatter = old.position_scatter + share * (further - old.position_scatter)
+    velocity_scatter = old.velocity_scatter + share * (faster - old.velocity_scatter)
+    count, seconds = old.count + 1.0, dt + 0.0 * old.seconds
+    scatter = position_scatter, velocity_scatter
+    shown = _errors(count, seconds, scatter, declared, xp)
     return Agreement(
-        old.count + 1.0,
+        count,
         length,
         vx,
         vy,
-        dt + 0.0 * old.seconds,
+        seconds,
         change_x,
         change_y,
         turn_x,
@@ -241,8 +271,10 @@ def extend(
         oo - near * oo,
         ob - near * ob,
         bb,
-        old.position_scatter + share * (further - old.position_scatter),
-        old.velocity_scatter + share * (faster - old.velocity_scatter),
+        position_scatter,
+        velocity_scatter,
+        shown[0],
+        shown[1],
         biased,
     )
 

@@ -102,8 +102,8 @@ def begin(reports: Reports[F], xp: ArrayModule = np) -> Tracks[F]:
         reports.velocity_std + zero,
         xp.logical_and(reports.known, zero == 0.0),
     )
-    vx, vy = velocity(reports.state, xp)
-    agreement = agreements.begin(vx, vy, reports.position_std, xp)
+    declared = reports.position_std, reports.velocity_std
+    agreement = agreements.begin(velocity(reports.state, xp), declared, xp)
     straight, turning = _first_estimates(_measure(reports, agreement, xp))
     heading = reports.state.heading
     return Tracks(reports, straight, turning, zero + FIRST, heading, zero, zero, agreement)
@@ -187,14 +187,18 @@ def _measure(reports: Reports[F], agreement: Agreement, xp: ArrayModule) -> Meas
     of their velocities.
     """
     vx, vy = velocity(reports.state, xp)
-    declared = reports.position_std, reports.velocity_std
-    near, fast = agreements.errors(agreement, declared, xp)
-    near, fast = xp.maximum(near, ROUNDING[0]), xp.maximum(fast, ROUNDING[1])
-    bias_x, bias_y, variance = agreements.bias(agreement, xp)
-    x, y = reports.state.x, reports.state.y
-    return Measurement(
-        x, y, vx + bias_x, vy + bias_y, near * near, fast * fast + _BIASED * variance
-    )
+    bias_x, bias_y, bias_variance = agreements.bias(agreement, xp)
+    variances = _variances(agreement, bias_variance, xp)
+    return Measurement(reports.state.x, reports.state.y, vx + bias_x, vy + bias_y, *variances)
+
+
+def _variances(agreement: Agreement, bias_variance: Array, xp: ArrayModule) -> tuple[Array, Array]:
+    """Return the variances of the newest reports as the filters take them in, per axis, m^2 and
+    m^2/s^2.
+    """
+    near = xp.maximum(agreement.position_std, ROUNDING[0])
+    fast = xp.maximum(agreement.velocity_std, ROUNDING[1])
+    return near * near, fast * fast + _BIASED * bias_variance
 
 
 def _first_estimates(measured: Measurement[F]) -> tuple[Estimate[F], Estimate[F]]:
@@ -234,7 +238,7 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
     newest, agreement = tracks.newest, tracks.agreement
     reported = newest.state
     least = newest.position_std, newest.velocity_std
-    near, fast = agreements.errors(agreement, least, xp)
+    near, fast = agreement.position_std, agreement.velocity_std
     bias_x, bias_y, bias_variance = agreements.bias(agreement, xp)
     bias = xp.sqrt(bias_x * bias_x + bias_y * bias_y)
     exact = xp.logical_and(least[0] == 0.0, least[1] == 0.0)
@@ -249,10 +253,9 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
     doubtful = bias > _BOTH * xp.maximum(speed, reported.speed)
     either = xp.where(doubtful, 0.5 * bias, 0.0)
     # The newest report alone is as good as this.
-    measured = _measure(newest, agreement, xp)
+    alone = _variances(agreement, bias_variance, xp)
     c = flown.covariance
-    place = xp.clip(c.pp, 0.0, measured.position_variance)
-    motion = xp.clip(c.vv, 0.0, measured.velocity_variance)
+    place, motion = xp.clip(c.pp, 0.0, alone[0]), xp.clip(c.vv, 0.0, alone[1])
     # The error of a bias is the same in many reports, so that the filters average none of it.
     position_std, velocity_std = xp.sqrt(place), xp.sqrt(motion + bias_variance + either * either)
     # Errors that nobody declared need not be white: no average makes them smaller.

@@ -33,7 +33,6 @@ from envs.kinematics import Limits, VehicleState
 from envs.perception import Sensor, carry_back, perceive
 from envs.scenarios import scenario
 from envs.starts import OF_INTRUDERS, encounters_of_seed, join
-from envs.tracking.agreement import errors
 from envs.tracking.tracker import Reports, Sightings, belief, observe
 from envs.trees import map_leaves, take
 from envs.wind import NO_WIND
@@ -134,9 +133,10 @@ def _contradict(sightings: Sightings[Air], time: float, oldest: float) -> np.nda
     or stand still for longer than ``oldest``, s, bool ``[N, K]``.
     """
     tracks = sightings.tracks
-    declared = tracks.newest.position_std, tracks.newest.velocity_std
-    near, fast = errors(tracks.agreement, declared, np)
-    found = (belief(tracks).bias > 0.0) | (near > declared[0]) | (fast > declared[1])
+    declared, shown = tracks.newest, tracks.agreement
+    found = belief(tracks).bias > 0.0
+    found |= shown.position_std > declared.position_std
+    found |= shown.velocity_std > declared.velocity_std
     return np.asarray(found | (time - sightings.time > oldest))
 
 

@@ -15,7 +15,6 @@ from envs.backend import FLOATS
 from envs.formats.local_frame import displacement, fly_straight
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.tracking.agreement import errors
 from envs.tracking.tracker import Belief, Reports, Tracks, begin, belief, repeats, restart, shift
 from envs.tracking.tracker import extend as follow
 from ros_bridge.core.fields import SECOND
@@ -51,10 +50,10 @@ class Course:
         off = math.hypot(estimate.east - said.east, estimate.north - said.north)
         if self.belief.bias > 0.0 and off > _DIFFERS * max(said.speed, estimate.speed):
             sentences.append(("velocity", _difference(said, estimate)))
-        declared = said.spread(EXACT)
-        errors_shown = errors(self.tracks.agreement, declared, FLOATS)
-        for field, unit, shown, least in zip(
-            ("position", "velocity"), ("m", "m/s"), errors_shown, declared, strict=True
+        newest, agreement = self.tracks.newest, self.tracks.agreement
+        for field, unit, shown, least in (
+            ("position", "m", agreement.position_std, newest.position_std),
+            ("velocity", "m/s", agreement.velocity_std, newest.velocity_std),
         ):
             if shown > least:
                 what = f"scatters by {shown:.2g} {unit} (one sigma), which its reports do not say"

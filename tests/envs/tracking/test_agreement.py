@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from envs.kinematics import VehicleState, velocity
-from envs.tracking.agreement import Agreement, begin, bias, errors, extend, worse
+from envs.tracking.agreement import Agreement, begin, bias, extend, worse
 from tests.envs.tracking.flights import States, fly, reported
 
 EXACT = np.float64(0.0), np.float64(0.0)
@@ -29,7 +29,7 @@ def compare(
         vx, vy = velocity(state, np)
         vx, vy = vx - lack.real, vy - lack.imag
         if not history:
-            history.append(begin(vx, vy, said[0] + 0.0 * vx, np))
+            history.append(begin((vx, vy), said, np))
             continue
         before = reports[number - 1]
         moved = state.x - before.x, state.y - before.y
@@ -46,7 +46,7 @@ def noisy(states: States, position_std: float, velocity_std: float) -> States:
 def test_exact_reports_agree_whatever_is_flown(turns: list[float], dt: float) -> None:
     for agreement in compare(fly(turns, rows=3, dt=dt), dt=dt):
         assert not agreement.biased.any()
-        for shown in errors(agreement, EXACT, np):
+        for shown in (agreement.position_std, agreement.velocity_std):
             np.testing.assert_array_equal(shown, 0.0)
 
 
@@ -62,8 +62,7 @@ def test_errors_are_never_less_than_declared(
 ) -> None:
     states = noisy(fly([0.0] * 10 + [0.05] * 10, rows=20, seed=seed), position_std, velocity_std)
     for agreement in compare(states, (far, fast)):
-        near, speed = errors(agreement, (np.float64(far), np.float64(fast)), np)
-        assert (near >= far).all() and (speed >= fast).all()
+        assert (agreement.position_std >= far).all() and (agreement.velocity_std >= fast).all()
 
 
 @pytest.mark.parametrize("noise", [(0.0, 0.0), (10.0, 1.0), (30.0, 3.0)])
@@ -103,7 +102,8 @@ def test_a_lack_that_ends_is_forgotten() -> None:
 @pytest.mark.parametrize("noise", [(30.0, 3.0), (10.0, 1.0), (5.0, 3.0), (30.0, 0.5)])
 def test_errors_that_nobody_declares_are_shown(noise: tuple[float, float]) -> None:
     states = noisy(fly([0.0] * 40, rows=2_000), *noise)
-    near, fast = errors(compare(states)[-1], EXACT, np)
+    agreement = compare(states)[-1]
+    near, fast = agreement.position_std, agreement.velocity_std
     assert np.mean(near) == pytest.approx(max(noise[0], 0.29 * noise[1]), rel=0.15)
     assert np.mean(fast) == pytest.approx(noise[1], rel=0.15)
 
@@ -111,10 +111,8 @@ def test_errors_that_nobody_declares_are_shown(noise: tuple[float, float]) -> No
 def test_true_declarations_are_rarely_enlarged() -> None:
     for noise in ((30.0, 3.0), (10.0, 1.0)):
         states = noisy(fly([0.0] * 20 + [0.05] * 30, rows=1_000), *noise)
-        declared = tuple(map(np.float64, noise))
         for agreement in compare(states, noise)[10:]:
-            near, _ = errors(agreement, declared, np)
-            assert np.mean(near > noise[0]) < 0.02
+            assert np.mean(agreement.position_std > noise[0]) < 0.02
 
 
 def test_it_is_worse_once_where_an_error_shows() -> None:
@@ -123,6 +121,21 @@ def test_it_is_worse_once_where_an_error_shows() -> None:
         worsened = [bool(worse(before, after, EXACT, np)[0]) for before, after in pairwise(history)]
         assert 1 <= sum(worsened) <= 3
         assert not any(worsened[20:])
+
+
+@pytest.mark.parametrize("declared", [(5.0, 0.5), (60.0, 6.0)])
+def test_a_report_that_declares_more_makes_those_before_no_worse(
+    declared: tuple[float, float],
+) -> None:
+    states = noisy(fly([0.0] * 40, rows=100), *declared)
+    before = compare(states[:-1], declared)[-1]
+    vx, vy = velocity(states[-1], np)
+    moved = states[-1].x - states[-2].x, states[-1].y - states[-2].y
+    more = np.float64(3.0 * declared[0]), np.float64(3.0 * declared[1])
+    after = extend(before, moved, (vx, vy), more, np.float64(1.0), np)
+    np.testing.assert_array_equal(after.position_std, more[0])
+    np.testing.assert_array_equal(after.velocity_std, more[1])
+    assert not worse(before, after, more, np).any()
 
 
 def test_a_report_that_stands_still_lacks_the_way() -> None:
