@@ -105,7 +105,9 @@ def believe(reports: Grid) -> Traffic:
 
 
 def predictions(reports: Grid, believed: Traffic, ahead: float) -> Predictions:
-    """Return what was predicted some seconds ahead, where there is a report then."""
+    """Return what was predicted some seconds ahead, where there is a report then; what cannot be
+    believed is not predicted.
+    """
     count, length = reports.time.shape
     later = np.full((count, length), length - 1)
     for n, time in enumerate(reports.time):
@@ -115,7 +117,8 @@ def predictions(reports: Grid, believed: Traffic, ahead: float) -> Predictions:
         )
     n = np.arange(count)[:, None]
     elapsed = reports.time[n, later] - reports.time
-    rows = np.nonzero((elapsed >= ahead) & (elapsed <= ahead + _LATE))
+    believable = np.isfinite(believed.velocity_std)
+    rows = np.nonzero((elapsed >= ahead) & (elapsed <= ahead + _LATE) & believable)
     now, then = (rows[0], rows[1]), (rows[0], later[rows])
     some, before = take((believed, reports.state), now)
     true = take(reports.state, then)

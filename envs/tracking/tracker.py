@@ -11,6 +11,7 @@ error and agree with those before pass through as they are, to the bit. So do th
 is unknown: it may be a constant error, which no average makes smaller.
 """
 
+import math
 from typing import Generic, NamedTuple
 
 import numpy as np
@@ -81,7 +82,11 @@ class Tracks(NamedTuple, Generic[F]):
 
 
 class Belief(NamedTuple, Generic[F]):
-    """What leaves the tracker, as of the newest reports; fields ``[...]``."""
+    """What leaves the tracker, as of the newest reports; fields ``[...]``.
+
+    Where velocity and positions differ so much that neither can be believed, the standard
+    deviations of both are infinite.
+    """
 
     state: VehicleState[F]
     turn_rate: Array  # rad/s, positive to the left; 0: straight flight
@@ -89,7 +94,11 @@ class Belief(NamedTuple, Generic[F]):
     position_std: Array  # one sigma, per axis, m
     velocity_std: Array  # m/s
     bias: Array  # by which the velocity differs from the positions, m/s; 0: by nothing significant
-    doubtful: Array  # whether neither can be believed, so much do they differ, bool
+
+    @property
+    def doubtful(self) -> Array:
+        """Whether neither velocity nor position can be believed, bool ``[...]``."""
+        return self.velocity_std == math.inf
 
 
 def begin(reports: Reports[F], xp: ArrayModule = np) -> Tracks[F]:
@@ -251,19 +260,20 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
     speed = xp.sqrt(squared)
     # Which of two is wrong that differ by so much, nobody knows.
     doubtful = bias > _BOTH * xp.maximum(speed, reported.speed)
-    either = xp.where(doubtful, 0.5 * bias, 0.0)
     # The newest report alone is as good as this.
     alone = _variances(agreement, bias_variance, xp)
     c = flown.covariance
     place, motion = xp.clip(c.pp, 0.0, alone[0]), xp.clip(c.vv, 0.0, alone[1])
     # The error of a bias is the same in many reports, so that the filters average none of it.
-    position_std, velocity_std = xp.sqrt(place), xp.sqrt(motion + bias_variance + either * either)
+    position_std, velocity_std = xp.sqrt(place), xp.sqrt(motion + bias_variance)
     # Errors that nobody declared need not be white: no average makes them smaller.
     position_std = xp.where(near > least[0], xp.maximum(position_std, near), position_std)
     velocity_std = xp.where(fast > least[1], xp.maximum(velocity_std, fast), velocity_std)
     unknown = xp.logical_not(newest.known)
     position_std = xp.where(unknown, xp.maximum(position_std, least[0]), position_std)
     velocity_std = xp.where(unknown, xp.maximum(velocity_std, least[1]), velocity_std)
+    position_std = xp.where(doubtful, math.inf, position_std)
+    velocity_std = xp.where(doubtful, math.inf, velocity_std)
 
     turns, rate = tracks.turns > 0.5, turn_of(tracks.turning, xp)
     c = tracks.turning.covariance
@@ -282,7 +292,6 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
         xp.where(passes, least[0], position_std),
         xp.where(passes, least[1], velocity_std),
         bias,
-        doubtful,
     )
 
 

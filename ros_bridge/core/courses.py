@@ -35,7 +35,9 @@ class Course:
     taken: Report  # the newest whose place is a new one
     tracks: Tracks[Ground]  # after it; its place is the origin of their map, east and north
     belief: Belief[Ground]  # as of it
-    estimate: Report  # what is believed, as a report
+    estimate: (
+        Report  # what is believed, as a report; where it cannot be believed, the newest itself
+    )
     contradiction: str = ""
     """Why the reports cannot be believed, as a sentence without its subject; empty: they can."""
     field: str = "position"  # that this lies in
@@ -109,11 +111,11 @@ def _held(course: Course, report: Report, seconds: float) -> Course:
 def _course(report: Report, tracks: Tracks[Ground], place: tuple[float, float]) -> Course:
     """Return a course after tracks whose map has its origin at a place."""
     believed = belief(tracks, FLOATS)
-    course = Course(report, report, tracks, believed, _estimate(report, believed, place))
     if not believed.doubtful:
-        return course
+        return Course(report, report, tracks, believed, _estimate(report, believed, place))
     what = f"differs from what the velocities make by {believed.bias:.0f} m/s"
-    return replace(course, contradiction=f"outside_domain: {what}; neither can be believed")
+    contradiction = f"outside_domain: {what}; neither can be believed"
+    return Course(report, report, tracks, believed, report, contradiction)
 
 
 def _estimate(report: Report, believed: Belief[Ground], place: tuple[float, float]) -> Report:

@@ -361,6 +361,9 @@ def test_velocity_in_another_unit_is_a_fault(unit: float):
         message = aircraft(80.0 * second, 0.0, 0.0, 80.0 * unit, time=NOW + second * SECOND)
         track = take_in(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
     assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
+    # Nothing is taken instead of what cannot be believed.
+    assert track.course is not None and track.course.estimate is track.course.newest
+    assert "velocity" not in dict(track.course.corrections)
 
 
 @pytest.mark.parametrize("turn", [0.5 * math.pi, math.pi])
