@@ -8,12 +8,14 @@ straight (``straight``, from 20 s on until the turn) and while they turn (``turn
 position and velocity, root mean squares, m and m/s; NEES of both together, 4 where errors are as
 large as said. ``sees`` is how soon a turn of 1 deg/s and more is seen, s, and in how many;
 ``imagines`` how often a straight flight is said to turn. Times are those of one report of one
-aircraft, of ours for all aircraft together in arrays, and for one after the other in plain floats.
+aircraft, of ours for all aircraft together in arrays, and for one after the other in plain floats
+and, where numba is installed, compiled.
 """
 
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,11 +24,13 @@ from benchmarks import stone_soup
 from benchmarks.measure import hold_to_one_core, report, show
 from commands.command import Parser, real, run_cli, whole
 from commands.progress import Progress
+from envs import compiled
 from envs.arrays import Array
 from envs.backend import FLOATS
 from envs.frames import Ground
 from envs.kinematics import SURROGATE, VehicleState, advance, velocity
 from envs.tracking.estimate import mix
+from envs.tracking.single import follow
 from envs.tracking.tracker import Reports, Tracks, begin, belief, extend, restart
 from envs.trees import map_leaves, take
 
@@ -186,8 +190,8 @@ def theirs(filter_: stone_soup.Filter, flights: Flights, name: str) -> tuple[Tra
 
 
 def our_times(flights: Flights) -> dict[str, float]:
-    """Return the times of a report in arrays and in floats, us, and of a second of a hundred
-    aircraft, ms.
+    """Return the times of a report in arrays, in floats and compiled, us, and of a second of a
+    hundred aircraft in arrays, ms.
     """
     count = flights.rates.shape[1]
     chosen = np.arange(_ALL_AT_ONCE) % count
@@ -203,28 +207,39 @@ def our_times(flights: Flights) -> dict[str, float]:
         list(zip(*(field[:, number].tolist() for field in flights.reports), strict=True))
         for number in range(alone)
     ]
-    began = time.perf_counter()
-    for said in rows:
-        _follow_floats(said, flights.errors)
-    floats = (time.perf_counter() - began) / (alone * len(flights.rates))
-    return {
+    times_of_a_report = {
         "ours_arrays_report_us": 1e6 * min(times) / _ALL_AT_ONCE,
         "ours_arrays_100_aircraft_ms": 1e3 * min(times),
-        "ours_floats_report_us": 1e6 * floats,
     }
+    before = compiled.in_use()
+    compiled.use(False)
+    times_of_a_report["ours_floats_report_us"] = _time_alone(rows, flights.errors)
+    if compiled.prepare():
+        times_of_a_report["ours_compiled_report_us"] = _time_alone(rows, flights.errors)
+    compiled.use(before)
+    return times_of_a_report
 
 
-def _follow_floats(reports: Sequence[tuple[float, ...]], errors: tuple[float, float]) -> None:
-    """Track one aircraft in plain floats."""
-    tracks: Tracks[Ground] | None = None
-    for state in reports:
-        said: Reports[Ground] = Reports(VehicleState(*state), *errors)
-        if tracks is None:
-            tracks = begin(said, FLOATS)
-            continue
-        tracks, jumped = extend(tracks, said, 1.0, FLOATS)
-        tracks = restart(tracks, FLOATS) if jumped else tracks
-        belief(tracks, FLOATS)
+def _time_alone(
+    flights: Sequence[Sequence[tuple[float, ...]]], errors: tuple[float, float]
+) -> float:
+    """Return the time of a report of one aircraft after the other, us."""
+    times = []
+    for _ in range(3):
+        began = time.perf_counter()
+        for reports in flights:
+            _follow_alone(reports, errors)
+        times.append(time.perf_counter() - began)
+    return 1e6 * min(times) / sum(map(len, flights))
+
+
+def _follow_alone(reports: Sequence[tuple[float, ...]], errors: tuple[float, float]) -> None:
+    """Track one aircraft as the ROS nodes do, the newest report the origin of its map."""
+    begins: Reports[Ground] = Reports(VehicleState(0.0, 0.0, *reports[0][2:]), *errors)
+    tracks = begin(begins, FLOATS)
+    for before, (x, y, heading, speed) in pairwise(reports):
+        state: VehicleState[Ground] = VehicleState(x - before[0], y - before[1], heading, speed)
+        tracks, _, _ = follow(tracks, Reports(state, *errors), 1.0)
 
 
 def reported_errors(flights: Flights) -> dict[str, float]:

@@ -272,6 +272,8 @@ def _new_namespace(name: str, namespace: Any, extending: Any, types: Any, consta
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "row": lambda xp, count: np.zeros(count),
     "sqrt": lambda xp, value: math.sqrt(value),
+    "exp": lambda xp, value: math.exp(value),
+    "log": lambda xp, value: math.log(value),
     "floor": lambda xp, value: math.floor(value),
     "abs": lambda xp, value: abs(value),
     "copysign": lambda xp, value, sign: math.copysign(value, sign),

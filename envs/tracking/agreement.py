@@ -143,6 +143,7 @@ def _errors(
     return xp.where(far, position, declared[0]), xp.where(fast, velocity, declared[1])
 
 
+@scalar
 def bias(agreement: Agreement, xp: ArrayModule) -> tuple[Array, Array, Array]:
     """Return what reported velocities lack, m/s, and its variance, per axis, ``[...]``;
     0 where nothing significant is.
@@ -155,6 +156,7 @@ def bias(agreement: Agreement, xp: ArrayModule) -> tuple[Array, Array, Array]:
     )
 
 
+@scalar
 def worse(
     before: Agreement, after: Agreement, declared: tuple[Array, Array], xp: ArrayModule
 ) -> Array:
@@ -177,6 +179,7 @@ def worse(
     return xp.logical_or(xp.logical_or(further, faster), biased)
 
 
+@scalar
 def extend(
     agreement: Agreement,
     moved: tuple[Array, Array],

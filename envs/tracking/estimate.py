@@ -188,6 +188,31 @@ def correct(
 
 
 @scalar
+def choose(
+    condition: Array, first: Estimate[F], second: Estimate[F], xp: ArrayModule
+) -> Estimate[F]:
+    """Return the first estimate where a condition holds, else the second, ``[...]``."""
+    a, b = first.covariance, second.covariance
+    covariance = Covariance(
+        xp.where(condition, a.pp, b.pp),
+        xp.where(condition, a.pv, b.pv),
+        xp.where(condition, a.pa, b.pa),
+        xp.where(condition, a.vv, b.vv),
+        xp.where(condition, a.va, b.va),
+        xp.where(condition, a.aa, b.aa),
+    )
+    return Estimate(
+        xp.where(condition, first.x, second.x),
+        xp.where(condition, first.y, second.y),
+        xp.where(condition, first.vx, second.vx),
+        xp.where(condition, first.vy, second.vy),
+        xp.where(condition, first.ax, second.ax),
+        xp.where(condition, first.ay, second.ay),
+        covariance,
+    )
+
+
+@scalar
 def mix(first: Estimate[F], second: Estimate[F], share: Array) -> Estimate[F]:
     """Return mean and covariance of a mixture, of which the second estimate has a share,
     ``[...]``.

@@ -18,6 +18,7 @@ import numpy as np
 
 from envs.angles import atan2, wrap
 from envs.arrays import Array, ArrayModule
+from envs.compiled import scalar
 from envs.frames import F
 from envs.kinematics import VehicleState, velocity
 from envs.tracking import agreement as agreements
@@ -26,6 +27,7 @@ from envs.tracking.estimate import (
     Covariance,
     Estimate,
     Measurement,
+    choose,
     correct,
     mix,
     predict,
@@ -118,6 +120,7 @@ def begin(reports: Reports[F], xp: ArrayModule = np) -> Tracks[F]:
     return Tracks(reports, straight, turning, zero + FIRST, heading, zero, zero, agreement)
 
 
+@scalar
 def turn_of(estimate: Estimate[F], xp: ArrayModule) -> Array:
     """Return the turn rate of an estimate, rad/s, ``[...]``."""
     squared = estimate.vx * estimate.vx + estimate.vy * estimate.vy
@@ -125,6 +128,7 @@ def turn_of(estimate: Estimate[F], xp: ArrayModule) -> Array:
     return xp.clip(across / xp.maximum(squared, 1.0), -FASTEST_TURN, FASTEST_TURN)
 
 
+@scalar
 def extend(
     tracks: Tracks[F], reports: Reports[F], dt: Array, xp: ArrayModule = np
 ) -> tuple[Tracks[F], Array]:
@@ -152,11 +156,9 @@ def extend(
     turns = odds / (1.0 - turns + odds)
     # Reports that were taken in as more exact than they are would mislead for long.
     anew = agreements.worse(tracks.agreement, agreement, declared, xp)
-    straight, turning, turns = map_leaves(
-        lambda begun, kept: xp.where(anew, begun, kept),
-        (*_first_estimates(measured), FIRST),
-        (straight, turning, turns),
-    )
+    level, bent = _first_estimates(measured)
+    straight, turning = choose(anew, level, straight, xp), choose(anew, bent, turning, xp)
+    turns = xp.where(anew, FIRST, turns)
     zero = 0.0 * turns
     since = tracks.since + dt
     due, gap = since >= _BASELINE[0], since > _BASELINE[1]
@@ -179,6 +181,7 @@ def extend(
     return extended, xp.minimum(off_straight, off_turning) > _JUMP
 
 
+@scalar
 def restart(tracks: Tracks[F], xp: ArrayModule = np) -> Tracks[F]:
     """Return the tracks with estimates that begin with the newest reports; what the reports have
     shown of their errors stays.
@@ -191,6 +194,7 @@ def restart(tracks: Tracks[F], xp: ArrayModule = np) -> Tracks[F]:
     )
 
 
+@scalar
 def _measure(reports: Reports[F], agreement: Agreement, xp: ArrayModule) -> Measurement[F]:
     """Return reports as the filters take them in: with the errors that they show, and less the bias
     of their velocities.
@@ -198,9 +202,11 @@ def _measure(reports: Reports[F], agreement: Agreement, xp: ArrayModule) -> Meas
     vx, vy = velocity(reports.state, xp)
     bias_x, bias_y, bias_variance = agreements.bias(agreement, xp)
     variances = _variances(agreement, bias_variance, xp)
-    return Measurement(reports.state.x, reports.state.y, vx + bias_x, vy + bias_y, *variances)
+    x, y = reports.state.x, reports.state.y
+    return Measurement(x, y, vx + bias_x, vy + bias_y, variances[0], variances[1])
 
 
+@scalar
 def _variances(agreement: Agreement, bias_variance: Array, xp: ArrayModule) -> tuple[Array, Array]:
     """Return the variances of the newest reports as the filters take them in, per axis, m^2 and
     m^2/s^2.
@@ -210,6 +216,7 @@ def _variances(agreement: Agreement, bias_variance: Array, xp: ArrayModule) -> t
     return near * near, fast * fast + _BIASED * bias_variance
 
 
+@scalar
 def _first_estimates(measured: Measurement[F]) -> tuple[Estimate[F], Estimate[F]]:
     """Return the estimates of straight flight and of a turn that know one report."""
     x, y, vx, vy, near, fast = measured
@@ -222,6 +229,7 @@ def _first_estimates(measured: Measurement[F]) -> tuple[Estimate[F], Estimate[F]
     )
 
 
+@scalar
 def _interact(
     tracks: Tracks[F], dt: Array, xp: ArrayModule
 ) -> tuple[Estimate[F], Estimate[F], Array]:
@@ -242,6 +250,7 @@ def _interact(
     return Estimate(flown.x, flown.y, flown.vx, flown.vy, zero, zero, level), turning, turns
 
 
+@scalar
 def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
     """Return what is believed as of the newest reports, ``[...]``."""
     newest, agreement = tracks.newest, tracks.agreement
@@ -295,6 +304,7 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
     )
 
 
+@scalar
 def shift(tracks: Tracks[F], x: Array, y: Array) -> Tracks[F]:
     """Return the tracks in a map whose origin lies at x and y, m, of theirs, ``[...]``."""
     newest = tracks.newest
@@ -316,6 +326,7 @@ def shift(tracks: Tracks[F], x: Array, y: Array) -> Tracks[F]:
     )
 
 
+@scalar
 def _shifted(given: Estimate[F], x: Array, y: Array) -> Estimate[F]:
     return Estimate(
         given.x - x, given.y - y, given.vx, given.vy, given.ax, given.ay, given.covariance

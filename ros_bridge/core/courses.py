@@ -15,8 +15,8 @@ from envs.backend import FLOATS
 from envs.formats.local_frame import displacement, fly_straight
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.tracking.tracker import Belief, Reports, Tracks, begin, belief, repeats, restart, shift
-from envs.tracking.tracker import extend as follow
+from envs.tracking.single import follow
+from envs.tracking.tracker import Belief, Reports, Tracks, begin, belief, repeats
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import EXACT, Report
 
@@ -76,7 +76,7 @@ def _difference(said: Report, estimate: Report) -> str:
 def begin_course(report: Report) -> Course:
     """Return a course of one report."""
     tracks = begin(_reports(report, 0.0, 0.0), FLOATS)
-    return _course(report, tracks, report.place)
+    return _course(report, tracks, belief(tracks, FLOATS))
 
 
 def extend(course: Course, report: Report) -> Course:
@@ -87,10 +87,8 @@ def extend(course: Course, report: Report) -> Course:
     reports = _reports(report, east, north)
     if repeats(before, reports.state, seconds, FLOATS):
         return _held(course, report, seconds)
-    tracks, jumped = follow(course.tracks, reports, seconds, FLOATS)
-    if jumped:
-        tracks = restart(tracks, FLOATS)
-    extended = _course(report, shift(tracks, east, north), report.place)
+    tracks, believed, jumped = follow(course.tracks, reports, seconds)
+    extended = _course(report, tracks, believed)
     off = math.hypot(report.east - taken.east, report.north - taken.north)
     noise = math.hypot(*(max(_NOISE, one.spread(EXACT)[1]) for one in (report, taken)))
     if jumped and off > _GREATEST * seconds + _SIGMAS * noise and not course.contradiction:
@@ -108,25 +106,24 @@ def _held(course: Course, report: Report, seconds: float) -> Course:
     return replace(course, contradiction=f"outside_domain: {what}", field="position")
 
 
-def _course(report: Report, tracks: Tracks[Ground], place: tuple[float, float]) -> Course:
-    """Return a course after tracks whose map has its origin at a place."""
-    believed = belief(tracks, FLOATS)
+def _course(report: Report, tracks: Tracks[Ground], believed: Belief[Ground]) -> Course:
+    """Return a course after a report, at whose place the origin of the tracks' map is."""
     if not believed.doubtful:
-        return Course(report, report, tracks, believed, _estimate(report, believed, place))
+        return Course(report, report, tracks, believed, _estimate(report, believed))
     what = f"differs from what the velocities make by {believed.bias:.0f} m/s"
     contradiction = f"outside_domain: {what}; neither can be believed"
     return Course(report, report, tracks, believed, report, contradiction)
 
 
-def _estimate(report: Report, believed: Belief[Ground], place: tuple[float, float]) -> Report:
-    """Return what is believed as a report."""
+def _estimate(report: Report, believed: Belief[Ground]) -> Report:
+    """Return what is believed, in a map about a report, as a report."""
     x, y, heading, speed = believed.state
     said = math.atan2(report.north, report.east), report.speed
     stds = believed.position_std, believed.velocity_std
     turn = {"turn_rate": believed.turn_rate, "turn_std": believed.turn_std}
     if (x, y, heading, speed) == (0.0, 0.0, *said):
         return replace(report, **turn)
-    latitude, longitude = fly_straight(*place, x, y, 1.0)
+    latitude, longitude = fly_straight(*report.place, x, y, 1.0)
     return replace(
         report,
         latitude=latitude,
@@ -147,4 +144,5 @@ def _reports(report: Report, east: float, north: float) -> Reports[Ground]:
         east, north, math.atan2(report.north, report.east), report.speed
     )
     known = report.position_std is not None and report.velocity_std is not None
-    return Reports(state, *report.spread(EXACT), known)
+    position_std, velocity_std = map(float, report.spread(EXACT))  # as compiled code takes them
+    return Reports(state, position_std, velocity_std, known)

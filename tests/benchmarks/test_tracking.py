@@ -11,6 +11,7 @@ import pytest
 from benchmarks import stone_soup, tracking
 from benchmarks.tracking import Flights, Track
 from commands.command import InputError
+from envs import compiled
 
 ERRORS = 30.0, 3.0
 needs_stone_soup = pytest.mark.skipif(
@@ -42,11 +43,14 @@ def test_ours_is_better_than_the_reports(flights: Flights) -> None:
     assert figures["ours_straight_velocity_m_s"] < 0.4 * reported["reports_velocity_m_s"]
     assert figures["ours_turn_velocity_m_s"] < reported["reports_velocity_m_s"]
     assert figures["ours_sees_share"] > 0.9
+    in_use = compiled.in_use()
     assert set(tracking.our_times(flights)) == {
         "ours_arrays_report_us",
         "ours_arrays_100_aircraft_ms",
         "ours_floats_report_us",
+        *(["ours_compiled_report_us"] if compiled.installed() else []),
     }
+    assert compiled.in_use() is in_use
 
 
 def test_figures_are_those_of_the_errors(flights: Flights) -> None:

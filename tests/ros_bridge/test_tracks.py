@@ -15,7 +15,10 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 from envs import kinematics
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import SURROGATE, VehicleState
+from envs.tracking import single
+from envs.tracking.tracker import Belief, Reports, Tracks
 from envs.wind import Wind
+from ros_bridge.core import courses
 from ros_bridge.core.conversions import aircraft as read
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.motion import expected_turn, turn_of
@@ -410,6 +413,21 @@ def test_noisy_turning_aircraft_do_not_contradict_themselves(
         message = aircraft(*state, time=time, valid=0x45, position_std=10.0)
         track = take_in(track, read(message, "it"), "it", time, RULES)
         assert track.verdict is Verdict.TAKEN
+
+
+def test_reports_in_whole_numbers_are_tracked_in_floats(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled code refuses other types."""
+    types: set[type] = set()
+
+    def follow(tracks: Tracks, reports: Reports, dt: float) -> tuple[Tracks, Belief, bool]:
+        types.update(map(type, (*reports.state, *reports[1:], dt)))
+        return single.follow(tracks, reports, dt)
+
+    monkeypatch.setattr(courses, "follow", follow)
+    whole = [replace(report(second), position_std=30, velocity_std=3) for second in (0.0, 1.0)]
+    _, verdicts = feed(*whole)
+    assert verdicts == [Verdict.TAKEN, Verdict.TAKEN]
+    assert types == {float, bool}
 
 
 def test_outliers_that_disagree_are_refused():
