@@ -1,8 +1,9 @@
 # Everything runs from a virtual environment in .venv; nothing needs root, and nothing outside this directory changes.
 #   make demo         train and evaluate on a small budget
 #   make test         lint, types, import rules and the default tests
-#   make test-slow    the tests that the default run leaves out (more mutated files: FUZZ_ROWS=100000; more plans of
-#                     random aircraft: FUZZ_PLANS=10000; more aircraft with fields unknown: FUZZ_SCENES=10000)
+#   make test-slow    the tests that the default run leaves out (more mutated files and aircraft states:
+#                     FUZZ_ROWS=100000; more plans of random aircraft: FUZZ_PLANS=10000; more aircraft with fields
+#                     unknown: FUZZ_SCENES=10000)
 #   make test-compiled  the default tests of what decides in the air, by compiled code
 #   make test-long    those of them that take minutes each, before a release
 #   make format       rewrite the sources in the house format
@@ -25,7 +26,8 @@ COMPILED := $(addprefix tests/agents/,assurance kernel planner check/test_flight
 
 BIN := .venv/bin
 PROJECT := pyproject.toml constraints/build.in
-PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# Python compiles a module when it is first imported: most modules of the dependencies never are.
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --no-emit-index-url
 
 .PHONY: help demo test test-slow test-compiled test-long lint style types tests format proofs docs venv venv-run ros bluesky constraints clean
