@@ -85,10 +85,9 @@ def test_witnesses_keep_every_separation_in_an_independent_simulation(
 
 @pytest.mark.slow
 def test_nobody_solves_what_is_proven(encounters: Encounter, judged: Resolvability):
-    proven = judged.verdict == Verdict.UNRESOLVABLE
-    assert proven.sum() >= 8
-    oracle = causal(take(encounters, slice(0, 30)), RULES, SURROGATE).solved
-    assert not (oracle & proven[:30]).any()
+    proven = np.flatnonzero(judged.verdict == Verdict.UNRESOLVABLE)
+    assert proven.size >= 8
+    assert not causal(take(encounters, proven), RULES, SURROGATE).solved.any()
 
 
 @pytest.mark.slow
