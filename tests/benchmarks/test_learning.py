@@ -190,6 +190,10 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(learning, "_process", run_in_this_process)
 
 
+SMALLEST = ("--steps", "640", "--trials", "0", "--set", "network.hidden=[8]")
+SMALLEST += ("--set", "ppo.epochs=1")
+
+
 def arguments(out: Path, *more: str) -> list[str]:
     return [*SETS, "--config", "configs/sprint.yaml", "--learner", "ours", "--out", str(out), *more]
 
@@ -209,8 +213,7 @@ def test_ours_goes_on_after_a_kill_with_the_same_curve(
         return built[text]
 
     monkeypatch.setattr(task, "build", build_once)  # compiled once
-    smallest = ("--set", "network.hidden=[8]", "--set", "ppo.epochs=1")
-    options = arguments(tmp_path, "--steps", "640", "--seeds", "1", "--trials", "0", *smallest)
+    options = arguments(tmp_path, "--seeds", "1", *SMALLEST)
     assert learning.main(options) == 0
     whole = json.loads(capsys.readouterr().out.splitlines()[-1])
     path = tmp_path / "runs" / "ours-seed0.jsonl"
@@ -394,7 +397,7 @@ def test_ours_killed_for_good_goes_on(tmp_path: Path):
         sys.executable,
         "-m",
         "benchmarks.learning",
-        *arguments(tmp_path, "--steps", "4000", "--trials", "0"),
+        *arguments(tmp_path, *SMALLEST),
     ]
     command += ["--seeds", "2"]
     second = tmp_path / "runs" / "ours-seed1.jsonl"
