@@ -94,13 +94,13 @@ def _fixtures(item: pytest.Item) -> list[str]:
 def pytest_terminal_summary(
     terminalreporter: pytest.TerminalReporter, config: pytest.Config
 ) -> None:
-    """Keep which files had tests that were passed over, for a run that has what they need
-    (`.pytest_cache/v/passed_over`).
+    """Keep which functions of tests, or whole files, were passed over, for a run that has what they
+    need (`.pytest_cache/v/passed_over`).
     """
     skipped = terminalreporter.stats.get("skipped", [])
     cache = getattr(config, "cache", None)
     if cache is not None:  # -p no:cacheprovider
-        cache.set("passed_over", sorted({one.nodeid.partition("::")[0] for one in skipped}))
+        cache.set("passed_over", sorted({one.nodeid.partition("[")[0] for one in skipped}))
 
 
 @pytest.fixture(autouse=True, scope="module")
