@@ -164,7 +164,17 @@ def install_wheel(python: str, wheel: Path, extras: str, folder: Path, *more: st
             line for line in named.splitlines() if not (more and line.startswith("gymnasium=="))
         )
     )
-    install = ("-m", "pip", "install", "--quiet", "-c", pins, f"{wheel}{extras}", *more)
+    install = (
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-compile",
+        "-c",
+        pins,
+        f"{wheel}{extras}",
+        *more,
+    )
     start(folder / "bare/bin/python", *install, folder=folder)
     return folder / "bare/bin"
 
