@@ -21,8 +21,7 @@ PYTHON ?= python3
 PYTEST_ARGS ?= -n 2 --dist loadfile --no-loadscope-reorder
 UV ?= uv
 # The tests that reach compiled code.
-COMPILED := $(addprefix tests/agents/,assurance kernel planner check/test_flight.py test_check.py test_features.py \
-  test_inference.py test_proofs.py)
+COMPILED := $(addprefix tests/agents/,assurance kernel planner check/test_flight.py test_check.py test_inference.py)
 
 BIN := .venv/bin
 PROJECT := pyproject.toml constraints/build.in
