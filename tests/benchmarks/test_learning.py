@@ -190,8 +190,16 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(learning, "_process", run_in_this_process)
 
 
-SMALLEST = ("--steps", "640", "--trials", "0", "--set", "network.hidden=[8]")
-SMALLEST += ("--set", "ppo.epochs=1")
+SMALLEST = [
+    "--steps",
+    "640",
+    "--trials",
+    "0",
+    "--set",
+    "network.hidden=[8]",
+    "--set",
+    "ppo.epochs=1",
+]
 
 
 def arguments(out: Path, *more: str) -> list[str]:
