@@ -1,6 +1,6 @@
 (* What the theorem rests on: nothing but the axioms of Coq's real numbers. *)
 
-Require Import Signed Motion Quadrature Level Wind Safe Example.
+Require Import Signed Motion Quadrature Level Climb Wind Safe Space Example.
 
 Print Assumptions safe.
 Print Assumptions apart_vertically.
@@ -23,3 +23,25 @@ Print Assumptions level_window.
 Print Assumptions narrow_sound.
 Print Assumptions narrow_sound_lowest.
 Print Assumptions turned_in_other_wind.
+Print Assumptions flown_moves.
+Print Assumptions flown_alone.
+Print Assumptions before_corner.
+Print Assumptions after_corner.
+Print Assumptions near_corner.
+Print Assumptions changes_apart.
+Print Assumptions change_from_request.
+Print Assumptions begins_at_request.
+Print Assumptions flown_near_linear.
+Print Assumptions climb_within.
+Print Assumptions climb_gentle.
+Print Assumptions piece_is_line.
+Print Assumptions linear_keeps.
+Print Assumptions first_leg.
+Print Assumptions first_leg_too_short.
+Print Assumptions covered_somewhere.
+Print Assumptions keeps_level.
+Print Assumptions piece_apart.
+Print Assumptions safe_in_space.
+Print Assumptions piece_off_level.
+Print Assumptions area_in_space.
+Print Assumptions example_in_space.

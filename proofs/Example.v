@@ -1,9 +1,9 @@
-(* The hypotheses of the theorem can be met: a straight plan of ten seconds beside an intruder on a parallel course and a
-   disc to be kept out of. *)
+(* The hypotheses of the theorems can be met: a straight plan of ten seconds beside an intruder on a parallel course and
+   a disc to be kept out of. And in space: the intruder counts for five seconds, then the plan is below it. *)
 
 From Coq Require Import Reals Lra Psatz List.
 From Coquelicot Require Import Coquelicot.
-Require Import Vectors Chord Bound Motion Signed Constants Safe.
+Require Import Vectors Chord Bound Motion Signed Constants Level Climb Safe Space.
 Import ListNotations.
 Open Scope R_scope.
 
@@ -98,4 +98,44 @@ Proof.
       assert (way : norm (-800) 0 <= 800) by (apply norm_le; lra).
       destruct (Rlt_dec 0 0); [lra|].
       unfold CLOSE, ROUNDING, NEARER, Rmax, Rmin; repeat destruct (Rle_dec _ _); lra.
+Qed.
+
+(* ---- in space ---- *)
+
+Definition descent : profile := Profile 10 1000 0 [Corner 1 (-20)] 5 0.
+Definition level : altitude := Altitude 1000 0 0 0 50.
+
+Lemma parts_weaker (P Q : R -> R -> Prop) b ends last :
+  (forall c e, P c e -> Q c e) -> parts P b ends last -> parts Q b ends last.
+Proof.
+  intros weaker; revert b; induction ends as [|e rest IH]; simpl; intros b pass; [assumption|].
+  destruct pass as [order [until [test others]]]; repeat split; auto.
+Qed.
+
+Theorem example_in_space :
+  let traffic := [counting i (0, 5)] in
+  checked r L T 0 0 0 10 0 0 80 [A] traffic [z] /\
+  flyable descent /\ follows descent (flown 10 1000 0 [Corner 1 (-20)]) 10 /\
+  within_altitude level (fun _ => 1000) 10 /\ covers descent i level traffic 10.
+Proof.
+  intros traffic; split; [|split; [|split; [|split]]].
+  - assert (passing := parts_pass _ _ _ _ _ _ _ _ _ _ _ _ _ example).
+    destruct example; constructor; try assumption.
+    intros B j here [there | []]; subst j.
+    destruct (passing B i here (or_introl eq_refl)) as [ends pass].
+    exists ends; apply parts_weaker with (2 := pass).
+    intros c e test [from until]; apply test; unfold counts; simpl in *; lra.
+  - assert (second : Rabs (-20) / (2 * 10) = 1) by (rewrite Rabs_left by lra; field).
+    constructor; simpl; [lra|lra| |].
+    + split; [|exact I]; rewrite Rabs_R0, Rplus_0_l; lra.
+    + intros k [here | []]; subst k; unfold rounding; simpl; lra.
+  - intros t _; simpl; unfold Rminus; rewrite Rplus_opp_r, Rabs_R0; lra.
+  - intros t _; simpl; replace (1000 - (1000 + 0 * t)) with 0 by ring; rewrite Rabs_R0; lra.
+  - exists [(0, 5); (5, 10)]; split.
+    + simpl; split; [lra|right; split; [apply Rmax_r|left; lra]].
+    + intros w [here | [here | []]]; subst w; [left; left; reflexivity|right].
+      exists 1, (Piece 5 10 1020 (-20)); split; [reflexivity|].
+      unfold apart_in, apart_on, apart_at, own_error; simpl; repeat split; try (left; reflexivity); try lra.
+      exists [Corner 1 (-20)], []; simpl; repeat split; try lra; intros k; [|intros []].
+      intros [here | []]; subst k; simpl; lra.
 Qed.

@@ -1,7 +1,7 @@
 (* The theorem behind the word SAFE: if every part of every arc passes the validator's check against every intruder and
    every area that counts then, then at every real time of the plan every intruder that counts is as far as it has to be,
    every area that counts is kept out of, or in, by its clearance, and speed, acceleration and turn rate stay within their
-   limits. When an intruder or an area need not count is told in Level.v. *)
+   limits. When an intruder or an area need not count is told in Level.v, and what both say together in Space.v. *)
 
 From Coq Require Import Reals Lra Psatz List.
 From Coquelicot Require Import Coquelicot.

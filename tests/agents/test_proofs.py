@@ -45,6 +45,7 @@ FILES = (
     "Motion",
     "Quadrature",
     "Level",
+    "Climb",
     "Wind",
     "Safe",
 )
@@ -157,9 +158,11 @@ def test_definitions_are_read() -> None:
         "area_need",
         "narrow_turn",
         "level_time",
+        "first_change",
     } <= set(COQ)
     assert COQ["norm"](3.0, 4.0) == 5.0
     assert COQ["loss"](2.0, 4.0) == pytest.approx(0.5)
+    assert COQ["first_change"](2.0, 10.0, -36.0) == pytest.approx(-4.0)
 
 
 def test_constants_are_the_codes() -> None:
