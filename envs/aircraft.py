@@ -26,6 +26,17 @@ class AircraftError(InputError):
     """An impossible aircraft; the message names the number and what was expected."""
 
 
+class Vertical(NamedTuple):
+    """What an aircraft can do up and down, and the separation above and below that then suffices;
+    floats.
+    """
+
+    climb_max: float  # m/s, held at every speed of the aircraft's limits
+    descent_max: float  # m/s, positive, held at every speed of the aircraft's limits
+    acceleration: float  # with which a climb changes, m/s^2
+    separation: float  # required vertical separation, m
+
+
 class Aircraft(NamedTuple):
     """An aircraft and its task; floats, so that they can be data of a compiled function."""
 
@@ -37,6 +48,8 @@ class Aircraft(NamedTuple):
     t_max: Array  # duration after which the route counts as missed, s; a whole number of steps
     vehicle: Limits | None = None
     """What the vehicle itself can do, where decisions are more conservative; None: the limits."""
+    vertical: Vertical | None = None
+    """What it can do up and down; None: it plans in the plane."""
 
     @property
     def time_unit(self) -> Array:
@@ -85,6 +98,7 @@ def new_aircraft(
     dt: float | None = None,
     t_max: float | None = None,
     vehicle: Limits | None = None,
+    vertical: Vertical | None = None,
 ) -> Aircraft:
     """Return an aircraft; what is not given follows from its limits and its separation.
 
@@ -96,6 +110,7 @@ def new_aircraft(
         dt: s; a tenth of the time unit, of two digits.
         t_max: s; 300 time steps.
         vehicle: what the vehicle itself can do, where decisions are more conservative; the limits.
+        vertical: what it can do up and down; None: it plans in the plane.
 
     Raises:
         AircraftError: a number is not finite or out of range, or two contradict each other.
@@ -121,6 +136,7 @@ def new_aircraft(
         dt=float(dt),
         t_max=float(t_max),
         vehicle=vehicle,
+        vertical=None if vertical is None else _check_vertical(vertical),
     )
     _check_task(made)
     return made
@@ -129,7 +145,9 @@ def new_aircraft(
 def _check_task(aircraft: Aircraft) -> None:
     """Refuse numbers of a task that are not finite and positive, or that contradict each other."""
     for name, value in aircraft._asdict().items():
-        if name not in ("limits", "vehicle") and not (math.isfinite(value) and value > 0.0):
+        if name not in ("limits", "vehicle", "vertical") and not (
+            math.isfinite(value) and value > 0.0
+        ):
             raise AircraftError(f"{name} is {value:g}; expected a finite number above 0")
     separation, dt, t_max = aircraft.separation, aircraft.dt, aircraft.t_max
     if aircraft.goal_radius > separation:
@@ -146,6 +164,20 @@ def _check_task(aircraft: Aircraft) -> None:
         raise AircraftError(
             f"t_max is {t_max:g} s; expected a whole number of time steps of {dt:g} s"
         )
+
+
+def _check_vertical(vertical: Vertical) -> Vertical:
+    """Return vertical limits as floats; refuse impossible ones."""
+    vertical = Vertical(*map(float, vertical))
+    for name, low, value, high in (
+        ("climb_max", 0.1, vertical.climb_max, 100.0),
+        ("descent_max", 0.1, vertical.descent_max, 100.0),
+        ("vertical_acceleration", 0.05, vertical.acceleration, 50.0),
+        ("vertical_separation", 1.0, vertical.separation, 1e4),
+    ):
+        if not low <= value <= high:
+            raise AircraftError(f"{name} is {value:g}; expected {low:g} to {high:g}")
+    return vertical
 
 
 def _check_vehicle(vehicle: Limits, limits: Limits) -> Limits:

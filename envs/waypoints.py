@@ -47,6 +47,10 @@ class Waypoint:
     heading: float
     speed: float  # ground speed, m/s
     time: float  # s after the request
+    # height in the reference of the ownship's altitude, m; None: the plan is one in the plane
+    altitude: float | None = None
+    # of the leg that begins here, m/s, positive upwards; None with the altitude
+    climb: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +60,7 @@ class RoutePoint:
     index: int
     x: float  # east, m
     y: float  # north, m
+    altitude: float | None = None  # to be kept, as of the ownship's altitude, m; None: not given
 
 
 class PlanStates(NamedTuple, Generic[F]):

@@ -325,10 +325,10 @@ def _check_kinds(options: Options) -> None:
 def _check_aircraft(aircraft: Aircraft) -> None:
     """Refuse an aircraft that cannot be."""
     numbers = aircraft._asdict()
-    for group in ("limits", "vehicle"):
-        limits = numbers.pop(group)
-        if limits is not None:
-            numbers |= {f"{group}.{name}": value for name, value in limits._asdict().items()}
+    for group in ("limits", "vehicle", "vertical"):
+        of_group = numbers.pop(group)
+        if of_group is not None:
+            numbers |= {f"{group}.{name}": value for name, value in of_group._asdict().items()}
     for name, value in numbers.items():
         real(f"options.aircraft.{name}", value, -math.inf, math.inf, "")
     try:

@@ -1,0 +1,126 @@
+"""The altitude that a plan climbs and descends through: lines between corners.
+
+Altitude is linear between two waypoints. A climb cannot change at once: its change by r at an
+acceleration a begins r / (2 a) before the corner, ends as long after it, and leaves the lines by at
+most r^2 / (8 a) (proofs/Climb.v). So the first leg has a corner of its own: from the request on the
+ownship keeps its climb until r / (2 a), and flies from there on a line to the first waypoint.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from envs.arrays import Array
+from envs.waypoints import Waypoint
+
+STEADY = 1e-9
+"""A change of climb that is none, m/s."""
+
+
+class Corner(NamedTuple):
+    """Where a climb changes."""
+
+    time: float  # s after the request
+    change: float  # of the climb, m/s, positive upwards
+
+
+class Profile(NamedTuple):
+    """Altitude over time; fields ``[C]``, C >= 2. The first and the last line go on beyond the
+    ends.
+    """
+
+    time: Array  # of the corners and both ends, ascending, s after the request
+    altitude: Array  # there, m
+
+    @property
+    def climbs(self) -> Array:
+        """Climbs between the corners, m/s, ``[C - 1]``."""
+        return np.diff(self.altitude) / np.diff(self.time)
+
+    def at(self, time: Array) -> Array:
+        """Return the altitude at times, s, ``[...]``, m."""
+        line = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.time.size - 2)
+        return self.altitude[line] + self.climbs[line] * (time - self.time[line])
+
+    def since(self, time: float) -> "Profile":
+        """Return the same with times from another moment on, s."""
+        return self._replace(time=self.time - time)
+
+    def corners(self) -> Iterator[Corner]:
+        """Yield where the climb changes, in order of time."""
+        changes = np.diff(self.climbs)
+        for time, change in zip(self.time[1:-1].tolist(), changes.tolist(), strict=True):
+            if abs(change) > STEADY:
+                yield Corner(time, change)
+
+
+def level(altitude: float) -> Profile:
+    """Return level flight at an altitude, m."""
+    return Profile(np.array([0.0, 1.0]), np.full(2, altitude))
+
+
+def first_corner(change: float, acceleration: float) -> float:
+    """Return when the climb's first corner is, s after the request, where the climb changes by so
+    much, m/s, at an acceleration, m/s^2.
+    """
+    return 0.5 * abs(change) / acceleration
+
+
+def first_change(rise: float, climb: float, time: float, acceleration: float) -> float:
+    """Return by how much the climb changes after the request, m/s, so that the aircraft has risen
+    by so much, m, when a time, s, is over; nan where the acceleration, m/s^2, does not suffice.
+
+    The climb is that at the request, m/s. With r the change, ``|rise - climb T| = r (T - r / 2a)``.
+    """
+    more = rise - climb * time
+    left = time * time - 2.0 * abs(more) / acceleration
+    if left < 0.0:
+        return math.nan
+    return math.copysign(acceleration * (time - math.sqrt(left)), more)
+
+
+def climbing(
+    altitude: float,
+    climb: float,
+    times: Sequence[float],
+    altitudes: Sequence[float],
+    *,
+    acceleration: float,
+) -> Profile:
+    """Return the profile from an altitude, m, and a climb, m/s, at the request through altitudes,
+    m, at ascending times, s after the request.
+
+    Raises:
+        ValueError: the first altitude cannot be reached in its time.
+    """
+    change = first_change(altitudes[0] - altitude, climb, times[0], acceleration)
+    if math.isnan(change):
+        what = f"an altitude of {altitudes[0]:g} m cannot be reached in {times[0]:g} s"
+        raise ValueError(f"{what} with {acceleration:g} m/s^2 from {altitude:g} m")
+    corner = first_corner(change, acceleration)
+    if corner <= STEADY:
+        time, heights = [0.0, *times], [altitude, *altitudes]
+    else:
+        time = [0.0, corner, *times]
+        heights = [altitude, altitude + climb * corner, *altitudes]
+    return Profile(np.array(time), np.array(heights))
+
+
+def profile_of(
+    altitude: float, climb: float, waypoints: Sequence[Waypoint], acceleration: float
+) -> Profile | None:
+    """Return the profile that waypoints are flown on, from an altitude, m, and a climb, m/s, at the
+    request; None where they have none: the plan is one in the plane.
+
+    Raises:
+        ValueError: some waypoints have altitudes and others not, or the first cannot be reached.
+    """
+    heights = [point.altitude for point in waypoints if point.altitude is not None]
+    if not heights:
+        return None
+    if len(heights) < len(waypoints):
+        raise ValueError(f"{len(heights)} of {len(waypoints)} waypoints have altitudes")
+    times = [point.time for point in waypoints]
+    return climbing(altitude, climb, times, heights, acceleration=acceleration)
