@@ -37,6 +37,10 @@ class Vertical(NamedTuple):
     separation: float  # required vertical separation, m
 
 
+LEAST_VERTICAL, GREATEST_VERTICAL = Vertical(0.1, 0.1, 0.05, 1.0), Vertical(100.0, 100.0, 50.0, 1e4)
+"""Between which any aircraft's are."""
+
+
 class Aircraft(NamedTuple):
     """An aircraft and its task; floats, so that they can be data of a compiled function."""
 
@@ -169,12 +173,9 @@ def _check_task(aircraft: Aircraft) -> None:
 def _check_vertical(vertical: Vertical) -> Vertical:
     """Return vertical limits as floats; refuse impossible ones."""
     vertical = Vertical(*map(float, vertical))
-    for name, low, value, high in (
-        ("climb_max", 0.1, vertical.climb_max, 100.0),
-        ("descent_max", 0.1, vertical.descent_max, 100.0),
-        ("vertical_acceleration", 0.05, vertical.acceleration, 50.0),
-        ("vertical_separation", 1.0, vertical.separation, 1e4),
-    ):
+    names = ("climb_max", "descent_max", "vertical_acceleration", "vertical_separation")
+    bounds = zip(names, LEAST_VERTICAL, vertical, GREATEST_VERTICAL, strict=True)
+    for name, low, value, high in bounds:
         if not low <= value <= high:
             raise AircraftError(f"{name} is {value:g}; expected {low:g} to {high:g}")
     return vertical

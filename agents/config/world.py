@@ -13,7 +13,14 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, ValidationInfo, field_validator, model_serializer, model_validator
 
 from agents.config.load import AIRCRAFT, VEHICLES, ConfigError, Strict, file_of, load
-from envs.aircraft import PAPER, Aircraft, new_aircraft
+from envs.aircraft import (
+    GREATEST_VERTICAL,
+    LEAST_VERTICAL,
+    PAPER,
+    Aircraft,
+    Vertical,
+    new_aircraft,
+)
 from envs.encounters import EncounterError, Scenario
 from envs.kinematics import FASTEST, SURROGATE, Limits
 from envs.scenarios import canonical, expected, scenario
@@ -28,6 +35,12 @@ _SpeedMax = Annotated[float, Field(gt=0.0, le=FASTEST.speed_max)]
 _AccelerationMin = Annotated[float, Field(ge=FASTEST.acceleration_min, lt=0.0)]
 _AccelerationMax = Annotated[float, Field(gt=0.0, le=FASTEST.acceleration_max)]
 _YawRateMax = Annotated[float, Field(ge=0.01, le=_degrees(FASTEST.yaw_rate_max))]
+
+
+def _vertical_key(name: str) -> Any:
+    """Return the key of a number of :class:`envs.aircraft.Vertical`: optional, with its range."""
+    low, high = (getattr(bounds, name) for bounds in (LEAST_VERTICAL, GREATEST_VERTICAL))
+    return Field(default=None, ge=low, le=high)
 
 
 class VehicleConfig(Strict):
@@ -106,6 +119,13 @@ class AircraftConfig(VehicleConfig):
 
     KIND: ClassVar = AIRCRAFT
     STATED: ClassVar[tuple[str, ...]] = (*VehicleConfig.STATED, "separation_m")
+    VERTICAL: ClassVar[tuple[str, ...]] = (
+        "climb_max_mps",
+        "descent_max_mps",
+        "vertical_acceleration_mps2",
+        "vertical_separation_m",
+    )
+    """What a file states all of or nothing of; in the order of :class:`envs.aircraft.Vertical`."""
 
     speed_min_mps: _SpeedMin = SURROGATE.speed_min
     """Lowest speed, m/s."""
@@ -139,11 +159,30 @@ class AircraftConfig(VehicleConfig):
     )
     """What the vehicle itself can do, where decisions keep to more conservative limits: legs of
     plans obey it. All five limits. null: the limits above, which no plan called SAFE exceeds."""
+    climb_max_mps: float | None = _vertical_key("climb_max")
+    """Fastest climb, m/s, held at every speed within the limits; it is stated with the next three
+    keys, or all four are null: the aircraft plans in the plane."""
+    descent_max_mps: float | None = _vertical_key("descent_max")
+    """Fastest descent, m/s, positive, held at every speed within the limits."""
+    vertical_acceleration_mps2: float | None = _vertical_key("acceleration")
+    """Acceleration with which a climb or a descent changes, m/s^2."""
+    vertical_separation_m: float | None = _vertical_key("separation")
+    """Required vertical separation, m: an intruder that is so far above or below is clear."""
 
     @model_validator(mode="after")
     def _check(self) -> "AircraftConfig":
         self.aircraft()
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_vertical(self, handler: Any) -> dict[str, Any]:
+        # An aircraft that plans in the plane is written as in earlier releases: the same run has
+        # the same configuration, and a training the same policy file, to the last bit.
+        return {
+            key: value
+            for key, value in handler(self).items()
+            if key not in self.VERTICAL or value is not None
+        }
 
     def aircraft(self) -> Aircraft:
         """Return the aircraft as the world's functions take it."""
@@ -155,7 +194,22 @@ class AircraftConfig(VehicleConfig):
             dt=self.dt_s,
             t_max=self.t_max_s,
             vehicle=None if self.vehicle is None else self.vehicle.limits(),
+            vertical=self._vertical(),
         )
+
+    def _vertical(self) -> Vertical | None:
+        """Return what the aircraft can do up and down, None where nothing is stated; raise a
+        ConfigError where a part is missing.
+        """
+        numbers = {name: getattr(self, name) for name in self.VERTICAL}
+        missing = [name for name, number in numbers.items() if number is None]
+        if len(missing) == len(numbers):
+            return None
+        if missing:
+            raise ConfigError(
+                f"{missing[0]} is missing; expected all of {', '.join(self.VERTICAL)}, or none"
+            )
+        return Vertical(*numbers.values())
 
 
 def _paper_aircraft() -> AircraftConfig:

@@ -2,6 +2,7 @@ import math
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,7 +17,7 @@ from agents.config.load import ConfigError, Parser, Strict, dump, load
 from agents.config.world import PAPER_AIRCRAFT, AircraftConfig, ScenarioConfig, VehicleConfig
 from commands.command import run_cli
 from commands.yaml import read, write
-from envs.aircraft import PAPER, new_aircraft
+from envs.aircraft import PAPER, Vertical, new_aircraft
 from envs.encounters import Scenario
 from envs.kinematics import SURROGATE
 from envs.scenarios import SAMPLERS, SCENARIOS, scenario
@@ -618,6 +619,52 @@ def test_what_an_aircraft_does_not_state_follows():
         speed_min_mps=18.0, speed_max_mps=36.0, separation_m=610.0, goal_radius_m=200.0
     )
     assert config.aircraft() == new_aircraft(limits, 610.0, goal_radius=200.0)
+
+
+CLIMBS = {
+    "climb_max_mps": 2.5,
+    "descent_max_mps": 3.0,
+    "vertical_acceleration_mps2": 0.5,
+    "vertical_separation_m": 137.2,
+}
+
+
+def stated(numbers: Mapping[str, object]) -> list[str]:
+    return [f"{key}={value}" for key, value in numbers.items()]
+
+
+def test_an_aircraft_climbs_as_it_states():
+    config = load(AircraftConfig, None, stated(CLIMBS))
+    assert config.aircraft() == PAPER._replace(vehicle=None, vertical=Vertical(*CLIMBS.values()))
+    assert AircraftConfig.model_validate(read(dump(config))) == config
+
+
+def test_an_aircraft_in_the_plane_is_written_as_in_earlier_releases():
+    """So that a run repeats, and a training gives the same policy file, to the last bit."""
+    written = PAPER_AIRCRAFT.model_dump()
+    assert not written.keys() & CLIMBS.keys()
+    assert AircraftConfig.model_validate(written).aircraft() == PAPER
+    assert load(AircraftConfig, CONFIGS / "aircraft" / "paper.yaml").aircraft().vertical is None
+
+
+@pytest.mark.parametrize("name", CLIMBS)
+def test_climbs_are_stated_whole_or_not_at_all(tmp_path: Path, name: str):
+    rest = {key: value for key, value in CLIMBS.items() if key != name}
+    whole = ", ".join(CLIMBS)
+    sentence = rf"{name} is missing; expected all of {whole}, or none$"
+    with pytest.raises(ConfigError, match=f"^{sentence}"):
+        load(AircraftConfig, None, stated(rest))
+    lines = "".join(f"{key}: {value}\n" for key, value in rest.items())
+    (file := tmp_path / "mine.yaml").write_text(f"{SLOW}separation_m: 610\n{lines}")
+    with pytest.raises(ConfigError, match=sentence):
+        AircraftConfig.of_file(file)
+
+
+@pytest.mark.parametrize("name", CLIMBS)
+@pytest.mark.parametrize("value", ["0", ".nan", ".inf", "-2", "steep"])
+def test_impossible_climbs_are_refused_by_their_key(name: str, value: str):
+    with pytest.raises(ConfigError, match=rf"^--set: {name} is .*; expected a number at least"):
+        load(AircraftConfig, None, stated({**CLIMBS, name: value}))
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from agents.policy.inference import Policy
 from agents.policy.scene import scene
 from agents.policy.schema import ACTION, OBSERVATION, SetOf, new_metadata
 from agents.policy.set_features import set_inputs
-from envs.aircraft import PAPER, Ratios, new_aircraft, ratios
+from envs.aircraft import PAPER, Ratios, Vertical, new_aircraft, ratios
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance, commands
 from envs.observation import criticality, decode, observe
 from envs.trees import column
@@ -462,6 +462,22 @@ def test_file_comes_back_whole_and_an_edit_is_refused():
     }
     with pytest.raises(PolicyFileError, match=r"family\.speed_min"):
         serialise(replace(content(), metadata=wrong))
+
+
+def test_climbs_are_no_part_of_a_policy():
+    climbing = UAS._replace(vertical=Vertical(5.0, 5.0, 1.0, 76.2))
+    files = []
+    for aircraft in (UAS, climbing):
+        described = SetOf(ENCODER, MOST, aircraft, FAMILY)
+        metadata = new_metadata(LAYERS, "set", UAS.limits, {"seed": 0}, steps=0, of_set=described)
+        files.append(serialise(replace(content(), metadata=metadata)))
+    assert files[0] == files[1]
+    assert parse(files[0], "p").aircraft == UAS
+
+    flat, steep = (policy().for_aircraft(aircraft) for aircraft in (UAS, climbing))
+    assert steep.aircraft == climbing and steep.domain == flat.domain
+    scenes = states(100, aircraft=UAS)
+    np.testing.assert_array_equal(steep.command(*scenes), flat.command(*scenes))
 
 
 @pytest.mark.parametrize("number", [0, 5, 9, 15, 16, 17, 18])

@@ -312,7 +312,14 @@ CHANGED: dict[str, str] = {
     "rewards.heading_change": "-0.1",
     "rewards.path_excess": "-0.1",
 }
+CLIMBS = {
+    "aircraft.climb_max_mps": "2.5",
+    "aircraft.descent_max_mps": "3.0",
+    "aircraft.vertical_acceleration_mps2": "0.5",
+    "aircraft.vertical_separation_m": "137.2",
+}
 ELSEWHERE = {
+    **dict.fromkeys(CLIMBS, "the aircraft of plans that climb; training is in the plane (below)"),
     "aircraft.traffic_speed_max_mps": (
         "what scenarios are refused, and observations of eight numbers"
     ),
@@ -371,6 +378,10 @@ def test_no_key_is_forgotten_here() -> None:
 
 def test_the_program_does_not_change_by_itself(base: tuple[str, ...]) -> None:
     assert tuple(programs()) == base
+
+
+def test_training_is_in_the_plane(base: str) -> None:
+    assert program(*(f"{key}={value}" for key, value in CLIMBS.items())) == base
 
 
 @pytest.mark.slow
