@@ -190,6 +190,7 @@ JUSTIFIED = {
     "envs/gym/gymnasium_vector.py": "the default of a registered environment",
     "envs/gym/rendering.py": "metres in a kilometre",
     "envs/observation.py": "ranks count in the paper's units, so that its choices stay",
+    "envs/c208/validate.py": "altitudes of the Cessna",
     "envs/c208/vehicle.py": "of the Cessna's autopilot",
     "envs/formats/encounter_file.py": "ranges of a file's columns",
     "envs/formats/lincoln_file.py": "ranges of a file's columns",

@@ -77,7 +77,8 @@ class Autopilot:
     def __init__(
         self, variant: Variant, loading: Loading, altitude: float, density: float, begin: Trim
     ) -> None:
-        self._altitude = altitude
+        self.altitude = altitude
+        """Held, m; it may move."""
         self._alpha, self._elevator, self._thrust = map(
             level_curve, ("alpha", "elevator", "thrust")
         )
@@ -204,7 +205,7 @@ class Autopilot:
         self, m: Measured, load: float, speed: float, equivalent: float, stall: float
     ) -> float:
         """Return the demanded elevator, rad, that holds the altitude."""
-        height = self._altitude - m.altitude
+        height = self.altitude - m.altitude
         climb = _clamp(0.35 * height, CLIMB_MAX)
         floor = _FLOOR * stall * math.sqrt(load)
         if m.steady_airspeed < floor:

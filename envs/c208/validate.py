@@ -4,8 +4,8 @@ tolerance is missed.
 Cruise is the level speed at which the drag equals the thrust of the stated shaft power, climb the
 steady one at full power, the stall the slowest steady glide at idle, all equilibria of the JSBSim
 aircraft. The modes are those of its linearisation, judged by level 1 of MIL-F-8785C (class I,
-cruise), because no measured ones are published. What the aircraft does at idle is reported only:
-nothing reliable is published.
+cruise), because no measured ones are published. What the aircraft does at idle, and how it climbs
+over speeds and altitudes, is reported only: nothing reliable is published.
 """
 
 import math
@@ -15,13 +15,22 @@ from typing import NamedTuple
 import numpy as np
 
 from commands.command import Parser, run_cli
+from envs.c208.autopilot import TICK
 from envs.c208.conditions import NOMINAL, Loading
 from envs.c208.facts import FOOT, GRAVITY, POINTS, POUND, SLUG_PER_FT3, VARIANTS, Point
 from envs.c208.fdm import STEP, Fdm
+from envs.c208.point_mass import PointMassVehicle
 from envs.c208.propulsion import DENSITY_0, HORSEPOWER, idle_thrust, maximum_thrust, thrust
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve
+from envs.c208.vehicle import C208Vehicle
+from envs.kinematics import VehicleState
 
 KNOT = 0.514444  # m/s
+
+_SPEEDS = (55.0, 75.0, 90.0)  # true, at which climbs are measured, m/s
+_ALTITUDES = (500.0, REFERENCE_ALTITUDE, 4_000.0)  # m
+_TURN = math.radians(5.0)  # rate of the sharpest turn that plans fly, rad/s
+_RISE = 7.0  # m; moved so far, the altitude held has the autopilot demand 2.5 m/s
 
 
 class Comparison(NamedTuple):
@@ -234,6 +243,64 @@ def _idle() -> Iterator[Comparison]:
                 yield Comparison(f"acceleration, full power: {where}", high, "m/s2")
 
 
+def climb_range(
+    speed: float, altitude: float = REFERENCE_ALTITUDE, *, yaw_rate: float = 0.0
+) -> tuple[float, float]:
+    """Return the steady climbs of the EX, m/s, at idle (negative) and at full power.
+
+    Straight they are equilibria of the JSBSim aircraft; in a turn (rad/s) they follow from its
+    stored drag and its thrust.
+
+    Args:
+        speed: true airspeed, m/s.
+        altitude: m.
+        yaw_rate: rad/s.
+    """
+    if yaw_rate == 0.0:
+        fdm = Fdm()
+        slopes = (solve(fdm, speed, altitude, throttle=share).gamma for share in (0.0, 1.0))
+        low, high = (speed * math.sin(slope) for slope in slopes)
+    else:
+        vehicle = PointMassVehicle(VehicleState(0.0, 0.0, 0.0, speed), altitude=altitude)
+        vehicle.bank = math.atan(speed * yaw_rate / GRAVITY)
+        low, high = (speed * along / GRAVITY for along in vehicle.reach())
+    return low, high
+
+
+def climb_acceleration(speed: float, rise: float, yaw_rate: float = 0.0) -> float:
+    """Return the greatest mean vertical acceleration of a second, m/s^2, towards an altitude that
+    the autopilot is to hold and that moves at once.
+
+    Args:
+        speed: true airspeed, m/s.
+        rise: of the altitude, m.
+        yaw_rate: of the turn that is flown, rad/s.
+    """
+    vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, speed))
+    vehicle.step(0.0, yaw_rate, 10.0)
+    vehicle.autopilot.altitude += rise
+    climbs = []
+    for _ in range(round(5.0 / TICK)):
+        vehicle.step(0.0, yaw_rate, TICK)
+        climbs.append(vehicle.measured.climb)
+    second = round(1.0 / TICK)
+    return float(np.max(np.sign(rise) * np.subtract(climbs[second:], climbs[:-second])))
+
+
+def _climbs() -> Iterator[Comparison]:
+    flights = [(speed, altitude, 0.0) for altitude in _ALTITUDES for speed in _SPEEDS]
+    flights += [(speed, REFERENCE_ALTITUDE, _TURN) for speed in _SPEEDS]
+    for speed, altitude, yaw_rate in flights:
+        low, high = climb_range(speed, altitude, yaw_rate=yaw_rate)
+        where = f"{speed:.0f} m/s, {altitude:.0f} m{', in a turn' if yaw_rate else ''}"
+        yield Comparison(f"climb at full power: {where}", high, "m/s")
+        yield Comparison(f"climb at idle: {where}", low, "m/s")
+    for speed in _SPEEDS:
+        for rise, way in ((_RISE, "up"), (-_RISE, "down")):
+            figure = climb_acceleration(speed, rise, _TURN)
+            yield Comparison(f"acceleration {way}: {speed:.0f} m/s, in a turn", figure, "m/s2")
+
+
 def _spool() -> Iterator[Comparison]:
     for variant in VARIANTS:
         fdm = Fdm(variant)
@@ -256,7 +323,7 @@ def main() -> int:
     Parser(prog="python -m envs.c208.validate", description=__doc__).parse_args()
     print(f"{'':58}{'model':>9} {'published':>11} {'unit':8}{'tolerance':>10} {'use':7}")
     missed = 0
-    for row in (*_performance(), *_spool(), *_handling(), *_idle()):
+    for row in (*_performance(), *_spool(), *_handling(), *_idle(), *_climbs()):
         mark = "" if row.kept else "  MISSED"
         print(
             f"{row.name:58}{row.model:9.3f} {row.published:>11} {row.unit:8}{row.tolerance:>10} "

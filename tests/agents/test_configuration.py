@@ -611,6 +611,7 @@ def test_an_aircraft_file_states_its_limits_and_separation(path: Path):
     aircraft = config.aircraft()
     bank = math.atan(aircraft.limits.yaw_rate_max * aircraft.limits.speed_max / 9.81)
     assert bank < math.radians(40.0)
+    assert (aircraft.vertical is None) == (path.stem == "paper")
 
 
 def test_what_an_aircraft_does_not_state_follows():

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.config.load import load
-from agents.config.world import VehicleConfig
+from agents.config.world import AircraftConfig, VehicleConfig
 from envs import follower
 from envs.c208 import validate
 from envs.c208.conditions import Conditions, Loading
@@ -218,6 +218,48 @@ def test_the_published_limits_can_be_had_all_at_once() -> None:
         stall._replace(variant="ex", weight=8807.0, altitude=2500.0 / 0.3048)
     )
     assert limits.speed_min > 1.1 * slowest * validate.KNOT / math.sqrt(0.957 / 1.225)
+
+
+CLIMBS = load(AircraftConfig, ROOT / "configs" / "aircraft" / "c208.yaml").aircraft()
+
+
+@pytest.mark.parametrize("speed", [55.0, 75.0, 90.0])
+@pytest.mark.parametrize("up", [True, False])
+def test_the_published_climbs_are_held_in_the_sharpest_turn(speed: float, up: bool) -> None:
+    vertical, turn = CLIMBS.vertical, CLIMBS.limits.yaw_rate_max
+    assert vertical is not None
+    climb = vertical.climb_max if up else -vertical.descent_max
+    vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, speed))
+    vehicle.step(0.0, turn, 10.0)
+    climbs = []
+    for _ in range(round(60.0 / PERIOD)):
+        vehicle.autopilot.altitude += climb * PERIOD
+        vehicle.step(0.5 * (speed - vehicle.state.speed), turn, PERIOD)
+        assert vehicle.state.speed == pytest.approx(speed, abs=0.2)
+        climbs.append(vehicle.measured.climb)
+    np.testing.assert_allclose(climbs[len(climbs) // 2 :], climb, atol=0.05)
+
+
+@pytest.mark.parametrize("altitude", [500.0, 2_500.0, 4_000.0])
+def test_the_published_climbs_are_held_straight_on_over_altitudes(altitude: float) -> None:
+    vertical, limits = CLIMBS.vertical, CLIMBS.limits
+    assert vertical is not None
+    for speed in np.linspace(limits.speed_min, limits.speed_max, 8):
+        low, high = validate.climb_range(float(speed), altitude)
+        assert low < -vertical.descent_max and vertical.climb_max < high
+
+
+def test_the_autopilot_changes_a_climb_faster_than_is_published() -> None:
+    assert CLIMBS.vertical is not None
+    for speed in (55.0, 90.0):
+        for rise in (7.0, -7.0):
+            reached = validate.climb_acceleration(speed, rise, CLIMBS.limits.yaw_rate_max)
+            assert reached > 2.0 * CLIMBS.vertical.acceleration
+
+
+def test_a_turn_takes_climb() -> None:
+    straight, turning = (validate.climb_range(75.0, yaw_rate=rate) for rate in (0.0, 0.087))
+    assert turning[0] < straight[0] < 0.0 < turning[1] < straight[1]
 
 
 # Published waypoints are flown by the true aircraft to metres and tenths of a second.
