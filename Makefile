@@ -25,8 +25,7 @@ COMPILED := $(addprefix tests/agents/,assurance kernel planner check/test_flight
 
 BIN := .venv/bin
 PROJECT := pyproject.toml constraints/build.in
-# Python compiles a module when it is first imported: most modules of the dependencies never are.
-PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 COMPILE := $(UV) pip compile --quiet --universal --fork-strategy fewest --python-version 3.11 --no-emit-index-url
 
 .PHONY: help demo test test-slow test-compiled test-long lint style types tests format proofs docs venv venv-run ros bluesky constraints clean
@@ -77,7 +76,7 @@ ros: .venv/ros.stamp
 .bluesky/stamp: pyproject.toml
 	@echo "installing BlueSky into .bluesky"
 	@$(PYTHON) -m venv .bluesky
-	@.bluesky/bin/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[bluesky]'
+	@.bluesky/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[bluesky]'
 	@touch $@
 
 bluesky: .bluesky/stamp
