@@ -19,6 +19,11 @@ STEADY = 1e-9
 """A change of climb that is none, m/s."""
 
 
+_AT_ONCE = 1e-4
+"""A first corner before this, s, is none: the aircraft leaves its line by less than 1e-8 m for each
+m/s^2."""
+
+
 class Corner(NamedTuple):
     """Where a climb changes."""
 
@@ -68,6 +73,13 @@ def first_corner(change: float, acceleration: float) -> float:
     return 0.5 * abs(change) / acceleration
 
 
+def corner_error(change: float, acceleration: float) -> float:
+    """Return by how much a change of climb, m/s, leaves the lines of a profile at most, m, at an
+    acceleration, m/s^2.
+    """
+    return 0.125 * change * change / acceleration
+
+
 def first_change(rise: float, climb: float, time: float, acceleration: float) -> float:
     """Return by how much the climb changes after the request, m/s, so that the aircraft has risen
     by so much, m, when a time, s, is over; nan where the acceleration, m/s^2, does not suffice.
@@ -100,7 +112,7 @@ def climbing(
         what = f"an altitude of {altitudes[0]:g} m cannot be reached in {times[0]:g} s"
         raise ValueError(f"{what} with {acceleration:g} m/s^2 from {altitude:g} m")
     corner = first_corner(change, acceleration)
-    if corner <= STEADY:
+    if corner <= _AT_ONCE:
         time, heights = [0.0, *times], [altitude, *altitudes]
     else:
         time = [0.0, corner, *times]

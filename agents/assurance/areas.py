@@ -12,9 +12,9 @@ import numpy as np
 from agents.assurance.thresholds import Thresholds
 from agents.kernel.areas import ActiveArea, AreaClearance, area_clearance, label, relevant
 from agents.kernel.clearance import Clearance, clearance
+from agents.kernel.levels import Line
 from agents.kernel.trajectory import Trajectory, trajectory
 from agents.planner.request.options import L, Narrowed
-from agents.planner.request.request import Altitude
 from envs.area_geometry import signed_distance
 from envs.areas import Area
 from envs.arrays import Array
@@ -52,7 +52,7 @@ class BackupsKeep(NamedTuple):
 def may_be_met(
     areas: Sequence[Area],
     own: VehicleState[Air],
-    altitude: Altitude | None,
+    flight: Sequence[Line],
     ends: float,
     thresholds: Thresholds[L],
 ) -> tuple[ActiveArea, ...]:
@@ -61,14 +61,14 @@ def may_be_met(
     Args:
         areas: as they are now.
         own: the ownship now, plain floats.
-        altitude: of it, now; None: unknown.
+        flight: its altitude from now on; none: unknown.
         ends: when the plan that is flown ends, s from now; nan where there is none.
         thresholds: of the monitor.
     """
     return relevant(
         areas,
         own,
-        altitude,
+        flight,
         fastest=thresholds.limits.speed_max,
         horizon=max(2.0 * thresholds.options.finished_by, ends),
         unknown_climb=thresholds.options.unknown_climb,

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.kernel.clearance import CLOSE, ROUNDING, Bounds, Clearance, Near
-from agents.kernel.levels import Altitude
+from agents.kernel.levels import Altitude, Line, union
 from agents.kernel.scalar_areas import FILL_AREA_CLEARANCE, AreaKeeping
 from agents.kernel.trajectory import Pieces, Trajectory, pieces, rest_of
 from envs.area_geometry import (
@@ -147,21 +147,21 @@ def area_clearance(areas: Sequence[ActiveArea], x: Array, y: Array, margin: floa
 def relevant(
     areas: Sequence[Area],
     own: VehicleState[F],
-    altitude: Altitude | None,
+    flight: Sequence[Line],
     *,
     fastest: float,
     horizon: float,
     unknown_climb: float,
     margin: float,
 ) -> tuple[ActiveArea, ...]:
-    """Return the areas that count within a horizon, and when.
+    """Return the areas that count within a horizon, each once for every time in which it does.
 
     An area to be kept out of is left out where the ownship cannot reach its clearance and the
     margin in time (theorem ``area_out_of_reach`` of proofs/Safe.v).
 
     Args:
         own: state of the ownship at the request.
-        altitude: its altitude; None: unknown, which counts as level with every area.
+        flight: its altitude; none: unknown, which counts as level with every area.
         fastest: highest speed over the ground of any plan, m/s.
         horizon: time of the last waypoint of any plan, s.
         unknown_climb: vertical speed either way where it is unknown, m/s.
@@ -169,13 +169,13 @@ def relevant(
     """
     active = []
     for number, area in enumerate(areas):
-        begin, end = window(area, altitude, unknown_climb)
-        begin, end = max(begin, 0.0), min(end, horizon)
-        if begin > end:
-            continue
-        if not in_reach(area, own.x, own.y, fastest * end, end, margin):
-            continue
-        active.append(ActiveArea(number, area, begin, end))
+        for first, last in level_times(area, flight, unknown_climb):
+            begin, end = max(first, 0.0), min(last, horizon)
+            if begin > end:
+                continue
+            if not in_reach(area, own.x, own.y, fastest * end, end, margin):
+                continue
+            active.append(ActiveArea(number, area, begin, end))
     return tuple(active)
 
 
@@ -193,6 +193,19 @@ def label(active: ActiveArea) -> str:
     """Return what messages call an area, such as ``areas[2] (north field)``."""
     name = f" ({active.area.name})" if active.area.name else ""
     return f"areas[{active.number}]{name}"
+
+
+def level_times(
+    area: Area, flight: Sequence[Line], unknown_climb: float
+) -> list[tuple[float, float]]:
+    """Return the times in which an area counts, s after the request, in order."""
+    if not flight:
+        return [(area.valid_from, area.valid_until)]
+    return union(
+        (max(begin, line.begin), min(end, line.end))
+        for line in flight
+        for begin, end in (window(area, line.altitude, unknown_climb),)
+    )
 
 
 def window(area: Area, altitude: Altitude | None, unknown_climb: float) -> tuple[float, float]:

@@ -23,6 +23,7 @@ class Source(Enum):
 
     POLICY = "policy"
     FALLBACK = "fallback"
+    VERTICAL = "vertical"  # a climb or a descent on the way along the route
     NONE = "none"  # there is no trajectory at all
 
 
@@ -38,6 +39,8 @@ class Kind(Enum):
     SPEED = "speed"
     ACCELERATION = "acceleration"
     TURN_RATE = "turn_rate"
+    # the altitudes ask for more than the aircraft can do, or leave the floor or the ceiling
+    CLIMB = "climb"
     SEPARATION = "separation"  # the plan comes closer to an intruder than required
     AREA = "area"  # the plan does not keep the clearance from an area
     NO_REJOIN = "no_rejoin"  # the route was not rejoined in time

@@ -7,43 +7,44 @@ beyond. Each goes through one pipeline (:mod:`agents.planner.search.candidates`)
 plan, validated, kept where it is the best so far.
 """
 
-import itertools
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.levels import Altitude
-from agents.planner.answer import Plan
+from agents.kernel.levels import Altitude, steady
+from agents.planner.answer import Apart, Excluded, Plan
 from agents.planner.publish.certificate import Evidence
-from agents.planner.publish.publish import publish
+from agents.planner.publish.publish import Posed, publish
 from agents.planner.request.advisories import (
     assumed_climbs,
     outside_domain,
     own_separations,
     skipped_points,
 )
+from agents.planner.request.climbs import check_climbs
 from agents.planner.request.options import Narrowed, Options, check
-from agents.planner.request.reports import Intruder
+from agents.planner.request.reports import Intruder, reports_in_air
 from agents.planner.request.request import Request, check_finite, check_request, in_wind
-from agents.planner.search import fallback
-from agents.planner.search.airspace import add_areas
+from agents.planner.search.airspace import add_areas, check_areas
 from agents.planner.search.budget import Budget
-from agents.planner.search.candidates import Candidates, Plans, empty, evaluate, keep_best
+from agents.planner.search.candidates import Plans, empty
+from agents.planner.search.climbs import Start
 from agents.planner.search.continuation import CROWD
-from agents.planner.search.goals import next_goals, on_same_leg
-from agents.planner.search.rollout import roll
+from agents.planner.search.goals import next_goals
+from agents.planner.search.horizontal import plan_rows
+from agents.planner.search.in_space import Asked, plan_in_space
 from agents.policy.inference import Policy
 from envs.areas import Area
+from envs.areas import in_air as area_in_air
 from envs.arrays import Array
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, scatter, take
 from envs.waypoints import RoutePoint
 from envs.wind import NO_WIND, Wind, over_ground
-
-_POLICY, _FALLBACK = 1, 2  # codes of sources
 
 
 def plan(
@@ -85,16 +86,15 @@ def plan(
     if options is not None:
         check(options)
     options = options or Options.for_aircraft(policy.aircraft)
-    in_air = in_wind(options, wind)
-    request, excluded, counted = check_request(own, intruders, route, in_air, own_altitude, wind)
-    request, notes = add_areas(request, areas, own_altitude, in_air, wind)
-    start: VehicleState[Air] = VehicleState(*(float(field[0]) for field in request.own))
     budget = Budget(options.deadline_s)
-    goals = next_goals(request, in_air)
-    plans = _plan_rows(request, goals, policy, in_air, budget, floats=True)
-    goal, skipped = int(goals[0, 0]), tuple(budget.skipped)
-    answer = publish(request, plans, goal, route, excluded, counted, in_air, skipped)
-    assumed = *assumed_climbs(own_altitude, intruders, options), *notes
+    given = _Given(own, intruders, route, own_altitude, wind, areas)
+    search = _search_in_space if options.climbs else _search_in_plane
+    posed, plans = search(given, policy, in_wind(options, wind), budget)
+    request, excluded, in_air = posed.request, posed.excluded, posed.options
+    start: VehicleState[Air] = VehicleState(*(float(field[0]) for field in request.own))
+    goal, skipped = int(next_goals(request, in_air)[0, 0]), tuple(budget.skipped)
+    answer = publish(posed, plans, goal, route, own_altitude, skipped)
+    assumed = *assumed_climbs(own_altitude, intruders, options), *posed.notes
     best = plans.candidates
     passed_by = (
         skipped_points(request, best.plan_states, goal, int(best.last[0]), route, in_air)
@@ -126,6 +126,62 @@ def plan(
     )
 
 
+class _Given(NamedTuple):
+    """A request as it was given."""
+
+    own: VehicleState[Ground]
+    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]]
+    route: Sequence[RoutePoint]
+    own_altitude: Altitude | None
+    wind: Wind | None
+    areas: Sequence[Area]
+
+
+def _search_in_plane(
+    given: _Given, policy: Policy, options: Options[Narrowed], budget: Budget
+) -> tuple[Posed, Plans]:
+    """Return a request as it is searched, and the best plan in the plane."""
+    own, intruders, route, own_altitude, wind, areas = given
+    request, excluded, counted = check_request(own, intruders, route, options, own_altitude, wind)
+    request, notes = add_areas(request, areas, steady(own_altitude), options, wind)
+    goals = next_goals(request, options)
+    plans = plan_rows(request, goals, policy, options, budget, floats=True)
+    return Posed(request, excluded, counted, options, notes), plans
+
+
+def _search_in_space(
+    given: _Given, policy: Policy, options: Options[Narrowed], budget: Budget
+) -> tuple[Posed, Plans]:
+    """Return a request as it is searched, and the best plan that may climb and descend."""
+    own, intruders, route, own_altitude, wind, _ = given
+    areas = check_areas(given.areas)
+    # Who is above or below depends on the plan.
+    request, excluded, level = check_request(own, intruders, route, options, None, wind)
+    altitude, target, options = check_climbs(own_altitude, route, areas, options)
+    times = [leg * options.interval for leg in range(1, options.waypoints)]
+    reports = reports_in_air(intruders, wind)
+    case, plans, _ = plan_in_space(
+        Asked(
+            request,
+            [reports[number] for number in level],
+            Start(altitude, target, times),
+            areas if wind is None else [area_in_air(area, wind) for area in areas],
+            lambda request, flight: add_areas(request, areas, flight, options, wind),
+            policy,
+            options,
+            budget,
+        )
+    )
+    counted = [level[number] for number in case.counted]
+    what = "stays above or below on the plan's altitudes"
+    excluded += tuple(
+        Excluded(number, what, math.inf, Apart.VERTICALLY)
+        for number in level
+        if number not in counted
+    )
+    return Posed(case.request, excluded, counted, options, case.notes, case.profile), plans
+
+
 def plan_many(
     request: Request, policy: Policy, options: Options[Narrowed], *, floats: bool = False
 ) -> Plans:
@@ -138,7 +194,7 @@ def plan_many(
     goals, mask = next_goals(request, options), request.traffic.mask
     few = np.count_nonzero(mask, axis=-1) <= CROWD
     if mask.shape[-1] <= CROWD or not few.any():
-        return _plan_rows(request, goals, policy, options, Budget(), floats=floats)
+        return plan_rows(request, goals, policy, options, Budget(), floats=floats)
     # Each as if it were alone: those with few intruders are not searched like a crowd's.
     plans = Plans(empty(few.size, options.waypoints), np.zeros(few.size, np.int8), np.array(few))
     for some, most in ((few, CROWD), (~few, mask.shape[-1])):
@@ -146,7 +202,7 @@ def plan_many(
         if rows.size == 0:
             continue
         part, order = _compact(take(request, rows), most)
-        planned = _plan_rows(part, goals[rows], policy, options, Budget(), floats=floats)
+        planned = plan_rows(part, goals[rows], policy, options, Budget(), floats=floats)
         number = planned.candidates.findings.intruder
         number[:] = np.where(number >= 0, order[np.arange(rows.size), number], -1)
         scatter(plans, rows, planned)
@@ -172,7 +228,7 @@ def plan_among(
     """
     plans = []
     for n in range(request.points.size):
-        single, _ = add_areas(take(request, slice(n, n + 1)), areas[n], None, options, None)
+        single, _ = add_areas(take(request, slice(n, n + 1)), areas[n], (), options)
         plans.append(plan_many(single, policy, options, floats=floats))
     return map_leaves(lambda *rows: np.concatenate(rows), *plans)
 
@@ -184,77 +240,3 @@ def _compact(request: Request, most: int) -> tuple[Request, Array]:
     order = np.argsort(~request.traffic.mask, axis=-1, kind="stable")[:, :most]
     traffic = map_leaves(lambda field: np.take_along_axis(field, order, axis=-1), request.traffic)
     return request._replace(traffic=traffic), order
-
-
-def _plan_rows(
-    request: Request,
-    goals: Array,
-    policy: Policy,
-    options: Options[Narrowed],
-    budget: Budget,
-    *,
-    floats: bool,
-) -> Plans:
-    """Plan requests of which every number is finite, to points of the route ``[N, goals]``.
-
-    Goals are tried one after the other where no plan is safe yet, or where others on the same leg
-    are as welcome and it costs much: the policy, then the fallback where the policy's plan is not
-    safe or costs much, at the end the refinement. Among areas the slow stages of the last two
-    follow when all goals have been tried quickly.
-    """
-    count = request.points.size
-    best = empty(count, options.waypoints)
-    source, policy_safe = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=bool)
-    for choice in range(options.goals):
-        tried = ~best.safe
-        if options.rejoin_on_leg and choice:
-            costly = best.cost > options.fallback_cost_threshold
-            tried |= costly & on_same_leg(request, goals[:, 0], goals[:, choice])
-        rows = np.flatnonzero(tried & (goals[:, choice] >= 0))
-        if rows.size == 0 or budget.ends(f"goal {choice + 1}"):
-            break
-        part, goal = request if rows.size == count else take(request, rows), goals[rows, choice]
-        flown = roll(part, goal, policy, options, budget, floats=floats)
-        plans = evaluate(part, flown, goal, options)
-        wanting = ~plans.safe | (plans.cost > options.fallback_cost_threshold)
-        if count == 1 and choice == 0 and not wanting[0]:
-            # The usual case: there is nothing to compare with.
-            return Plans(plans, np.full(1, _POLICY, dtype=np.int8), plans.safe)
-        best.too_short[rows] |= plans.too_short
-        source[keep_best(best, rows, plans)] = _POLICY
-        if choice == 0:
-            policy_safe[rows] = plans.safe
-        if wanting.any():
-            slow = request.areas is None and not best.safe[rows].all()
-            stages = fallback.ALL if slow else fallback.QUICK
-            searched = fallback.search(take(part, wanting), goal[wanting], options, budget, stages)
-            source[keep_best(best, rows[wanting], searched)] = _FALLBACK
-        if request.areas is None and options.exhaustive:
-            _search_on(fallback.refine, best, source, request, goals[:, choice], options, budget)
-    if request.areas is not None:
-        # Points of a route round areas stand close together: the next one is tried long before
-        # much is tried to reach one.
-        ways = [partial(fallback.search, which=fallback.SLOW)]
-        ways += [fallback.refine] if options.exhaustive else []
-        for way, choice in itertools.product(ways, range(options.goals)):
-            _search_on(way, best, source, request, goals[:, choice], options, budget)
-    return Plans(best, source, policy_safe)
-
-
-def _search_on(
-    way: Callable[[Request, Array, Options[Narrowed], Budget], Candidates],
-    best: Candidates,
-    source: Array,
-    request: Request,
-    goal: Array,
-    options: Options[Narrowed],
-    budget: Budget,
-) -> None:
-    """Search on in some way for plans to points ``[N]``, and keep the best, where there is none
-    that is safe.
-    """
-    # Where the route is too short for one manoeuvre it is for all.
-    left = np.flatnonzero(~best.safe & (goal >= 0) & ~best.too_short)
-    if left.size:
-        plans = way(take(request, left), goal[left], options, budget)
-        source[keep_best(best, left, plans)] = _FALLBACK

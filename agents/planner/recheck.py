@@ -5,18 +5,31 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.kernel.levels import Altitude
-from agents.planner.answer import Kind, Plan, Reason, RequestError, Source, Status
+from agents.kernel.levels import Altitude, Line, lines, steady
+from agents.planner.answer import (
+    Field,
+    Kind,
+    Plan,
+    Reason,
+    RequestError,
+    Source,
+    Status,
+    Subject,
+)
+from agents.planner.judge.profile import profile_faults
 from agents.planner.judge.validator import CHECKS
-from agents.planner.request.options import Options, check
+from agents.planner.request.climbs import check_climbs
+from agents.planner.request.options import Narrowed, Options, check
 from agents.planner.request.pruning import unproven_exclusions
-from agents.planner.request.reports import Intruder
+from agents.planner.request.reports import Intruder, reports_in_air
 from agents.planner.request.request import check_request, in_wind
 from agents.planner.search.airspace import add_areas
 from agents.planner.search.candidates import find_violations
+from agents.planner.search.climbs import on_profile
 from envs.areas import Area
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.profile import profile_of
 from envs.trees import take
 from envs.waypoints import RoutePoint, Waypoint, plan_states
 from envs.wind import Wind
@@ -75,8 +88,17 @@ def recheck(  # noqa: PLR0913 - a plan, and all of a request
     try:
         check(options)
         in_air = in_wind(options, wind)
-        request, excluded, _ = check_request(own, intruders, route, in_air, own_altitude, wind)
-        request, _ = add_areas(request, areas, own_altitude, in_air, wind)
+        climbs = any(point.altitude is not None for point in left)
+        # Who is above or below a plan that climbs depends on it.
+        known = None if climbs else own_altitude
+        request, excluded, level = check_request(own, intruders, route, in_air, known, wind)
+        flight = steady(own_altitude)
+        if climbs:
+            altitude, _, in_air = check_climbs(own_altitude, route, areas, in_air)
+            flight = _flight(left, altitude, in_air)
+            reports = reports_in_air(intruders, wind)
+            request, _ = on_profile(request, [reports[n] for n in level], flight, in_air)
+        request, _ = add_areas(request, areas, flight, in_air, wind)
     except RequestError as error:
         return _void(plan, late, str(error))
     curve = take(plan_states(own, left, wind=wind), None)
@@ -88,6 +110,25 @@ def recheck(  # noqa: PLR0913 - a plan, and all of a request
         return plan
     wrong = ", ".join(CHECKS[number] for number in np.flatnonzero(findings.wrong[0]))
     return _void(plan, late, f"from the states by then it fails the checks: {wrong}")
+
+
+def _flight(
+    waypoints: Sequence[Waypoint], own: Altitude, options: Options[Narrowed]
+) -> tuple[Line, ...]:
+    """Return the altitude on a plan that climbs, as it goes on from an altitude.
+
+    Raises:
+        RequestError: the aircraft cannot go on with it.
+    """
+    name, climb = Field(Subject.OWN_ALTITUDE), own.climb(0.0)[0]
+    try:
+        profile = profile_of(own.value, climb, waypoints, options.vertical.acceleration)
+    except ValueError as problem:
+        raise RequestError(name, f"is off the plan's: {problem}") from None
+    faults = [] if profile is None else profile_faults(profile, own, options)
+    if profile is None or faults:
+        raise RequestError(name, "is off the plan's" + "".join(f": {f.message}" for f in faults))
+    return lines(profile, own, options.vertical_margin)
 
 
 def _void(plan: Plan, late: float, why: str) -> Plan:

@@ -176,7 +176,7 @@ def _areas_met(
     for n, some in enumerate(areas):
         own: VehicleState[Air] = VehicleState(*(float(field[n]) for field in state.own))
         ends = float(monitor.plan.end[n] + monitor.started[n]) - time
-        found[n] = may_be_met(some, own, None, ends, thresholds)
+        found[n] = may_be_met(some, own, (), ends, thresholds)
     return found
 
 

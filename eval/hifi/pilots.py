@@ -208,7 +208,7 @@ class Assured:
         amid, monitor = in_air_mass(self._areas, self._frame, time), self._monitor
         ends = float(monitor.plan.end[0] + monitor.started[0]) - time
         here: VehicleState[Air] = VehicleState(*(float(field) for field in own))
-        return may_be_met(amid, here, None, ends, self._thresholds)
+        return may_be_met(amid, here, (), ends, self._thresholds)
 
     def _plan(
         self,

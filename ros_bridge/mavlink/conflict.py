@@ -8,6 +8,7 @@ import numpy as np
 
 from agents.kernel.areas import area_clearance, relevant
 from agents.kernel.clearance import clearance
+from agents.kernel.levels import steady
 from agents.kernel.separation import separation
 from agents.kernel.traffic import growth
 from agents.kernel.trajectory import straight
@@ -108,7 +109,7 @@ def _first_area(task: PlanTask, course: _Course) -> Conflict | None:
     areas = relevant(
         task.areas,
         task.own,
-        task.own_altitude,
+        steady(task.own_altitude),
         fastest=float(task.own.speed),
         horizon=float(time[0, -1]),
         unknown_climb=task.options.unknown_climb,

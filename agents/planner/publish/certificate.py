@@ -15,23 +15,25 @@ from typing import Any
 
 import numpy as np
 
-from agents.kernel.levels import Altitude, Heights, apart, vertical_gap, worst
+from agents.kernel.levels import Altitude, Heights, Line, apart, lines, steady, vertical_gap, worst
 from agents.kernel.traffic import advance_reports
 from agents.kernel.trajectory import FINE
 from agents.planner.answer import UNKNOWN_FLIGHT, Apart, Excluded, Flight
 from agents.planner.judge.validator import validate
+from agents.planner.request.climbs import with_levels_of
 from agents.planner.request.options import Narrowed, Options
-from agents.planner.request.reports import Intruder, arrays_of_reports, report_in_air, windows
+from agents.planner.request.reports import Intruder, arrays_of_reports, level_columns, report_in_air
 from agents.planner.request.request import in_wind
 from envs import waypoints
 from envs.areas import Area, Circle
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
+from envs.profile import Profile, profile_of
 from envs.trees import map_leaves
 from envs.waypoints import Waypoint
 from envs.wind import NO_WIND, Wind
 
-FORMAT = "RLCAS plan certificate 3"
+FORMAT = "RLCAS plan certificate 4"
 
 _BEYOND = 1.0  # s by which the times in which an intruder is apart go on after a plan
 _STEP = 1e-5  # to whose multiples the bounds of distances are rounded down, m
@@ -54,10 +56,17 @@ class Evidence:
         """Return the certificate.
 
         Intruders that stay above or below stand there by their altitudes, as do the times in which
-        others do; those that are out of reach are proven like all others.
+        others do; those that are out of reach are proven like all others. From a plan that climbs
+        an intruder stays above or below on each line of its profile for itself.
         """
         options, altitude = self.options, self.own_altitude
-        out = {report.number for report in self.excluded if report.apart is Apart.VERTICALLY}
+        profile = self._profile()
+        altitudes = self._altitudes(profile)
+        out = {
+            report.number
+            for report in self.excluded
+            if report.apart is Apart.VERTICALLY and profile is None
+        }
         reports = [
             report if isinstance(report, Intruder) else Intruder(report)
             for report in self.intruders
@@ -79,7 +88,7 @@ class Evidence:
             "apart": [
                 row
                 for number, report in enumerate(counted)
-                for row in _apart(number, altitude, report, end, options)
+                for row in _apart(number, altitudes, report, end, options)
             ],
             "requirement": options.requirement._asdict(),
             "limits": {name: float(limit) for name, limit in options.limits._asdict().items()},
@@ -88,15 +97,46 @@ class Evidence:
             },
             "areas": [_area(area, altitude) for area in self.areas],
             "levels": _levels(altitude, options.unknown_climb),
+            "profile": None if altitude is None or profile is None else self._climbs(altitude),
             "parts": FINE,
             "bounds": _bounds(
                 plan_states,
                 [report_in_air(report, self.wind) for report in counted],
-                altitude,
+                altitudes,
                 in_wind(options, self.wind),
             ),
         }
         return json.dumps(data, separators=(",", ":"), allow_nan=False, default=float).encode()
+
+    def _profile(self) -> Profile | None:
+        """Return the profile of the waypoints; None: the plan is one in the plane."""
+        own, options = self.own_altitude, self.options
+        if own is None or not options.climbs:
+            return None
+        acceleration = options.vertical.acceleration
+        return profile_of(own.value, own.climb(0.0)[0], self.published, acceleration)
+
+    def _altitudes(self, profile: Profile | None) -> tuple[Line, ...]:
+        """Return how the ownship's altitude changes."""
+        if profile is None or self.own_altitude is None:
+            return steady(self.own_altitude)
+        return lines(profile, self.own_altitude, self.options.vertical_margin)
+
+    def _climbs(self, own: Altitude) -> dict[str, Any]:
+        """Return what a plan that climbs is flown with: its altitudes, m, the climb at the request,
+        m/s, and what bounds them, with floors and ceilings of areas that must not be left.
+        """
+        options = with_levels_of(self.areas, own.reference, self.options)
+        return {
+            "altitudes": [point.altitude for point in self.published],
+            "climb": own.climb(0.0)[0],
+            "climb_max": options.vertical.climb_max,
+            "descent_max": options.vertical.descent_max,
+            "acceleration": options.vertical.acceleration,
+            "margin": options.vertical_margin,
+            "floor": None if options.floor is None else options.floor.value,
+            "ceiling": None if options.ceiling is None else options.ceiling.value,
+        }
 
 
 def _report(report: Intruder[Ground], usual: float) -> list[float]:
@@ -152,15 +192,15 @@ def _heights(own: Altitude | None, report: Intruder[Ground], options: Options) -
 
 
 def _apart(
-    number: int, own: Altitude | None, report: Intruder[Ground], end: float, options: Options
+    number: int, flight: Sequence[Line], report: Intruder[Ground], end: float, options: Options
 ) -> Iterator[list[float]]:
     """Yield the times in which an intruder stays above or below until a plan's end, with the
     altitudes that say so.
     """
     other, vertical = report.altitude, report.vertical(options)
-    if own is None or other is None or own.reference != other.reference:
+    if not flight or other is None or flight[0].altitude.reference != other.reference:
         return
-    for time in apart(own, other, report.age, vertical, options.unknown_climb, end):
+    for time in apart(flight, other, report.age, vertical, options.unknown_climb, end):
         yield [number, float(time.begin), float(time.end), *_row(time.heights, vertical)]
 
 
@@ -172,18 +212,22 @@ def _row(heights: Heights, vertical: float) -> list[float]:
 def _bounds(
     plan_states: waypoints.PlanStates[Air],
     reports: Sequence[Intruder[Air]],
-    own_altitude: Altitude | None,
+    flight: Sequence[Line],
     options: Options[Narrowed],
 ) -> list[float]:
     """Return a lower bound of the distance from each intruder while it counts, m; 0: never."""
     if not reports:
         return []
     traffic = advance_reports(*arrays_of_reports(reports))
-    traffic = traffic._replace(window=windows(reports, own_altitude, options))
+    # A row for each time in which one counts.
+    numbers, window = level_columns(reports, flight, options)
+    traffic = map_leaves(lambda field: field[:, numbers], traffic)._replace(window=window)
     traffic = map_leaves(lambda field: np.asarray(field).T, traffic)
-    plans = map_leaves(lambda field: np.repeat(field[None], len(reports), axis=0), plan_states)
+    plans = map_leaves(lambda field: np.repeat(field[None], len(numbers), axis=0), plan_states)
     findings = validate(plans, traffic, options.requirement, options.limits)
+    least = np.full(len(reports), np.inf)
+    np.minimum.at(least, np.array(numbers, dtype=int), findings.min_separation)
     return [
-        math.floor(least / _STEP - 1.0) * _STEP if math.isfinite(least) else 0.0
-        for least in findings.min_separation.tolist()
+        math.floor(distance / _STEP - 1.0) * _STEP if math.isfinite(distance) else 0.0
+        for distance in least.tolist()
     ]

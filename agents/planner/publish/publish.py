@@ -8,10 +8,12 @@ is published.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from agents.kernel.areas import ActiveArea, label
+from agents.kernel.levels import Altitude
 from agents.kernel.traffic import separations, within_window
 from agents.planner.answer import (
     Advisory,
@@ -25,6 +27,7 @@ from agents.planner.answer import (
     Status,
 )
 from agents.planner.judge.audit import audit
+from agents.planner.judge.profile import profile_faults, speed_faults
 from agents.planner.judge.validator import CHECKS, Findings
 from agents.planner.request.options import Narrowed, Options
 from agents.planner.request.pruning import unproven_exclusions
@@ -34,39 +37,57 @@ from agents.planner.search.goals import next_goals
 from envs.area_geometry import signed_distance
 from envs.areas import Keep
 from envs.arrays import Array
+from envs.frames import Air
+from envs.profile import Profile, profile_of
 from envs.trees import take
-from envs.waypoints import RoutePoint, Waypoint, on_ground
+from envs.waypoints import PlanStates, RoutePoint, Waypoint, legs, on_ground
 from envs.wind import Wind
 
-_SOURCES = (Source.NONE, Source.POLICY, Source.FALLBACK)
+_SAME = 1e-6
+"""By how much published altitudes may differ from those judged, m: so much more than the vertical
+separation is kept (:mod:`agents.kernel.levels`)."""
+
+_SOURCES = (Source.NONE, Source.POLICY, Source.FALLBACK, Source.VERTICAL)
+
+
+class Posed(NamedTuple):
+    """One request ``[1]`` as it was searched."""
+
+    request: Request
+    excluded: tuple[Excluded, ...]  # the intruders that were left out
+    # numbers of the others, as they stand in the request: once for every time in which they count
+    counted: list[int]
+    options: Options[Narrowed]  # with the floor and the ceiling of its areas
+    notes: tuple[Advisory, ...] = ()  # on its areas
+    profile: Profile | None = None  # that its plan climbs and descends on; None: one in the plane
 
 
 def publish(
-    request: Request,
+    posed: Posed,
     plans: Plans,
     next_goal: int,
     route: Sequence[RoutePoint],
-    excluded: tuple[Excluded, ...],
-    counted: Sequence[int],
-    options: Options[Narrowed],
+    own_altitude: Altitude | None,
     skipped: tuple[str, ...] = (),
 ) -> Plan:
     """Write the plan of one request ``[1]`` over the ground.
 
     Args:
-        request: that is answered.
+        posed: the request.
         plans: the best plan of it, ``[1]``.
         next_goal: number of the first point of the route that may be rejoined at; -1: there is
             none.
         route: that was asked for.
-        excluded: the intruders that were left out.
-        counted: numbers of the others.
-        options: of the flight.
+        own_altitude: of the ownship at the request.
         skipped: what the deadline left out of the search.
     """
+    request, excluded, counted, options = posed[:4]
     best = _number_points(_best_on_ground(request, plans), request)
-    waypoints = _waypoints(best, route)
+    waypoints = _waypoints(best, route, posed.profile)
     faults = _faults(waypoints, route, excluded, options)
+    if posed.profile is not None and own_altitude is not None and waypoints:
+        air_states = take(plans.candidates.plan_states, 0)
+        faults += _climb_faults(waypoints, air_states, posed.profile, own_altitude, options)
     judged_safe = bool(best.findings.safe)
     safe = judged_safe and not faults
     reasons = [] if judged_safe else _reasons(request, best, next_goal, counted, options)
@@ -102,6 +123,29 @@ def _faults(
         return []
     reasons = audit(waypoints, route, count=options.waypoints, extended=options.extend_route)
     return reasons + unproven_exclusions(excluded, waypoints[-1])
+
+
+def _climb_faults(
+    waypoints: Sequence[Waypoint],
+    air_states: PlanStates[Air],
+    judged: Profile,
+    own: Altitude,
+    options: Options[Narrowed],
+) -> list[Reason]:
+    """Return what is wrong with the altitudes that are published, and with the speeds on their
+    climbs, for the aircraft that flies them; they are those of the profile that was judged.
+    """
+    try:
+        profile = profile_of(own.value, own.climb(0.0)[0], waypoints, options.vertical.acceleration)
+    except ValueError as problem:
+        return [Reason.of(Kind.CLIMB, "altitudes", f"cannot be flown: {problem}")]
+    if profile is None:
+        return [Reason.of(Kind.CLIMB, "altitudes", "are missing, expected one at each waypoint")]
+    faults = profile_faults(profile, own, options)
+    off = float(np.abs(profile.at(judged.time) - judged.altitude).max())
+    if not off <= _SAME:
+        faults.append(Reason.of(Kind.CLIMB, "altitudes", f"are {off:.3f} m off those judged"))
+    return faults + speed_faults(profile, legs(air_states), options.limits)
 
 
 def _out_of_time(skipped: Sequence[str], options: Options[Narrowed]) -> Reason:
@@ -156,9 +200,12 @@ def _windows(request: Request, counted: Sequence[int]) -> tuple[Counts, ...]:
     )
 
 
-def _waypoints(best: Candidates, route: Sequence[RoutePoint]) -> tuple[Waypoint, ...]:
+def _waypoints(
+    best: Candidates, route: Sequence[RoutePoint], profile: Profile | None
+) -> tuple[Waypoint, ...]:
     """Return the plan states after the request under indices that the route does not have, the
-    last one under the route's where it is a point of it; none without a plan.
+    last one under the route's where it is a point of it, with the altitudes of a profile; none
+    without a plan.
     """
     if best.last < 0:
         return ()
@@ -168,7 +215,18 @@ def _waypoints(best: Candidates, route: Sequence[RoutePoint]) -> tuple[Waypoint,
     indices = [next(free) for _ in rows]
     if best.last < len(route):
         indices[-1] = route[int(best.last)].index
-    return tuple(Waypoint(index, *row) for index, row in zip(indices, rows, strict=True))
+    points = tuple(Waypoint(index, *row) for index, row in zip(indices, rows, strict=True))
+    if profile is None:
+        return points
+    times = np.array([point.time for point in points])
+    altitudes = profile.at(times)
+    # The last leg goes on as it was.
+    climbs = np.diff(altitudes) / np.diff(times)
+    levels = zip(altitudes.tolist(), [*climbs.tolist(), float(climbs[-1])], strict=True)
+    return tuple(
+        replace(point, altitude=altitude, climb=climb)
+        for point, (altitude, climb) in zip(points, levels, strict=True)
+    )
 
 
 def _reasons(

@@ -4,6 +4,7 @@ goes.
 
 import math
 from dataclasses import dataclass
+from enum import Enum
 from operator import attrgetter
 from typing import Any, Generic, Self
 
@@ -14,10 +15,15 @@ from agents.kernel.traffic import Requirement
 from agents.manoeuvres.direct_to_goal import EVERY, DirectTask
 from agents.planner.answer import WAYPOINTS, RequestError
 from agents.planner.request.fields import quote, real
-from envs.aircraft import Aircraft, AircraftError, new_aircraft
+from envs.aircraft import Aircraft, AircraftError, Vertical, new_aircraft
+from envs.areas import Level
 from envs.arrays import Array
 from envs.kinematics import FASTEST, Limits, intersection
 from envs.phantom import TypeVar
+from envs.profile import corner_error
+
+LOWEST, HIGHEST = -1e3, 3e4
+"""Altitudes that are planned at, m."""
 
 MAX_AGE = 5.0
 """Oldest report of an intruder that is planned with, time steps."""
@@ -30,9 +36,19 @@ _EXTENSION = 5.0  # between points beyond the end of a route, separations
 _LEAST_LEG = 0.1  # least duration of the last leg, time steps
 _TURN_SHARE = 2.0 / 3.0  # of the turn rate, for turns along the route
 
+
+class Maneuvers(Enum):
+    """What a plan may do beside its route."""
+
+    HORIZONTAL = "horizontal"  # turn and change its speed; altitudes are not planned
+    VERTICAL = "vertical"  # climb and descend, along the route
+    BOTH = "both"
+
+
 _KINDS: dict[str, type] = {
     "aircraft": Aircraft,
     "requirement": Requirement,
+    "maneuvers": Maneuvers,
     **dict.fromkeys(("limits", "manoeuvre", "aircraft.limits", "aircraft.vehicle_limits"), Limits),
     **dict.fromkeys(("direct", "extend_route", "exhaustive", "rejoin_on_leg"), bool),
 }
@@ -50,6 +66,14 @@ def agility(aircraft: Aircraft) -> float:
     grow with it.
     """
     return max(1.0, aircraft.limits.yaw_rate_max * aircraft.dt / _ORDINARY)
+
+
+def default_vertical_margin(vertical: Vertical) -> float:
+    """Return the vertical margin where none is given, m: what a change from level flight to the
+    greatest climb or descent takes.
+    """
+    change = max(vertical.climb_max, vertical.descent_max)
+    return corner_error(change, vertical.acceleration)
 
 
 def default_margin(aircraft: Aircraft) -> float:
@@ -143,6 +167,19 @@ class Options(Generic[L]):
     """Computation after which :func:`agents.planner.plan` answers with the best plan so far, s;
     inf: never.
     """
+    maneuvers: Maneuvers = Maneuvers.HORIZONTAL
+    """What a plan may do; where it may climb, ``aircraft.vertical`` says how, and its vertical
+    separation counts in the place of the vertical filter."""
+    vertical_margin: float = 0.0
+    """Added to the vertical separation for what the follower leaves of the plan's altitude, changes
+    of climb included, m."""
+    floor: Level | None = None
+    """Least altitude of plans that may climb or descend, in the reference of the ownship's; None:
+    any."""
+    ceiling: Level | None = None
+    """Greatest altitude of plans that may climb or descend, likewise."""
+    altitude_weight: float = 1.0
+    """Cost of a metre that is climbed or descended beside the route, in metres of path."""
 
     @classmethod
     def for_aircraft(
@@ -161,12 +198,34 @@ class Options(Generic[L]):
             "fallback_cost_threshold": 1.5 * aircraft.separation,
             **changes,
         }
+        if aircraft.vertical is not None and "vertical_margin" not in usual:
+            usual["vertical_margin"] = default_vertical_margin(aircraft.vertical)
         if "manoeuvre" not in usual:
             usual["manoeuvre"] = comfort_limits(aircraft.limits, limits)
         if "rejoin_by" not in usual:
             shape = cls(aircraft, **usual, rejoin_by=0.0)
             usual["rejoin_by"] = min(aircraft.t_max, shape.latest_rejoin)
         return cls(aircraft, **usual)
+
+    @property
+    def climbs(self) -> bool:
+        """Whether plans may climb and descend."""
+        return self.maneuvers is not Maneuvers.HORIZONTAL
+
+    @property
+    def vertical(self) -> Vertical:
+        """What the aircraft of plans that climb can do up and down.
+
+        Raises:
+            RequestError: the aircraft states nothing of it.
+        """
+        if self.aircraft.vertical is None:
+            what = (
+                f'is "{self.maneuvers.value}", expected "horizontal": the aircraft states no '
+                "limits of climb and descent"
+            )
+            raise RequestError("options.maneuvers", what)
+        return self.aircraft.vertical
 
     @property
     def interval(self) -> float:
@@ -297,6 +356,7 @@ def check(options: Options) -> None:
         what = f"makes plans of {options.last_free:g} s and more, expected {LONGEST:g} s at most"
         raise RequestError("options.spacing", what)
     _check_numbers(options)
+    _check_levels(options)
     for name, limits in (("limits", options.limits), ("manoeuvre", options.manoeuvre)):
         if limits.speed_min >= limits.speed_max:
             what = (
@@ -311,6 +371,32 @@ def check(options: Options) -> None:
             f"{options.last_free:.0f} s"
         )
         raise RequestError("options.manoeuvre.yaw_rate_max", what)
+
+
+def _check_levels(options: Options) -> None:
+    """Refuse climbs without an aircraft that can, and a floor and a ceiling that contradict."""
+    levels = {"floor": options.floor, "ceiling": options.ceiling}
+    for name, level in levels.items():
+        if level is None:
+            continue
+        if not isinstance(level, Level):
+            what = f"is {quote(level)}, expected a Level or None"
+            raise RequestError(f"options.{name}", what)
+        real(f"options.{name}.value", level.value, LOWEST, HIGHEST, "m")
+        if not options.climbs:
+            what = 'is given, expected maneuvers that are "vertical" or "both"'
+            raise RequestError(f"options.{name}", f"{what}: in the plane no altitude is planned")
+    if options.climbs:
+        _ = options.vertical  # refused where the aircraft has none
+    floor, ceiling = levels.values()
+    if floor is None or ceiling is None:
+        return
+    if floor.reference != ceiling.reference:
+        what = f"is of {quote(floor.reference)}, expected the ceiling's {quote(ceiling.reference)}"
+        raise RequestError("options.floor.reference", what)
+    if not floor.value < ceiling.value:
+        what = f"is {floor.value:g} m, expected less than the ceiling, {ceiling.value:g} m"
+        raise RequestError("options.floor.value", what)
 
 
 def _check_kinds(options: Options) -> None:
@@ -359,6 +445,8 @@ def _check_numbers(options: Options) -> None:
         ("max_age", 0.0, 60.0 * dt, "s"),
         ("fallback_cost_threshold", 0.0, math.inf, "m"),
         ("deadline_s", 0.0, math.inf, "s"),
+        ("vertical_margin", 0.0, 5_000.0, "m"),
+        ("altitude_weight", 0.0, 1e6, ""),
     ]
     for of in ("limits", "manoeuvre"):
         ranges += [(f"{of}.{name}", *bounds) for name, bounds in _LIMITS.items()]

@@ -10,11 +10,11 @@ from typing import Any, Generic, NamedTuple, cast
 
 import numpy as np
 
-from agents.kernel.levels import ALWAYS, Altitude, window
+from agents.kernel.levels import ALWAYS, Altitude, Line, level_times, window
 from agents.kernel.traffic import Traffic, Window, turn_error
 from agents.planner.answer import Field, RequestError
 from agents.planner.request.fields import part_value, quote
-from agents.planner.request.options import L, Options
+from agents.planner.request.options import HIGHEST, LOWEST, L, Options
 from envs.arrays import Array
 from envs.frames import Air, F, Ground
 from envs.kinematics import FASTEST, VehicleState
@@ -60,15 +60,16 @@ class Intruder(Generic[F]):
     """To be kept from it horizontally, m; None: ``Options.requirement``'s."""
     vertical_separation: float | None = None
     """Predicted vertical separation beyond which it does not count, m; None:
-    ``Options.vertical_filter``.
+    ``Options.vertical_filter``, or the aircraft's where plans may climb.
     """
     turn_std: float = 0.0
     """One sigma of the turn rate, rad/s."""
 
     def vertical(self, options: Options[L]) -> float:
         """Return the vertical separation beyond which it does not count, m."""
-        own = self.vertical_separation
-        return options.vertical_filter if own is None else own
+        if self.vertical_separation is not None:
+            return self.vertical_separation
+        return options.vertical.separation if options.climbs else options.vertical_filter
 
 
 def check_state(name: Field, state: Any) -> VehicleState[Ground]:
@@ -88,10 +89,10 @@ def check_altitude(name: Field, altitude: Any) -> None:
         return
     if not isinstance(altitude, Altitude):
         raise RequestError(name, f"is {type(altitude).__name__}, expected an Altitude or None")
-    part_value(name, "value", altitude.value, -1_000.0, 30_000.0, "m")
+    part_value(name, "value", altitude.value, LOWEST, HIGHEST, "m")
     if altitude.vertical_speed is not None:
         part_value(name, "vertical_speed", altitude.vertical_speed, -100.0, 100.0, "m/s")
-    part_value(name, "error", altitude.error, 0.0, 30_000.0, "m")
+    part_value(name, "error", altitude.error, 0.0, HIGHEST, "m")
     part_value(name, "climb_error", altitude.climb_error, 0.0, 100.0, "m/s")
     if not isinstance(altitude.reference, str) or not altitude.reference:
         what = f"is {quote(altitude.reference)}, expected a name"
@@ -170,6 +171,16 @@ def velocity_std_in(report: Intruder[Ground], state: VehicleState[Air], wind: Wi
     return math.hypot(report.velocity_std, turned) + float(turned_error(turn, float(wind.std)))
 
 
+def reports_in_air(
+    intruders: Sequence[VehicleState[Ground] | Intruder[Ground]], wind: Wind | None
+) -> list[Intruder[Air]]:
+    """Return checked intruders as reports in the air mass."""
+    return [
+        report_in_air(given if isinstance(given, Intruder) else Intruder(given), wind)
+        for given in intruders
+    ]
+
+
 class _Report(NamedTuple):
     """Numbers of a report; floats, or arrays ``[1, K]``."""
 
@@ -211,6 +222,35 @@ def arrays_of_reports(reports: Sequence[Intruder[Air]]) -> tuple[Traffic, Array]
         separation=None if all(map(math.isnan, own)) else np.array([own], dtype=float),
     )
     return traffic, columns.age
+
+
+def level_columns(
+    reports: Sequence[Intruder[F]], flight: Sequence[Line], options: Options[L]
+) -> tuple[list[int], Window | None]:
+    """Return the numbers of checked reports, each once for every time in which it counts, and these
+    times, ``[1, C]``; None: all of them always.
+
+    Args:
+        reports: of the intruders.
+        flight: altitude of the ownship; none: unknown, which counts as level.
+        options: of the flight.
+    """
+    times = [
+        (number, *time)
+        for number, report in enumerate(reports)
+        for time in times_of(report, flight, options)
+    ]
+    begin, end = (np.array([[time[part] for time in times]], dtype=float) for part in (1, 2))
+    always = bool((begin <= 0.0).all() and (end == math.inf).all())
+    return [number for number, _, _ in times], None if always else Window(begin, end)
+
+
+def times_of(
+    report: Intruder[F], flight: Sequence[Line], options: Options[L]
+) -> list[tuple[float, float]]:
+    """Return the times in which an intruder counts on a flight, s."""
+    altitude, age, unknown = report.altitude, report.age, options.unknown_climb
+    return level_times(flight, altitude, age, report.vertical(options), unknown)
 
 
 def windows(

@@ -2,15 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from agents.kernel.areas import ActiveArea, label, relevant
-from agents.kernel.levels import Altitude
+from agents.kernel.levels import Line
 from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
 from agents.planner.request.advisories import assumed_climb
 from agents.planner.request.fields import sequence
-from agents.planner.request.options import Narrowed, Options
+from agents.planner.request.options import Maneuvers, Narrowed, Options
 from agents.planner.request.pruning import SPEED_TOLERANCE
 from agents.planner.request.request import BEYOND, Request, drift_points, latest_end
 from agents.planner.search.detours import Place, airspace
@@ -35,7 +36,7 @@ _LATER = 100.0  # s after the last free waypoint until which ways round areas ar
 def add_areas(
     request: Request,
     areas: Sequence[Area],
-    altitude: Altitude | None,
+    flight: Sequence[Line],
     options: Options[Narrowed],
     wind: Wind | None = None,
 ) -> tuple[Request, tuple[Advisory, ...]]:
@@ -43,18 +44,38 @@ def add_areas(
     the altitudes and which points of the route are passed over.
 
     Points that lie in an area when they would be reached are left out; where an area lies across
-    the route, points round it are put in.
+    the route, points round it are put in, unless plans may only climb and descend.
 
     Args:
         request: without areas.
         areas: over the ground.
-        altitude: of the ownship; None: unknown, which counts as level with every area.
+        flight: the ownship's altitude; none: unknown, which counts as level with every area.
         options: of the flight.
         wind: which the air mass moves with.
 
     Raises:
         RequestError: something is no area, or there are too many.
     """
+    given = check_areas(areas)
+    if not given:
+        return request, ()
+    air_areas = given if wind is None else [in_air(area, wind) for area in given]
+    own: VehicleState[Air] = VehicleState(*(float(field[0]) for field in request.own))
+    near = _reachable_areas(air_areas, request, own, flight, options)
+    left, notes = request, list[Advisory]()
+    if near:
+        left, notes = _without_points_in(near, request, own, options)
+        if options.maneuvers is not Maneuvers.VERTICAL:
+            left = _with_points_round(near, left, own, options)
+    if left is not request:  # its legs may be longer, and plans of it last longer
+        near = _reachable_areas(air_areas, left, own, flight, options)
+    if near:
+        left = left._replace(areas=Shared(near))
+    return left, (*_assumed_climb(given, flight, options), *notes)
+
+
+def check_areas(areas: Any) -> Sequence[Area]:
+    """Return areas; raise a RequestError where something is no area, or there are too many."""
     given = sequence(Field(Subject.AREAS), areas)
     for number, area in enumerate(given):
         if not isinstance(area, Area):
@@ -62,30 +83,16 @@ def add_areas(
             raise RequestError(Field(Subject.AREAS, number=number), what)
     if len(given) > MOST:
         raise RequestError(Field(Subject.AREAS), f"are {len(given)}, expected {MOST} at most")
-    if not given:
-        return request, ()
-    air_areas = given if wind is None else [in_air(area, wind) for area in given]
-    own: VehicleState[Air] = VehicleState(*(float(field[0]) for field in request.own))
-    near = _reachable_areas(air_areas, request, own, altitude, options)
-    left, notes = request, list[Advisory]()
-    if near:
-        left, notes = _without_points_in(near, request, own, options)
-        left = _with_points_round(near, left, own, options)
-    if left is not request:  # its legs may be longer, and plans of it last longer
-        near = _reachable_areas(air_areas, left, own, altitude, options)
-    if near:
-        left = left._replace(areas=Shared(near))
-    return left, (*_assumed_climb(given, altitude, options), *notes)
+    return given
 
 
 def _assumed_climb(
-    areas: Sequence[Area], altitude: Altitude | None, options: Options[Narrowed]
+    areas: Sequence[Area], flight: Sequence[Line], options: Options[Narrowed]
 ) -> list[Advisory]:
     """Return that the ownship's vertical speed is unknown, where heights of areas ask for it."""
-    if altitude is None or altitude.vertical_speed is not None:
-        return []
+    unknown = {line.altitude.reference for line in flight if line.altitude.vertical_speed is None}
     levels = [level for area in areas for level in (area.floor, area.ceiling) if level is not None]
-    if all(level.reference != altitude.reference for level in levels):
+    if all(level.reference not in unknown for level in levels):
         return []
     return [assumed_climb(Field(Subject.OWN_ALTITUDE, "vertical_speed"), options)]
 
@@ -94,7 +101,7 @@ def _reachable_areas(
     areas: Sequence[Area],
     request: Request,
     own: VehicleState[Air],
-    altitude: Altitude | None,
+    flight: Sequence[Line],
     options: Options[Narrowed],
 ) -> tuple[ActiveArea, ...]:
     """Return the areas that some plan of a request may meet."""
@@ -103,7 +110,7 @@ def _reachable_areas(
     return relevant(
         areas,
         own,
-        altitude,
+        flight,
         fastest=fastest,
         horizon=end,
         unknown_climb=options.unknown_climb,

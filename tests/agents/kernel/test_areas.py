@@ -21,8 +21,8 @@ from agents.kernel.areas import (
     window,
 )
 from agents.kernel.clearance import Clearance, clearance
+from agents.kernel.levels import Altitude, steady
 from agents.kernel.trajectory import trajectory
-from agents.planner.request.request import Altitude
 from envs.area_geometry import gain
 from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.kinematics import VehicleState
@@ -231,7 +231,7 @@ def test_what_cannot_be_reached_or_does_not_count_is_left_out() -> None:
         Area(Circle(19_000.0, 0.0, 1e3), valid_until=170.0),
     ]
     level = Altitude(500.0, "msl", 0.0)
-    found = relevant(areas, own, level, fastest=100.0, margin=0.0, **settings)
+    found = relevant(areas, own, steady(level), fastest=100.0, margin=0.0, **settings)
     assert [one.number for one in found] == [1, 2, 3, 7]
     assert (found[3].begin, found[3].end) == (10.0, 20.0)
     assert (found[0].begin, found[0].end) == (0.0, 400.0)
@@ -248,7 +248,7 @@ def test_nothing_that_is_left_out_can_be_met() -> None:
         for n in range(0, 200, 10):
             own = VehicleState(*(float(field[n, 0]) for field in plan_states[:4]))
             settings = {"fastest": 100.0, "horizon": END, "unknown_climb": 9.0}
-            out = not relevant([area], own, None, margin=600.0, **settings)
+            out = not relevant([area], own, (), margin=600.0, **settings)
             assert not (out and lost[n])
             met += lost[n]
     assert met > 20

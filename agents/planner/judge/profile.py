@@ -1,0 +1,105 @@
+"""Whether the altitude of a plan can be flown, and stays between floor and ceiling."""
+
+import numpy as np
+
+from agents.kernel.levels import Altitude
+from agents.planner.answer import Kind, Reason
+from agents.planner.request.options import L, Options
+from envs.frames import Air
+from envs.kinematics import Limits
+from envs.profile import Profile, corner_error
+from envs.waypoints import Legs
+
+_ROUNDING = 1e-6
+"""By how much limits may be passed for rounding's sake, m, m/s and s."""
+
+
+def profile_faults(profile: Profile, own: Altitude, options: Options[L]) -> list[Reason]:
+    """Return what is wrong with a profile.
+
+    A change of climb by r at an acceleration a takes r / (2 a) before its corner and after it, and
+    leaves the profile by r^2 / (8 a): so far corners lie apart and from the request, and so much
+    the vertical margin holds at least.
+
+    Args:
+        profile: it begins at the request.
+        own: altitude at the request, with its error.
+        options: of the flight.
+    """
+    vertical, faults = options.vertical, list[Reason]()
+    for time, climb in zip(profile.time.tolist(), profile.climbs.tolist(), strict=False):
+        if not -vertical.descent_max - _ROUNDING <= climb <= vertical.climb_max + _ROUNDING:
+            what = (
+                f"climbs with {climb:.2f} m/s from {time:.1f} s on, expected "
+                f"{-vertical.descent_max:g} to {vertical.climb_max:g} m/s"
+            )
+            faults.append(Reason.of(Kind.CLIMB, "altitudes", what))
+    changed = 0.0
+    for corner in profile.corners():
+        half = 0.5 * abs(corner.change) / vertical.acceleration
+        if not corner.time - half >= changed - _ROUNDING:
+            what = (
+                f"change their climb at {corner.time:.1f} s, expected {changed + half:.1f} s or "
+                "later"
+            )
+            faults.append(Reason.of(Kind.CLIMB, "altitudes", what))
+        error = corner_error(corner.change, vertical.acceleration)
+        if not error <= options.vertical_margin + _ROUNDING:
+            what = (
+                f"are left by {error:.1f} m where the climb changes at {corner.time:.1f} s, "
+                f"expected the vertical margin, {options.vertical_margin:g} m, at most"
+            )
+            faults.append(Reason.of(Kind.CLIMB, "altitudes", what))
+        changed = corner.time + half
+    return faults + _beyond_levels(profile, own, options)
+
+
+def speed_faults(profile: Profile, curves: Legs[Air], limits: Limits) -> list[Reason]:
+    """Return where an aircraft is too fast on a profile: with the speed along it, not that over the
+    horizon.
+
+    Args:
+        profile: it begins at the request.
+        curves: legs of one plan through the air, ``[L]``.
+        limits: of the flight; a plan that begins faster may stay so.
+    """
+    begin, end = curves.time, curves.time + curves.duration
+    climbs = profile.climbs
+    # Of each leg against each line of the profile that it has a part of.
+    last = np.append(profile.time[1:-1], np.inf)
+    first = np.append(-np.inf, profile.time[1:-1])
+    shared = (begin[:, None] < last) & (end[:, None] > first)
+    climb = np.where(shared, np.abs(climbs), 0.0).max(axis=1)
+    step = curves.duration[:, None] / curves.speed.shape[-1]
+    over_horizon = np.maximum(curves.speed, curves.speed + curves.acceleration * step).max(axis=1)
+    fastest = np.maximum(limits.speed_max, np.hypot(curves.speed[0, 0], climbs[0]))
+    beyond = np.flatnonzero(~(np.hypot(over_horizon, climb) <= fastest + _ROUNDING))
+    if beyond.size == 0:
+        return []
+    leg = int(beyond[0])
+    what = (
+        f"climbs with {climb[leg]:.1f} m/s at {over_horizon[leg]:.1f} m/s over the horizon, "
+        f"expected {fastest:.1f} m/s together at most"
+    )
+    return [Reason(Kind.SPEED, f"waypoints[{leg}]", f"the leg to waypoints[{leg}] {what}")]
+
+
+def _beyond_levels(profile: Profile, own: Altitude, options: Options[L]) -> list[Reason]:
+    """Return where a profile, flown within the margin, may leave the floor or the ceiling."""
+    faults, spread = list[Reason](), own.error + options.vertical_margin
+    for name, level, side in (("floor", options.floor, -1.0), ("ceiling", options.ceiling, 1.0)):
+        if level is None:
+            continue
+        # At the request the ownship is where it is; from there on it does not go farther.
+        begins = side * (profile.altitude[0] - level.value)
+        over = side * (profile.altitude - level.value)
+        allowed = np.maximum(-spread, begins)
+        beyond = np.flatnonzero(~(over <= allowed + _ROUNDING))
+        if beyond.size:
+            first = int(beyond[0])
+            what = (
+                f"are {profile.altitude[first]:.1f} m at {profile.time[first]:.1f} s, expected to "
+                f"keep {spread:.1f} m from the {name}, {level.value:g} m"
+            )
+            faults.append(Reason.of(Kind.CLIMB, "altitudes", what))
+    return faults

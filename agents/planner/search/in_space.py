@@ -1,0 +1,224 @@
+"""Plans that may climb and descend: the cheapest of what is safe in the plane, on the route's
+altitude, and of what is safe on the route, at others; both together where neither is.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.kernel.levels import Line, lines
+from agents.planner.answer import Advisory
+from agents.planner.judge.profile import speed_faults
+from agents.planner.request.options import Maneuvers, Narrowed, Options
+from agents.planner.request.reports import Intruder
+from agents.planner.request.request import Request
+from agents.planner.search.budget import Budget
+from agents.planner.search.candidates import Candidates, Plans, empty, evaluate
+from agents.planner.search.climbs import (
+    Conflict,
+    Start,
+    climbed,
+    conflicts,
+    nominal,
+    on_profile,
+    profiles,
+)
+from agents.planner.search.goals import next_goals
+from agents.planner.search.horizontal import plan_rows
+from agents.planner.search.late_climbs import Ranking
+from agents.planner.search.rollout import roll
+from agents.policy.inference import Policy
+from envs.areas import Area
+from envs.arrays import Array
+from envs.frames import Air
+from envs.kinematics import VehicleState
+from envs.profile import Profile
+from envs.trees import take
+from envs.waypoints import legs
+
+VERTICAL = 3
+"""Code of a plan that a climb or a descent along the route made."""
+
+_ON_ROUTE = 12
+"""Profiles that are tried along the route at most."""
+
+_LOOKED_AT = 10
+"""Profiles that are looked at until it is asked whether time is left."""
+
+_TOGETHER = 4
+"""Profiles on which plans in the plane are searched at most."""
+
+
+class Case(NamedTuple):
+    """A request on a profile."""
+
+    profile: Profile
+    request: Request  # each intruder once for every time in which it counts
+    counted: list[int]  # numbers of the reports that they are
+    notes: tuple[Advisory, ...]  # on its areas
+    detour: float  # by how much longer its route is than the one asked for, round areas, m
+
+
+class Answer(NamedTuple):
+    """The best plan, and the case that it was made for."""
+
+    case: Case
+    plans: Plans  # [1]
+    cost: float  # with its climbs, m; inf: it is not safe
+
+
+class Asked(NamedTuple):
+    """One request ``[1]`` that may climb and descend."""
+
+    request: Request  # with all intruders, each of which counts always; without areas
+    reports: Sequence[Intruder[Air]]  # of its intruders
+    start: Start  # of its profiles
+    areas: Sequence[Area]  # in the air mass
+    # adds the areas that count on a flight
+    among: Callable[[Request, Sequence[Line]], tuple[Request, tuple[Advisory, ...]]]
+    policy: Policy
+    options: Options[Narrowed]
+    budget: Budget
+
+
+def plan_in_space(asked: Asked) -> Answer:
+    """Return the best plan: safe at the least cost, or else of the greatest clearance."""
+    start, options, budget = asked.start, asked.options, asked.budget
+    base = _case(asked, nominal(start, options))
+    on_route = _on_route(asked, base)
+    if on_route.cost < math.inf and base.detour <= 0.0:
+        return on_route
+    in_plane = options.maneuvers is Maneuvers.BOTH
+    quick, best = replace(options, exhaustive=False, goals=1), on_route
+    met, avoiding = _met(asked, on_route), list[Profile]()
+    late = Ranking(met, start, options)
+    until = max((one.end for one in met), default=0.0)
+    for number, profile in enumerate(profiles(start, until, options)):
+        dear = options.altitude_weight * climbed(profile) >= best.cost
+        if dear or len(avoiding) == _ON_ROUTE:
+            break
+        avoids = late.avoids(profile)
+        if (avoids or number % _LOOKED_AT == 0) and budget.ends("climbs"):
+            break
+        if not avoids:
+            continue
+        avoiding.append(profile)
+        tried = _on_route(asked, _case(asked, profile))
+        best = _better(best, tried)
+        if tried.cost < math.inf:
+            break
+    if not in_plane:
+        return best
+    if not budget.ends("turns"):
+        best = _better(best, _in_plane(asked, base, quick))
+    if best.cost < math.inf:
+        return best
+    for profile in [*avoiding, *late.in_order()][:_TOGETHER]:
+        if budget.ends("climbs with turns"):
+            break
+        best = _better(best, _in_plane(asked, _case(asked, profile), quick))
+        if best.cost < math.inf:
+            return best
+    # The last, slow stages: where least was missing, and on the route's altitude.
+    for case in [best.case, base] if best.case is not base else [base]:
+        if best.cost == math.inf:
+            best = _better(best, _in_plane(asked, case, options))
+    return best
+
+
+def _case(asked: Asked, profile: Profile) -> Case:
+    """Return the request on a profile."""
+    start, options = asked.start, asked.options
+    flight = lines(profile, start.own, options.vertical_margin)
+    request, counted = on_profile(asked.request, asked.reports, flight, options)
+    request, notes = asked.among(request, flight)
+    return Case(profile, request, counted, notes, _detour(request, asked.request))
+
+
+def _answer(asked: Asked, case: Case, plans: Plans) -> Answer:
+    """Return a plan with its cost."""
+    flown = plans.candidates
+    if not flown.safe[0]:
+        return Answer(case, plans, math.inf)
+    curves = legs(take(flown.plan_states, 0))
+    too_fast = speed_faults(case.profile, curves, asked.options.limits)
+    cost = flown.cost + case.detour + asked.options.altitude_weight * climbed(case.profile)
+    plans = plans._replace(candidates=flown._replace(cost=cost))
+    return Answer(case, plans, math.inf if too_fast else float(cost[0]))
+
+
+def _better(first: Answer, second: Answer) -> Answer:
+    """Return the cheaper of two plans; of two that are not safe the one of greater clearance."""
+    if first.cost == second.cost == math.inf:
+        clearance = (answer.plans.candidates.findings.clearance[0] for answer in (first, second))
+        return first if next(clearance) >= next(clearance) else second
+    return first if first.cost <= second.cost else second
+
+
+def _detour(request: Request, given: Request) -> float:
+    """Return by how much longer a route round areas is than the one that was given, m, between the
+    ownship and the last of its points.
+    """
+    if request.of_route is None:
+        return 0.0
+    number = request.of_route[0]
+    kept = np.flatnonzero((number >= 0) & (number < given.points[0]))
+    if kept.size == 0:
+        return 0.0
+    round_areas = slice(0, int(kept[-1]) + 1)
+    straight = number[kept]
+    bent, direct = (
+        _length(request.own, route.route_x[0, points], route.route_y[0, points])
+        for route, points in ((request, round_areas), (given, straight))
+    )
+    return max(bent - direct, 0.0)
+
+
+def _length(own: VehicleState[Air], x: Array, y: Array) -> float:
+    """Return how long the way from the ownship ``[1]`` over points ``[R]`` is, m."""
+    steps = np.diff(np.concatenate([own.x, x])), np.diff(np.concatenate([own.y, y]))
+    return float(np.hypot(*steps).sum())
+
+
+def _on_route(asked: Asked, case: Case) -> Answer:
+    """Return the plan straight along the route on a profile, whoever comes near."""
+    best = _way(asked, case.request)
+    return _answer(asked, case, Plans(best, np.full(1, VERTICAL, np.int8), best.safe))
+
+
+def _way(asked: Asked, request: Request) -> Candidates:
+    """Return the plan ``[1]`` that goes along a route as if nobody were there, and what is wrong
+    with it.
+    """
+    options = asked.options
+    alone = request._replace(
+        traffic=request.traffic._replace(mask=np.zeros_like(request.traffic.mask))
+    )
+    way = empty(1, options.waypoints)
+    for goal in next_goals(request, options)[0].tolist():
+        if goal < 0 or way.last[0] >= 0:
+            break
+        number = np.array([goal])
+        flown = roll(alone, number, asked.policy, options, asked.budget, floats=True)
+        way = evaluate(request, flown, number, options)
+    return way
+
+
+def _in_plane(asked: Asked, case: Case, options: Options[Narrowed]) -> Answer:
+    """Return the best plan in the plane on a profile."""
+    goals = next_goals(case.request, options)
+    plans = plan_rows(case.request, goals, asked.policy, options, asked.budget, floats=True)
+    return _answer(asked, case, plans)
+
+
+def _met(asked: Asked, on_route: Answer) -> list[Conflict]:
+    """Return which conflicts the way along the route has, whoever is above or below; ``on_route``
+    is the answer along it on the route's altitude.
+    """
+    way = _way(asked, asked.request) if asked.areas else on_route.plans.candidates
+    if way.last[0] < 0:
+        return []
+    return conflicts(way.plan_states, asked.request, asked.reports, asked.areas, asked.options)
