@@ -9,10 +9,14 @@ a h^2 / 8; an arc is left out where both can fly less than they are too far apar
 distance less 1.002 mm away, and the separation itself less 3 micrometres
 (docs/explanation/safe-theorem.md).
 
+A plan that climbs and descends keeps a profile of altitude, and is proven by the theorem
+``safe_in_space`` of proofs/Space.v.
+
 Read it in this order: :mod:`certificate <agents.check.certificate>` (what is stated),
 :mod:`reading <agents.check.reading>`, :mod:`leg <agents.check.leg>`,
 :mod:`separation <agents.check.separation>`, :mod:`area <agents.check.area>`,
-:mod:`altitude <agents.check.altitude>`, and :mod:`proof <agents.check.proof>`, which asks them all.
+:mod:`profile <agents.check.profile>`, :mod:`altitude <agents.check.altitude>`, and
+:mod:`proof <agents.check.proof>`, which asks them all.
 """
 
 from .certificate import FORMAT

@@ -13,12 +13,16 @@ from .refusal import demand
 
 _SPEEDS = ("speed_min_mps", "speed_max_mps")
 _LIMITS = (*_SPEEDS, "acceleration_min_mps2", "acceleration_max_mps2", "yaw_rate_max_deg_s")
+_CLIMBS = ("climb_max_mps", "descent_max_mps", "vertical_acceleration_mps2")
+_VERTICAL = "vertical_separation_m"
+IN_PLANE = 600.0
+"""The least vertical separation of plans in the plane unless a standard states another, m."""
 
 
 class Standard(NamedTuple):
     """What a certificate is held to beside the aircraft's file, which says nothing of it."""
 
-    vertical: float = 600.0  # separation, m
+    vertical: float | None = None  # separation, m; None: as of :func:`least_separation`
     sigmas: float = 2.0  # of the uncertainty
 
 
@@ -34,7 +38,8 @@ def check_aircraft(
     vehicle = {name: aircraft.get(f"vehicle.{name}", value) for name, value in aircraft.items()}
     check_vehicle_limits(certificate, vehicle)
     check_own_speed(certificate, aircraft, vehicle)
-    check_standard(certificate, standard)
+    check_climbs(certificate, aircraft)
+    check_standard(certificate, aircraft, standard)
     check_separations(certificate, aircraft["separation_m"])
 
 
@@ -67,12 +72,42 @@ def check_own_speed(
     demand(inside, f"its speed at the request is {speed:g} m/s, beyond the aircraft's")
 
 
-def check_standard(certificate: Certificate, standard: Standard) -> None:
+def check_climbs(certificate: Certificate, aircraft: Mapping[str, float]) -> None:
+    """Refuse a plan that climbs of an aircraft whose file does not say how, and limits of climbs
+    beyond those of the file.
+    """
+    profile = certificate.profile
+    if profile is None:
+        return
+    for name in (*_CLIMBS, _VERTICAL):
+        demand(name in aircraft, f"its plan climbs, but the aircraft's file has no {name}")
+    stated = profile.climb_max, profile.descent_max, profile.acceleration
+    for name, value in zip(_CLIMBS, stated, strict=True):
+        most = aircraft[name]
+        demand(value <= most, f"its {name} is {value:g}, beyond the aircraft's, {most:g}")
+
+
+def least_separation(
+    certificate: Certificate, aircraft: Mapping[str, float], standard: Standard
+) -> tuple[float, str]:
+    """Return the least vertical separation that a certificate may state, m, and who asks for it: a
+    standard, or the aircraft's file of a plan that climbs.
+    """
+    own = 0.0 if certificate.profile is None else aircraft[_VERTICAL]
+    usual = IN_PLANE if certificate.profile is None else 0.0
+    least = usual if standard.vertical is None else standard.vertical
+    return (own, "the aircraft's") if own > least else (least, "--vertical-separation")
+
+
+def check_standard(
+    certificate: Certificate, aircraft: Mapping[str, float], standard: Standard
+) -> None:
     """Refuse a vertical separation, or a number of sigmas, below a standard."""
-    least = least_vertical(certificate)
-    if least is not None:
-        expected = f"below {standard.vertical:g} m (--vertical-separation)"
-        demand(least >= standard.vertical, f"a vertical separation is {least:g} m, {expected}")
+    stated = least_vertical(certificate)
+    if stated is not None:
+        least, whose = least_separation(certificate, aircraft, standard)
+        expected = f"below {least:g} m ({whose})"
+        demand(stated >= least, f"a vertical separation is {stated:g} m, {expected}")
     sigmas = certificate.requirement.sigmas
     expected = f"below {standard.sigmas:g} (--sigmas)"
     demand(sigmas >= standard.sigmas, f"its uncertainty counts {sigmas:g} sigmas, {expected}")

@@ -2,8 +2,9 @@
 
 from typing import NamedTuple
 
+from .altitude import Line, lines_between
 from .balls import ZERO, Ball, ball
-from .certificate import Area, Certificate, Levels
+from .certificate import Area, Certificate
 from .chord import chord_bound, edge_bound, farthest_from_edge
 from .leg import Arc, Flight, bulge
 from .parts import Part, check_parts
@@ -77,19 +78,21 @@ def in_air(area: Area, certificate: Certificate) -> AirArea:
     return AirArea(area, edges, ball(*area.velocity) - wind)
 
 
-def may_count(area: Area, levels: Levels | None, begin: Ball, end: Ball) -> bool:
-    """Return whether an area may count at some time between two, s after the request."""
+def may_count(area: Area, lines: list[Line], begin: Ball, end: Ball) -> bool:
+    """Return whether an area may count at some time between two, s after the request, where the
+    ownship's altitude has some lines.
+    """
     start, last = area.valid
     if start is not None and end.hi < ball(start).lo:
         return False
     if last is not None and begin.lo > ball(last).hi:
         return False
-    if levels is None or area.keep == "in":
-        return True
     floor, ceiling = area.heights
-    low, low_climb, high, high_climb = map(ball, levels)
-    highest = max((high + high_climb * t).hi for t in (begin, end))
-    lowest = min((low + low_climb * t).lo for t in (begin, end))
+    if not lines or area.keep == "in" or floor is ceiling is None:
+        return True
+    times = [(line, t) for line, ends in lines_between(lines, begin, end) for t in ends]
+    highest = max(line.nearest(1, t).hi for line, t in times)
+    lowest = min(line.nearest(-1, t).lo for line, t in times)
     below = floor is not None and highest < ball(floor).lo
     above = ceiling is not None and lowest > ball(ceiling).hi
     return not (below or above)
@@ -99,42 +102,52 @@ class Clearance(NamedTuple):
     """What a plan has to keep from an area."""
 
     area: AirArea
-    levels: Levels | None
+    lines: list[Line]  # of the ownship's altitude
     at_request: int  # distance required with the area as it is at the request, units
+    later: int  # the same where it begins to count after the request
+    off: Ball | None  # the first beginning of a line at which it does not count, s; None: at none
     growth: Ball  # of what is required, m/s
 
     def required(self, part: Part) -> int:
         """Return the distance that a plan keeps in a part, units."""
         growth = max((self.growth * part.begin).hi, (self.growth * part.end).hi)
-        return self.at_request + growth
+        # What begins to count after the request is kept clear of as if the plan began elsewhere.
+        # On a line the ownship's levels change evenly: who comes to an area begins the line off it.
+        counts_again = self.off is not None and self.off.hi < part.end.lo
+        return (self.later if counts_again else self.at_request) + growth
 
 
-def clearance_of(area: AirArea, certificate: Certificate, distance: int) -> Clearance:
+def clearance_of(
+    area: AirArea, certificate: Certificate, lines: list[Line], distance: int
+) -> Clearance:
     """Return what a plan has to keep from an area at a signed distance at the request, units.
 
     A plan that begins inside the clearance must not come nearer, but for some millimetres.
     """
-    stated, levels = area.area, certificate.levels
+    stated = area.area
     clearance = (ball(stated.clearance) + ball(certificate.requirement.margin)).hi
-    if may_count(stated, levels, ZERO, ZERO):
-        clearance = min(clearance, max(distance - ball(NEARER).lo, 0))
+    at_request = min(clearance, max(distance - ball(NEARER).lo, 0))
+    begins = ZERO, *(line.begin for line in lines[1:])
     return Clearance(
         area=area,
-        levels=levels,
-        at_request=max(clearance - ball(MARGIN).lo, -ball(ROUNDING).lo),
+        lines=lines,
+        at_request=max(at_request - ball(MARGIN).lo, -ball(ROUNDING).lo),
+        later=max(clearance - ball(MARGIN).lo, -ball(ROUNDING).lo),
+        off=next((t for t in begins if not may_count(stated, lines, t, t)), None),
         growth=ball(stated.growth) if stated.keep == "out" else ball(-stated.growth),
     )
 
 
 def check_area(
-    number: int, area: Area, flight: Flight, certificate: Certificate, work: Work
+    number: int, flight: Flight, certificate: Certificate, lines: list[Line], work: Work
 ) -> None:
     """Check that the plan keeps the clearance from area ``number`` while it counts."""
+    area = certificate.areas[number]
     air_area = in_air(area, certificate)
     work.spend(_EDGE_WORK * len(air_area.edges))
     # The signed distance at the beginning of an arc is this at least.
     least = air_area.signed_distance(flight.arcs[0].start)
-    clearance = clearance_of(air_area, certificate, least)
+    clearance = clearance_of(air_area, certificate, lines, least)
     speed = air_area.velocity.magnitude()
     problem = f"area {number} may not be kept clear of"
     for arc in flight.arcs:
@@ -154,7 +167,7 @@ def check_arc(
 
     def is_clear(part: Part) -> bool:
         nonlocal at_end
-        if not may_count(air_area.area, clearance.levels, part.begin, part.end):
+        if not may_count(air_area.area, clearance.lines, part.begin, part.end):
             return True
         required = clearance.required(part)
         if part.whole and least >= required:

@@ -57,6 +57,11 @@ class Ball:
         """Return the magnitude, a real number."""
         return Ball(math.isqrt(self.x * self.x + self.y * self.y), 0, self.r + 1)
 
+    def root(self) -> "Ball":
+        """Return the square root of a real number; what is below 0 in it counts as 0."""
+        least, most = (math.isqrt(max(end, 0) << BITS) for end in (self.lo, self.hi))
+        return Ball((least + most) // 2, 0, (most - least) // 2 + 2)
+
 
 def ball(x: float, y: float = 0.0) -> Ball:
     """Return the number x + iy: exact, but where it is too fine for 256 bits."""

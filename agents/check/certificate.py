@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-FORMAT = "RLCAS plan certificate 3"
+FORMAT = "RLCAS plan certificate 4"
 ARCS = 10  # of a leg
 
 
@@ -99,6 +99,21 @@ class Levels(NamedTuple):
     high_climb: float
 
 
+class Profile(NamedTuple):
+    """What a plan that climbs and descends is flown with; its altitude and climb at the request are
+    the middle of the levels.
+    """
+
+    altitudes: list[float]  # of the waypoints, m
+    climb: float  # at the request, m/s
+    climb_max: float  # m/s
+    descent_max: float  # m/s
+    acceleration: float  # of changes of climb, m/s^2
+    margin: float  # by which the ownship leaves the profile at most, corners included, m
+    floor: float | None  # m; None: none
+    ceiling: float | None
+
+
 class Origin(NamedTuple):
     """Which flight the certificate belongs to, as far as its request said so."""
 
@@ -122,6 +137,7 @@ class Certificate(NamedTuple):
     wind: Wind
     areas: list[Area]
     levels: Levels | None  # of the ownship; None: unknown
+    profile: Profile | None  # None: the plan is one in the plane
     parts: int  # into which an arc is cut at most
     bounds: list[float]  # of the distance from each intruder, m
 

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .aircraft import STANDARD, aircraft_file, check_aircraft, read_aircraft
+from .aircraft import IN_PLANE, STANDARD, aircraft_file, check_aircraft, read_aircraft
 from .certificate import FORMAT
 from .proof import accept
 from .reading import LARGEST
@@ -87,7 +87,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
         "--vertical-separation",
         type=not_negative,
         metavar="METRES",
-        help=f"with --aircraft: the least vertical separation, m (default {STANDARD.vertical:g})",
+        help="with --aircraft: the least vertical separation, m "
+        f"(default {IN_PLANE:g}, the aircraft's for a plan that climbs)",
     )
     parser.add_argument(
         "--sigmas",

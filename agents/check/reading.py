@@ -15,6 +15,7 @@ from .certificate import (
     Limits,
     Origin,
     PlanState,
+    Profile,
     Report,
     Requirement,
     Wind,
@@ -25,6 +26,7 @@ LARGEST = 1e8
 """Numbers of a certificate are below this."""
 
 _MOST_PARTS = 1024  # of an arc
+_SAME_CLIMB = 1e-9  # by which the middle of the levels' climbs may differ from the profile's, m/s
 _FIELDS = {
     "format",
     "request",
@@ -39,6 +41,7 @@ _FIELDS = {
     "wind",
     "areas",
     "levels",
+    "profile",
     "parts",
     "bounds",
 }
@@ -68,11 +71,13 @@ def read(data: Any) -> Certificate:
         wind=Wind(*numbers("wind", data["wind"], Wind._fields)),
         areas=read_areas(data["areas"]),
         levels=read_levels(data["levels"]),
+        profile=read_profile(data["profile"]),
         parts=data["parts"],
         bounds=table("bounds", [data["bounds"]], len(intruders))[0],
     )
     check_sizes(certificate)
     check_ranges(certificate)
+    check_profile_ranges(certificate)
     return certificate
 
 
@@ -118,11 +123,49 @@ def check_ranges(certificate: Certificate) -> None:
     demand(whole, "request has half of an origin")
 
 
+def check_profile_ranges(certificate: Certificate) -> None:
+    """Refuse a profile that has not an altitude for each waypoint, whose limits are not positive,
+    or that begins elsewhere than the levels.
+    """
+    profile, levels = certificate.profile, certificate.levels
+    if profile is None:
+        return
+    paired = len(profile.altitudes) == len(certificate.plan_states) - 1
+    demand(paired, "profile has not as many altitudes as there are waypoints")
+    limits = profile.climb_max, profile.descent_max, profile.acceleration
+    demand(min(limits) > 0.0 and profile.margin >= 0.0, "a limit of profile is not positive")
+    floor, ceiling = profile.floor, profile.ceiling
+    ordered = floor is None or ceiling is None or floor < ceiling
+    demand(ordered, "profile.floor is not below profile.ceiling")
+    same = levels is not None and (
+        abs(0.5 * (levels.low_climb + levels.high_climb) - profile.climb) <= _SAME_CLIMB
+    )
+    demand(same, "profile has another climb at the request than levels")
+
+
 def read_levels(given: Any) -> Levels | None:
     """Return the levels of the ownship; None where they are unknown."""
     if given is None:
         return None
     return Levels(*table("levels", [given], len(Levels._fields))[0])
+
+
+def read_profile(given: Any) -> Profile | None:
+    """Return the profile of a plan that climbs; None where it is one in the plane."""
+    if given is None:
+        return None
+    right = isinstance(given, dict) and set(given) == set(Profile._fields)
+    demand(right, "profile has other fields than expected")
+    altitudes = as_list("profile.altitudes", given["altitudes"])
+    levels = {name: given[name] for name in ("floor", "ceiling")}
+    table("profile", [[level] for level in levels.values() if level is not None], 1)
+    plain = [name for name in Profile._fields if name != "altitudes" and name not in levels]
+    stated = table("profile", [[given[name] for name in plain]], len(plain))[0]
+    return Profile(
+        altitudes=table("profile.altitudes", [altitudes], len(altitudes))[0],
+        **dict(zip(plain, stated, strict=True)),
+        **levels,
+    )
 
 
 def read_areas(given: Any) -> list[Area]:

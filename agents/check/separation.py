@@ -80,20 +80,13 @@ def track_of(report: Report, wind: Wind) -> Track:
     )
 
 
-def required_at_request(
-    intruder: Track, requirement: Requirement, distance: Ball, times: list[tuple[Ball, Ball]]
-) -> int:
+def required_at_request(intruder: Track, requirement: Requirement) -> int:
     """Return the distance that is to be kept from an intruder with what is known at the request,
     units: separation + margin + sigmas times the deviation of its position.
-
-    A plan that begins nearer keeps its own distance, but never less than the separation. Where the
-    intruder does not count at the request, within ``times``, that distance says nothing.
     """
-    separation = intruder.separation
     deviation = intruder.uncertainty(intruder.report_distance())
-    full = (separation + ball(requirement.margin) + ball(requirement.sigmas) * deviation).hi
-    counts_later = any(begin.hi <= 0 < end.lo for begin, end in times)
-    return full if counts_later else max(separation.hi, min(full, distance.hi))
+    margins = ball(requirement.margin) + ball(requirement.sigmas) * deviation
+    return (intruder.separation + margins).hi
 
 
 def required_until(intruder: Track, requirement: Requirement, at_request: int, end: Ball) -> int:
@@ -125,12 +118,20 @@ class Separation(NamedTuple):
     intruder: Track
     requirement: Requirement
     at_request: int  # distance required with what is known at the request, units
+    distance: int  # at the request, at most, units
     claimed: int  # distance that the certificate claims, units
     times: list[tuple[Ball, Ball]]  # in which the intruder is above or below, s
 
     def required(self, end: Ball) -> int:
-        """Return the distance that a plan keeps until a time after the request, units."""
-        required = required_until(self.intruder, self.requirement, self.at_request, end)
+        """Return the distance that a plan keeps until a time after the request, units.
+
+        A plan that begins nearer keeps its own distance, but never less than the separation. Where
+        the intruder has been above or below before, that distance says nothing.
+        """
+        at_request = self.at_request
+        if not any(last.lo < end.hi for _, last in self.times):
+            at_request = max(self.intruder.separation.hi, min(at_request, self.distance))
+        required = required_until(self.intruder, self.requirement, at_request, end)
         return max(required, self.claimed)
 
 
@@ -144,7 +145,8 @@ def check_separation(
     """Check that intruder ``number`` stays as far as it has to, and as the certificate claims.
 
     Arcs that are not clear are cut in two, into ``parts`` of the certificate at most. While the
-    intruder is stated to be above or below, in some times (s), nothing is asked of it.
+    intruder is stated to be above or below, in some times (s) that do not meet, nothing is asked of
+    it.
     """
     intruder = track_of(certificate.reports[number], certificate.wind)
     times = [(ball(begin), ball(end)) for begin, end in apart]
@@ -152,7 +154,8 @@ def check_separation(
     separation = Separation(
         intruder=intruder,
         requirement=certificate.requirement,
-        at_request=required_at_request(intruder, certificate.requirement, distance, times),
+        at_request=required_at_request(intruder, certificate.requirement),
+        distance=distance.hi,
         claimed=ball(certificate.bounds[number]).hi,
         times=times,
     )
@@ -197,9 +200,17 @@ def check_arc(separation: Separation, arc: Arc, parts: int, problem: str, work: 
     return at_end
 
 
-def covered(times: list[tuple[float, float]], end: float) -> bool:
-    """Return whether some times cover all from the request until an end, s."""
-    until = 0.0
+def joined(times: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return times, from and until, s, in order, joined where they meet; moments are left out."""
+    union: list[tuple[float, float]] = []
     for first, last in sorted(times):
-        until = max(until, last) if first <= until else until
-    return until >= end
+        if union and first <= union[-1][1]:
+            union[-1] = union[-1][0], max(last, union[-1][1])
+        elif first < last:
+            union.append((first, last))
+    return union
+
+
+def covered(times: list[tuple[float, float]], end: float) -> bool:
+    """Return whether some times that do not meet cover all from the request until an end, s."""
+    return any(first <= 0.0 and end <= last for first, last in times)

@@ -2,7 +2,8 @@
 
 import math
 
-from .certificate import Certificate, Heights, Limits, Origin, Wind
+from .certificate import Certificate, Heights, Limits, Origin, Profile, Wind
+from .reading import least_vertical
 
 
 def summary(certificate: Certificate) -> list[str]:
@@ -22,6 +23,8 @@ def summary(certificate: Certificate) -> list[str]:
     if own:
         lines.append(f"separations of their own: intruders {', '.join(own)}")
     lines.append(limits_sentence(certificate.limits))
+    if certificate.profile is not None:
+        lines.append(climbs_sentence(certificate.profile, least_vertical(certificate)))
     if certificate.areas:
         lines.append(f"areas: {len(certificate.areas)}; their clearances are kept while they count")
     if certificate.wind != Wind(0.0, 0.0, 0.0):
@@ -65,6 +68,30 @@ def limits_sentence(limits: Limits) -> str:
         f"limits: {limits.speed_min:g} to {limits.speed_max:g} m/s, "
         f"{limits.acceleration_min:g} to {limits.acceleration_max:g} m/s^2, "
         f"{math.degrees(limits.yaw_rate_max):g} deg/s"
+    )
+
+
+def climbs_sentence(profile: Profile, vertical: float | None) -> str:
+    """Say between which altitudes the plan climbs and descends, how fast, and what vertical
+    separation it keeps.
+    """
+    low, high = min(profile.altitudes), max(profile.altitudes)
+    kept = "nobody is passed above or below"
+    if vertical is not None:
+        kept = f"{vertical:g} m above or below others"
+    levels = [
+        f"{name} {level:g} m"
+        for name, level in (("floor", profile.floor), ("ceiling", profile.ceiling))
+        if level is not None
+    ]
+    return ", ".join(
+        [
+            f"climbs: waypoints at {low:.1f} to {high:.1f} m within {profile.margin:g} m",
+            f"{profile.climb_max:g} m/s up and {profile.descent_max:g} m/s down at most",
+            f"{profile.acceleration:g} m/s^2",
+            *levels,
+            kept,
+        ]
     )
 
 

@@ -13,7 +13,10 @@ NEARER = 0.01
 """By which a plan that begins inside a clearance may come nearer to the area, m."""
 
 FINE = 2e-6
-"""Of speeds (m/s), accelerations (m/s^2) and headings (rad)."""
+"""Of speeds and climbs (m/s), accelerations (m/s^2) and headings (rad)."""
+
+LEVEL = 2e-6
+"""Of altitudes (m) and of the times at which climbs change (s)."""
 
 TURN = 2e-9
 """Of turn rates, rad/s."""

@@ -43,6 +43,7 @@ from tests.agents.certificates import (
     is_accepted,
     refusal,
 )
+from tests.agents.check.certificates import area, climbing, intruder
 from tests.agents.scenes import PATIENT
 
 ROOT = Path(__file__).parents[2]
@@ -360,6 +361,16 @@ ODD = (
     *(None, True, "x", "\ud800", "a\nb\x1b[31m", [], {}, [[]], {"a": 1}),
     *(math.nan, math.inf, -1e300, 1e300, 10**400, 1e8, -1.0, 0, 5e-324, 2**70),
 )
+CLIMBS = climbing(
+    *(1_087.5, 1_087.5, 1_007.5),
+    profile={"floor": 900.0, "ceiling": 1_200.0},
+    intruders=[intruder(1_600.0, 500.0)],
+    apart=[
+        [0, 2.5, 20.0, 1_002.5, 5.0, 2_000.0, 0.0, 0.0, 600.0],
+        [0, 20.0, 40.0, 1_102.5, 0.0, 2_000.0, 0.0, 0.0, 600.0],
+    ],
+    areas=[area(circle=[880.0, 0.0, 5.0], heights=[1_100.0, 1_150.0])],
+)
 EDITS = int(os.environ.get("FUZZ_CERTIFICATES", "100"))
 
 
@@ -393,8 +404,9 @@ def test_an_edit_of_anything_is_answered_in_a_sentence(
 ) -> None:
     rng = random.Random(51)
     path = tmp_path / "edited.json"
-    for _ in range(EDITS):
-        changed = copy.deepcopy(among_areas)
+    assert is_accepted(CLIMBS)
+    for number in range(EDITS):
+        changed = copy.deepcopy(among_areas if number % 2 else CLIMBS)
         edit(changed, rng)
         path.write_text(json.dumps(changed))
         status = check.main([str(path)])

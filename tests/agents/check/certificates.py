@@ -55,6 +55,7 @@ def flight(
         "wind": {"east": 0.0, "north": 0.0, "std": 0.0},
         "areas": [],
         "levels": None,
+        "profile": None,
         "parts": 32,
         "bounds": [1.0] * len(changes.get("intruders", ())),
     }
@@ -64,6 +65,31 @@ def flight(
 def straight(**changes: Any) -> dict[str, Any]:
     """Return the certificate of 40 s at 80 m/s to x = 3200 m."""
     return flight((0.0, 0.0), (0.0, 0.0), **changes)
+
+
+def climbing(
+    *altitudes: float,
+    profile: dict[str, Any] | None = None,
+    **changes: Any,
+) -> dict[str, Any]:
+    """Return the certificate of a straight flight with a leg of 20 s to each altitude, m, from
+    level flight at 1000 +- 10 m.
+    """
+    usual = {
+        "altitudes": list(altitudes),
+        "climb": 0.0,
+        "climb_max": 6.0,
+        "descent_max": 6.0,
+        "acceleration": 1.0,
+        "margin": 5.0,
+        "floor": None,
+        "ceiling": None,
+    }
+    stated = usual | (profile or {})
+    climb = stated["climb"]
+    levels = [990.0, climb, 1_010.0, climb]
+    legs = [(0.0, 0.0)] * len(altitudes)
+    return flight(*legs, **{"levels": levels, "profile": stated} | changes)
 
 
 def in_wind(data: dict[str, Any], east: float, north: float) -> dict[str, Any]:

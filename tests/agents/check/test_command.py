@@ -10,7 +10,7 @@ from agents.check import FORMAT, command, main
 from agents.check.aircraft import Standard, check_aircraft, read_aircraft
 from agents.check.reading import read
 from agents.check.refusal import RefusedError
-from tests.agents.check.certificates import edited, flight, intruder, straight
+from tests.agents.check.certificates import climbing, edited, flight, intruder, straight
 
 HEIGHTS = [0.0, 0.0, 700.0, 0.0, 0.0, 600.0]
 RIGHT = straight(
@@ -66,6 +66,51 @@ def test_limits_of_the_vehicle_separations_and_the_standard_are_kept() -> None:
         check_aircraft(read(RIGHT), aircraft, Standard(vertical=601.0))
     with pytest.raises(RefusedError, match="below 3 "):
         check_aircraft(read(RIGHT), aircraft, Standard(sigmas=3.0))
+
+
+CLIMBS = climbing(
+    1_050.0,
+    1_000.0,
+    intruders=[intruder(5e4, 0.0)],
+    requirement={"separation": 1_000.0, "margin": 20.0, "sigmas": 2.0},
+    apart=[[0, 30.0, 30.0, 1_040.0, -2.5, 5_000.0, 0.0, 0.0, 137.2]],
+)
+UP_AND_DOWN = """climb_max_mps: 6.0
+descent_max_mps: 6.0
+vertical_acceleration_mps2: 1.0
+vertical_separation_m: 137.2
+"""
+
+
+def test_limits_of_climbs_and_the_vertical_separation_of_the_aircraft_are_kept() -> None:
+    aircraft = read_aircraft(TEXT + UP_AND_DOWN)
+    check_aircraft(read(CLIMBS), aircraft)
+    for path, value, message in (
+        (("profile", "climb_max"), 6.1, "its climb_max_mps is 6.1, beyond the aircraft's, 6"),
+        (("profile", "descent_max"), 6.1, "its descent_max_mps is 6.1, beyond"),
+        (("profile", "acceleration"), 1.1, "its vertical_acceleration_mps2 is 1.1, beyond"),
+        (("apart", 0, 8), 137.1, r"separation is 137.1 m, below 137.2 m \(the aircraft's\)"),
+    ):
+        with pytest.raises(RefusedError, match=message):
+            check_aircraft(read(edited(CLIMBS, path, value)), aircraft)
+    check_aircraft(read(edited(CLIMBS, ("profile", "climb_max"), 5.0)), aircraft)
+    # A standard that is asked for holds too, and lowers nothing of the aircraft's.
+    check_aircraft(read(CLIMBS), aircraft, Standard(vertical=100.0))
+    for vertical, message in ((138.0, r"below 138 m \(--vertical"), (100.0, "below 137.2 m")):
+        with pytest.raises(RefusedError, match=message):
+            lower = edited(CLIMBS, ("apart", 0, 8), 120.0)
+            check_aircraft(read(lower), aircraft, Standard(vertical=vertical))
+    # A plan in the plane keeps the standard, whatever the aircraft's file states.
+    with pytest.raises(RefusedError, match="below 600 m"):
+        check_aircraft(read(edited(RIGHT, ("apart", 0, 8), 599.0)), aircraft)
+
+
+@pytest.mark.parametrize("line", UP_AND_DOWN.splitlines())
+def test_a_plan_climbs_with_an_aircraft_whose_file_says_how(line: str) -> None:
+    aircraft = read_aircraft(TEXT + UP_AND_DOWN.replace(line, ""))
+    check_aircraft(read(RIGHT), aircraft)
+    with pytest.raises(RefusedError, match=f"the aircraft's file has no {line.partition(':')[0]}"):
+        check_aircraft(read(CLIMBS), aircraft)
 
 
 def test_an_aircraft_without_a_vehicle_is_one() -> None:
@@ -164,6 +209,13 @@ def test_what_is_proven_is_said() -> None:
         "but while 600 m or more above or below: 0"
     )
     assert lines[1] == "left out: 1, 600 m or more above or below"
+    assert (
+        "climbs: waypoints at 1000.0 to 1050.0 m within 5 m, 6 m/s up and 6 m/s down at most, "
+        "1 m/s^2, 137.2 m above or below others"
+    ) in command.summary(read(CLIMBS))
+    levels = climbing(1_000.0, profile={"floor": 900.0, "ceiling": 1_200.0})
+    expected = "1 m/s^2, floor 900 m, ceiling 1200 m, nobody is passed above or below"
+    assert expected in "\n".join(command.summary(read(levels)))
     assert (
         "intruders: none; the flight is proven until 20.0 s"
         in command.summary(read(flight((0.0, 0.0))))[0]

@@ -86,10 +86,16 @@ def test_a_plan_that_begins_inside_the_margin_keeps_its_distance() -> None:
     assert accepted(alongside)
     assert refusal(edited(alongside, ("intruders", 0, 2), -1e-4))
     assert refusal(near(0.0, 990.0, 0.0, 80.0))
-    # Its distance at the request says nothing where the intruder does not count then.
+    # Its distance at the request says nothing after a time in which the intruder does not count.
     heights = [0.0, 0.0, 700.0, -1.0, 0.0, 600.0]
     levels = {"levels": [0.0, 0.0, 0.0, 0.0]}
-    for times, passes in (((0.0, 10.0), False), ((0.0, 0.0), True), ((20.0, 30.0), True)):
+    for times, passes in (
+        ((0.0, 10.0), False),
+        ((0.0, 0.0), True),
+        ((20.0, 30.0), False),
+        ((20.0, 39.9), False),
+        ((20.0, 40.1), True),
+    ):
         apart = [[0, *times, *heights]]
         assert accepted(alongside | levels | {"apart": apart}) == passes
     assert accepted(near(0.0, 1_021.0, 0.0, 80.0, apart=[[0, 0.0, 10.0, *heights]], **levels))

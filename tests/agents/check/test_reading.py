@@ -7,7 +7,7 @@ import pytest
 
 from agents.check.reading import read
 from agents.check.refusal import RefusedError
-from tests.agents.check.certificates import area, box, edited, intruder, straight
+from tests.agents.check.certificates import area, box, climbing, edited, intruder, straight
 
 HEIGHTS = [0.0, 0.0, 700.0, 0.0, 0.0, 600.0]
 FULL = straight(
@@ -117,6 +117,49 @@ def test_what_is_no_certificate_is_refused(path: tuple[Any, ...], value: Any, me
 )
 def test_numbers_at_the_ends_of_their_ranges_are_read(path: tuple[Any, ...], value: Any) -> None:
     read(edited(FULL, path, value))
+
+
+CLIMBS = climbing(1_050.0, 1_000.0, profile={"climb": 1.0, "floor": 900.0, "ceiling": 1_200.0})
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (("altitudes",), [1_050.0], "as many altitudes as there are waypoints"),
+        (("altitudes",), [1_050.0, 1_000.0, 1_000.0], "as many altitudes as there are waypoints"),
+        (("altitudes",), 1_050.0, "no list"),
+        (("altitudes", 0), None, ROWS),
+        (("altitudes", 0), 1e8, ROWS),
+        (("climb",), None, ROWS),
+        (("climb",), 1.000_001, "another climb at the request than levels"),
+        *(((name,), 0.0, "not positive") for name in ("climb_max", "descent_max", "acceleration")),
+        (("margin",), -1e-9, "not positive"),
+        (("floor",), "900", ROWS),
+        (("ceiling",), True, ROWS),
+        (("ceiling",), 900.0, "floor is not below"),
+        (("more",), 1.0, TEXT),
+    ],
+)
+def test_a_profile_that_is_none_is_refused(path: tuple[Any, ...], value: Any, message: str) -> None:
+    with pytest.raises(RefusedError, match=message):
+        read(edited(CLIMBS, ("profile", *path), value))
+    for name in CLIMBS["profile"]:
+        less = {key: field for key, field in CLIMBS["profile"].items() if key != name}
+        with pytest.raises(RefusedError, match=TEXT):
+            read(CLIMBS | {"profile": less})
+
+
+def test_a_profile_is_read() -> None:
+    profile = read(CLIMBS).profile
+    assert profile is not None and profile.altitudes == [1_050.0, 1_000.0]
+    assert profile[1:] == (1.0, 6.0, 6.0, 1.0, 5.0, 900.0, 1_200.0)
+    for name, value in (("floor", None), ("ceiling", None), ("margin", 0)):
+        read(edited(CLIMBS, ("profile", name), value))
+    # A climb known within an error is that of the profile in the middle.
+    read(edited(CLIMBS, ("levels",), [990.0, 0.5, 1_010.0, 1.5]))
+    for levels in (None, [990.0, 1.0, 1_010.0, 1.5]):
+        with pytest.raises(RefusedError, match="another climb at the request than levels"):
+            read(edited(CLIMBS, ("levels",), levels))
 
 
 def test_a_plan_has_a_leg() -> None:
