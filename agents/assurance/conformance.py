@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.assurance.areas import judge_remaining_plans
+from agents.assurance.climbs import Met, OnProfile
 from agents.assurance.inputs import Memory
 from agents.assurance.state import Monitor, State
 from agents.assurance.thresholds import BLIND, WANTING, Cause, Thresholds
@@ -65,6 +66,7 @@ class Measured(NamedTuple):
     cross_track: Array
     along_track: Array
     time_error: Array
+    altitude_error: Array
     intruder_position: Array
     intruder_velocity: Array
     separation: Array
@@ -94,12 +96,14 @@ def measure(
     causes: Array,
     of_each: Array,
     thresholds: Thresholds[Narrowed],
+    on_profile: OnProfile | None = None,
 ) -> tuple[Array, Array, Measured]:
     """Measure the present second against the plan; a cause begins beyond its threshold and ends
     below a share of it.
 
     Monitors are of the second before, all else of the present one, ``[N]`` and of the intruders
-    ``[N, K]``; ``causes`` do not lie in intruders, ``of_each`` do.
+    ``[N, K]``; ``causes`` do not lie in intruders, ``of_each`` do. Plans that climb are flown
+    ``on_profile``, ``[N]``.
 
     Returns:
         The leaky sums ``[N, 3]``, all causes ``[N]``, and what was measured.
@@ -112,9 +116,12 @@ def measure(
     of_end = latch.bits(thresholds.plan_ending - left, 0.0, Cause.PLAN_ENDING)
 
     offset = np.hypot(off.cross_track, off.along_track)
-    separation, loss, close = _look_ahead(monitor, own, traffic, since, offset, thresholds)
+    of_altitude, altitude_error = _judge_altitude(on_profile, latch, since.size)
+    met = None if on_profile is None else on_profile.met
+    areas = memory.areas if met is None else met.areas
+    separation, loss, close = _look_ahead(monitor, own, traffic, since, offset, thresholds, met)
     of_separation = np.where(close, int(Cause.SEPARATION), 0)
-    from_areas = judge_remaining_plans(monitor.plan, since, memory.areas, offset, thresholds)
+    from_areas = judge_remaining_plans(monitor.plan, since, areas, offset, thresholds)
     of_areas = np.where(from_areas.lost, int(Cause.AREA), 0)
 
     deviations = _deviations(monitor, traffic, since)
@@ -124,7 +131,7 @@ def measure(
     # Of a plan that is not flown only reports are wanted.
     counts = np.where(follows_plan(monitor), -1, ~int(WANTING & ~_REPORTS))
     of_each = ((of_each | of_separation | of_deviation) & counts[:, None]).astype(np.int32)
-    causes = (causes | of_errors | of_end | of_areas) & counts
+    causes = (causes | of_errors | of_altitude | of_end | of_areas) & counts
     return (
         sums,
         (causes | np.bitwise_or.reduce(of_each, axis=-1)).astype(np.int32),
@@ -132,6 +139,7 @@ def measure(
             cross_track=off.cross_track,
             along_track=off.along_track,
             time_error=off.time,
+            altitude_error=altitude_error,
             intruder_position=np.max(deviations.position, axis=-1, initial=0.0),
             intruder_velocity=np.max(deviations.velocity, axis=-1, initial=0.0),
             separation=np.min(separation, axis=-1, initial=np.inf) - offset,
@@ -165,6 +173,14 @@ def _judge_errors(
     return sums, causes
 
 
+def _judge_altitude(on_profile: OnProfile | None, latch: _Latch, count: int) -> tuple[Array, Array]:
+    """Return the cause that lies in the altitude of so many ownships, and its error, m, ``[N]``."""
+    if on_profile is None:
+        return np.zeros(count, dtype=int), np.full(count, np.nan)
+    error, allowed = on_profile.error, on_profile.allowed
+    return latch.bits(np.abs(error), allowed, Cause.ALTITUDE_ERROR), error
+
+
 def _leaky_sums(
     before: Array, errors: Array, elapsed: Array, sighted: Array, thresholds: Thresholds[Narrowed]
 ) -> Array:
@@ -191,16 +207,19 @@ def _look_ahead(
     since: Array,
     offset: Array,
     thresholds: Thresholds[Narrowed],
+    met: Met | None,
 ) -> tuple[Array, Array, Array]:
     """Return the rest's separations ``[N, K]``, when the first is lost ``[N]``, and which are too
-    small, bool ``[N, K]``.
+    small, bool ``[N, K]``; an intruder that is met several times keeps the least of them.
     """
-    requirement = thresholds.requirement
+    requirement, (count, others) = thresholds.requirement, traffic.mask.shape
     planned = np.where(
         monitor.expected.mask,
         required_separations(monitor.plan, monitor.expected, thresholds),
         np.inf,
     )
+    if met is not None:
+        traffic, planned = met.columns(traffic), met.each(planned)
     least = floor(
         np.minimum(planned, requirement_of(traffic, own, requirement)), traffic, thresholds
     )
@@ -214,9 +233,10 @@ def _look_ahead(
     kept = clearance(
         monitor.plan.since(since), Separation(traffic, edge, None, requirement.sigmas), level
     )
-    close = kept.margin < 0.0
+    by_time = count, others, 1 if met is None else met.times
+    close = (kept.margin < 0.0).reshape(by_time).any(axis=-1)
     loss = np.min(np.where(np.isfinite(level), kept.loss, np.inf), axis=-1, initial=np.inf)
-    return edge + kept.margin, loss, close
+    return (edge + kept.margin).reshape(by_time).min(axis=-1), loss, close
 
 
 class _Deviations(NamedTuple):

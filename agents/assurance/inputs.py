@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.assurance.climbs import Met, OnProfile
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.kernel.traffic import Traffic, Window, advance_reports, turn_error
 from agents.planner.request.options import Narrowed
@@ -55,6 +56,10 @@ class Inputs(NamedTuple):
     window: Window | None = None  # when each counts, s from now, [N, K]; None: always
     # that each may meet, as they are now: tuples of kernel.areas.ActiveArea, object [N]; None: none
     areas: Array = None
+    # how a plan that climbs is flown, and what it meets; None: one in the plane, which meets what
+    # window and areas say
+    on_profile: OnProfile | None = None
+    levelling: Met | None = None  # what backups meet while they level off; None: likewise
 
 
 class Memory(NamedTuple):
@@ -162,7 +167,7 @@ def update(
     """Return the memory with what is valid, own states and known intruders now (dead-reckoned), and
     the causes, int32: those that do not lie in intruders ``[N]``, and those that do ``[N, K]``.
     """
-    clock = (np.abs(given.time) <= _LONGEST) & (given.time > memory.time)
+    clock = clock_runs(memory, given)
     now = np.where(clock, given.time, np.where(np.isfinite(memory.time), memory.time, 0.0))
     causes = np.where(clock, 0, int(Cause.CLOCK)).astype(np.int32)
     own, own_time, of_own = _take_own(memory, given, now, clock, thresholds)
@@ -193,16 +198,7 @@ def _take_intruders(
     """Return the memory with the last good reports of intruders, and the causes that lie in them,
     ``[N, K]``.
     """
-    sane = (
-        _sane(given.intruders, given.age)
-        & _spread(given.position_std)
-        & _spread(given.velocity_std)
-        & (np.abs(given.turn_rate) <= _FASTEST_TURN)
-        & _spread(given.turn_std)
-    )
-    reported = now[:, None] - np.where(sane, given.age, 0.0)
-    known = np.where(given.mask, memory.seen, -np.inf)
-    ordered = (given.age >= -AHEAD) & (reported >= known - _SAME)
+    sane, ordered, reported, known = _judge_reports(memory, given, now)
     good = sane & ordered & clock[:, None] & given.mask
     names = "intruders", "position_std", "velocity_std", "turn_rate", "turn_std"
     taken = {
@@ -228,6 +224,41 @@ def _take_intruders(
         | _lasting_causes(memory, now[:, None], thresholds)
     )
     return memory, np.where(given.mask, causes, 0).astype(np.int32)
+
+
+def good_reports(memory: Memory, given: Inputs) -> Array:
+    """Return whose reports are taken: they replace the last good ones, bool ``[N, K]``."""
+    reports = _judge_reports(memory, given, given.time)
+    return reports.sane & reports.ordered & clock_runs(memory, given)[:, None] & given.mask
+
+
+def clock_runs(memory: Memory, given: Inputs) -> Array:
+    """Return whether the clock has gone on since the last step, bool ``[N]``."""
+    return (np.abs(given.time) <= _LONGEST) & (given.time > memory.time)
+
+
+class _Reports(NamedTuple):
+    """What is judged of reports of intruders; fields ``[N, K]``."""
+
+    sane: Array  # whether they are finite and in range, bool
+    ordered: Array  # whether they are neither before the last one nor from the future, bool
+    time: Array  # when they held, s
+    before: Array  # when the last good ones did, s; -inf: there is none
+
+
+def _judge_reports(memory: Memory, given: Inputs, now: Array) -> _Reports:
+    """Return what is judged of the reports of intruders at a time, s, ``[N]``."""
+    sane = (
+        _sane(given.intruders, given.age)
+        & _spread(given.position_std)
+        & _spread(given.velocity_std)
+        & (np.abs(given.turn_rate) <= _FASTEST_TURN)
+        & _spread(given.turn_std)
+    )
+    reported = now[:, None] - np.where(sane, given.age, 0.0)
+    known = np.where(given.mask, memory.seen, -np.inf)
+    ordered = (given.age >= -AHEAD) & (reported >= known - _SAME)
+    return _Reports(sane, ordered, reported, known)
 
 
 def _lasting_causes(memory: Memory, now: Array, thresholds: Thresholds[Narrowed]) -> Array:

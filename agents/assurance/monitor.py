@@ -13,8 +13,9 @@ import numpy as np
 
 from agents.assurance.areas import judge_remaining_plans
 from agents.assurance.backup import Backup, refresh
+from agents.assurance.climbs import Met
 from agents.assurance.conformance import floor, has, measure, required_separations
-from agents.assurance.inputs import Inputs, Memory, advance, update
+from agents.assurance.inputs import Inputs, advance, update
 from agents.assurance.state import Decision, FlyMode, Monitor, State
 from agents.assurance.thresholds import BLIND, LOST, UNSAFE, WANTING, Cause, Thresholds
 from agents.kernel.clearance import clearance
@@ -67,10 +68,15 @@ def step(
     """
     memory, own, traffic, causes, of_each = update(monitor.memory, given, thresholds)
     now, idle, blind = memory.time, monitor.state == State.IDLE, has(causes, BLIND)
-    sums, causes, measured = measure(monitor, memory, own, traffic, causes, of_each, thresholds)
+    sums, causes, measured = measure(
+        monitor, memory, own, traffic, causes, of_each, thresholds, given.on_profile
+    )
 
     sighted = np.flatnonzero(~(idle | blind))
-    backup = _refresh_backups(monitor.backup, sighted, memory, own, traffic, thresholds)
+    levelling, others, areas = given.levelling, traffic, memory.areas
+    if levelling is not None:
+        others, areas = levelling.columns(traffic), levelling.areas
+    backup = _refresh_backups(monitor.backup, sighted, own, others, areas, now, thresholds)
     causes |= np.where(~idle & ~backup.safe, int(Cause.BACKUP_UNSAFE), 0)
     causes |= np.where(~idle & (backup.depth > 0.0), int(Cause.BACKUP_IN_AREA), 0)
 
@@ -142,16 +148,17 @@ def _requests(
 def _refresh_backups(
     backup: Backup,
     rows: Array,
-    memory: Memory,
     own: VehicleState[Air],
     traffic: Traffic,
+    areas: Array,
+    now: Array,
     thresholds: Thresholds[Narrowed],
 ) -> Backup:
     """Return backups ``[N]`` of which those in some rows are as of now."""
     if rows.size == 0:
         return backup
-    had, here, others, now = take((backup, own, traffic, memory.time), rows)
-    fresh = refresh(had, here, others, now, thresholds, memory.areas[rows])
+    had, here, others, when = take((backup, own, traffic, now), rows)
+    fresh = refresh(had, here, others, when, thresholds, areas[rows])
     result = map_leaves(np.array, backup)
     scatter(result, rows, fresh)
     return result
@@ -177,6 +184,7 @@ def answer(
     plan_states: PlanStates[Air],
     safe: Array,
     thresholds: Thresholds[Narrowed],
+    met: Met | None = None,
 ) -> tuple[Monitor, Array]:
     """Hand in what the planner answered to requests, ``[M]``, to rows of monitors ``[N]``, each row
     once.
@@ -184,7 +192,7 @@ def answer(
     A plan is taken up only if it is SAFE, answers the last request (so that it is not older than
     the active one), and is still safe against the intruders and the areas as they are now. An
     answer to another request changes nothing; one that cannot be flown leads to BACKUP if the rest
-    of the active plan is not safe, else to DENIED.
+    of the active plan is not safe, else to DENIED. Plans that climb say what they meet, ``[M]``.
 
     Returns:
         The monitors, and which of the plans are flown now, ``[M]``.
@@ -197,14 +205,20 @@ def answer(
         (monitor.memory, monitor.requested_at, monitor.request_traffic), rows[usable]
     )
     _own, traffic = advance(memory, known.mask, thresholds)
+    since, areas = memory.time - when, memory.areas
+    if met is not None:
+        met = take(met, usable)
+        later = map_leaves(lambda time: time + since[:, None], met.all_times)
+        known, areas = known._replace(window=later), met.areas
     least = (
         floor(required_separations(plan, known, thresholds), known, thresholds)
         - thresholds.resolution
     )
-    since = memory.time - when
+    if met is not None:
+        traffic, least = met.columns(traffic), met.each(least)
     keeping = Separation(traffic, least, None, thresholds.requirement.sigmas)
     kept = clearance(plan.since(since), keeping)
-    from_areas = judge_remaining_plans(plan, since, memory.areas, np.zeros(when.size), thresholds)
+    from_areas = judge_remaining_plans(plan, since, areas, np.zeros(when.size), thresholds)
     good = (kept.margin >= 0.0).all(axis=-1) & ~from_areas.lost
     usable = usable[good]
 

@@ -20,15 +20,16 @@ import numpy as np
 from agents.assurance import monitor as monitors
 from agents.assurance.areas import may_be_met
 from agents.assurance.backup import resting
+from agents.assurance.climbs import Climb, Met, OnProfile, climb_of, level_off, times_met
 from agents.assurance.frames import STILL, Frame, carry, frame_of
-from agents.assurance.inputs import Inputs, Memory, no_areas
+from agents.assurance.inputs import Inputs, Memory, clock_runs, good_reports, no_areas
 from agents.assurance.state import Decision, FlyMode, Monitor, State, rearrange, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
-from agents.kernel.levels import Altitude
+from agents.kernel.levels import Altitude, Line, steady
 from agents.kernel.traffic import advance_reports
 from agents.planner.answer import Plan
 from agents.planner.request.fields import listed
-from agents.planner.request.options import L, Narrowed
+from agents.planner.request.options import L, Narrowed, Options
 from agents.planner.request.reports import Intruder, arrays_of_reports, windows, with_state
 from envs.areas import Area
 from envs.backend import FLOATS
@@ -97,6 +98,8 @@ class Watch:
     air: Frame = STILL  # that the monitor works in
     # The last reports of each with an altitude: when they held, s, and what they said of it.
     levels: Mapping[str, tuple[float, Intruder[Ground]]] = field(default_factory=dict)
+    climb: Climb | None = None  # of the active plan; None: it is one in the plane
+    last_areas: Sequence[Area] = ()  # as they were at the last step
 
     @property
     def thresholds_in_air(self) -> Thresholds[Narrowed]:
@@ -122,7 +125,7 @@ def activate(
     own_altitude: Altitude | None = None,
 ) -> _Watch:
     """Begin to watch a plan, with states, altitude and time, s, of its request; of one that is not
-    SAFE the backup is flown.
+    SAFE the backup is flown. One that climbs must be flyable from the altitude of its request.
 
     Raises:
         RequestError: the plan's wind is too uncertain for the aircraft.
@@ -138,17 +141,33 @@ def activate(
         given._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)),
         age,
     )
-    window = windows(reports, own_altitude, watch.thresholds.options)
-    traffic = traffic._replace(window=window)
     thresholds = watch.thresholds_in_air
+    options = thresholds.options
+    climb, safe = _climb(plan, own_altitude, time, options)
+    if climb is None:
+        window = windows(reports, own_altitude, options)
+    else:
+        times = times_met(reports, climb.flight(own_altitude, time, options), options)
+        window = Met(times, no_areas(1)).all_times
+    traffic = traffic._replace(window=window)
     plan_states = _plan_states(own, plan, air, thresholds)
-    safe = np.array([plan.safe])
-    return replace(
-        watch,
-        monitor=monitors.activate(
-            watch.monitor, _ONE, plan_states, safe, time, traffic, thresholds
-        ),
+    monitor = monitors.activate(
+        watch.monitor, _ONE, plan_states, np.array([safe]), time, traffic, thresholds
     )
+    flown = not bool(monitor.on_backup[0])
+    return replace(watch, monitor=monitor, climb=climb if flown else watch.climb)
+
+
+def _climb(
+    plan: Plan, own_altitude: Altitude | None, time: float, options: Options[L]
+) -> tuple[Climb | None, bool]:
+    """Return the altitude of a plan requested at a time, s, None where it is one in the plane, and
+    whether the plan may be flown as far as it is known.
+    """
+    try:
+        return climb_of(plan.waypoints, own_altitude, time, options), plan.safe
+    except ValueError:
+        return None, False
 
 
 def step(
@@ -193,8 +212,11 @@ def step(
         turn_std=np.array([[report.turn_std for report in reports]], dtype=float),
         separation=traffic.separation,
         window=windows(reports, own_altitude, thresholds.options),
-        areas=_areas_met(watch, areas, here, own_altitude, time),
+        areas=_areas_met(watch, areas, here, steady(own_altitude), time),
     )
+    watch = replace(watch, last_areas=areas)
+    if thresholds.options.climbs and clock_runs(watch.monitor.memory, given)[0]:
+        given = _in_space(watch, given, reports, here, own_altitude, thresholds)
     monitor, decision = monitors.step(watch.monitor, given, thresholds)
     counted = set(names)
     levels = {name: at for name, at in watch.levels.items() if name in counted} | {
@@ -216,16 +238,60 @@ def _areas_met(
     watch: Watch,
     areas: Sequence[Area],
     own: VehicleState[Air],
-    own_altitude: Altitude | None,
+    flight: Sequence[Line],
     time: float,
 ) -> np.ndarray:
-    """Return the areas that plan or backup may meet, in the monitor's air mass, object ``[1]``."""
+    """Return the areas that plan or backup may meet on a flight, in the monitor's air mass, object
+    ``[1]``.
+    """
     met = no_areas(1)
     if areas:
         ends = watch.monitor.plan.end[0] + watch.monitor.started[0] - time
         air_areas = [watch.air.area(area, time) for area in areas]
-        met[0] = may_be_met(air_areas, own, own_altitude, float(ends), watch.thresholds)
+        met[0] = may_be_met(air_areas, own, flight, float(ends), watch.thresholds)
     return met
+
+
+def _in_space(
+    watch: Watch,
+    given: Inputs,
+    reports: Sequence[Intruder[Ground]],
+    here: VehicleState[Air],
+    own_altitude: Altitude | None,
+    thresholds: Thresholds[Narrowed],
+) -> Inputs:
+    """Return inputs with what plan and backup meet by their altitudes: by good reports, and by the
+    last good ones of those without.
+    """
+    options, climb, time = thresholds.options, watch.climb, float(given.time[0])
+    good = good_reports(watch.monitor.memory, given)[0]
+    known = [
+        report if taken else last
+        for report, taken, last in zip(reports, good, _last_levels(watch, time), strict=True)
+    ]
+
+    def met_on(flight: Sequence[Line]) -> Met:
+        areas = _areas_met(watch, watch.last_areas, here, flight, time)
+        return Met(times_met(known, flight, options), areas)
+
+    given = given._replace(levelling=met_on(level_off(own_altitude, options)))
+    if climb is None:
+        return given
+    error = np.array([climb.error(own_altitude, time)])
+    allowed = np.array([options.vertical_margin + (own_altitude.error if own_altitude else 0.0)])
+    met = met_on(climb.flight(own_altitude, time, options))
+    return given._replace(on_profile=OnProfile(error, allowed, met))
+
+
+def _last_levels(watch: Watch, time: float) -> list[Intruder[Ground]]:
+    """Return the last good reports of the intruders, as old as they are at a time, s, of which only
+    the altitudes count.
+    """
+    seen = watch.monitor.memory.seen[0].tolist()
+    return [
+        _at_its_level(Intruder(_NOWHERE, age=time - when), when, watch.levels.get(name))
+        for name, when in zip(watch.names, seen, strict=True)
+    ]
 
 
 def answer(watch: _Watch, number: int, plan: Plan) -> tuple[_Watch, bool]:
@@ -240,14 +306,30 @@ def answer(watch: _Watch, number: int, plan: Plan) -> tuple[_Watch, bool]:
     moved = _in_air_of(watch, plan, asked)
     thresholds = moved.thresholds_in_air
     given = _plan_states(watch.ask.own, plan, moved.air, thresholds)
-    which, safe = np.array([number]), np.array([plan.safe])
-    monitor, taken_up = monitors.answer(moved.monitor, _ONE, which, given, safe, thresholds)
-    if taken_up[0] or moved.air == watch.air:
-        return replace(moved, monitor=monitor), bool(taken_up[0])
+    climb, safe = _climb(plan, watch.ask.own_altitude, asked, thresholds.options)
+    met = None if climb is None else _met_by_answer(moved, climb, watch.ask, thresholds)
+    which, safe = np.array([number]), np.array([safe])
+    monitor, taken_up = monitors.answer(moved.monitor, _ONE, which, given, safe, thresholds, met)
+    if taken_up[0]:
+        return replace(moved, monitor=monitor, climb=climb), True
+    if moved.air == watch.air:
+        return replace(moved, monitor=monitor), False
     # The active plan goes on, in its own air mass.
     refused, thresholds = np.array([False]), watch.thresholds_in_air
     monitor, _ = monitors.answer(watch.monitor, _ONE, which, given, refused, thresholds)
     return replace(watch, monitor=monitor), False
+
+
+def _met_by_answer(watch: Watch, climb: Climb, ask: Ask, thresholds: Thresholds[Narrowed]) -> Met:
+    """Return what a plan that answers a request meets from the last step on, on its profile."""
+    memory, options = watch.monitor.memory, thresholds.options
+    now = float(memory.time[0])
+    here: VehicleState[Air] = VehicleState(*(float(field[0]) for field in memory.own))
+    assert ask.own_altitude is not None, "a plan climbs from an altitude"
+    altitude = replace(ask.own_altitude, value=float(climb.profile.at(np.array(now))))
+    flight = climb.flight(altitude, now, options)
+    areas = _areas_met(watch, watch.last_areas, here, flight, now)
+    return Met(times_met(_last_levels(watch, now), flight, options), areas)
 
 
 def _in_air_of(watch: _Watch, plan: Plan, time: float) -> _Watch:

@@ -69,6 +69,8 @@ class Decision(NamedTuple):
     cross_track: Array  # error against the plan, m, positive to its left
     along_track: Array  # m, positive ahead
     time_error: Array  # s, positive when late
+    # m, positive above; nan where the plan is one in the plane, or the altitude is unknown
+    altitude_error: Array
     intruder_position: Array  # largest deviation of an intruder from its prediction, m
     intruder_velocity: Array  # m/s
     # predicted separation of the rest of the plan, less the own distance from it, m; a lower bound

@@ -39,6 +39,7 @@ class Cause(IntFlag):
     OUTSIDE_RANGE = 1 << 17
     AREA = 1 << 20
     BACKUP_IN_AREA = 1 << 21
+    ALTITUDE_ERROR = 1 << 22
 
 
 SAYS = {
@@ -92,6 +93,11 @@ SAYS = {
         "backup",
         "enters {now.backup_area}, since none stays out of all areas; it is the one of least depth",
     ),
+    Cause.ALTITUDE_ERROR: (
+        "altitude_error",
+        "is {now.altitude_error:.1f} m, allowed {options.vertical_margin:g} m beside what the "
+        "altitude itself may be off",
+    ),
 }
 """What each cause says of what: fields of a decision are ``now``'s, others those of the thresholds.
 """
@@ -111,6 +117,7 @@ WANTING = (
     | Cause.CROSS_TRACK
     | Cause.ALONG_TRACK
     | Cause.TIME_ERROR
+    | Cause.ALTITUDE_ERROR
     | Cause.ACCUMULATED
     | Cause.INTRUDER_DEVIATION
     | Cause.SEPARATION

@@ -9,6 +9,7 @@ _AREAS = f"{_FOLDER}/test_areas.py"
 _BACKUP = f"{_FOLDER}/test_backup.py"
 _FRAMES = f"{_FOLDER}/test_frames.py"
 _CONFORMANCE = f"{_FOLDER}/test_conformance.py"
+_CLIMBS = f"{_FOLDER}/test_climbs.py"
 _OUTSIDE = "tests/eval/evidence/test_outside.py"
 
 _OF_MONITOR = (
@@ -90,7 +91,7 @@ _OF_CONFORMANCE = (
     ),
     ("loss=np.minimum(loss, from_areas.loss)", "loss=loss"),
     ("loss=np.minimum(loss, from_areas.loss)", "loss=from_areas.loss"),
-    ("memory.areas, offset, thresholds)", "memory.areas, 0.0 * offset, thresholds)"),
+    ("since, areas, offset, thresholds)", "since, areas, 0.0 * offset, thresholds)"),
     # Errors that last.
     ("(sighted & finite)[:, None]", "finite[:, None]"),
     ("before * np.exp(-seconds / thresholds.memory)", "before"),
@@ -125,6 +126,29 @@ _OF_CONFORMANCE = (
     ),
     ("np.hypot(expected.velocity_std, traffic.velocity_std)", "expected.velocity_std"),
     ("np.hypot(expected.velocity_std, traffic.velocity_std)", "traffic.velocity_std"),
+    # Plans that climb.
+    ("areas = memory.areas if met is None else met.areas", "areas = memory.areas"),
+    ("reshape(by_time).any(axis=-1)", "reshape(by_time).all(axis=-1)"),
+    (
+        "latch.bits(np.abs(error), allowed, Cause.ALTITUDE_ERROR)",
+        "latch.bits(error, allowed, Cause.ALTITUDE_ERROR)",
+    ),
+)
+
+_OF_CLIMBS = (
+    ("spread.mask & (begin <= end)", "spread.mask"),
+    ("max(options.vertical_margin, error)", "options.vertical_margin"),
+    ("max(options.vertical_margin, error)", "error"),
+    ("if own is None or own.reference != self.reference:", "if own is None:"),
+    ("if not options.climbs:", "if False:"),
+    ("if level is not None and level.reference != own.reference:", "if False:"),
+    ("    if faults:\n", "    if not faults and faults:\n"),
+    ("Climb(profile.since(-time), own.reference)", "Climb(profile, own.reference)"),
+    ("error=own.error + farther", "error=own.error"),
+    (
+        "replace(own, error=own.error + farther), options.vertical_margin",
+        "replace(own, error=own.error + farther), 0.0",
+    ),
 )
 
 _OF_INPUTS = (
@@ -199,7 +223,11 @@ _CHANGES = {
         _OF_MONITOR,
         (_CONFORMANCE, _MONITOR, _INPUTS, _AREAS, _OUTSIDE),
     ),
-    "agents/assurance/conformance.py": (_OF_CONFORMANCE, (_CONFORMANCE, _AREAS, _BACKUP, _MONITOR)),
+    "agents/assurance/conformance.py": (
+        _OF_CONFORMANCE,
+        (_CONFORMANCE, _AREAS, _BACKUP, _MONITOR, _CLIMBS),
+    ),
+    "agents/assurance/climbs.py": (_OF_CLIMBS, (_CLIMBS,)),
     "agents/assurance/inputs.py": (_OF_INPUTS, (_INPUTS, _FRAMES, _OUTSIDE)),
     "envs/tracking/tracker.py": (_OF_TRACKER, (_INPUTS,)),
     "agents/assurance/frames.py": (_OF_FRAMES, (_FRAMES, _AREAS)),
