@@ -1,5 +1,7 @@
 """Guidance bands: which headings and which speeds are free, and where none is, which opens first.
 
+Vertical speeds and altitudes have a module of their own (:mod:`agents.assurance.vertical_bands`).
+
 A band's manoeuvre begins now: the aircraft turns onto the heading at its greatest rate, by the
 shorter way, with the speed that it has, or changes its speed at its greatest acceleration on the
 heading that it has, and holds what it has reached until the end of the look-ahead. A band is
@@ -47,7 +49,8 @@ _BLOCK = 1_000_000  # distances at once
 class Bands(NamedTuple):
     """Manoeuvres of one kind and what becomes of each; fields ``[N, B]``."""
 
-    target: Array  # heading, rad in [-pi, pi), or speed, m/s, in ascending order
+    # heading, rad in [-pi, pi), speed or vertical speed, m/s, or altitude, m, in ascending order
+    target: Array
     reached: Array  # when the target is, s from now; the look-ahead where it is not within that
     # when less than the required distance is left first, s from now; inf where that is kept
     loss: Array
@@ -56,7 +59,8 @@ class Bands(NamedTuple):
     # number of the area (agents.kernel.areas.ActiveArea) of which it is lost first; -1 likewise
     area: Array
     # Smallest distance less the required one, m; a lower bound where it is more than a fifth of the
-    # separation; inf without any of them.
+    # separation; inf without any of them. Of vertical speeds and altitudes it is vertical
+    # (agents.assurance.vertical_bands).
     clearance: Array
     # from when on the required distance is kept until the look-ahead's end, s; 0 where always, inf
     # where never
@@ -88,7 +92,7 @@ class Recovery(NamedTuple):
 class Stretch(NamedTuple):
     """A stretch of neighbouring bands that are all free or all closed."""
 
-    low: float  # where it begins: a heading, rad, may be beyond the circle's end; or a speed, m/s
+    low: float  # where it begins, as of Bands.target: a heading may be beyond the circle's end
     high: float
     closed: bool
 

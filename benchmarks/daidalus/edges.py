@@ -11,14 +11,14 @@ from benchmarks.daidalus.program import Interval
 NAMES = ("narrow", "grazing", "look-ahead", "opposite heading", "unexplained")
 """Why an edge of one side is not one of the other; docs/explanation/alerts.md says what each is."""
 
-_GRAZING = 5.0  # m of clearance, either way
+_GRAZING = 5.0  # m of clearance, either way; of vertical ones likewise
 _LATE = 2.0  # s before the end of the look-ahead
 
 
 class Edge(NamedTuple):
     """Where free and closed bands meet."""
 
-    place: float  # deg clockwise from north, or m/s
+    place: float  # deg clockwise from north, m/s or m
     opens: bool  # whether what follows in ascending order is free
 
 
@@ -26,8 +26,17 @@ class Match(NamedTuple):
     """An edge and the nearest one of the same kind on the other side."""
 
     edge: Edge
-    away: float  # deg or m/s; inf where there is none
+    away: float  # deg, m/s or m; inf where there is none
     name: str  # of NAMES; empty where they agree
+
+
+class Kind(NamedTuple):
+    """Bands of one kind, as both sides look at them."""
+
+    circle: bool  # whether they are headings
+    within: float  # so much apart, edges agree, deg, m/s or m
+    step: float  # of the program, above 0
+    look_ahead: float  # s
 
 
 def their_edges(intervals: Sequence[Interval], *, circle: bool) -> list[Edge]:
@@ -56,25 +65,30 @@ def our_edges(bands: Bands, row: int, *, circle: bool) -> list[Edge]:
     return [Edge(float(90.0 - np.degrees(part.high)) % 360.0, not part.closed) for part in parts]
 
 
+def match_edges(intervals: Sequence[Interval], bands: Bands, row: int, kind: Kind) -> list[Match]:
+    """Return for the edges of both sides, of one row of our bands, whether the other has them."""
+    circle = kind.circle
+    theirs, mine = their_edges(intervals, circle=circle), our_edges(bands, row, circle=circle)
+    return matches(mine, theirs, bands, row, kind) + matches(theirs, mine, bands, row, kind)
+
+
 def matches(
     mine: Sequence[Edge],
     others: Sequence[Edge],
     bands: Bands,
     row: int,
-    within: float,
-    step: float,
+    kind: Kind,
 ) -> list[Match]:
-    """Return for each edge of one side whether the other has it; numbers in degrees or m/s.
+    """Return for each edge of one side whether the other has it.
 
     Args:
         mine: edges of the one side.
         others: of the other.
         bands: ours, of one of both sides.
         row: of the bands.
-        within: so much apart, edges agree.
-        step: of the program; 0 < step.
+        kind: of the bands.
     """
-    ours = _Row.of(bands, row)
+    ours = _Row.of(bands, row, kind)
     found = []
     for edge in mine:
         same = [
@@ -84,9 +98,9 @@ def matches(
         ]
         away = abs(min(same, key=abs, default=np.inf))
         name = ""
-        if away > within:
+        if away > kind.within:
             gap = _gap_to_next(edge, [*mine, *others], ours)
-            name = "narrow" if gap <= 2.0 * step else _name(edge, min(away, gap), ours)
+            name = "narrow" if gap <= 2.0 * kind.step else _name(edge, min(away, gap), ours)
         found.append(Match(edge, away, name))
     return found
 
@@ -94,23 +108,22 @@ def matches(
 class _Row(NamedTuple):
     """One row of our bands, fields ``[B]``."""
 
-    circle: bool
-    """Whether these are headings."""
-    places: np.ndarray
-    """Degrees clockwise from north, or m/s."""
+    circle: bool  # whether these are headings
+    look_ahead: float  # s
+    places: np.ndarray  # degrees clockwise from north, m/s or m
     closed: np.ndarray
     clearance: np.ndarray
     loss: np.ndarray
     reached: np.ndarray
 
     @classmethod
-    def of(cls, bands: Bands, row: int) -> "_Row":
+    def of(cls, bands: Bands, row: int, kind: Kind) -> "_Row":
         """Return a row of bands."""
         target = bands.target[row]
-        circle = bool(np.max(np.abs(target)) <= np.pi + 1e-9)
         return cls(
-            circle,
-            (90.0 - np.degrees(target)) % 360.0 if circle else target,
+            kind.circle,
+            kind.look_ahead,
+            (90.0 - np.degrees(target)) % 360.0 if kind.circle else target,
             bands.closed[row],
             bands.clearance[row],
             bands.loss[row],
@@ -144,11 +157,12 @@ def _name(edge: Edge, reach: float, ours: _Row) -> str:
     for side in sides:
         if side.any() and (np.abs(ours.clearance[side]) <= _GRAZING).all():
             return "grazing"
-    look_ahead = float(ours.reached.max())
     for side in sides:
         loss = ours.loss[side & ours.closed]
-        if loss.size and (loss >= max(look_ahead, 1.0) - _LATE).all():
+        if loss.size and (loss >= ours.look_ahead - _LATE).all():
             return "look-ahead"
-    if ours.circle and float(np.max(ours.reached[near], initial=0.0)) >= 0.98 * look_ahead:
+    if ours.circle and float(np.max(ours.reached[near], initial=0.0)) >= 0.98 * float(
+        ours.reached.max()
+    ):
         return "opposite heading"
     return "unexplained"

@@ -22,7 +22,10 @@ VARIABLE = "DAIDALUS_BATCH"
 """Environment variable that names the program."""
 
 _BUILD = "build it by make in the folder C++ of https://github.com/nasa/daidalus"
-_HIGH = 1_000_000.0  # m, the height of a cylinder that no altitude leaves
+HIGH = 1_000_000.0
+"""Height of a cylinder that no altitude leaves, m."""
+
+_HIGHEST = 20_000.0  # m, the highest altitude
 _PATIENCE = 600.0  # s that a scenario may take
 
 
@@ -37,10 +40,18 @@ class Setting(NamedTuple):
     speed_max: float  # m/s
     step_deg: float  # between headings
     step_speed: float  # m/s
+    height: float  # of the cylinder above and below its middle, m
+    vertical_acceleration: float  # either way, m/s^2
+    climb: float  # greatest vertical speed, either way, m/s
+    vertical_rate: float  # with which an altitude is climbed or descended to, m/s
+    step_climb: float  # m/s, between vertical speeds
+    step_altitude: float  # m
 
 
 class Interval(NamedTuple):
-    """A stretch of headings, deg clockwise from north, or speeds, m/s."""
+    """A stretch of headings, deg clockwise from north, speeds or vertical speeds, m/s, or
+    altitudes, m.
+    """
 
     low: float
     high: float
@@ -53,6 +64,8 @@ class Second(NamedTuple):
     time: float  # s
     headings: list[Interval]
     speeds: list[Interval]
+    climbs: list[Interval]
+    altitudes: list[Interval]
     loss: dict[str, float]  # by intruder: time until it is in the volume, s
     level: dict[str, int]  # of its alert
 
@@ -78,7 +91,7 @@ def locate(given: str | None) -> Path:
 def configuration(
     setting: Setting, alerting: Alerting, *, hysteresis: bool, changes: Mapping[str, str]
 ) -> str:
-    """Return the program's configuration: a plain cylinder, no vertical logic, no criteria.
+    """Return the program's configuration: a plain cylinder, no criteria.
 
     Level 1 is the conflict within the look-ahead, whose region closes bands. ``hysteresis``: that
     of the alerts, which in the program filters the bands too; ``changes``: other values of keys.
@@ -94,7 +107,7 @@ def configuration(
             # The program ends with a fault where levels share a detector.
             f"Plain_alert_{number}_detector": f"det_{number}",
             f"Plain_det_{number}_D": f"{setting.separation} [m]",
-            f"Plain_det_{number}_H": f"{_HIGH} [m]",
+            f"Plain_det_{number}_H": f"{setting.height} [m]",
             f"Plain_load_core_detection_det_{number}": "gov.nasa.larcfm.ACCoRD.CDCylinder",
         }
     values |= changes
@@ -114,19 +127,19 @@ def _manoeuvres(setting: Setting) -> dict[str, str]:
         "min_airspeed": f"{setting.speed_min} [m/s]",
         "min_hs": f"{setting.speed_min} [m/s]",
         "max_hs": f"{setting.speed_max} [m/s]",
-        "min_vs": "-10.0 [m/s]",
-        "max_vs": "10.0 [m/s]",
+        "min_vs": f"{-setting.climb} [m/s]",
+        "max_vs": f"{setting.climb} [m/s]",
         "min_alt": "0.0 [m]",
-        "max_alt": "20000.0 [m]",
+        "max_alt": f"{_HIGHEST} [m]",
         "step_hdir": f"{setting.step_deg} [deg]",
         "step_hs": f"{setting.step_speed} [m/s]",
-        "step_vs": "10.0 [m/s]",
-        "step_alt": "10000.0 [m]",
+        "step_vs": f"{setting.step_climb} [m/s]",
+        "step_alt": f"{setting.step_altitude} [m]",
         "horizontal_accel": f"{setting.acceleration} [m/s^2]",
-        "vertical_accel": "1.0 [m/s^2]",
+        "vertical_accel": f"{setting.vertical_acceleration} [m/s^2]",
         "turn_rate": f"{np.degrees(setting.turn_rate)} [deg/s]",
         "bank_angle": "0.0 [deg]",
-        "vertical_rate": "5.0 [m/s]",
+        "vertical_rate": f"{setting.vertical_rate} [m/s]",
         "recovery_hdir": "false",
         "recovery_hs": "false",
         "recovery_vs": "false",
@@ -187,7 +200,7 @@ def answers(
     """Run the program on the scenario ``scenario.xyz`` of a folder and return what it says: bands
     without, alerts with hysteresis.
     """
-    bands = _answers(
+    closed = _answers(
         program, folder, configuration(setting, alerting, hysteresis=False, changes=changes)
     )
     # The bands of this run are not looked at.
@@ -195,12 +208,17 @@ def answers(
     alerts = _answers(
         program, folder, configuration(coarse, alerting, hysteresis=True, changes=changes)
     )
-    if [second.time for second in bands] != [second.time for second in alerts]:
+    if [second.time for second in closed] != [second.time for second in alerts]:
         raise InputError(f"{program}: answers other times in two runs of one scenario")
     return [
         one._replace(loss=other.loss, level=other.level)
-        for one, other in zip(bands, alerts, strict=True)
+        for one, other in zip(closed, alerts, strict=True)
     ]
+
+
+def bands(program: Path, folder: Path, setting: Setting, alerting: Alerting) -> list[Second]:
+    """Run the program on the scenario of a folder and return the bands alone."""
+    return _answers(program, folder, configuration(setting, alerting, hysteresis=False, changes={}))
 
 
 def _answers(program: Path, folder: Path, text: str) -> list[Second]:
@@ -220,6 +238,13 @@ def _answers(program: Path, folder: Path, text: str) -> list[Second]:
 
 
 _INTERVAL = re.compile(r"\s*[\[(]([-\d.]+) \[[^]]*\], ([-\d.]+) \[[^]]*\][])] (\w+)")
+_KINDS = {
+    "Horizontal Direction": "headings",
+    "Horizontal Speed": "speeds",
+    "Vertical Speed": "climbs",
+    "Altitude": "altitudes",
+}
+"""Of bands: what the program calls them, and the field of a second."""
 _LOSS = re.compile(r"Time to Corrective Volume with (.+?): [\[(]([-\d.]+) \[s\]")
 _LEVEL = re.compile(r"Alert Level (-?\d+) with (.+)")
 
@@ -230,15 +255,14 @@ def read_answers(text: str) -> list[Second]:
     into: list[Interval] | None = None
     for line in text.splitlines():
         if line.startswith("Time: "):
-            found.append(Second(float(line.split()[1]), [], [], {}, {}))
+            found.append(Second(float(line.split()[1]), [], [], [], [], {}, {}))
             continue
         if not found:
             continue
         now, interval = found[-1], _INTERVAL.fullmatch(line)
-        if line.startswith("Horizontal Direction Bands:"):
-            into = now.headings
-        elif line.startswith("Horizontal Speed Bands:"):
-            into = now.speeds
+        kind = next((kind for kind in _KINDS if line.startswith(f"{kind} Bands:")), None)
+        if kind is not None:
+            into = getattr(now, _KINDS[kind])
         elif interval is not None:
             if into is not None:
                 into.append(Interval(float(interval[1]), float(interval[2]), interval[3]))

@@ -3,7 +3,8 @@
 Every scenario of the folder (``.daa``, ``.xyz``, as in https://github.com/nasa/daidalus) is given
 to the program and to us on one plane, with the same turn rate, acceleration, look-ahead and plain
 cylinder; of every second the edges of the bands of headings and speeds, the times to loss and the
-alert levels are compared. Both predict straight courses.
+alert levels are compared, with ``--vertical`` those of vertical speeds and altitudes. Both predict
+straight courses.
 """
 
 import tempfile
@@ -15,31 +16,29 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.assurance.alerts import Alerting, no_alerts, update
-from agents.assurance.bands import Bands, heading_bands, losses_on_course, speed_bands
-from agents.kernel.traffic import Requirement, Traffic
-from benchmarks.daidalus.edges import NAMES, Match, matches, our_edges, their_edges
+from agents.assurance.bands import heading_bands, losses_on_course, speed_bands
+from agents.kernel.traffic import Requirement
+from benchmarks.daidalus.edges import NAMES, Kind, Match, match_edges
 from benchmarks.daidalus.figure import drawing
 from benchmarks.daidalus.program import (
+    HIGH,
     VARIABLE,
-    Interval,
     Second,
     Setting,
     answers,
     locate,
     scenario_text,
 )
-from benchmarks.daidalus.sides import Flight, Ours, Sides
+from benchmarks.daidalus.sides import Flight, Ours, Sides, flight_of
+from benchmarks.daidalus.vertical import CHANGES, FOOT, FOOT_A_MINUTE, compare_vertical, fine
 from benchmarks.measure import report
 from commands.command import InputError, Parser, require
 from envs.aircraft import PAPER
 from envs.arrays import Array
 from envs.formats.track_files import read_daidalus
-from envs.frames import Air
-from envs.kinematics import Limits, VehicleState
-from envs.traffic.tracks import Track
+from envs.kinematics import Limits
 from eval.plots.save import create, write
 
-WITHIN = 2.0, 1.0  # deg and m/s, in which edges agree
 SETTING = Setting(
     separation=1_222.32,  # 0.66 nmi
     look_ahead=120.0,
@@ -49,8 +48,17 @@ SETTING = Setting(
     speed_max=360.0,
     step_deg=0.5,
     step_speed=0.5,
+    height=HIGH,
+    vertical_acceleration=2.451_662_5,  # 0.25 G
+    climb=30.48,  # 6000 ft/min
+    vertical_rate=2.54,  # 500 ft/min
+    step_climb=15.24,
+    step_altitude=10_000.0,
 )
-"""Turn rate, acceleration and distance as in DAIDALUS's DO_365B_no_SUM.conf."""
+"""Turn rate, accelerations, vertical speeds and distance as in DAIDALUS's DO_365B_no_SUM.conf."""
+
+HEADINGS = Kind(True, 2.0, SETTING.step_deg, SETTING.look_ahead)
+SPEEDS = Kind(False, 1.0, SETTING.step_speed, SETTING.look_ahead)
 
 
 _WELL_CLEAR = {
@@ -116,6 +124,8 @@ def main() -> None:
     found = figures(done)
     if given.variants:
         found |= _compare_variants(paths, program)
+    if given.vertical:
+        found |= _compare_vertical(paths, program)
     if folder is not None:
         write(folder, "daidalus", found, drawing(sides[picture], picture), dpi=150)
     report(found, ("numpy",))
@@ -128,6 +138,7 @@ def _parser() -> Parser:
     add("--scenarios", required=True, help="folder of .daa and .xyz files")
     add("--only", help="name of one scenario, without its ending")
     add("--variants", action="store_true", help="also with each of DAIDALUS's own models")
+    add("--vertical", action="store_true", help="also bands of vertical speed and of altitude")
     add("--out", help="folder for the picture and the figures (default: none is written)")
     add("--picture", help="scenario that is drawn (default: the first)")
     return parser
@@ -151,6 +162,31 @@ def _compare_variants(paths: Sequence[Path], program: Path) -> dict[str, Any]:
     return found
 
 
+def _compare_vertical(paths: Sequence[Path], program: Path) -> dict[str, Any]:
+    """Compare the bands of vertical speed and of altitude, and print the table."""
+    found = {}
+    print()
+    _print_head(VERTICAL_HEAD)
+    for name, change in CHANGES.items():
+        scenarios = []
+        for path in paths:
+            ownship, *others = read_daidalus(path, repair=True).tracks
+            scenarios.append(compare_vertical(program, change((ownship, others)), fine(SETTING)))
+        cells = [name]
+        for kind, unit, edges in (
+            (
+                "vertical_speeds",
+                FOOT_A_MINUTE,
+                [match for one in scenarios for match in one.climbs],
+            ),
+            ("altitudes", FOOT, [match for one in scenarios for match in one.altitudes]),
+        ):
+            found[f"vertical: {name}: {kind}"] = len(edges), share(edges), counts(edges)
+            cells += _cells(edges, unit)
+        print(f"| {' | '.join(cells)} |", flush=True)
+    return found
+
+
 def _paths(folder: str, only: str | None) -> list[Path]:
     found = sorted(path for path in Path(folder).glob("*") if path.suffix in (".daa", ".xyz"))
     if only is not None:
@@ -159,27 +195,6 @@ def _paths(folder: str, only: str | None) -> list[Path]:
         wanted = f"{only}.daa or {only}.xyz" if only else ".daa or .xyz files"
         raise InputError(f"{folder}: no scenario, expected {wanted} of nasa/daidalus")
     return found
-
-
-def flight_of(ownship: Track, others: list[Track]) -> Flight:
-    """Return a scenario by the ownship's times; an intruder counts where it has a row of that
-    time.
-    """
-    shape = ownship.time.size, len(others)
-    rows = np.zeros((4, *shape))
-    mask = np.zeros(shape, dtype=bool)
-    for k, other in enumerate(others):
-        place = np.clip(np.searchsorted(other.time, ownship.time - 1e-6), 0, other.time.size - 1)
-        mask[:, k] = np.abs(other.time[place] - ownship.time) < 1e-6
-        rows[:, :, k] = np.stack(_state(other))[:, place]
-    state: VehicleState[Air] = VehicleState(*rows)
-    names = [other.name for other in others]
-    return Flight(ownship.time, _state(ownship), Traffic.straight(state, mask), names)
-
-
-def _state(track: Track) -> VehicleState[Air]:
-    course, speed = np.arctan2(track.vy, track.vx), np.hypot(track.vx, track.vy)
-    return VehicleState(track.x, track.y, course, speed)
 
 
 def ours(flight: Flight, setting: Setting, alerting: Alerting) -> Ours:
@@ -233,8 +248,8 @@ def compare(name: str, sides: Sides) -> Scenario:
     for row, second in enumerate(sides.seconds):
         if second is not None:
             known += 1
-            headings += _match_edges(second.headings, sides.ours.headings, row, circle=True)
-            speeds += _match_edges(second.speeds, sides.ours.speeds, row, circle=False)
+            headings += match_edges(second.headings, sides.ours.headings, row, HEADINGS)
+            speeds += match_edges(second.speeds, sides.ours.speeds, row, SPEEDS)
     errors, same, raised = _compare_alerts(sides.flight, sides.ours, sides.seconds)
     return Scenario(
         name=name,
@@ -247,16 +262,6 @@ def compare(name: str, sides: Sides) -> Scenario:
         program_s=sides.program_s,
         ours_s=sides.ours_s,
     )
-
-
-def _match_edges(
-    intervals: Sequence[Interval], bands: Bands, row: int, *, circle: bool
-) -> list[Match]:
-    theirs, mine = their_edges(intervals, circle=circle), our_edges(bands, row, circle=circle)
-    within = WITHIN[0] if circle else WITHIN[1]
-    step = SETTING.step_deg if circle else SETTING.step_speed
-    found = matches(mine, theirs, bands, row, within, step)
-    return found + matches(theirs, mine, bands, row, within, step)
 
 
 def _compare_alerts(
@@ -295,6 +300,17 @@ def counts(found: list[Match]) -> dict[str, int]:
     return {name: names.count(name) for name in NAMES if name in names}
 
 
+VERTICAL_HEAD = (
+    "all scenarios",
+    "edges of vertical speeds",
+    "within 100 ft/min, %",
+    "median, ft/min",
+    "others",
+    "edges of altitudes",
+    "within 100 ft, %",
+    "median, ft",
+    "others",
+)
 VARIANT_HEAD = "DAIDALUS's own", "headings within 2 deg, %", "speeds within 1 m/s, %"
 HEAD = (
     "scenario",
@@ -317,16 +333,21 @@ def line(one: Scenario) -> str:
     """Return one scenario as a line of a table."""
     cells = [one.name, str(one.seconds)]
     for found in (one.headings, one.speeds):
-        apart = [match.away for match in found if not match.name]
-        worst = f"{np.median(apart):.2f}" if apart else ""
-        why = ", ".join(f"{number} {name}" for name, number in counts(found).items())
-        cells += [str(len(found)), f"{100.0 * share(found):.2f}" if found else "", worst, why]
+        cells += _cells(found, 1.0)
     finite = one.loss_error[np.isfinite(one.loss_error)]
     cells.append(f"{finite.max():.3f}" if finite.size else "")
     cells.append(f"{100.0 * one.levels_same.mean():.1f}" if one.levels_same.size else "")
     later = [abs(value) for value in one.raised]
     cells.append(f"{max(later):.0f}" if later else "")
     return f"| {' | '.join(cells)} |"
+
+
+def _cells(found: list[Match], unit: float) -> list[str]:
+    """Return what a table says of edges, with distances in a unit, deg, m/s or m."""
+    apart = [match.away / unit for match in found if not match.name]
+    middle = f"{np.median(apart):.2f}" if apart else ""
+    why = ", ".join(f"{number} {name}" for name, number in counts(found).items())
+    return [str(len(found)), f"{100.0 * share(found):.2f}" if found else "", middle, why]
 
 
 def figures(done: list[Scenario]) -> dict[str, Any]:

@@ -20,7 +20,9 @@ from benchmarks.daidalus.program import (
     read_answers,
     scenario_text,
 )
-from benchmarks.daidalus.run import SETTING, VARIANTS, compare, flight_of, fly_both
+from benchmarks.daidalus.run import HEADINGS, SETTING, VARIANTS, compare, fly_both
+from benchmarks.daidalus.sides import flight_of
+from benchmarks.daidalus.vertical import CHANGES, FOOT, compare_vertical, fine, our_bands
 from envs.aircraft import PAPER
 from envs.formats.track_files import read_daidalus
 from envs.kinematics import C208_PUBLISHED, VehicleState
@@ -39,6 +41,9 @@ Horizontal Direction Bands:
 Horizontal Speed Bands:
   [5.0 [m/s], 40.0 [m/s]] NONE
   [40.0 [m/s], 360.0 [m/s]] MID
+Vertical Speed Bands:
+  [-10.0 [m/s], -2.5 [m/s]] NONE
+  [-2.5 [m/s], 10.0 [m/s]] MID
 Altitude Bands:
   [0.0 [m], 20000.0 [m]] MID
 Time: 4.0 [s]
@@ -58,6 +63,8 @@ def test_answers_are_read() -> None:
     assert first.level == {"Other one": 3, "Far": 0}
     assert first.headings[1] == Interval(20.5, 300.0, "NONE") and len(first.headings) == 3
     assert [part.region for part in first.speeds] == ["NONE", "MID"]
+    assert [part.low for part in first.climbs] == [-10.0, -2.5]
+    assert [part.high for part in first.altitudes] == [20_000.0]
     assert their_edges(first.headings, circle=True) == [Edge(20.5, True), Edge(300.0, False)]
     assert their_edges(first.speeds, circle=False) == [Edge(40.0, False)]
 
@@ -84,10 +91,10 @@ def test_our_edges_are_clockwise_from_north_and_agree_with_themselves() -> None:
     # Closed from west over north to east.
     assert 0.0 < opens[0] < 60.0 and 300.0 < closes[0] < 360.0
     assert opens[0] == pytest.approx(360.0 - closes[0], abs=1e-6)
-    same = matches(found, found, bands, 0, 2.0, 0.5)
+    same = matches(found, found, bands, 0, HEADINGS)
     assert [match.name for match in same] == ["", ""] and same[0].away == 0.0
     moved = [replace_place(edge, edge.place + 4.0) for edge in found]
-    assert all(match.name for match in matches(found, moved, bands, 0, 2.0, 0.5))
+    assert all(match.name for match in matches(found, moved, bands, 0, HEADINGS))
 
 
 def replace_place(edge: Edge, place: float) -> Edge:
@@ -111,6 +118,8 @@ def test_every_key_that_a_variant_changes_is_one_of_the_configuration_or_of_a_de
     alerting = Alerting.for_aircraft(PAPER)
     plain = configuration(SETTING, alerting, hysteresis=False, changes={})
     keys = {line.split(" = ")[0] for line in plain.splitlines()}
+    flat = configuration(fine(SETTING), alerting, hysteresis=False, changes={})
+    assert "det_1_H = 137.16" in flat and "det_1_H = 1000000.0" in plain
     for changes in VARIANTS.values():
         unknown = {key for key in changes if key not in keys and "_WCV_" not in key}
         assert not unknown
@@ -146,3 +155,34 @@ def test_bands_of_a_crossing_agree(tmp_path: Path) -> None:
     found = compare("crossing", fly_both(tmp_path / "crossing.xyz", Path(os.environ[VARIABLE]), {}))
     assert found.headings and all(not match.name for match in found.headings)
     assert found.loss_error.max() < 1e-3 and found.levels_same.all()
+
+
+def head_on() -> tuple[Track, list[Track]]:
+    """Return an ownship and an intruder that comes along its course at its altitude."""
+    own = track("mine", 0.0, 60.0, 0.0, [0.0, 1.0, 2.0])._replace(altitude=np.full(3, 2_000.0))
+    other = track("Other", 8_000.0, -60.0, 0.0, [0.0, 1.0, 2.0])
+    return own, [other._replace(altitude=own.altitude)]
+
+
+def test_vertical_bands_of_changed_scenarios_have_edges_at_the_height_of_the_cylinder() -> None:
+    edges = []
+    for change in CHANGES.values():
+        climbs, altitudes = our_bands(flight_of(*change(head_on())), fine(SETTING))
+        assert climbs.closed.any(axis=1).all() and not climbs.closed.all(axis=1).any()
+        edges.append(our_edges(altitudes, 0, circle=False))
+    level, higher, _, _ = edges
+    assert [edge.opens for edge in level] == [False, True]
+    places = [edge.place for edge in level]
+    assert places == pytest.approx([2_000.0 - 450.0 * FOOT, 2_000.0 + 450.0 * FOOT], abs=0.2)
+    # It cannot climb 1050 ft in time.
+    assert [edge.place for edge in higher] == pytest.approx([2_000.0 + 150.0 * FOOT], abs=0.2)
+
+
+@pytest.mark.skipif(
+    VARIABLE not in os.environ, reason=f"DAIDALUS is not here; to have it: {VARIABLE}=PROGRAM"
+)
+@pytest.mark.parametrize("name", CHANGES)
+def test_vertical_bands_of_a_crossing_agree(name: str) -> None:
+    flights = CHANGES[name](head_on())
+    for edges in compare_vertical(Path(os.environ[VARIABLE]), flights, fine(SETTING)):
+        assert edges and all(not match.name for match in edges)
