@@ -79,8 +79,10 @@ def main() -> None:
     report(found, ("numpy",))
 
 
-def question(seed: int, aircraft: Aircraft) -> Question:
-    """Return a request of some number."""
+def question(seed: int, aircraft: Aircraft, apart: float = _APART) -> Question:
+    """Return a request of some number, with intruders up to so far above and below, m, at the
+    crossing.
+    """
     rng, unit = np.random.default_rng([seed, 53]), aircraft.separation
     fastest = aircraft.limits.speed_max
     own: VehicleState[Ground] = VehicleState(0.0, 0.0, 0.0, 0.8 * fastest)
@@ -94,7 +96,7 @@ def question(seed: int, aircraft: Aircraft) -> Question:
         if math.hypot(x, y) < 2.0 * unit:
             continue
         climb = float(rng.choice([0.0, 1.0]) * rng.uniform(-_CLIMB, _CLIMB))
-        height = OWN_ALTITUDE.value + rng.uniform(-_APART, _APART) - climb * when
+        height = OWN_ALTITUDE.value + rng.uniform(-apart, apart) - climb * when
         altitude = Altitude(float(height), "msl", climb, error=30.0)
         intruders.append(Intruder(VehicleState(x, y, course, speed), altitude=altitude))
     route = [RoutePoint(i, (12.0 + 5.0 * i) * unit, 0.0) for i in range(9)]

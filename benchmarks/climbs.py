@@ -1,0 +1,366 @@
+"""Plans that climb and descend: ``python -m benchmarks.climbs [--aircraft c208] [--requests 200]``.
+
+``latency``: one to four intruders that cross the straight flight within two vertical separations of
+it, level, climbing or descending, every other request with the errors of ADS-B; planned with turns
+alone and with turns and climbs, the same vertical separation for both. ``deadline``: 20 aircraft at
+random levels and rates within 30 km, SAFE of those that five seconds solve. ``unresolvable``:
+encounters of ``circle`` without an initial separation that are proven unresolvable in the plane, at
+the same level and at others, planned without a deadline, and beside that a search apart from the
+planner (:mod:`benchmarks.space_search`); the same close by, and with --model there with speeds and
+vertical rates of an encounter model. Times are the processor's for the thread.
+"""
+
+import gc
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from agents.config.world import AircraftConfig
+from agents.planner import Intruder, Options, plan
+from agents.planner.answer import Source
+from agents.planner.request.encounters import request_of
+from agents.planner.request.options import Maneuvers
+from agents.planner.request.request import Altitude
+from agents.policy.inference import Policy
+from agents.resolvability.classify import Verdict, classify
+from benchmarks import levels, traffic
+from benchmarks.levels import OWN_ALTITUDE
+from benchmarks.measure import (
+    deadline_option,
+    parse_names,
+    percentiles_ms,
+    policy_in_flight,
+    report,
+    request_options,
+    show,
+)
+from benchmarks.planner import question
+from benchmarks.questions import Question, Timed, time_plan
+from benchmarks.space_search import Motion, escapes
+from commands.command import ConfigError, Parser, run_cli, whole
+from envs.aircraft import Aircraft
+from envs.encounters import Encounter
+from envs.frames import Ground
+from envs.scenarios import scenario
+from envs.starts import encounters_of_seed
+from envs.traffic.encounter_model import EncounterModel, read_model
+from envs.traffic.encounter_model_sampler import dimensions, sample_model
+
+PARTS = "latency", "deadline", "unresolvable"
+CLOSE = 1.2, 2.5
+"""Radius of the circle of encounters close by, separations."""
+
+LEVELS = 8
+"""Other levels of the intruder of each encounter."""
+
+_PATIENT = 5.0  # s of computation
+_CROWD, _RADIUS = 20, 30_000.0  # aircraft, m
+_APART, _CLIMB = 1_000.0, 10.0  # m and m/s, of the crowd at most
+_WITHIN = 2.0  # vertical separations from the ownship at the crossing
+_RATE = 5.0  # m/s of intruders of circles at most
+_SOURCES = Source.POLICY, Source.FALLBACK, Source.VERTICAL
+
+
+class Asked(NamedTuple):
+    """A request, planned with the usual deadline."""
+
+    timed: Timed
+    errors: bool  # whether the reports have those of ADS-B
+
+
+class Compared(NamedTuple):
+    """What solves an encounter that is proven unresolvable in the plane and begins with one of both
+    separations.
+    """
+
+    level: bool  # whether both begin at the same level
+    searched: bool  # the search in space does
+    climbs: bool  # it needs a change of climb for that
+    with_margin: bool  # it does with the planner's vertical margin too
+    planned: bool  # the planner does
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and print."""
+    given = _parser().parse_args(arguments)
+    parts = parse_names(given.only, PARTS)
+    policy, usual = _of_aircraft(given.aircraft, given.policy)
+    if given.deadline is not None:
+        usual = replace(usual, deadline_s=1e-3 * given.deadline)
+    model = None if given.model is None else read_model(given.model)
+    measure: dict[str, Callable[[], dict[str, Any]]] = {
+        "latency": lambda: latency(given.seed, given.requests, policy, usual),
+        "deadline": lambda: deadline(given.seed, given.requests, policy, usual),
+        "unresolvable": lambda: unresolvable(given.seed, given.encounters, policy, usual, model),
+    }
+    found: dict[str, Any] = {
+        "benchmark": "climbs",
+        "aircraft": str(given.aircraft),
+        "deadline_ms": 1e3 * usual.deadline_s,
+    }
+    with threadpool_limits(1):
+        # The first plan of a process makes tables.
+        time_plan(levels.question(0, policy.aircraft), policy, usual, own_altitude=OWN_ALTITUDE)
+        # As the ROS nodes do: a search for garbage in all that was imported takes 10 ms and more.
+        gc.freeze()
+        for part in parts:
+            found[part] = measure[part]()
+            print(part)
+            show(found[part])
+    report(found, ("numpy",))
+
+
+def _parser() -> Parser:
+    parser = Parser(description=__doc__)
+    request_options(parser, 200)
+    deadline_option(parser)
+    add = parser.add_argument
+    what = "file of the aircraft, or the name of one that ships (default c208)"
+    add("--aircraft", type=Path, default=Path("c208"), metavar="FILE", help=what)
+    what = "encounters of each circle (default 2000)"
+    add("--encounters", type=whole(1), default=2_000, help=what)
+    add("--model", type=Path, metavar="FILE", help="file of an encounter model (default: none)")
+    what = f"some of {', '.join(PARTS)}, with commas (default: all)"
+    add("--only", default=",".join(PARTS), metavar="NAMES", help=what)
+    return parser
+
+
+def _of_aircraft(file: Path, policy_file: Path | None) -> tuple[Policy, Options]:
+    """Return the policy for an aircraft, and the options with which its plans climb.
+
+    Raises:
+        ConfigError: the aircraft states no vertical limits.
+    """
+    aircraft = AircraftConfig.of_file(file).aircraft()
+    if aircraft.vertical is None:
+        raise ConfigError(f"--aircraft: {file} states no climb_max_mps; expected one that climbs")
+    policy = policy_in_flight(policy_file).for_aircraft(aircraft, outside="allow")
+    return policy, Options.for_aircraft(aircraft, maneuvers=Maneuvers.BOTH)
+
+
+def latency(seed: int, count: int, policy: Policy, usual: Options) -> dict[str, Any]:
+    """Return what plans with turns and climbs, and with turns alone, take and solve."""
+    vertical = usual.vertical.separation
+    plane = replace(usual, maneuvers=Maneuvers.HORIZONTAL, vertical_filter=vertical)
+    both, turns = list[Asked](), list[Asked]()
+    for number in range(seed, seed + count):
+        asked = levels.question(number, policy.aircraft, _WITHIN * vertical)
+        errors = number % 2 == 1
+        asked = _as_known(asked, errors)
+        for options, every in ((plane, turns), (usual, both)):
+            timed = time_plan(asked, policy, options, own_altitude=OWN_ALTITUDE)
+            every.append(Asked(timed, errors))
+    return {"requests": count, "both": _figures(both), "horizontal": _figures(turns)}
+
+
+def _as_known(asked: Question, errors: bool) -> Question:
+    """Return a request with exact reports, or with those of ADS-B: a second old, NACp 8, NACv 2."""
+    reports = list[Intruder[Ground]]()
+    for one in asked.intruders:
+        assert isinstance(one, Intruder)
+        assert one.altitude is not None
+        level = replace(one.altitude, error=0.0)
+        report = replace(one, altitude=level)
+        if errors:
+            level = replace(one.altitude, error=30.0, climb_error=0.3)
+            report = replace(one, age=1.0, position_std=46.0, velocity_std=1.5, altitude=level)
+        reports.append(report)
+    return asked._replace(intruders=reports)
+
+
+def _figures(every: Sequence[Asked]) -> dict[str, Any]:
+    """Return the times and the sources of plans of one kind."""
+    figures: dict[str, Any] = _shares([one.timed for one in every])
+    for name, errors in (("exact", False), ("with_errors", True)):
+        figures[name] = _shares([one.timed for one in every if one.errors == errors])
+    return figures
+
+
+def _shares(every: Sequence[Timed]) -> dict[str, Any]:
+    """Return the share of SAFE, what made them, and the times of answers."""
+    if not every:
+        return {"requests": 0}
+    safe = [one.answer for one in every if one.answer.safe]
+    made_by = Counter(answer.source for answer in safe)
+    return {
+        "requests": len(every),
+        "safe": len(safe) / len(every),
+        **{f"by_{source.value}": made_by[source] for source in _SOURCES},
+        **percentiles_ms("cpu", [one.seconds for one in every], ("median", "p99", "max")),
+    }
+
+
+def deadline(seed: int, count: int, policy: Policy, usual: Options) -> dict[str, Any]:
+    """Return what the usual deadline solves in a crowd of that which can be solved."""
+    timed, solved = list[Timed](), 0
+    patient = replace(usual, deadline_s=_PATIENT)
+    for number in range(seed, seed + count):
+        asked = crowd(number, policy.aircraft)
+        timed.append(time_plan(asked, policy, usual, own_altitude=OWN_ALTITUDE))
+        solved += (
+            timed[-1].answer.safe
+            or time_plan(asked, policy, patient, own_altitude=OWN_ALTITUDE).answer.safe
+        )
+    safe = sum(one.answer.safe for one in timed)
+    return {
+        "solved": solved,
+        "safe_of_solved": safe / solved if solved else None,
+        **_shares(timed),
+    }
+
+
+def crowd(seed: int, aircraft: Aircraft) -> Question:
+    """Return a request of some number among many aircraft at random levels, half of which climb or
+    descend.
+    """
+    rng = np.random.default_rng([seed, 70])
+    asked = traffic.question(seed, _CROWD, _RADIUS, aircraft)
+    reports = [
+        Intruder(
+            state,
+            altitude=Altitude(
+                OWN_ALTITUDE.value + rng.uniform(-_APART, _APART),
+                OWN_ALTITUDE.reference,
+                float(rng.choice([0.0, 1.0]) * rng.uniform(-_CLIMB, _CLIMB)),
+            ),
+        )
+        for state in asked.states
+    ]
+    return asked._replace(intruders=reports)
+
+
+def unresolvable(
+    seed: int, count: int, policy: Policy, usual: Options, model: EncounterModel | None
+) -> dict[str, Any]:
+    """Return how many of the encounters that are proven unresolvable in the plane are solved in
+    space.
+    """
+    aircraft, unit = policy.aircraft, float(policy.aircraft.separation)
+    circle = scenario("circle", aircraft, min_initial_separation=0.0)
+    close = replace(circle, radius=(CLOSE[0] * unit, CLOSE[1] * unit))
+    few = -(-count // 4)  # a quarter of those close by is unresolvable
+    kinds = {
+        "circle": encounters_of_seed(circle, seed, 0, count),
+        "close": encounters_of_seed(close, seed, 0, few),
+    }
+    rng = np.random.default_rng([seed, 71])
+    rates = {
+        name: rng.choice([0.0, 1.0], (of.goal_x.size, LEVELS))
+        * rng.uniform(-_RATE, _RATE, (of.goal_x.size, LEVELS))
+        for name, of in kinds.items()
+    }
+    if model is not None:
+        drawn = sample_model(model, rng.random((few, dimensions(model, 1))), 1)
+        kinds["close_model"] = _at_speeds(kinds["close"], drawn.speed, aircraft)
+        rates["close_model"] = np.repeat(drawn.climb, LEVELS, axis=1)
+    patient = replace(usual, deadline_s=math.inf)
+    return {
+        name: compare(encounters, rates[name], policy, patient, rng)
+        for name, encounters in kinds.items()
+    }
+
+
+def _at_speeds(encounters: Encounter, speed: np.ndarray, aircraft: Aircraft) -> Encounter:
+    """Return encounters ``[N]`` of a circle with intruders of other speeds, m/s, ``[N]``, which
+    pass the centre at the same time.
+    """
+    speed = np.minimum(speed, aircraft.traffic_speed_max)[:, None]
+    own, others = encounters.own, encounters.intruders
+    until = np.hypot(encounters.goal_x, encounters.goal_y) / own.speed
+    back = (others.speed - speed) * until[:, None]
+    moved = others._replace(
+        x=others.x + back * np.cos(others.heading),
+        y=others.y + back * np.sin(others.heading),
+        speed=speed,
+    )
+    return encounters._replace(intruders=moved)
+
+
+def compare(
+    encounters: Encounter,
+    rates: np.ndarray,
+    policy: Policy,
+    options: Options,
+    rng: np.random.Generator,
+) -> dict[str, Any]:
+    """Return what the planner and the search in space solve of encounters ``[N]`` that are proven
+    unresolvable in the plane; each at the same level, and at others.
+
+    Args:
+        encounters: with one intruder each.
+        rates: vertical speeds of the intruders at other levels, m/s, ``[N, LEVELS]``.
+        policy: for the aircraft.
+        options: of the planner, without a deadline.
+        rng: of the levels.
+    """
+    aircraft, vertical = policy.aircraft, options.vertical.separation
+    verdict = classify(encounters, aircraft.rules(), aircraft.limits).verdict
+    proven, lost, compared = np.flatnonzero(verdict == Verdict.UNRESOLVABLE), 0, list[Compared]()
+    request = request_of(encounters, aircraft)
+    above = _WITHIN * vertical * rng.uniform(-1.0, 1.0, rates.shape)
+    for number in proven.tolist():
+        asked = question(encounters, request, number)
+        intruder = asked.states[0]
+        away = math.hypot(intruder.x - asked.own.x, intruder.y - asked.own.y)
+        others = zip(above[number].tolist(), rates[number].tolist(), strict=True)
+        for height, rate in ((0.0, 0.0), *others):
+            if away < aircraft.separation and abs(height) < vertical:
+                lost += 1
+            else:
+                compared.append(_compare(asked, height, rate, policy, options))
+    figures: dict[str, Any] = {
+        "encounters": len(encounters.mask),
+        "proven_unresolvable_in_the_plane": len(proven),
+        "begin_without_both": lost,
+    }
+    for name, some in (
+        ("same_level", [one for one in compared if one.level]),
+        ("other_levels", [one for one in compared if not one.level]),
+        ("climbs_needed", [one for one in compared if one.climbs]),
+        ("climbs_needed_with_margin", [one for one in compared if one.climbs and one.with_margin]),
+    ):
+        searched = [one for one in some if one.searched]
+        planned = sum(one.planned for one in searched)
+        figures[name] = {
+            "compared": len(some),
+            "searched": len(searched),
+            "planned": sum(one.planned for one in some),
+            "planned_of_searched": planned / len(searched) if searched else None,
+        }
+    return figures
+
+
+def _compare(
+    asked: Question, above: float, rate: float, policy: Policy, options: Options
+) -> Compared:
+    """Return what solves a request with one intruder, which is so far above, m, and climbs at a
+    rate, m/s.
+    """
+    own, (intruder,), aircraft = asked.own, asked.states, policy.aircraft
+    height, vertical = OWN_ALTITUDE.value, options.vertical
+    both = (
+        Motion(own.x, own.y, height, own.heading, own.speed, 0.0),
+        Motion(intruder.x, intruder.y, height + above, intruder.heading, intruder.speed, rate),
+    )
+    found = escapes(*both, aircraft)
+    wider = vertical._replace(separation=vertical.separation + options.vertical_margin)
+    altitude = Altitude(height + above, OWN_ALTITUDE.reference, rate)
+    reports = [Intruder(intruder, altitude=altitude)]
+    answer = plan(own, reports, asked.route, policy, options, own_altitude=OWN_ALTITUDE)
+    return Compared(
+        level=above == 0.0,
+        searched=bool(found),
+        climbs=bool(found) and all(flight.climb != 0.0 for flight in found),
+        with_margin=bool(escapes(*both, aircraft._replace(vertical=wider))),
+        planned=answer.safe,
+    )
+
+
+if __name__ == "__main__":
+    run_cli(main)
