@@ -23,6 +23,7 @@ from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from agents.planner.request.options import Maneuvers
 from commands.command import InputError, Parser, require, run_cli
 from envs.aircraft import Aircraft
 from envs.areas import Area
@@ -104,6 +105,13 @@ def _parser() -> argparse.ArgumentParser:
         help="that all fly in, m/s towards east and north (default 0 0)",
     )
     parser.add_argument(
+        "--maneuvers",
+        default="horizontal",
+        choices=[one.value for one in Maneuvers],
+        help="what plans may do; vertical needs an aircraft whose file says how it climbs, such "
+        "as c208 (default horizontal)",
+    )
+    parser.add_argument(
         "--aircraft",
         default="",
         metavar="FILE",
@@ -165,6 +173,12 @@ def _check_numbers(options: argparse.Namespace, aircraft: Aircraft) -> None:
             raise ValueError(f"--{name} is {getattr(options, name)}, expected {least} or more")
     if options.areas > MOST:
         raise ValueError(f"--areas is {options.areas}, expected {MOST} at most")
+    climbs = options.maneuvers != Maneuvers.HORIZONTAL.value
+    if climbs and aircraft.vertical is None:
+        what = f"--maneuvers is {options.maneuvers}, expected horizontal"
+        raise ValueError(f"{what}: the aircraft states no limits of climb and descent")
+    if climbs and options.vehicle != "kinematic":
+        raise ValueError(f"--vehicle is {options.vehicle}, expected kinematic: no other climbs")
     most = 5.0 * aircraft.separation
     if options.margin is not None and not 0.0 <= options.margin <= most:
         raise ValueError(f"--margin is {options.margin:g} m, expected 0 to {most:g} m")
@@ -198,6 +212,7 @@ def _shared(options: argparse.Namespace) -> dict[str, str]:
 def _nodes(options: argparse.Namespace, margin: float) -> dict[str, dict[str, Any]]:
     """Return the parameters of the nodes that are processes of their own, by their kinds."""
     both = _shared(options) | {"margin": float(margin), "use_sim_time": True}
+    both["maneuvers"] = options.maneuvers
     return {"runner": both | {"outside_domain": options.outside_domain}, "monitor": both}
 
 

@@ -25,6 +25,7 @@ from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.profile import first_corner
 from envs.waypoints import Waypoint
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.areas import AreaReport, Placed
@@ -33,7 +34,15 @@ from ros_bridge.core.conversions import STATUS_SAFE, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.intruders import Assumptions, intruder_of
 from ros_bridge.core.motion import Turns, to_local
-from ros_bridge.core.reach import Reach, level, out_of_reach, vertically_apart
+from ros_bridge.core.reach import (
+    Reach,
+    comparable,
+    level,
+    out_of_reach,
+    required_vertical,
+    vertically_apart,
+    with_climbs,
+)
 from ros_bridge.core.replies import geodetic_points, to_frame, true_wind, wind_of
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.situation import ACCURATE, Held, Situation
@@ -136,8 +145,12 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
         supervision = replace(
             fresh, frame=frame, zero=zero, areas=supervision.areas, verdict=supervision.verdict
         )
+    supervision = _comparing(supervision, situation)
     own, waypoints = to_frame(frame, published)
     wind = wind_of(frame, published)
+    altitude = published.start.altitude
+    if not published.climbs:
+        altitude = _own_altitude(supervision, situation, published.began)
     tracks = ((name, situation.traffic.get(name)) for name in published.identifiers)
     intruders = {
         name: _intruder(
@@ -156,7 +169,7 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
         own,
         intruders,
         _clock(zero, published.began),
-        own_altitude=_own_altitude(supervision, situation, published.began),
+        own_altitude=altitude,
     )
     return replace(began, held=published, revision=published.revision)
 
@@ -178,6 +191,7 @@ def step_monitor(supervision: Supervision, situation: Situation, now: int) -> Su
     frame, zero = supervision.frame, supervision.zero
     if frame is None:
         return supervision
+    supervision = _comparing(supervision, situation)
     own, own_age = None, 0.0
     track = situation.own
     if track.last is not None and track.fault is None:
@@ -295,7 +309,8 @@ def to_fly(supervision: Supervision) -> FlyMode:
 def backup(supervision: Supervision, altitude: Altitude | None) -> Published | None:
     """Return the current backup as a plan without a number; None before the first own state.
 
-    ``altitude`` is the ownship's, which all of its points keep.
+    ``altitude`` is the ownship's; all of its points have that in which it levels off, where it may
+    climb.
     """
     started, frame = float(supervision.monitor.backup.started[0]), supervision.frame
     if frame is None or not math.isfinite(started):
@@ -303,6 +318,11 @@ def backup(supervision: Supervision, altitude: Altitude | None) -> Published | N
     began = supervision.zero + round(started * SECOND)
     rows = np.stack(single.backup_states(supervision), axis=-1).tolist()
     waypoints = [Waypoint(number, *row) for number, row in enumerate(rows)]
+    options = supervision.thresholds.options
+    if options.climbs and altitude is not None:
+        climb = altitude.climb(0.0)[0]
+        rise = climb * first_corner(climb, options.vertical.acceleration)
+        altitude = replace(altitude, value=altitude.value + rise)
     start, *points = geodetic_points(frame, waypoints, began, altitude)
     air = supervision.air.wind
     wind = true_wind(frame, air, start.latitude, start.longitude)
@@ -314,7 +334,7 @@ def _reach(own: Report, now: int, supervision: Supervision, situation: Situation
     limits, held = supervision.thresholds, supervision.held
     options, unknown = limits.options, supervision.unknown
     separation, vertical = supervision.categories.greatest(
-        limits.requirement.separation, options.vertical_filter
+        limits.requirement.separation, required_vertical(options)
     )
     left = 0.0 if held is None else (held.points[-1].time - now) / SECOND
     horizon = max(left, _HORIZON * options.waypoints * options.interval)
@@ -326,7 +346,7 @@ def _reach(own: Report, now: int, supervision: Supervision, situation: Situation
     )
     blows = max(math.hypot(*wind) for wind in winds) + limits.requirement.sigmas * max(unsure)
     return Reach(
-        own=own,
+        own=with_climbs(own, options),
         now=now,
         horizon=horizon,
         separation=separation + limits.requirement.margin,
@@ -336,6 +356,15 @@ def _reach(own: Report, now: int, supervision: Supervision, situation: Situation
         undulation=_undulation(situation),
         unknown_climb=options.unknown_climb,
     )
+
+
+def _comparing(supervision: Supervision, situation: Situation) -> Supervision:
+    """Return the monitor with a floor and a ceiling that can be compared with altitudes."""
+    thresholds = supervision.thresholds
+    options = comparable(thresholds.options, _undulation(situation))
+    if options == thresholds.options:
+        return supervision
+    return replace(supervision, thresholds=replace(thresholds, options=options))
 
 
 def _undulation(situation: Situation) -> float | None:
@@ -358,7 +387,7 @@ def _vertically_apart(other: Track, reach: Reach, supervision: Supervision) -> b
     if last is None:
         return False
     altitude = last.height(reach.unknown_climb)
-    usual = supervision.thresholds.options.vertical_filter
+    usual = required_vertical(supervision.thresholds.options)
     required = supervision.categories.vertical.get(last.category, usual)
     return abs(vertically_apart(reach.own, altitude, last.time, reach)) > required
 

@@ -34,7 +34,7 @@ POSITION, ALTITUDE, VELOCITY, VERTICAL_SPEED = (1 << n for n in range(4))
 TRUE_AIRSPEED, WIND, POSITION_STD, VELOCITY_STD, TIME_STD = (1 << n for n in range(4, 9))
 """Bits of AircraftState.valid."""
 
-POINT_ALTITUDE, POINT_TRACK, POINT_SPEED, POINT_TIME = (1 << n for n in range(4))
+POINT_ALTITUDE, POINT_TRACK, POINT_SPEED, POINT_TIME, POINT_CLIMB = (1 << n for n in range(5))
 """Bits of Waypoint.valid."""
 
 ALTITUDE_CODES = {1: "wgs84", 2: "msl", 3: "pressure"}
@@ -45,6 +45,8 @@ ROUTE_POINT, PLAN_POINT = 0, 1
 _LAST_INDEX = 2**31 - 1
 _LONGEST_ROUTE = 1_000  # points: in 100 km, one every 100 m; of more, reading holds up the node
 _BITS = (1 << 9) - 1  # of AircraftState.valid, all that are known
+_ROUTE_BITS = (1 << 4) - 1  # of Waypoint.valid, where it is a point of a route
+_PLAN_BITS = (1 << 5) - 1  # the same of a plan
 _CLIMB = (-100.0, 100.0, "m/s")
 _WIND = 100.0  # m/s
 _AIRSPEED_AGREES = 10.0  # m/s
@@ -87,6 +89,7 @@ class PlanPoint:
     of_route: bool
     latitude: float
     longitude: float
+    # its vertical speed is the climb of the leg that begins here; None: the plan is in the plane
     altitude: Altitude | None
     track_deg: float  # clockwise from true north, [0, 360)
     speed: float  # over the ground, m/s
@@ -104,6 +107,11 @@ class Published(NamedTuple):
     identifiers: tuple[str, ...]  # of the intruders that it takes account of
     wind: tuple[float, float] = (0.0, 0.0)  # that it is flown in, east and north at its start, m/s
     wind_std: float = 0.0  # one sigma of both, m/s
+
+    @property
+    def climbs(self) -> bool:
+        """Whether its altitudes are planned: it climbs, descends or keeps one."""
+        return _climbs(self.start)
 
 
 def report(
@@ -299,7 +307,9 @@ def route(waypoints: Collection["Waypoint"], name: str = "route") -> Route:
             raise FieldError(f"{at}.origin", f"is {point.origin}, expected {ROUTE_POINT} (ROUTE)")
         index = integer(f"{at}.index", point.index, 0, _LAST_INDEX)
         points.append(
-            Station(index, *place(at, point.latitude, point.longitude), _height(at, point))
+            Station(
+                index, *place(at, point.latitude, point.longitude), _height(at, point, _ROUTE_BITS)
+            )
         )
     _once([point.index for point in points], f"{name}.waypoints[{{}}].index")
     return tuple(points)
@@ -316,7 +326,7 @@ def plan_point(message: "Waypoint", name: str) -> PlanPoint:
     """Return a waypoint of a plan, all of whose fields must be valid, or raise
     :class:`FieldError`.
     """
-    valid = flags(f"{name}.valid", message.valid, 0x0F)
+    valid = flags(f"{name}.valid", message.valid, _PLAN_BITS)
     wanted = POINT_TRACK | POINT_SPEED | POINT_TIME
     if valid & wanted != wanted:
         raise FieldError(
@@ -326,7 +336,7 @@ def plan_point(message: "Waypoint", name: str) -> PlanPoint:
         integer(f"{name}.index", message.index, 0, _LAST_INDEX),
         integer(f"{name}.origin", message.origin, ROUTE_POINT, PLAN_POINT) == ROUTE_POINT,
         *place(name, message.latitude, message.longitude),
-        _height(name, message),
+        _height(name, message, _PLAN_BITS, _climb(name, message)),
         number(f"{name}.track_deg", message.track_deg, 0.0, 360.0, "degrees"),
         number(f"{name}.ground_speed", message.ground_speed, 0.0, FASTEST, "m/s"),
         stamp(f"{name}.time_of_arrival", message.time_of_arrival),
@@ -334,8 +344,8 @@ def plan_point(message: "Waypoint", name: str) -> PlanPoint:
 
 
 def trajectory(message: "Trajectory", name: str = "trajectory") -> Published:
-    """Return a plan or a backup, whose times increase and whose indices differ, or raise
-    :class:`FieldError`.
+    """Return a plan or a backup, whose times increase and whose indices differ, and of whose points
+    all climb or none, or raise :class:`FieldError`.
     """
     began = stamp(f"{name}.header.stamp", message.header.stamp)
     start = plan_point(message.start, f"{name}.start")
@@ -349,6 +359,7 @@ def trajectory(message: "Trajectory", name: str = "trajectory") -> Published:
         if after <= before:
             at = f"{name}.waypoints[{number_}].time_of_arrival"
             raise FieldError(at, "is not after the one before, expected later")
+    _check_climbs(start, points, name)
     east, north = (
         number(f"{name}.wind.{axis}", getattr(message.wind, axis), -_WIND, _WIND, "m/s")
         for axis in "xy"
@@ -374,9 +385,41 @@ def _once(values: Sequence[object], field: str) -> None:
         seen.add(one)
 
 
-def _height(name: str, point: "Waypoint") -> Altitude | None:
-    return (
-        _altitude(name, point)
-        if flags(f"{name}.valid", point.valid, 0x0F) & POINT_ALTITUDE
-        else None
-    )
+def _height(
+    name: str, point: "Waypoint", known: int, climb: float | None = None
+) -> Altitude | None:
+    """Return the altitude of a waypoint of which some bits are known; None: it has none."""
+    valid = flags(f"{name}.valid", point.valid, known)
+    return _altitude(name, point, climb) if valid & POINT_ALTITUDE else None
+
+
+def _climb(name: str, point: "Waypoint") -> float | None:
+    """Return the climb of the leg that begins at a waypoint, m/s; None: the plan is in the
+    plane.
+    """
+    if not point.valid & POINT_CLIMB:
+        return None
+    if not point.valid & POINT_ALTITUDE:
+        what = f"is {point.valid:#x}, expected the altitude beside the climb"
+        raise FieldError(f"{name}.valid", what)
+    return number(f"{name}.climb", point.climb, *_CLIMB)
+
+
+def _climbs(point: PlanPoint) -> bool:
+    return point.altitude is not None and point.altitude.vertical_speed is not None
+
+
+def _check_climbs(start: PlanPoint, points: Sequence[PlanPoint], name: str) -> None:
+    """Refuse a plan of whose points some climb and others not, or in several references."""
+    for number_, point in enumerate(points):
+        field = f"{name}.waypoints[{number_}]"
+        if _climbs(point) is not _climbs(start):
+            has, expected = ("no", "one") if _climbs(start) else ("a", "none")
+            raise FieldError(f"{field}.valid", f"has {has} climb, expected {expected} as the start")
+        if not _climbs(start):
+            continue
+        assert start.altitude is not None and point.altitude is not None
+        wanted = start.altitude.reference
+        if point.altitude.reference != wanted:
+            what = f"is that of {point.altitude.reference}, expected the start's, {wanted}"
+            raise FieldError(f"{field}.altitude_reference", what)

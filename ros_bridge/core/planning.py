@@ -6,6 +6,7 @@ from dataclasses import replace
 from agents.planner.answer import Plan
 from agents.planner.planner import plan
 from agents.planner.request.options import Options
+from agents.planner.request.request import Altitude
 from agents.policy.inference import Policy
 from envs import compiled
 from envs.frames import Ground
@@ -48,4 +49,6 @@ def rehearse(policy: Policy, options: Options) -> None:
     route = [RoutePoint(index, 5.0 * far * (index + 1), 0.0) for index in range(10)]
     own: VehicleState[Ground] = VehicleState(0.0, 0.0, 0.0, speed)
     other: VehicleState[Ground] = VehicleState(9.0 * far, 0.0, 3.1, speed)
-    plan(own, [other], route, policy, replace(options, extend_route=True, deadline_s=math.inf))
+    level = Altitude(0.0, "wgs84", vertical_speed=0.0)
+    options = replace(options, extend_route=True, deadline_s=math.inf, floor=None, ceiling=None)
+    plan(own, [other], route, policy, options, own_altitude=level)

@@ -7,9 +7,11 @@ what the aircraft may have flown since, must lie beyond what both can fly until 
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from agents.kernel.levels import Altitude, vertical_gap
+from agents.planner.request.options import L, Options
+from envs.areas import Level
 from envs.formats.local_frame import distance
 from ros_bridge.core.fields import SECOND, Sighting
 from ros_bridge.core.reports import FASTEST, Report
@@ -53,6 +55,39 @@ def level(
         value, reference = value + undulation, "wgs84"
     # Not by replace, which takes four times as long: it is done for all aircraft at every step.
     return Altitude(value, reference, altitude.vertical_speed, error, altitude.climb_error)
+
+
+def comparable(options: Options[L], undulation: float | None) -> Options[L]:
+    """Return options whose floor and ceiling are above the ellipsoid where the undulation is known,
+    as :func:`level` has altitudes.
+    """
+    if undulation is None or not options.climbs:
+        return options
+    floor, ceiling = (
+        Level(given.value + undulation, "wgs84")
+        if given is not None and given.reference == "msl"
+        else given
+        for given in (options.floor, options.ceiling)
+    )
+    return replace(options, floor=floor, ceiling=ceiling)
+
+
+def required_vertical(options: Options[L]) -> float:
+    """Return the usual vertical separation beyond which an aircraft is left out, m."""
+    return options.vertical.separation if options.climbs else options.vertical_filter
+
+
+def with_climbs(own: Report, options: Options[L]) -> Report:
+    """Return the ownship's report with an altitude that any plan may make of it: it may climb and
+    descend, and leave its plan by the vertical margin.
+    """
+    if own.altitude is None or not options.climbs:
+        return own
+    climb, spread = own.altitude.climb(options.unknown_climb)
+    most = max(options.vertical.climb_max, options.vertical.descent_max, abs(climb) + spread)
+    error = own.altitude.error + options.vertical_margin
+    altitude = replace(own.altitude, vertical_speed=0.0, error=error, climb_error=most)
+    return replace(own, altitude=altitude)
 
 
 def vertically_apart(own: Report, other: Altitude | None, time: int, reach: Reach) -> float:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -21,20 +22,28 @@ from ros_bridge.core.tasks import PlanTask
 
 
 def plan_points(plan: Plan, task: PlanTask) -> tuple[PlanPoint, ...]:
-    """Return the waypoints of a plan on the ellipsoid; those of the route keep the route's
-    altitude.
+    """Return the waypoints of a plan on the ellipsoid; of a plan in the plane those of the route
+    keep the route's altitude.
     """
     filed = {point.index: point.altitude for point in task.route}
     return geodetic_points(task.frame, plan.waypoints, task.time, task.own_altitude, filed)
 
 
 def start_point(
-    frame: LocalFrame, own: VehicleState[Ground], time: int, altitude: Altitude | None
+    frame: LocalFrame,
+    own: VehicleState[Ground],
+    time: int,
+    altitude: Altitude | None,
+    *,
+    climbs: bool = False,
 ) -> PlanPoint:
-    """Return where a plan starts, on the ellipsoid; its index means nothing."""
-    return geodetic_points(
-        frame, [Waypoint(0, own.x, own.y, own.heading, own.speed, 0.0)], time, altitude
-    )[0]
+    """Return where a plan starts, on the ellipsoid, with the ownship's climb if the plan climbs;
+    its index means nothing.
+    """
+    start = Waypoint(0, own.x, own.y, own.heading, own.speed, 0.0)
+    if climbs and altitude is not None:
+        start = replace(start, altitude=altitude.value, climb=altitude.vertical_speed)
+    return geodetic_points(frame, [start], time, altitude)[0]
 
 
 def wind_of(frame: LocalFrame, plan: Published) -> Wind | None:
@@ -72,11 +81,21 @@ def to_frame(
             float(psi),
             point.speed,
             (point.time - plan.began) / SECOND,
+            *_planned_altitude(plan, point),
         )
         for point, x, y, psi in zip(every, at.x, at.y, heading, strict=True)
     ]
     first = waypoints[0]
     return VehicleState(first.x, first.y, first.heading, first.speed), tuple(waypoints[1:])
+
+
+def _planned_altitude(plan: Published, point: PlanPoint) -> tuple[float | None, float | None]:
+    """Return altitude, m, and climb, m/s, of a waypoint; None, None where the plan is in the
+    plane.
+    """
+    if not plan.climbs or point.altitude is None:
+        return None, None
+    return point.altitude.value, point.altitude.vertical_speed
 
 
 def geodetic_points(
@@ -91,8 +110,8 @@ def geodetic_points(
     Args:
         frame: that they were made in.
         waypoints: with times from ``time``, ns.
-        altitude: of the ownship, which all keep but points of the route, whose altitudes are
-            ``filed`` by index.
+        altitude: of the ownship. Waypoints that climb have their altitudes in its reference; of
+            others all keep it but points of the route, whose altitudes are ``filed`` by index.
     """
     if not waypoints:
         return ()
@@ -102,14 +121,21 @@ def geodetic_points(
     )
     track = np.remainder(track, 360.0)
     track = np.where(track >= 360.0, 0.0, track)
-    level = None if altitude is None else Altitude(altitude.value, altitude.reference)
+
+    def height(point: Waypoint) -> Altitude | None:
+        if altitude is None:
+            return filed.get(point.index)
+        if point.altitude is not None:
+            return Altitude(point.altitude, altitude.reference, point.climb)
+        return filed.get(point.index) or Altitude(altitude.value, altitude.reference)
+
     return tuple(
         PlanPoint(
             point.index,
             point.index in filed,
             latitude,
             longitude,
-            filed.get(point.index) or level,
+            height(point),
             direction,
             float(point.speed),
             time + round(point.time * SECOND),

@@ -8,7 +8,7 @@ codes of GenerateTrajectory, the field that is meant and a sentence.
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -28,7 +28,14 @@ from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal
 from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
 from ros_bridge.core.intruders import Assumptions, intruder_of
 from ros_bridge.core.motion import Turns, carry_on, ownship_wind, to_local, turn_of
-from ros_bridge.core.reach import Reach, level, out_of_reach
+from ros_bridge.core.reach import (
+    Reach,
+    comparable,
+    level,
+    out_of_reach,
+    required_vertical,
+    with_climbs,
+)
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.situation import ACCURATE, Held, Situation
 from ros_bridge.core.tracks import Track, Verdict, sharing
@@ -177,22 +184,24 @@ def task(
     if far > ACCURATE:
         raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", _too_far(far))
     alerted = _aircraft_of_alert(situation, now, settings)
-    route, points = _route(situation, frame, asked_route)
+    unknown_climb = settings.options.unknown_climb
+    own_altitude = level(report.altitude, now - report.time, undulation, unknown_climb)
+    route, places = _route(situation, frame, asked_route)
+    points, of_altitude = _with_altitudes(places, route, own_altitude, undulation, settings)
     reach = _reach(report, undulation, own, points, wind, now, settings)
     traffic = _traffic(situation, _Frame(frame, wind), now, settings, alerted, reach)
-    unknown_climb = settings.options.unknown_climb
     return PlanTask(
         frame=frame,
         time=now,
         own=own,
-        own_altitude=level(report.altitude, now - report.time, undulation, unknown_climb),
+        own_altitude=own_altitude,
         identifiers=tuple(traffic.names),
         intruders=tuple(traffic.intruders),
         excluded=tuple(traffic.excluded),
         route=route,
         points=points,
-        options=settings.options,
-        notes=notes + tuple(_remarks(own, traffic, situation, settings.unknown)),
+        options=comparable(settings.options, undulation),
+        notes=notes + of_altitude + tuple(_remarks(own, traffic, situation, settings.unknown)),
         wind=wind,
         areas=_areas(situation, frame, now),
     )
@@ -224,7 +233,7 @@ def _reach(
     options = settings.options
     # Who may matter is judged by the greatest separations of all.
     separation, vertical = settings.categories.greatest(
-        options.requirement.separation, options.vertical_filter
+        options.requirement.separation, required_vertical(options)
     )
     x = np.array([point.x for point in points])
     y = np.array([point.y for point in points])
@@ -233,7 +242,7 @@ def _reach(
     airspeed = through_air(own, wind, 0.0).speed
     end = _options_in_wind(options, wind).latest_end(airspeed, x, y, wind=float(wind.speed))
     return Reach(
-        own=report,
+        own=with_climbs(report, options),
         now=now,
         horizon=float(end),
         separation=separation + options.requirement.margin,
@@ -442,6 +451,35 @@ def _route(
             raise Refusal(Code.INVALID_ROUTE, f"route.waypoints[{number}]", _too_far(far))
     places = zip(route, at.x.tolist(), at.y.tolist(), strict=True)
     return route, tuple(RoutePoint(point.index, x, y) for point, x, y in places)
+
+
+def _with_altitudes(
+    points: tuple[RoutePoint, ...],
+    route: Route,
+    own: Altitude | None,
+    undulation: float | None,
+    settings: Settings,
+) -> tuple[tuple[RoutePoint, ...], tuple[Advisory, ...]]:
+    """Return a route's points with the altitudes that plans which may climb keep, and what is said
+    of those that cannot be compared with the ownship's.
+    """
+    if not settings.options.climbs or own is None:
+        return points, ()
+    levels = [level(station.altitude, 0, undulation, 0.0) for station in route]
+    other = [at for at in levels if at is not None and at.reference != own.reference]
+    heights = [
+        at.value if at is not None and at.reference == own.reference else None for at in levels
+    ]
+    kept = tuple(
+        replace(point, altitude=height) for point, height in zip(points, heights, strict=True)
+    )
+    if not other:
+        return kept, ()
+    what = (
+        f"is that of {other[0].reference}, not comparable with the ownship's, {own.reference}, and "
+        "not kept"
+    )
+    return kept, (Advisory(AdvisoryCode.ASSUMED, "route.altitude", what),)
 
 
 def _too_far(far: float) -> str:

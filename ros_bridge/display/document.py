@@ -93,6 +93,7 @@ def _waypoint(point: DrawnPoint) -> Document:
         "speed": point.speed,
         "air": None if point.air is None else point.air._asdict(),
         "of_route": point.of_route,
+        "altitude": point.altitude,
     }
 
 

@@ -88,6 +88,7 @@ class DrawnPoint(NamedTuple):
     speed: float | None = None
     air: Velocity | None = None
     of_route: bool = False
+    altitude: float | None = None  # m, as of the ownship's; None: the plan is in the plane
 
 
 class DrawnPlan(NamedTuple):

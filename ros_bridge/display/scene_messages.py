@@ -256,6 +256,8 @@ def _plan_point(point: PlanPoint) -> Fields:
         ground_speed=point.speed,
         time_of_arrival=time_fields(point.time),
     )
+    if point.altitude is not None and point.altitude.vertical_speed is not None:
+        _add(fields, codes.POINT_CLIMB, climb=point.altitude.vertical_speed)
     return fields
 
 

@@ -51,6 +51,7 @@ def draw_plan(
             speed=tenths(point.speed),
             air=_through_air(point, wind),
             of_route=point.of_route,
+            altitude=tenths(point.altitude.value) if published.climbs and point.altitude else None,
         )
         for point, place in zip(published.points, curve.points, strict=True)
     ]

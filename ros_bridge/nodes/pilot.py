@@ -7,8 +7,9 @@ that takes these.
           rlcas_runner/output/trajectory       rlcas_msgs/Trajectory
           rlcas_monitor/output/status, backup  rlcas_msgs/AssuranceStatus, Trajectory
     out   ~/output/command                     geometry_msgs/Twist, every 0.1 s: linear.x speed
-                                               along the track, m/s, angular.z turn rate of the
-                                               track, rad/s, positive to the left
+                                               along the track, m/s, linear.z climb, m/s,
+                                               angular.z turn rate of the track, rad/s, positive
+                                               to the left
           ~/output/command_stamped             geometry_msgs/TwistStamped, the same in base_link
 
 Nothing is published while nothing is to be flown, nor while the ownship's state cannot be used or
@@ -29,12 +30,14 @@ from rlcas_msgs.msg import AircraftState, AssuranceStatus, Trajectory
 
 from envs.follower import PERIOD, guidance
 from envs.formats.local_frame import LocalFrame
+from envs.profile import Profile
 from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.motion import to_local
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import Rules
+from ros_bridge.sim.climbing import Height, follow
 from ros_bridge.sim.guidance import Flying, Guidance, curve
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.clock import ClockGuard
@@ -48,6 +51,7 @@ class _Line(NamedTuple):
     unique: bytes  # the trajectory's id
     frame: LocalFrame
     flying: Flying  # in the frame
+    profile: Profile | None  # of its altitude; None: level
 
 
 class Pilot(ClockGuard):
@@ -57,7 +61,9 @@ class Pilot(ClockGuard):
 
     def __init__(self, **more: Any) -> None:
         super().__init__("rlcas_pilot", **more)
-        declare(self, "pilot")
+        aircraft = declare(self, "pilot")
+        assert aircraft is not None
+        self._vertical = aircraft.vertical
         silence = freshness_of(self._value).monitor
         self._guidance = Guidance(monitored=bool(self._value("monitor")), silence=silence)
         self._situation = Situation()
@@ -129,7 +135,8 @@ class Pilot(ClockGuard):
         if self._line is None or self._line.unique != unique:
             frame = LocalFrame(wanted.start.latitude, wanted.start.longitude)
             try:
-                self._line = _Line(unique, frame, curve(frame, wanted))
+                flying = curve(frame, wanted)
+                self._line = _Line(unique, frame, flying, flying.profile(self._vertical))
             except FieldError as error:
                 self.get_logger().error(f"cannot be flown: {error}", throttle_duration_sec=5.0)
                 return None
@@ -151,9 +158,23 @@ class Pilot(ClockGuard):
         blows = 0.0 if flying.wind is None else float(flying.wind.speed)
         low, high = max(limits.speed_min - blows, 0.0), limits.speed_max + blows
         command = Twist()
+        command.linear.z = self._climb(line, own, now)
         command.linear.x = _clip(state.speed + acceleration * PERIOD, low, high)
         command.angular.z = _clip(float(turn), -limits.yaw_rate_max, limits.yaw_rate_max)
         return command
+
+    def _climb(self, line: _Line, own: Report, now: int) -> float:
+        """Return the climb for the next period, m/s."""
+        if line.profile is None or self._vertical is None:
+            return 0.0
+        planned, height = line.flying.altitude, own.altitude
+        if height is None or planned is None or height.reference != planned.reference:
+            self._warn("the ownship's altitude cannot be compared with the plan's: it flies level")
+            return 0.0
+        climb, age = height.climb(0.0)[0], (now - own.time) / SECOND
+        here = Height(height.value + climb * age, climb)
+        time = (now - line.flying.began) / SECOND
+        return follow(here, line.profile, time, self._vertical, PERIOD).climb
 
 
 def _clip(value: float, low: float, high: float) -> float:

@@ -68,7 +68,11 @@ _AHEAD = 2 * _TICK  # by which the clock may run ahead of the monitor
 _PATIENCE = 1.0  # s of real time without the monitor, after which it is waited for no longer
 _COME_UP = 30.0  # s of real time in which both nodes must have come up
 _ALERT_AGAIN = 1.0  # s
-_SOURCES = {Trajectory.SOURCE_POLICY: "policy", Trajectory.SOURCE_FALLBACK: "fallback"}
+_SOURCES = {
+    Trajectory.SOURCE_POLICY: "policy",
+    Trajectory.SOURCE_FALLBACK: "fallback",
+    Trajectory.SOURCE_VERTICAL: "vertical",
+}
 
 
 class _Phase(Enum):
@@ -282,7 +286,7 @@ class Simulator(Node):
         for receiver, (publisher, truth) in zip(self._receivers, sides, strict=True):
             for received in receiver.receive(flight.time, truth):
                 publisher.publish(
-                    state_message(received, receiver.quality, self._frame, self._zero, flight.wind)
+                    state_message(received, receiver.quality, self._frame, self._zero, flight)
                 )
         self._act(flight)
         try:
@@ -302,7 +306,9 @@ class Simulator(Node):
         assert flight is not None
         log.failure, log.duration = failure, flight.time
         log.wall = time.perf_counter() - self._since
-        log.separation, log.when, log.error, log.clear = flight.truth
+        truth = flight.truth
+        log.separation, log.when, log.error = truth.separation, truth.when, truth.error
+        log.clear, log.height = truth.clear, truth.height
         log.flown = flight.plans
         if self._asking is not None:
             self._client.remove_pending_request(self._asking)
@@ -360,14 +366,15 @@ class Simulator(Node):
         if wanted is None or bytes(wanted.id.uuid) == self._following:
             return
         self._following = bytes(wanted.id.uuid)
+        plan = wanted.status == Trajectory.STATUS_SAFE
         try:
             line = curve(self._frame, wanted)
-        except FieldError as error:
+            profile = line.profile(self.aircraft.vertical)
+            began = (line.began - self._zero) / SECOND
+            flight.fly(line.legs_after(began), began, plan=plan, profile=profile)
+        except (FieldError, SimulationError) as error:
             self.get_logger().error(f"cannot be flown: {error}")
             return
-        plan = wanted.status == Trajectory.STATUS_SAFE
-        began = (line.began - self._zero) / SECOND
-        flight.fly(line.legs_after(began), began, plan=plan)
         if plan and self._log.safe_at is None:
             self._log.safe_at, self._log.source = flight.time, _SOURCES.get(wanted.source, "none")
             flight.truth = Truth()  # what counts from here on is what the plan promises

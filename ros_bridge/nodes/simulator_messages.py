@@ -7,9 +7,10 @@ from rlcas_msgs.msg import AircraftState, Trajectory, Waypoint
 
 from agents.planner.request.request import Altitude
 from envs.formats.local_frame import LocalFrame
-from envs.wind import NO_WIND, Wind, over_ground
+from envs.wind import over_ground
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report
+from ros_bridge.sim.climbing import Height
 from ros_bridge.sim.receivers import Quality, Received
 from ros_bridge.sim.world import ALTITUDE, OWN, EncounterFlight
 from ros_bridge.transport.messages import aircraft_message
@@ -37,11 +38,13 @@ def route_of(flight: EncounterFlight, frame: LocalFrame, separation: float) -> T
 
 
 def state_message(
-    received: Received, quality: Quality, frame: LocalFrame, zero: int, wind: Wind = NO_WIND
+    received: Received, quality: Quality, frame: LocalFrame, zero: int, flight: EncounterFlight
 ) -> AircraftState:
-    """Return what a receiver publishes of a state in the air mass that a wind carries; ``zero`` is
-    the start of the encounter, ns.
+    """Return what a receiver publishes of a state in the air mass of a flight; ``zero`` is the
+    start of the encounter, ns.
     """
+    wind, of_own = flight.wind, received.identifier == OWN
+    height = flight.height_at(received.time) if of_own else Height(ALTITUDE, 0.0)
     state = over_ground(received.state, wind, received.time)
     at = frame.geodetic(state.x, state.y)
     true = state.heading - float(at.convergence)
@@ -54,10 +57,10 @@ def state_message(
         float(at.longitude),
         state.speed * math.cos(true),
         state.speed * math.sin(true),
-        altitude=Altitude(ALTITUDE, "wgs84", 0.0),
+        altitude=Altitude(height.altitude, "wgs84", height.climb),
         position_std=quality.position_std,
         velocity_std=quality.velocity_std,
-        true_airspeed=received.state.speed if received.identifier == OWN else None,
-        wind=(float(east), float(north)) if received.identifier == OWN else None,
+        true_airspeed=received.state.speed if of_own else None,
+        wind=(float(east), float(north)) if of_own else None,
     )
     return aircraft_message(report)

@@ -23,6 +23,9 @@ class FlightLog:
     separation: float = float("inf")
     """Smallest distance to any intruder since then, m; since the start where there was none."""
     when: float = float("nan")  # of that, s
+    height: float = float("inf")
+    """Smallest distance above or below an intruder nearer over the ground than the separation, m;
+    where that is the vertical separation, the intruder does not count."""
     error: float = 0.0  # largest distance from where the plan flown was at the time, m
     clear: float = float("inf")  # smallest distance from an area since then, m; negative: inside
     plans: int = 0  # SAFE plans that were published, the monitor's included
@@ -113,6 +116,7 @@ def _cells(log: FlightLog) -> dict[str, str]:
         "source": log.source or "-",
         "closest, m": f"{log.separation:.1f}{'' if log.keeps_promise else ' !'}",
         "at, s": f"{log.when:.0f}",
+        "above, m": f"{log.height:.0f}" if math.isfinite(log.height) else "-",
         "error, m": f"{log.error:.2f}" if log.safe_at is not None else "-",
         "off areas, m": f"{log.clear:.0f}" if math.isfinite(log.clear) else "-",
         "answers": str(len(log.latency)),

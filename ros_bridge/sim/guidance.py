@@ -7,9 +7,12 @@ newest SAFE plan until it is withdrawn. Messages are read by their fields; nothi
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from agents.kernel.levels import Altitude
+from envs.aircraft import Vertical
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Air
-from envs.waypoints import Legs, legs, plan_states
+from envs.profile import Profile, profile_of
+from envs.waypoints import Legs, Waypoint, legs, plan_states
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.conversions import STATUS_SAFE, trajectory
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
@@ -87,6 +90,26 @@ class Flying(NamedTuple):
     legs: Legs[Air]  # through the air, which lies over the ground when they begin
     began: int  # when that is, ns
     wind: Wind | None  # None: still air
+    waypoints: tuple[Waypoint, ...] = ()
+    # of the ownship when they begin, in whose reference the waypoints climb; None: in the plane
+    altitude: Altitude | None = None
+
+    def profile(self, vertical: Vertical | None) -> Profile | None:
+        """Return the altitude that an aircraft flies, s after the beginning; None: in the plane.
+
+        Raises:
+            FieldError: it cannot climb, or not reach the first waypoint's altitude.
+        """
+        if self.altitude is None:
+            return None
+        if vertical is None:
+            what = "climb, expected a plan in the plane: the aircraft states no limits of climb"
+            raise FieldError("trajectory.waypoints", what)
+        value, climb = self.altitude.value, self.altitude.climb(0.0)[0]
+        try:
+            return profile_of(value, climb, self.waypoints, vertical.acceleration)
+        except ValueError as problem:
+            raise FieldError("trajectory.waypoints[0].altitude", str(problem)) from None
 
     def legs_after(self, seconds: float) -> Legs[Air]:
         """Return the legs in the air mass that lay over the ground so long before they begin."""
@@ -102,4 +125,7 @@ def curve(frame: LocalFrame, message: "Trajectory") -> Flying:
     if not plan.points:
         raise FieldError("trajectory.waypoints", "has 0 points, expected 1 or more")
     wind = wind_of(frame, plan)
-    return Flying(legs(plan_states(*to_frame(frame, plan), wind=wind)), plan.began, wind)
+    own, waypoints = to_frame(frame, plan)
+    through_air = legs(plan_states(own, waypoints, wind=wind))
+    altitude = plan.start.altitude if plan.climbs else None
+    return Flying(through_air, plan.began, wind, waypoints, altitude)

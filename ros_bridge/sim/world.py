@@ -21,10 +21,12 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD, KinematicVehicle, Vehicle, guidance
 from envs.frames import Air, Ground
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, velocity
+from envs.profile import Profile
 from envs.relative import leg_separation, straight_cpa
 from envs.trees import take
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind, over_ground
+from ros_bridge.sim.climbing import Height, follow
 from ros_bridge.sim.plan_flight import PlanFlight
 
 if TYPE_CHECKING:
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
     from envs.c208.guidance import Guide
 
 ALTITUDE = 2_500.0
-"""At which all fly, m."""
+"""At which all begin, m, and the intruders stay."""
 
 OWN = "own"
 """The ownship's name."""
@@ -50,10 +52,15 @@ class SimulationError(ValueError):
 class Truth(NamedTuple):
     """What has happened so far."""
 
-    separation: float = math.inf  # smallest distance to any intruder, m
+    # smallest distance over the ground to any intruder that is nearer above or below than the
+    # vertical separation, m
+    separation: float = math.inf
     when: float = math.nan  # of that, s
     error: float = 0.0  # largest distance from where the line was at the time, m, plans only
     clear: float = math.inf  # smallest distance from an area, m; negative: inside of it
+    # smallest distance above or below an intruder that is nearer over the ground than the
+    # separation, m
+    height: float = math.inf
 
 
 def check_installed(name: str) -> None:
@@ -136,6 +143,8 @@ class EncounterFlight:
         self.vehicle: Any = vehicle(kind, start, limits, viewer)
         self._viewer, self._lags = viewer, kind != "kinematic"
         self._goal_radius, self._response = aircraft.goal_radius, aircraft.dt
+        self._separation, self._vertical = float(aircraft.separation), aircraft.vertical
+        self._heights = [Height(ALTITUDE, 0.0)]  # of the ownship, every period
         self.time = 0.0  # s since the beginning
         self.plans: list[PlanFlight] = []  # that were flown
         self.wind, self.areas = wind, areas
@@ -157,17 +166,29 @@ class EncounterFlight:
         """The ownship's true state."""
         return VehicleState(*(float(field) for field in self.vehicle.state))
 
+    def height_at(self, time: float) -> Height:
+        """Return where the ownship was up and down at a time, s, at which a period ended."""
+        return self._heights[round(time / PERIOD)]
+
     @property
     def traffic(self) -> dict[str, VehicleState[Air]]:
         """The intruders' true states by name."""
         rows = np.stack(self._intruders.vehicle, axis=-1).tolist()
         return {name: VehicleState(*row) for name, row in zip(self.names, rows, strict=True)}
 
-    def fly(self, curves: Legs[Air], began: float, *, plan: bool) -> None:
-        """Fly other legs ``[L]`` from now on, whose clock was 0 at ``began`` (s); errors from a
-        plan count.
+    def fly(
+        self, curves: Legs[Air], began: float, *, plan: bool, profile: Profile | None = None
+    ) -> None:
+        """Fly other legs ``[L]`` from now on, whose clock was 0 at ``began`` (s), on a profile of
+        that clock, or level; errors from a plan count.
+
+        Raises:
+            SimulationError: the vehicle does not climb.
         """
+        if profile is not None and self._lags:
+            raise SimulationError("the plan climbs, and only the kinematic vehicle does")
         self._curves, self._began, self._on_plan = curves, began, plan
+        self._profile = profile
         if plan:
             own, there = self.own, self._planned_place()
             self.plans.append(
@@ -212,16 +233,35 @@ class EncounterFlight:
         self._intruders = intruder.step(
             self._intruders, self._intent, self.time, PERIOD, np, response=self._response
         )
+        self._climb()
         self.time = round(self.time + PERIOD, 6)
         if self._viewer is not None:
             self.vehicle.show(self._intruders.vehicle)
         apart = leg_separation(before, after, others, self._intruders.vehicle, PERIOD, np)
-        least = float(np.min(apart, initial=math.inf))
+        least = self._nearest_level(float(np.min(apart, initial=math.inf)))
         if least < self.truth.separation:
             self.truth = self.truth._replace(separation=least, when=self.time)
         if self._on_plan:
             self._record(after, least)
         self._note_place(over_ground(after, self.wind, self.time))
+
+    def _climb(self) -> None:
+        """Fly on up or down by one period."""
+        height = self._heights[-1]
+        if self._vertical is not None:
+            time = self.time - self._began
+            height = follow(height, self._profile, time, self._vertical, PERIOD)
+        self._heights.append(height)
+
+    def _nearest_level(self, distance: float) -> float:
+        """Return the distance from the nearest intruder over the ground, m, if it counts: inf where
+        all are above or below.
+        """
+        above = min(abs(height.altitude - ALTITUDE) for height in self._heights[-2:])
+        if distance < self._separation and above < self.truth.height:
+            self.truth = self.truth._replace(height=above)
+        apart = self._vertical is not None and above >= self._vertical.separation
+        return math.inf if apart else distance
 
     def _note_place(self, there: VehicleState[Ground]) -> None:
         """Note how near a place over the ground is to areas, and whether it is at the goal."""

@@ -52,6 +52,9 @@ def point_message(point: PlanPoint) -> Waypoint:
         time_of_arrival=time_message(point.time),
     )
     _set_altitude(message, point.altitude)
+    if point.altitude is not None and point.altitude.vertical_speed is not None:
+        message.valid |= Waypoint.VALID_CLIMB
+        message.climb = point.altitude.vertical_speed
     return message
 
 
@@ -76,6 +79,8 @@ def plan_message(
     proof = None
     if certified:
         proof = plan.certificate_with(task.time, (task.frame.latitude, task.frame.longitude))
+    climbs = any(point.altitude is not None for point in plan.waypoints)
+    start = start_point(task.frame, task.own, task.time, task.own_altitude, climbs=climbs)
     message = trajectory_message(
         Trajectory.STATUS_SAFE if plan.safe else Trajectory.STATUS_UNRESOLVED,
         task.time,
@@ -83,7 +88,7 @@ def plan_message(
         revision,
         source=getattr(Trajectory, f"SOURCE_{plan.source.name}"),
         intruder_ids=[name for number, name in enumerate(task.identifiers) if number not in out],
-        start=point_message(start_point(task.frame, task.own, task.time, task.own_altitude)),
+        start=point_message(start),
         waypoints=[point_message(point) for point in plan_points(plan, task)],
         # An array of bytes is taken as it is; other sequences are looked at byte by byte.
         certificate=array("B", proof or b""),

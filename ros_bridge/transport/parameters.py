@@ -4,6 +4,7 @@ Numbers that follow from the aircraft are in its units: D is its separation, V i
 its time step. A default that is a word is what the aircraft has of that name.
 """
 
+import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -195,6 +196,33 @@ PARAMETERS = (
         "height above or below the ownship beyond which intruders are left out",
         300.0,
         5e4,
+        "m",
+    ),
+    Parameter(
+        _BOTH,
+        "maneuvers",
+        "horizontal",
+        "what plans may do: horizontal (turns, speeds), vertical (climbs and descents along the "
+        "route) or both; the last two need an aircraft whose file says how it climbs",
+    ),
+    *(
+        Parameter(
+            _BOTH,
+            f"{name}_m",
+            math.nan,
+            f"{which} altitude of plans that may climb, above own_altitude_reference; nan: any",
+            unit="m",
+        )
+        for name, which in (("floor", "least"), ("ceiling", "greatest"))
+    ),
+    Parameter(
+        _BOTH,
+        "vertical_margin_m",
+        "vertical_margin",
+        "added to the vertical separation of plans that may climb for the autopilot's distance "
+        "from their altitude",
+        0.0,
+        5e3,
         "m",
     ),
     Parameter(
@@ -555,10 +583,11 @@ PARAMETERS = (
         fixed=True,
     ),
     Parameter(
-        "translator",
+        f"{_BOTH} translator",
         "own_altitude_reference",
         "wgs84",
-        "what fixes' altitudes are above: wgs84, msl, pressure",
+        "what altitudes are above: of the translator's fixes, of floor_m and ceiling_m: wgs84, "
+        "msl, pressure",
         fixed=True,
     ),
     Parameter("translator", "traffic_source", "none", "none, adsb or nav_sat_fix", fixed=True),

@@ -10,11 +10,18 @@ from rclpy.node import Node
 from agents.assurance.thresholds import Thresholds
 from agents.kernel.traffic import Requirement
 from agents.planner.answer import RequestError
-from agents.planner.request.options import Options, check
+from agents.planner.request.options import (
+    Maneuvers,
+    Options,
+    check,
+    default_vertical_margin,
+)
 from envs.aircraft import Aircraft
+from envs.areas import Level
 from envs.kinematics import Limits
 from ros_bridge.core.aircraft import aircraft_of, load_extensions
 from ros_bridge.core.categories import Categories, separations_of
+from ros_bridge.core.conversions import ALTITUDE_CODES
 from ros_bridge.core.freshness import Freshness
 from ros_bridge.core.motion import Turns
 from ros_bridge.core.reports import Unknown
@@ -32,10 +39,18 @@ _SAME = (
     "unknown_climb",
     "exhaustive",
 )
-_OPTIONS = {"max_age": "intruder_max_age", "deadline_s": "deadline"} | {
-    name: name for name in _SAME
+_OPTIONS = {
+    "max_age": "intruder_max_age",
+    "deadline_s": "deadline",
+    "vertical_margin": "vertical_margin_m",
+} | {name: name for name in _SAME}
+_RENAMED = _OPTIONS | {
+    "aircraft.goal_radius": "goal_radius",
+    "floor": "floor_m",
+    "floor.value": "floor_m",
+    "ceiling": "ceiling_m",
+    "ceiling.value": "ceiling_m",
 }
-_RENAMED = _OPTIONS | {"aircraft.goal_radius": "goal_radius"}
 """Parameters by the names that the planner's options have."""
 
 
@@ -69,6 +84,8 @@ def parameters_of(kind: str, aircraft: Aircraft | None) -> Iterator[Parameter]:
         legs = aircraft.vehicle_limits
         known |= legs._asdict() | {"yaw_rate_max": round(math.degrees(legs.yaw_rate_max), 9)}
         known |= {name: getattr(aircraft, name) for name in ("separation", "goal_radius")}
+        vertical = aircraft.vertical
+        known["vertical_margin"] = 0.0 if vertical is None else default_vertical_margin(vertical)
         known |= Freshness.for_aircraft(aircraft)._asdict()
     return (one.in_si(aircraft, known) for one in of(kind))
 
@@ -148,6 +165,7 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
     given = {
         name: one for name, one in given.items() if one is not None and (name != "rejoin_by" or one)
     }
+    given |= _altitudes(value)
     given["requirement"] = Requirement(value("separation"), value("margin"), value("sigmas"))
     if not 0.0 < value("goal_radius") <= value("separation"):
         raise ValueError(
@@ -172,6 +190,22 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
     except ValueError as problem:
         raise ValueError(f"speed_min, speed_max: {problem}") from None
     return options
+
+
+def _altitudes(value: Callable[[str], Any]) -> dict[str, Any]:
+    """Return the options of plans that may climb, from a node's parameters."""
+    kinds, kind = [one.value for one in Maneuvers], value("maneuvers")
+    if kind not in kinds:
+        raise ValueError(f"maneuvers is {kind!r}, expected one of {', '.join(kinds)}")
+    above = value("own_altitude_reference")
+    if above not in ALTITUDE_CODES.values():
+        known = ", ".join(ALTITUDE_CODES.values())
+        raise ValueError(f"own_altitude_reference is {above!r}, expected one of {known}")
+    given: dict[str, Any] = {"maneuvers": Maneuvers(kind)}
+    for name in ("floor", "ceiling"):
+        height = value(f"{name}_m")
+        given[name] = None if math.isnan(height) else Level(height, above)
+    return given
 
 
 def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settings:

@@ -1,6 +1,7 @@
 """How nodes are started, find each other and are recorded."""
 
 import importlib.util
+import math
 import os
 import runpy
 import shutil
@@ -33,9 +34,10 @@ import yaml
 
 from agents.config.load import load
 from agents.config.world import AircraftConfig
-from agents.planner.request.request import Options
+from agents.planner.request.options import Maneuvers, Options
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
+from envs.areas import Level
 from eval.hifi.config import HifiConfig
 from ros_bridge.core.aircraft import aircraft_of
 from ros_bridge.core.freshness import Freshness
@@ -211,12 +213,59 @@ def test_defaults_are_the_usual_options_of_the_aircraft():
             {"forget_after": 5.0, "intruder_max_age": 5.5},
             "forget_after is 5 s, expected at least intruder_max_age, 5.5 s",
         ),
+        (
+            {"maneuvers": "up"},
+            "maneuvers is 'up', expected one of horizontal, vertical, both",
+        ),
+        (
+            {"maneuvers": "vertical"},
+            'maneuvers is "vertical", expected "horizontal": the aircraft states no limits',
+        ),
+        (
+            {"ceiling_m": 400.0},
+            'ceiling_m is given, expected maneuvers that are "vertical" or "both"',
+        ),
+        (
+            {"own_altitude_reference": "sea"},
+            "own_altitude_reference is 'sea', expected one of wgs84, msl, pressure",
+        ),
     ],
 )
 def test_contradicting_parameters_are_refused_by_name(given: dict[str, Any], says: str):
     with pytest.raises(ValueError) as caught:
         planning_options(values_of("runner", **given), PAPER)
     assert str(caught.value).startswith(says)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"floor_m": 500.0}, "floor_m is 500 m, expected less than the ceiling, 400 m"),
+        ({"floor_m": math.inf}, "floor_m is inf, expected -1000 to 30000 m"),
+        ({"ceiling_m": 1e6}, "ceiling_m is 1e+06, expected -1000 to 30000 m"),
+    ],
+)
+def test_altitudes_that_contradict_are_refused_by_name(given: dict[str, Any], says: str):
+    with pytest.raises(ValueError) as caught:
+        _climbing_options("runner", **({"floor_m": 120.0, "ceiling_m": 400.0} | given))
+    assert str(caught.value).startswith(says)
+
+
+def test_runner_and_monitor_climb_between_the_same_levels():
+    given = {"floor_m": 120.0, "own_altitude_reference": "msl"}
+    for kind in ("runner", "monitor"):
+        options = _climbing_options(kind, **given)
+        assert options.maneuvers is Maneuvers.BOTH
+        assert (options.floor, options.ceiling) == (Level(120.0, "msl"), None)
+        assert options.vertical_margin == Options.for_aircraft(options.aircraft).vertical_margin
+        assert _climbing_options(kind, vertical_margin_m=30.0).vertical_margin == 30.0
+
+
+def _climbing_options(kind: str, **given: Any) -> Options:
+    """Return the options of a node whose aircraft can climb."""
+    aircraft = aircraft_of("uas", "")
+    usual = {one.name: one.default for one in parameters_of(kind, aircraft)}
+    return planning_options((usual | {"maneuvers": "both"} | given).get, aircraft)
 
 
 @pytest.mark.parametrize("name", ["", "uas", "light", "jet"])

@@ -21,7 +21,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.ros_bridge.graph import MISSING, ROOT, beside, domain
+from tests.ros_bridge.graph import MISSING, ROOT, Process, beside, domain
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, stamp
 
 pytest.importorskip("rclpy", reason=MISSING)
@@ -34,12 +34,13 @@ from agents.planner.request.request import Altitude
 from agents.policy.inference import Policy
 from commands.command import InputError
 from envs.aircraft import PAPER
-from envs.kinematics import C208_PUBLISHED
+from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.waypoints import Waypoint as LocalWaypoint
 from ros_bridge import demo
 from ros_bridge.core import conversions
+from ros_bridge.core.aircraft import aircraft_of
 from ros_bridge.core.replies import geodetic_points, start_point
 from ros_bridge.core.tracks import Report
 from ros_bridge.nodes.pilot import Pilot
@@ -261,6 +262,33 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship_or_a_monitor():
             client.spin(lambda before=before: turning() and len(commands) > before)
 
 
+def test_pilot_commands_the_climb_of_a_plan():
+    with beside(Pilot, aircraft="uas", monitor=False) as (_, client):
+        world, now = World(client), client.now()
+        level = Altitude(1_000.0, "wgs84", 3.0)
+        points = [
+            LocalWaypoint(n, 500.0 * n, 0.0, 0.0, 25.0, 20.0 * n, 1_000.0 + 60.0 * n, 3.0)
+            for n in range(1, 21)
+        ]
+        own = VehicleState(0.0, 0.0, 0.0, 25.0)
+        start = start_point(FRAME, own, now, level, climbs=True)
+        every = [point_message(point) for point in geodetic_points(FRAME, points, now, level)]
+        plan = Trajectory(header=header(now, "map"), id=identity(uuid.uuid4()), status=1)
+        plan.start, plan.waypoints = point_message(start), every
+        client.say(Trajectory, f"{NODE}/output/trajectory", plan, qos.LATCHED)
+        commands: list[Twist] = client.hear(Twist, "/rlcas_pilot/output/command", qos.EVENTS)
+        height = {"valid": 0xCF, "altitude": 1_000.0, "altitude_reference": 1}
+
+        def climbing() -> bool:
+            seconds = (client.now() - now) / 1e9
+            height["altitude"] = 1_000.0 + 3.0 * seconds
+            world.ownship(25.0 * seconds, 0.0, 0.0, 25.0, climb=3.0, **height)
+            return bool(commands)
+
+        client.spin(climbing)
+        assert commands[-1].linear.z == pytest.approx(3.0, abs=0.1)
+
+
 # The whole loop: runner, monitor and simulator fly, what they fly is recorded, and others can read
 # it.
 
@@ -305,6 +333,29 @@ def test_encounter_is_flown_safely_and_recorded(tmp_path: Path):
     }
     assert values["policy sha256"] == Policy.load().sha256
     assert len(messages["/clock"]) > 500 and messages["/rlcas_runner/output/markers"]
+
+
+@pytest.mark.slow
+def test_a_head_on_encounter_is_resolved_by_a_climb():
+    uas = aircraft_of("uas", "")
+    assert uas.vertical is not None
+    # The margin holds what is flown until the plan is taken up, too.
+    parameters = {"aircraft": "uas", "maneuvers": "vertical", "vertical_margin_m": 10.0}
+    given = [f"{name}:={value}" for name, value in (parameters | {"use_sim_time": "true"}).items()]
+    arguments = [part for one in given for part in ("-p", one)]
+    with beside(Simulator, aircraft="uas", monitor=False, rate=100.0) as (node, client):
+        runner = Process(
+            "ros_bridge.runner", client.context.get_domain_id(), "--ros-args", *arguments
+        )
+        node.begin(encounters_of_seed(scenario("head_on", uas), 0, 0, 1), "head-on")
+        client.spin(lambda: not node.flying, 300.0)
+        runner.stop()
+        (log,) = node.logs
+    assert (log.failure, log.first, log.source) == ("", "SAFE", "vertical")
+    assert log.separation >= uas.separation
+    assert uas.vertical.separation <= log.height < math.inf
+    (flown,) = log.flown
+    assert flown.error < 1.0
 
 
 def children(process: int) -> list[int]:

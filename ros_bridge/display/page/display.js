@@ -300,7 +300,9 @@ function drawPlan(pen, plan, now, colour, dash, { place, centre, radius, labels 
     pen.fillStyle = colour;
     pen.fill();
     stroke(pen, colours.paper, 1.5);
-    labels.push({ rank: 8, at: [x, y], lines: [{ words: seconds(point.in), colour }] });
+    const lines = [{ words: seconds(point.in), colour }];
+    if (point.altitude !== null) lines.push({ words: `${Math.round(point.altitude * units().height)} ${units().tall}`, colour });
+    labels.push({ rank: 8, at: [x, y], lines });
   }
 }
 

@@ -360,6 +360,7 @@ class Trajectory:
     SOURCE_NONE: ClassVar[int]
     SOURCE_POLICY: ClassVar[int]
     SOURCE_FALLBACK: ClassVar[int]
+    SOURCE_VERTICAL: ClassVar[int]
     header: std_msgs.msg.Header
     id: unique_identifier_msgs.msg.UUID
     revision: int
@@ -409,6 +410,7 @@ class Waypoint:
     VALID_TRACK: ClassVar[int]
     VALID_GROUND_SPEED: ClassVar[int]
     VALID_TIME_OF_ARRIVAL: ClassVar[int]
+    VALID_CLIMB: ClassVar[int]
     index: int
     origin: int
     valid: int
@@ -416,6 +418,7 @@ class Waypoint:
     longitude: float
     altitude: float
     altitude_reference: int
+    climb: float
     track_deg: float
     ground_speed: float
     time_of_arrival: builtin_interfaces.msg.Time
@@ -429,6 +432,7 @@ class Waypoint:
         longitude: float = ...,
         altitude: float = ...,
         altitude_reference: int = ...,
+        climb: float = ...,
         track_deg: float = ...,
         ground_speed: float = ...,
         time_of_arrival: builtin_interfaces.msg.Time = ...,

@@ -1,0 +1,377 @@
+"""Plans that climb through the bridge: from reports to messages and back, and their flight."""
+
+import functools
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.assurance.thresholds import Thresholds
+from agents.kernel.levels import Altitude
+from agents.planner.answer import Plan, RequestError, Source
+from agents.planner.request.options import Maneuvers, Options
+from agents.policy.inference import Policy
+from envs.areas import Level
+from envs.formats.local_frame import LocalFrame
+from envs.profile import climbing
+from envs.scenarios import scenario
+from envs.starts import encounters_of_seed
+from envs.waypoints import legs, plan_states
+from ros_bridge.core import conversions, updates
+from ros_bridge.core.aircraft import aircraft_of
+from ros_bridge.core.assurance import activate, backup, initial, step_monitor
+from ros_bridge.core.conversions import PlanPoint, Published
+from ros_bridge.core.fields import Code, FieldError, Refusal
+from ros_bridge.core.motion import Turns
+from ros_bridge.core.planning import plan_task, rehearse
+from ros_bridge.core.reach import with_climbs
+from ros_bridge.core.replies import plan_points, start_point, to_frame
+from ros_bridge.core.reports import EXACT as EXACT_REPORTS
+from ros_bridge.core.situation import Situation
+from ros_bridge.core.tasks import PlanTask, Settings, refusal_of, task
+from ros_bridge.display.shapes import draw_plan
+from ros_bridge.sim.climbing import Height, flown, follow
+from ros_bridge.sim.guidance import Flying
+from ros_bridge.sim.world import ALTITUDE, EncounterFlight, SimulationError
+from tests.envs import test_profile as oracle
+from tests.ros_bridge.scenes import (
+    EXACT,
+    FRAME,
+    NOW,
+    RULES,
+    SECOND,
+    aircraft,
+    geo_reference,
+    heard,
+    point,
+    route_points,
+    stamp,
+)
+
+UAS = aircraft_of("uas", "")
+POLICY = Policy.load().for_aircraft(UAS)
+assert UAS.vertical is not None
+VERTICAL = UAS.vertical
+KNOWN = EXACT | conversions.ALTITUDE | conversions.VERTICAL_SPEED
+MSL, PRESSURE = 2, 3
+FLOOR = Level(480.0, "msl")
+
+
+def settings(maneuvers: Maneuvers = Maneuvers.VERTICAL, **changes: Any) -> Settings:
+    given = {"deadline_s": math.inf, "extend_route": True, "maneuvers": maneuvers} | changes
+    options = Options.for_aircraft(UAS, **given)
+    return Settings(options, Turns.of(Thresholds.for_plans(options)), unknown=EXACT_REPORTS)
+
+
+def meeting(undulation: float | None = None, points: Any = None, other: int = MSL) -> Situation:
+    """Return an ownship that flies east along its route, 500 m above the sea, and an intruder that
+    meets it head-on at the same height.
+    """
+    level = {"valid": KNOWN, "altitude": 500.0}
+    return heard(
+        aircraft(3_000.0, 0.0, math.pi, 25.0, altitude_reference=other, **level),
+        own=aircraft(0.0, 0.0, 0.0, 25.0, id="own", altitude_reference=MSL, **level),
+        reference=geo_reference(
+            geoid_undulation_valid=undulation is not None, geoid_undulation=undulation or 0.0
+        ),
+        points=points,
+    )
+
+
+def made(situation: Situation, given: Settings) -> tuple[PlanTask, Plan]:
+    wanted = task(situation, NOW, given)
+    return wanted, plan_task(wanted, POLICY, exhaustive=False)
+
+
+@functools.cache
+def usual(maneuvers: Maneuvers = Maneuvers.VERTICAL) -> tuple[PlanTask, Plan]:
+    return made(meeting(), settings(maneuvers))
+
+
+def published(wanted: PlanTask, answer: Plan) -> Published:
+    climbs = answer.waypoints[0].altitude is not None
+    start = start_point(wanted.frame, wanted.own, wanted.time, wanted.own_altitude, climbs=climbs)
+    points = plan_points(answer, wanted)
+    return Published(bytes(16), 1, wanted.time, start, points, wanted.identifiers)
+
+
+# From reports to plans.
+
+
+def test_a_plan_climbs_over_what_comes_head_on():
+    answer = usual()[1]
+    assert answer.safe and answer.source is Source.VERTICAL
+    heights = [point.altitude for point in answer.waypoints]
+    assert max(abs(height - 500.0) for height in heights if height) > VERTICAL.separation
+    in_plane = usual(Maneuvers.HORIZONTAL)[1]
+    assert all(point.altitude is None for point in in_plane.waypoints)
+
+
+def test_floor_and_ceiling_are_above_the_sea_also_where_altitudes_are_above_the_ellipsoid():
+    given = settings(floor=FLOOR, ceiling=Level(700.0, "msl"))
+    wanted = task(meeting(undulation=48.0), NOW, given)
+    assert wanted.own_altitude is not None and wanted.own_altitude.value == 548.0
+    assert wanted.options.floor == Level(528.0, "wgs84")
+    assert wanted.options.ceiling == Level(748.0, "wgs84")
+    answer = plan_task(wanted, POLICY, exhaustive=False)
+    assert answer.safe
+    assert all(528.0 <= (point.altitude or 0.0) <= 748.0 for point in answer.waypoints)
+
+
+def test_a_floor_of_another_reference_is_refused_by_its_name():
+    wanted = task(meeting(), NOW, settings(floor=Level(100.0, "pressure")))
+    with pytest.raises(RequestError) as caught:
+        plan_task(wanted, POLICY, exhaustive=False)
+    refusal = refusal_of(caught.value, wanted)
+    assert refusal.code is Code.INVALID_TASK and refusal.field == "options.floor.reference"
+    assert "expected the ownship's" in str(refusal)
+
+
+def test_an_ownship_without_a_vertical_speed_is_refused_where_plans_may_climb():
+    own = aircraft(0.0, 0.0, 0.0, 25.0, id="own", valid=EXACT | conversions.ALTITUDE)
+    own.altitude_reference = MSL
+    in_plane = task(heard(own=own), NOW, settings(Maneuvers.HORIZONTAL))
+    assert plan_task(in_plane, POLICY, exhaustive=False).safe
+    wanted = task(heard(own=own), NOW, settings())
+    with pytest.raises(RequestError) as caught:
+        plan_task(wanted, POLICY, exhaustive=False)
+    refusal = refusal_of(caught.value, wanted)
+    assert refusal.code is Code.INVALID_OWNSHIP
+    assert refusal.field == "own_altitude.vertical_speed"
+
+
+def points_at(height: float, reference: int) -> list[Any]:
+    points = route_points()
+    for one in points:
+        one.valid, one.altitude, one.altitude_reference = 1, height, reference
+    return points
+
+
+def test_the_route_keeps_its_altitudes_where_they_can_be_compared():
+    given = settings()
+    wanted = task(meeting(points=points_at(520.0, MSL)), NOW, given)
+    assert {one.altitude for one in wanted.points} == {520.0}
+    assert not any(note.field == "route.altitude" for note in wanted.notes)
+    other = task(meeting(points=points_at(520.0, PRESSURE)), NOW, given)
+    assert {one.altitude for one in other.points} == {None}
+    (note,) = [note for note in other.notes if note.field == "route.altitude"]
+    assert "pressure" in note.text and "not kept" in note.text
+    in_plane = task(meeting(points=points_at(520.0, MSL)), NOW, settings(Maneuvers.HORIZONTAL))
+    assert {one.altitude for one in in_plane.points} == {None}
+
+
+def test_who_is_above_counts_as_far_as_the_ownship_may_climb():
+    situation = meeting()
+    given = settings()
+    own = situation.own.last
+    assert own is not None
+    climbing_own = with_climbs(own, given.options)
+    assert climbing_own.altitude is not None
+    assert climbing_own.altitude.climb(0.0) == (0.0, VERTICAL.climb_max)
+    # 900 m above, silent: of no concern in the plane, and within reach of a climb.
+    silent = aircraft(
+        3_000.0, 0.0, math.pi, 25.0, valid=KNOWN, altitude=1_400.0, altitude_reference=MSL
+    )
+    own = aircraft(
+        0.0, 0.0, 0.0, 25.0, id="own", valid=KNOWN, altitude=500.0, altitude_reference=MSL
+    )
+    now = NOW + 6 * SECOND
+    situation = updates.traffic(heard(own=own), silent, NOW, RULES)
+    later = aircraft(
+        150.0,
+        0.0,
+        0.0,
+        25.0,
+        id="own",
+        time=now,
+        valid=KNOWN,
+        altitude=500.0,
+        altitude_reference=MSL,
+    )
+    situation = updates.ownship(situation, later, now, RULES)
+    assert task(situation, now, settings(Maneuvers.HORIZONTAL)).excluded
+    with pytest.raises(Refusal) as caught:
+        task(situation, now, given)
+    assert caught.value.code is Code.STALE_INTRUDER
+
+
+def test_a_runner_that_climbs_can_rehearse():
+    rehearse(POLICY, settings(Maneuvers.BOTH, floor=Level(3_000.0, "pressure")).options)
+
+
+# On the ellipsoid and in messages.
+
+
+def test_altitudes_survive_their_way_over_the_ellipsoid():
+    wanted, answer = usual()
+    plan = published(wanted, answer)
+    assert plan.climbs and plan.start.altitude == wanted.own_altitude
+    _, waypoints = to_frame(FRAME, plan)
+    for back, out in zip(waypoints, answer.waypoints, strict=True):
+        assert (back.altitude, back.climb) == (out.altitude, out.climb)
+    _, flat = to_frame(FRAME, published(*usual(Maneuvers.HORIZONTAL)))
+    assert all((back.altitude, back.climb) == (None, None) for back in flat)
+
+
+def test_the_monitor_takes_the_altitude_that_the_plan_was_made_for():
+    given = settings(floor=FLOOR)
+    situation = meeting(undulation=48.0)
+    watch = initial(Thresholds.for_plans(given.options), EXACT_REPORTS)
+    after = activate(watch, situation, published(*made(situation, given)))
+    assert after.thresholds.options.floor == Level(528.0, "wgs84")
+    assert after.held is not None and after.held.climbs
+
+
+def test_a_backup_names_the_altitude_in_which_the_ownship_levels_off():
+    given, situation = settings(), meeting()
+    watch = initial(Thresholds.for_plans(given.options), EXACT_REPORTS)
+    after = step_monitor(activate(watch, situation, published(*usual())), situation, NOW)
+    made_now = backup(after, Altitude(500.0, "msl", vertical_speed=4.0))
+    assert made_now is not None and not made_now.climbs
+    # From 4 m/s to level flight with 1 m/s^2.
+    assert {one.altitude for one in made_now.points} == {Altitude(508.0, "msl")}
+
+
+def fields(one: PlanPoint, **changes: Any) -> Any:
+    """Return a waypoint's message as a plain object."""
+    assert one.altitude is not None
+    climb = one.altitude.vertical_speed
+    given = {
+        "valid": 0x0F if climb is None else 0x1F,
+        "altitude": one.altitude.value,
+        "altitude_reference": MSL,
+        "climb": climb or 0.0,
+        "track_deg": one.track_deg,
+        "ground_speed": one.speed,
+        "time_of_arrival": stamp(one.time),
+    }
+    return point(one.index, one.latitude, one.longitude, origin=1, **(given | changes))
+
+
+def trajectory(plan: Published, **changes: Any) -> Any:
+    """Return a plan's message, with some fields of its third waypoint changed."""
+    waypoints = [
+        fields(one, **(changes if number == 2 else {})) for number, one in enumerate(plan.points)
+    ]
+    return SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp(plan.began)),
+        id=SimpleNamespace(uuid=bytes(16)),
+        revision=1,
+        start=fields(plan.start),
+        waypoints=waypoints,
+        intruder_ids=list(plan.identifiers),
+        wind=SimpleNamespace(x=0.0, y=0.0, z=0.0),
+        wind_std=0.0,
+    )
+
+
+def test_the_display_shows_the_altitudes_of_a_plan_that_climbs():
+    plan = published(*usual())
+    shown = draw_plan(plan, FRAME, None, NOW)
+    heights = [round(one.altitude.value, 1) for one in plan.points if one.altitude]
+    assert [one.altitude for one in shown.points] == heights
+    flat = draw_plan(published(*usual(Maneuvers.HORIZONTAL)), FRAME, None, NOW)
+    assert {one.altitude for one in flat.points} == {None}
+
+
+@pytest.mark.parametrize(
+    ("changes", "field", "says"),
+    [
+        ({"climb": math.nan}, "climb", "is nan, expected -100 to 100 m/s"),
+        ({"climb": math.inf}, "climb", "is inf"),
+        ({"altitude": math.nan}, "altitude", "is nan, expected -1000 to 30000 m"),
+        ({"valid": 0x0F}, "valid", "has no climb, expected one as the start"),
+        ({"valid": 0x1E}, "valid", "is 0x1e, expected the altitude beside the climb"),
+        ({"altitude_reference": 1}, "altitude_reference", "is that of wgs84, expected the start's"),
+        ({"valid": 0x3F}, "valid", "is 0x3f, expected bits of 0x1f only"),
+    ],
+)
+def test_a_plan_climbs_as_a_whole_or_not_at_all(changes: dict[str, Any], field: str, says: str):
+    plan = published(*usual())
+    assert conversions.trajectory(trajectory(plan)).climbs
+    with pytest.raises(FieldError) as caught:
+        conversions.trajectory(trajectory(plan, **changes))
+    assert caught.value.field == f"trajectory.waypoints[2].{field}"
+    assert says in str(caught.value)
+
+
+def test_a_plan_in_the_plane_has_no_climb_at_any_waypoint():
+    plan = published(*usual(Maneuvers.HORIZONTAL))
+    assert not conversions.trajectory(trajectory(plan)).climbs
+    with pytest.raises(FieldError, match=r"waypoints\[2\].valid has a climb, expected none"):
+        conversions.trajectory(trajectory(plan, valid=0x1F))
+
+
+# In flight.
+
+
+def test_a_profile_is_flown_as_small_steps_of_its_climb_add_up():
+    profile = climbing(
+        1_000.0, 1.5, [20.0, 40.0, 60.0], [1_080.0, 1_080.0, 1_000.0], acceleration=1.0
+    )
+    times, altitudes = oracle.flown(profile, 1.0, 60.0)
+    for time, altitude in zip(times[::50].tolist(), altitudes[::50].tolist(), strict=True):
+        assert flown(profile, 1.0, time).altitude == pytest.approx(altitude, abs=0.05)
+
+
+def test_an_ownship_follows_a_profile_within_its_limits_and_then_levels_off():
+    profile = climbing(1_000.0, 0.0, [20.0, 40.0], [1_080.0, 1_080.0], acceleration=1.0)
+    height, period = Height(1_000.0, 0.0), 0.1
+    for step in range(3, 400):  # taken up 0.3 s late
+        before, time = height, step * period
+        height = follow(height, profile, time, VERTICAL, period)
+        assert abs(height.climb - before.climb) <= VERTICAL.acceleration * period + 1e-9
+        assert abs(height.climb) <= VERTICAL.climb_max
+        off = height.altitude - flown(profile, VERTICAL.acceleration, time + period).altitude
+        assert abs(off) < 1.5
+    assert height.altitude == pytest.approx(1_080.0, abs=0.1)
+    falling = Height(1_000.0, -4.0)
+    for _ in range(100):
+        falling = follow(falling, None, 0.0, VERTICAL, period)
+    assert falling.climb == 0.0 and falling.altitude == pytest.approx(992.0, abs=0.3)
+
+
+def test_a_flight_keeps_the_separation_in_height():
+    encounter = encounters_of_seed(scenario("head_on", UAS), 0, 0, 1)
+    flight = EncounterFlight(encounter, UAS, UAS.vehicle_limits)
+    own = flight.own
+    frame = LocalFrame(47.0, 8.0)
+    east, north = flight.goal[0] - own.x, flight.goal[1] - own.y
+    at = frame.geodetic(own.x + east * np.arange(1.0, 9.0), own.y + north * np.arange(1.0, 9.0))
+    places = zip(at.latitude.tolist(), at.longitude.tolist(), strict=True)
+    level = {"valid": KNOWN, "altitude": ALTITUDE, "altitude_reference": MSL, "frame": frame}
+    situation = heard(
+        *(aircraft(*state, id=name, **level) for name, state in flight.traffic.items()),
+        own=aircraft(*own, id="own", **level),
+        points=[point(number, *place) for number, place in enumerate(places)],
+        frame=frame,
+    )
+    wanted, answer = made(situation, settings())
+    assert answer.safe and answer.source is Source.VERTICAL
+    flying = Flying(
+        legs(plan_states(own, answer.waypoints)), 0, None, answer.waypoints, wanted.own_altitude
+    )
+    profile = flying.profile(VERTICAL)
+    assert profile is not None
+    flight.fly(flying.legs, 0.0, plan=True, profile=profile)
+    margin = wanted.options.vertical_margin
+    while not flight.over() and flight.time < 200.0:
+        flight.step()
+        off = flight.height_at(flight.time).altitude - float(profile.at(np.array(flight.time)))
+        assert abs(off) <= margin + 0.1
+    assert flight.truth.separation >= UAS.separation
+    assert VERTICAL.separation <= flight.truth.height < math.inf
+    with pytest.raises(FieldError, match="states no limits of climb"):
+        flying.profile(None)
+
+
+def test_a_vehicle_that_holds_its_altitude_flies_no_climb():
+    pytest.importorskip("jsbsim", reason="JSBSim is not installed")
+    c208 = aircraft_of("c208", "")
+    encounter = encounters_of_seed(scenario("head_on", c208), 0, 0, 1)
+    flight = EncounterFlight(encounter, c208, c208.vehicle_limits, "point_mass")
+    profile = climbing(ALTITUDE, 0.0, [60.0], [2_600.0], acceleration=1.0)
+    with pytest.raises(SimulationError, match="only the kinematic vehicle does"):
+        flight.fly(legs(plan_states(flight.own, [])), 0.0, plan=True, profile=profile)
