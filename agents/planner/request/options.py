@@ -410,6 +410,10 @@ def _check_kinds(options: Options) -> None:
 
 def _check_aircraft(aircraft: Aircraft) -> None:
     """Refuse an aircraft that cannot be."""
+    vertical: Any = aircraft.vertical
+    if vertical is not None and not isinstance(vertical, Vertical):
+        what = f"is {quote(vertical)}, expected Vertical or None"
+        raise RequestError("options.aircraft.vertical", what)
     numbers = aircraft._asdict()
     for group in ("limits", "vehicle", "vertical"):
         of_group = numbers.pop(group)

@@ -153,8 +153,10 @@ def test_extreme_numbers_and_long_gaps_make_finite_ones(rows: list[tuple]) -> No
     with np.errstate(all="raise", under="ignore"):
         of_arrays = run_arrays(rows)
     for believed in (*run_floats(rows), *of_arrays):
-        for value in (*believed.state, *believed[1:]):
+        for value in (*believed.state, believed.turn_rate, believed.turn_std, believed.bias):
             assert np.isfinite(value).all()
+        for std in (believed.position_std, believed.velocity_std):
+            assert (np.isfinite(std) | (np.equal(std, np.inf) & believed.doubtful)).all()
         assert np.all(believed.position_std >= 0.0) and np.all(believed.velocity_std >= 0.0)
 
 
