@@ -455,14 +455,12 @@ def test_bad_input_is_refused_in_one_sentence(arguments: list[str], says: str, m
         demo.main(arguments)
 
 
-def rows(text: str) -> list[list[str]]:
-    """Return the cells of the demo's table, a list for each encounter."""
+def rows(text: str) -> list[dict[str, str]]:
+    """Return the cells of the demo's table by their columns, for each encounter."""
     head, *lines = text[text.index("encounter  ") :].split("\n\n", 1)[0].splitlines()
     starts = [match.start() for match in re.finditer(r"(?:^|(?<=  ))\S", head)]
-    return [
-        [line[a:b].strip() for a, b in zip(starts, [*starts[1:], None], strict=True)]
-        for line in lines
-    ]
+    spans = list(zip(starts, [*starts[1:], None], strict=True))
+    return [{head[a:b].strip(): line[a:b].strip() for a, b in spans} for line in lines]
 
 
 @pytest.mark.slow
@@ -472,8 +470,8 @@ def test_noise_of_traffic_asks_for_few_new_plans():
     assert done.returncode == 0, done.stdout + done.stderr
     table = rows(done.stdout)
     assert len(table) == 3 and "3 of 3 encounters had a plan called SAFE" in done.stdout
-    assert np.median([int(row[7]) for row in table]) <= 3
-    assert max(float(row[8]) for row in table) <= 10.0
+    assert np.median([int(row["re-plans"]) for row in table]) <= 3
+    assert max(float(row["backup, s"]) for row in table) <= 10.0
 
 
 @pytest.mark.slow
