@@ -92,7 +92,7 @@ def plan_in_space(asked: Asked) -> Answer:
     if on_route.cost < math.inf and base.detour <= 0.0:
         return on_route
     in_plane = options.maneuvers is Maneuvers.BOTH
-    quick, best = replace(options, exhaustive=False, goals=1), on_route
+    quick, best = replace(options, exhaustive=False), on_route
     met, avoiding = _met(asked, on_route), list[Profile]()
     late = Ranking(met, start, options)
     until = max((one.end for one in met), default=0.0)
@@ -113,7 +113,8 @@ def plan_in_space(asked: Asked) -> Answer:
     if not in_plane:
         return best
     if not budget.ends("turns"):
-        best = _better(best, _in_plane(asked, base, quick))
+        # To the next point alone at first: turns that find no way leave time for climbs.
+        best = _better(best, _in_plane(asked, base, replace(quick, goals=1)))
     if best.cost < math.inf:
         return best
     for profile in [*avoiding, *late.in_order()][:_TOGETHER]:
