@@ -232,6 +232,24 @@ def in_air(area: Area, wind: Wind, seconds: float = 0.0) -> Area:
     return _replace_fields(area, velocity=velocity, shape=shape)
 
 
+def levels_kept(
+    areas: Iterable[Area], reference: str, floor: Level | None, ceiling: Level | None
+) -> tuple[Level | None, Level | None]:
+    """Return the highest floor and the lowest ceiling of those that are given and those of areas to
+    be kept in, as far as they have a reference; None: there is none.
+    """
+    kept = [area for area in areas if area.keep is Keep.IN]
+    floors, ceilings = (
+        [level for level in levels if level is not None and level.reference == reference]
+        for levels in (
+            [floor, *(area.floor for area in kept)],
+            [ceiling, *(area.ceiling for area in kept)],
+        )
+    )
+    # Of one reference, tuples are compared by their first part, the value.
+    return max(floors, default=None), min(ceilings, default=None)
+
+
 def _shift(shape: Polygon | Circle, dx: float, dy: float) -> Polygon | Circle:
     """Return a shape moved by dx and dy, m."""
     if isinstance(shape, Circle):

@@ -73,6 +73,13 @@ def first_corner(change: float, acceleration: float) -> float:
     return 0.5 * abs(change) / acceleration
 
 
+def rise_to_level(climb: float, acceleration: float) -> float:
+    """Return how much higher an aircraft is that levels off at once from a climb, m/s, at an
+    acceleration, m/s^2; negative from a descent, m.
+    """
+    return climb * first_corner(climb, acceleration)
+
+
 def corner_error(change: float, acceleration: float) -> float:
     """Return by how much a change of climb, m/s, leaves the lines of a profile at most, m, at an
     acceleration, m/s^2.

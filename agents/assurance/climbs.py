@@ -12,12 +12,12 @@ import numpy as np
 
 from agents.kernel.levels import Altitude, Line, lines, steady
 from agents.kernel.traffic import Traffic, Window
-from agents.planner.judge.profile import profile_faults
+from agents.planner.judge.profile import flyable_profile
 from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder, times_of
 from envs.arrays import Array
 from envs.frames import F
-from envs.profile import Profile, first_corner, profile_of
+from envs.profile import Profile, first_corner, rise_to_level
 from envs.trees import map_leaves
 from envs.waypoints import Waypoint
 
@@ -105,13 +105,7 @@ def climb_of(
         if level is not None and level.reference != own.reference:
             what = f"the plan climbs from an altitude of {own.reference}"
             raise ValueError(f"{what}, but floor or ceiling is of {level.reference}")
-    acceleration = options.vertical.acceleration
-    profile = profile_of(own.value, own.vertical_speed, waypoints, acceleration)
-    assert profile is not None, "some waypoints have altitudes"
-    faults = profile_faults(profile, own, options)
-    if faults:
-        raise ValueError(faults[0].message)
-    return Climb(profile.since(-time), own.reference)
+    return Climb(flyable_profile(waypoints, own, options).since(-time), own.reference)
 
 
 def level_off(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:
@@ -119,11 +113,10 @@ def level_off(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:
     if own is None or own.vertical_speed is None:
         return steady(own)
     acceleration, climb = options.vertical.acceleration, own.vertical_speed
-    corner = first_corner(climb, acceleration)
+    corner, rise = first_corner(climb, acceleration), rise_to_level(climb, acceleration)
     # Whose climb is off by some more takes as much more to level off.
-    fastest = abs(climb) + own.climb_error
-    farther = fastest * first_corner(fastest, acceleration) - abs(climb) * corner
-    reached = own.value + climb * corner
+    farther = rise_to_level(abs(climb) + own.climb_error, acceleration) - abs(rise)
+    reached = own.value + rise
     altitude = np.array([own.value - climb, reached, reached])
     profile = Profile(np.array([-1.0, corner, corner + 1.0]), altitude)
     return lines(profile, replace(own, error=own.error + farther), options.vertical_margin)

@@ -270,16 +270,16 @@ def _in_space(
         for report, taken, last in zip(reports, good, _last_levels(watch, time), strict=True)
     ]
 
-    def met_on(flight: Sequence[Line]) -> Met:
+    def what_meets(flight: Sequence[Line]) -> Met:
         areas = _areas_met(watch, watch.last_areas, here, flight, time)
         return Met(times_met(known, flight, options), areas)
 
-    given = given._replace(levelling=met_on(level_off(own_altitude, options)))
+    given = given._replace(levelling=what_meets(level_off(own_altitude, options)))
     if climb is None:
         return given
     error = np.array([climb.error(own_altitude, time)])
     allowed = np.array([options.vertical_margin + (own_altitude.error if own_altitude else 0.0)])
-    met = met_on(climb.flight(own_altitude, time, options))
+    met = what_meets(climb.flight(own_altitude, time, options))
     return given._replace(on_profile=OnProfile(error, allowed, met))
 
 
@@ -307,7 +307,7 @@ def answer(watch: _Watch, number: int, plan: Plan) -> tuple[_Watch, bool]:
     thresholds = moved.thresholds_in_air
     given = _plan_states(watch.ask.own, plan, moved.air, thresholds)
     climb, safe = _climb(plan, watch.ask.own_altitude, asked, thresholds.options)
-    met = None if climb is None else _met_by_answer(moved, climb, watch.ask, thresholds)
+    met = None if climb is None else _what_answer_meets(moved, climb, watch.ask, thresholds)
     which, safe = np.array([number]), np.array([safe])
     monitor, taken_up = monitors.answer(moved.monitor, _ONE, which, given, safe, thresholds, met)
     if taken_up[0]:
@@ -320,7 +320,9 @@ def answer(watch: _Watch, number: int, plan: Plan) -> tuple[_Watch, bool]:
     return replace(watch, monitor=monitor), False
 
 
-def _met_by_answer(watch: Watch, climb: Climb, ask: Ask, thresholds: Thresholds[Narrowed]) -> Met:
+def _what_answer_meets(
+    watch: Watch, climb: Climb, ask: Ask, thresholds: Thresholds[Narrowed]
+) -> Met:
     """Return what a plan that answers a request meets from the last step on, on its profile."""
     memory, options = watch.monitor.memory, thresholds.options
     now = float(memory.time[0])

@@ -41,7 +41,7 @@ from agents.kernel.trajectory import straight_on
 from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder
 from envs.aircraft import Vertical
-from envs.areas import Keep, Level
+from envs.areas import Keep, Level, levels_kept
 from envs.arrays import Array
 from envs.frames import Air, F
 from envs.kinematics import VehicleState
@@ -314,15 +314,8 @@ def _limits(
     areas: tuple[ActiveArea, ...], reference: str, floor: Level | None, ceiling: Level | None
 ) -> tuple[float, float]:
     """Return the least and the greatest altitude, m, those of areas to be kept in included."""
-    kept = [active.area for active in areas if active.area.keep is Keep.IN]
-    lowest, highest = (
-        [level.value for level in levels if level is not None and level.reference == reference]
-        for levels in (
-            [floor, *(area.floor for area in kept)],
-            [ceiling, *(area.ceiling for area in kept)],
-        )
-    )
-    return max(lowest, default=-np.inf), min(highest, default=np.inf)
+    lowest, highest = levels_kept((active.area for active in areas), reference, floor, ceiling)
+    return -np.inf if lowest is None else lowest.value, np.inf if highest is None else highest.value
 
 
 def _limit_layers(lowest: Array, highest: Array, altitudes: Altitudes, look_ahead: float) -> Layers:

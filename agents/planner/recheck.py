@@ -16,7 +16,7 @@ from agents.planner.answer import (
     Status,
     Subject,
 )
-from agents.planner.judge.profile import profile_faults
+from agents.planner.judge.profile import flyable_profile
 from agents.planner.judge.validator import CHECKS
 from agents.planner.request.climbs import check_climbs
 from agents.planner.request.options import Narrowed, Options, check
@@ -29,7 +29,6 @@ from agents.planner.search.climbs import on_profile
 from envs.areas import Area
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.profile import profile_of
 from envs.trees import take
 from envs.waypoints import RoutePoint, Waypoint, plan_states
 from envs.wind import Wind
@@ -120,14 +119,10 @@ def _flight(
     Raises:
         RequestError: the aircraft cannot go on with it.
     """
-    name, climb = Field(Subject.OWN_ALTITUDE), own.climb(0.0)[0]
     try:
-        profile = profile_of(own.value, climb, waypoints, options.vertical.acceleration)
+        profile = flyable_profile(waypoints, own, options)
     except ValueError as problem:
-        raise RequestError(name, f"is off the plan's: {problem}") from None
-    faults = [] if profile is None else profile_faults(profile, own, options)
-    if profile is None or faults:
-        raise RequestError(name, "is off the plan's" + "".join(f": {f.message}" for f in faults))
+        raise RequestError(Field(Subject.OWN_ALTITUDE), f"is off the plan's: {problem}") from None
     return lines(profile, own, options.vertical_margin)
 
 

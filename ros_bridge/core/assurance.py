@@ -25,7 +25,7 @@ from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.profile import first_corner
+from envs.profile import rise_to_level
 from envs.waypoints import Waypoint
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.areas import AreaReport, Placed
@@ -39,7 +39,6 @@ from ros_bridge.core.reach import (
     comparable,
     level,
     out_of_reach,
-    required_vertical,
     vertically_apart,
     with_climbs,
 )
@@ -321,7 +320,7 @@ def backup(supervision: Supervision, altitude: Altitude | None) -> Published | N
     options = supervision.thresholds.options
     if options.climbs and altitude is not None:
         climb = altitude.climb(0.0)[0]
-        rise = climb * first_corner(climb, options.vertical.acceleration)
+        rise = rise_to_level(climb, options.vertical.acceleration)
         altitude = replace(altitude, value=altitude.value + rise)
     start, *points = geodetic_points(frame, waypoints, began, altitude)
     air = supervision.air.wind
@@ -334,7 +333,7 @@ def _reach(own: Report, now: int, supervision: Supervision, situation: Situation
     limits, held = supervision.thresholds, supervision.held
     options, unknown = limits.options, supervision.unknown
     separation, vertical = supervision.categories.greatest(
-        limits.requirement.separation, required_vertical(options)
+        limits.requirement.separation, options.vertical_separation
     )
     left = 0.0 if held is None else (held.points[-1].time - now) / SECOND
     horizon = max(left, _HORIZON * options.waypoints * options.interval)
@@ -387,7 +386,7 @@ def _vertically_apart(other: Track, reach: Reach, supervision: Supervision) -> b
     if last is None:
         return False
     altitude = last.height(reach.unknown_climb)
-    usual = required_vertical(supervision.thresholds.options)
+    usual = supervision.thresholds.options.vertical_separation
     required = supervision.categories.vertical.get(last.category, usual)
     return abs(vertically_apart(reach.own, altitude, last.time, reach)) > required
 

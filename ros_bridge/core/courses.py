@@ -35,9 +35,8 @@ class Course:
     taken: Report  # the newest whose place is a new one
     tracks: Tracks[Ground]  # after it; its place is the origin of their map, east and north
     belief: Belief[Ground]  # as of it
-    estimate: (
-        Report  # what is believed, as a report; where it cannot be believed, the newest itself
-    )
+    # what is believed, as a report; where it cannot be believed, the newest itself
+    estimate: Report
     contradiction: str = ""
     """Why the reports cannot be believed, as a sentence without its subject; empty: they can."""
     field: str = "position"  # that this lies in

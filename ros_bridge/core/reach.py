@@ -72,11 +72,6 @@ def comparable(options: Options[L], undulation: float | None) -> Options[L]:
     return replace(options, floor=floor, ceiling=ceiling)
 
 
-def required_vertical(options: Options[L]) -> float:
-    """Return the usual vertical separation beyond which an aircraft is left out, m."""
-    return options.vertical.separation if options.climbs else options.vertical_filter
-
-
 def with_climbs(own: Report, options: Options[L]) -> Report:
     """Return the ownship's report with an altitude that any plan may make of it: it may climb and
     descend, and leave its plan by the vertical margin.

@@ -33,7 +33,6 @@ from ros_bridge.core.reach import (
     comparable,
     level,
     out_of_reach,
-    required_vertical,
     with_climbs,
 )
 from ros_bridge.core.reports import USUAL, Report, Unknown
@@ -233,7 +232,7 @@ def _reach(
     options = settings.options
     # Who may matter is judged by the greatest separations of all.
     separation, vertical = settings.categories.greatest(
-        options.requirement.separation, required_vertical(options)
+        options.requirement.separation, options.vertical_separation
     )
     x = np.array([point.x for point in points])
     y = np.array([point.y for point in points])

@@ -1,5 +1,7 @@
 """Whether the altitude of a plan can be flown, and stays between floor and ceiling."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from agents.kernel.levels import Altitude
@@ -7,11 +9,28 @@ from agents.planner.answer import Kind, Reason
 from agents.planner.request.options import L, Options
 from envs.frames import Air
 from envs.kinematics import Limits
-from envs.profile import Profile, corner_error
-from envs.waypoints import Legs
+from envs.profile import Profile, corner_error, profile_of
+from envs.waypoints import Legs, Waypoint
 
 _ROUNDING = 1e-6
 """By how much limits may be passed for rounding's sake, m, m/s and s."""
+
+
+def flyable_profile(waypoints: Sequence[Waypoint], own: Altitude, options: Options[L]) -> Profile:
+    """Return the profile that waypoints are flown on from an altitude, whose vertical speed is
+    known.
+
+    Raises:
+        ValueError: they have no altitudes, or these cannot be flown.
+    """
+    acceleration = options.vertical.acceleration
+    profile = profile_of(own.value, own.climb(0.0)[0], waypoints, acceleration)
+    if profile is None:
+        raise ValueError("the waypoints have no altitudes")
+    faults = profile_faults(profile, own, options)
+    if faults:
+        raise ValueError(": ".join(fault.message for fault in faults))
+    return profile
 
 
 def profile_faults(profile: Profile, own: Altitude, options: Options[L]) -> list[Reason]:

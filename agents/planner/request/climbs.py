@@ -8,8 +8,8 @@ from agents.planner.answer import Field, RequestError, Subject
 from agents.planner.request.fields import part_value, quote
 from agents.planner.request.options import HIGHEST, LOWEST, L, Options
 from agents.planner.request.reports import check_altitude
-from envs.areas import Area, Keep, Level
-from envs.profile import first_corner
+from envs.areas import Area, Level, levels_kept
+from envs.profile import rise_to_level
 from envs.waypoints import RoutePoint
 
 
@@ -52,30 +52,16 @@ def check_climbs(
         if altitude is not None
     ]
     if not given:
-        level_off = first_corner(own.vertical_speed, options.vertical.acceleration)
-        return own, own.value + own.vertical_speed * level_off, options
+        rise = rise_to_level(own.vertical_speed, options.vertical.acceleration)
+        return own, own.value + rise, options
     _check_between(Field(Subject.ROUTE, "altitude"), given[-1], floor, ceiling)
     return own, given[-1], options
 
 
 def with_levels_of(areas: Sequence[Area], reference: str, options: Options[L]) -> Options[L]:
     """Return options whose floor and ceiling are also those of the areas that must not be left."""
-    kept = [area for area in areas if isinstance(area, Area) and area.keep is Keep.IN]
-    floors = [options.floor, *(area.floor for area in kept)]
-    ceilings = [options.ceiling, *(area.ceiling for area in kept)]
-    return replace(
-        options,
-        floor=max(_comparable(floors, reference), default=None, key=_value),
-        ceiling=min(_comparable(ceilings, reference), default=None, key=_value),
-    )
-
-
-def _comparable(levels: Sequence[Level | None], reference: str) -> list[Level]:
-    return [level for level in levels if level is not None and level.reference == reference]
-
-
-def _value(level: Level) -> float:
-    return level.value
+    floor, ceiling = levels_kept(areas, reference, options.floor, options.ceiling)
+    return replace(options, floor=floor, ceiling=ceiling)
 
 
 def _check_between(name: Field, value: float, floor: Level | None, ceiling: Level | None) -> None:

@@ -228,6 +228,11 @@ class Options(Generic[L]):
         return self.aircraft.vertical
 
     @property
+    def vertical_separation(self) -> float:
+        """Beyond which an intruder without one of its own does not count, m."""
+        return self.vertical.separation if self.climbs else self.vertical_filter
+
+    @property
     def interval(self) -> float:
         """Time from waypoint to waypoint, s."""
         return self.spacing * self.aircraft.dt

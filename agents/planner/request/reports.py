@@ -67,9 +67,8 @@ class Intruder(Generic[F]):
 
     def vertical(self, options: Options[L]) -> float:
         """Return the vertical separation beyond which it does not count, m."""
-        if self.vertical_separation is not None:
-            return self.vertical_separation
-        return options.vertical.separation if options.climbs else options.vertical_filter
+        own = self.vertical_separation
+        return options.vertical_separation if own is None else own
 
 
 def check_state(name: Field, state: Any) -> VehicleState[Ground]:

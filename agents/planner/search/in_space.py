@@ -93,7 +93,7 @@ def plan_in_space(asked: Asked) -> Answer:
         return on_route
     in_plane = options.maneuvers is Maneuvers.BOTH
     quick, best = replace(options, exhaustive=False), on_route
-    met, avoiding = _met(asked, on_route), list[Profile]()
+    met, avoiding = _conflicts(asked, on_route), list[Profile]()
     late = Ranking(met, start, options)
     until = max((one.end for one in met), default=0.0)
     for number, profile in enumerate(profiles(start, until, options)):
@@ -215,7 +215,7 @@ def _in_plane(asked: Asked, case: Case, options: Options[Narrowed]) -> Answer:
     return _answer(asked, case, plans)
 
 
-def _met(asked: Asked, on_route: Answer) -> list[Conflict]:
+def _conflicts(asked: Asked, on_route: Answer) -> list[Conflict]:
     """Return which conflicts the way along the route has, whoever is above or below; ``on_route``
     is the answer along it on the route's altitude.
     """
