@@ -135,6 +135,7 @@ _OF_CONFORMANCE = (
     ),
 )
 
+_OF_PROFILES = (("    if faults:\n", "    if not faults and faults:\n"),)
 _OF_CLIMBS = (
     ("spread.mask & (begin <= end)", "spread.mask"),
     ("max(options.vertical_margin, error)", "options.vertical_margin"),
@@ -142,8 +143,7 @@ _OF_CLIMBS = (
     ("if own is None or own.reference != self.reference:", "if own is None:"),
     ("if not options.climbs:", "if False:"),
     ("if level is not None and level.reference != own.reference:", "if False:"),
-    ("    if faults:\n", "    if not faults and faults:\n"),
-    ("Climb(profile.since(-time), own.reference)", "Climb(profile, own.reference)"),
+    ("options).since(-time), own.reference)", "options), own.reference)"),
     ("error=own.error + farther", "error=own.error"),
     (
         "replace(own, error=own.error + farther), options.vertical_margin",
@@ -228,6 +228,7 @@ _CHANGES = {
         (_CONFORMANCE, _AREAS, _BACKUP, _MONITOR, _CLIMBS),
     ),
     "agents/assurance/climbs.py": (_OF_CLIMBS, (_CLIMBS,)),
+    "agents/planner/judge/profile.py": (_OF_PROFILES, (_CLIMBS,)),
     "agents/assurance/inputs.py": (_OF_INPUTS, (_INPUTS, _FRAMES, _OUTSIDE)),
     "envs/tracking/tracker.py": (_OF_TRACKER, (_INPUTS,)),
     "agents/assurance/frames.py": (_OF_FRAMES, (_FRAMES, _AREAS)),
