@@ -1,7 +1,7 @@
 """ICAROUS: where it is, what it is told, and a mission flown by it.
 
 It is the user's: built from https://github.com/nasa/icarous in a folder of his own
-(docs/reference/benchmarks.md says how), nothing of it is part of this toolkit.
+(docs/reference/beside-others.md says how), nothing of it is part of this toolkit.
 """
 
 import json
@@ -32,7 +32,7 @@ from envs.wind import Wind
 VARIABLE = "ICAROUS_HOME"
 """Environment variable that names the folder."""
 
-_HOW = "docs/reference/benchmarks.md says how nasa/icarous is built"
+_HOW = "docs/reference/beside-others.md says how nasa/icarous is built"
 _NEEDED = (
     "Modules/lib/libCognition.so",
     "Python/pycarous/SimEnvironment.py",
@@ -58,7 +58,7 @@ class Setting(NamedTuple):
 
 
 CHOSEN = Setting()
-"""What is flown; docs/reference/benchmarks.md says why."""
+"""What is flown; docs/reference/beside-others.md says why."""
 
 
 def locate(given: str | None) -> Path:

@@ -54,8 +54,9 @@ takes two minutes for a thousand encounters.
 
 Scenarios are those of eval.monte_carlo: a name, file:PATH, tracks:PATH (recorded tracks,
 replayed) or lincoln:PATH. Written to --out: summary.json, encounters.parquet, config.yaml as
-resolved, and compare.png, .svg (contents in docs/howto/compare.md). Ctrl-C keeps the encounters
-flown so far, by the hundreds; --resume goes on. The results do not depend on the workers."""
+resolved, and compare.png, .svg (contents in docs/reference/evaluation-files.md). Ctrl-C keeps the
+encounters flown so far, by the hundreds; --resume goes on. The results do not depend on the
+workers."""
 
 _EPILOG = """\
 examples:

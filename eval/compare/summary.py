@@ -1,5 +1,5 @@
-"""From the table of a comparison to its numbers (docs/howto/compare.md), a table for a person, and
-a figure.
+"""From the table of a comparison to its numbers (docs/reference/evaluation-files.md), a table for
+a person, and a figure.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What a run of the evaluations found, in a few lines or as a table: claims met, missed and
+"""What a run of the evaluations found, in a few lines or as a table: targets met, missed and
 undecided.
 """
 
@@ -12,13 +12,13 @@ from eval.evidence.listed import Evidence
 from eval.evidence.tables import cells_of
 from eval.metrics.summary import print_table
 
-_STATES = ("missed", "undecided", "met", "without a claim", "not measured")
-_CLAIMS = {"yes": "met", "undecided": "undecided", "no": "missed", "open": "not measured"}
+_STATES = ("missed", "undecided", "met", "without a target", "not measured")
+_VERDICTS = {"yes": "met", "undecided": "undecided", "no": "missed", "open": "not measured"}
 _NAMED = 12  # results that a line names
 _CELLS = {
-    "claimed": "{claim}",
-    "met": "{met}",
-    "found": "{found}",
+    "target": "{claim}",
+    "verdict": "{met}",
+    "measured": "{found}",
     "success": "{success_given_resolvable}",
 }
 
@@ -44,14 +44,14 @@ def show_closing(
         f"assurance case: python -m eval.evidence --dossier FILE.html --out {out}",
     ]
     if sys.stdout.isatty():
-        print_table(title, ("", "encounters", "claimed", "found", "state"), rows, places)
+        print_table(title, ("", "encounters", "target", "measured", "state"), rows, places)
         return
     lines = [f"{state}: {_names(state, those)}" for state, those in counts if those]
     print("\n".join([title, *lines, *places]))
 
 
 def _row(listed: Evidence, results: Mapping[str, Any], name: str) -> list[str]:
-    """Return name, encounters, claim, figure and state of a result."""
+    """Return name, encounters, target, figure and state of a result."""
     entry = listed.results[name]
     if name not in results:
         return [name, f"0 of {group_digits(entry.n)}", "", "", "not measured"]
@@ -61,8 +61,8 @@ def _row(listed: Evidence, results: Mapping[str, Any], name: str) -> list[str]:
     cells = cells_of(entry, results[name], _CELLS)
     if entry.claim is None:
         success = "" if cells["success"] == "-" else cells["success"]
-        return [name, size, "", success, "without a claim"]
-    return [name, size, cells["claimed"], cells["found"], _CLAIMS[cells["met"]]]
+        return [name, size, "", success, "without a target"]
+    return [name, size, cells["target"], cells["measured"], _VERDICTS[cells["verdict"]]]
 
 
 def _names(state: str, rows: Sequence[Sequence[str]]) -> str:
@@ -70,8 +70,8 @@ def _names(state: str, rows: Sequence[Sequence[str]]) -> str:
     the size where it is smaller than listed.
     """
     texts = []
-    for name, size, claimed, found, _ in rows:
-        told = [f"{found}, claimed {claimed}"] if state in ("missed", "undecided") else []
+    for name, size, target, measured, _ in rows:
+        told = [f"{measured}, target {target}"] if state in ("missed", "undecided") else []
         told += [size] if " of " in size and state != "not measured" else []
         texts.append(f"{name} ({', '.join(told)})" if told else name)
     more = f", and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""

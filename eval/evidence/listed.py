@@ -50,11 +50,12 @@ class Table(Strict):
     of the domain).
 
     With ``each`` it has a row for every part of that figure of its results, such as every shift of
-    the traffic.
+    the traffic; with ``unmet`` only the results that do not meet their target, missed ones first.
     """
 
     rows: tuple[str, ...] = ()
     each: str | None = None
+    unmet: bool = False
     columns: dict[str, str] = Field(default_factory=dict)
 
 

@@ -43,7 +43,7 @@ _DESCRIPTION = """\
 Run the evaluations of configs/evidence.yaml for the policy that ships, the most important first.
 Written to --out: NAME.json of each result, and the folders of the commands. A result that is
 there already, of this policy and command and at least as large, is not run again; Ctrl-C keeps
-what is finished. More: docs/reference/evidence.md."""
+what is finished. More: docs/reference/results.md."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

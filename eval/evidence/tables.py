@@ -54,6 +54,8 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
     """Return a table, its results that are not measured, and the policies of its figures."""
     table, place = listed.tables[name], page.parent
     names = [one for one in listed.rows(name) if one in results]
+    if table.unmet:
+        names = _unmet(listed, results, names)
     rows = [["", *table.columns]]
     for one in names:
         rows += (
@@ -66,7 +68,8 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
     lines = [f"| {' | '.join(row)} |" for row in rows]
     lines.insert(1, "|---" * len(rows[0]) + "|")
     policy = f"Policy `{results[names[0]]['policy'][:8]}`, 95 % intervals; " if names else ""
-    lines += ["", f"{policy}[commands]({os.path.relpath('docs/reference/evidence.md', place)})."]
+    commands = os.path.relpath("docs/reference/results.md#all-results", place)
+    lines += ["", f"{policy}[commands]({commands})."]
     missing = [listed.results[one].title for one in listed.rows(name) if one not in results]
     lines[-1] += f" Not measured: {'; '.join(missing)}." if missing else ""
     if names and not table.columns:
@@ -76,6 +79,16 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
             f"domain]({os.path.relpath(PICTURE, place)})",
         ]
     return "\n".join(lines)
+
+
+def _unmet(listed: Evidence, results: Mapping[str, Any], names: list[str]) -> list[str]:
+    """Return the results that do not meet their target, missed ones first."""
+    verdicts = {
+        name: cells_of(listed.results[name], results[name], {"verdict": "{met}"})["verdict"]
+        for name in names
+    }
+    order = ("no", "open", "undecided")
+    return [name for verdict in order for name in names if verdicts[name] == verdict]
 
 
 def _parts(result: Mapping[str, Any], table: Table) -> list[list[str]]:

@@ -39,7 +39,7 @@ state to the turn; or has a counterexample, an exact scene that the policy answe
 after --depth cuts in two.
 
 Written to --out: local.json, config.yaml as resolved, and the map local.png and .svg; what they
-mean: docs/howto/failures.md."""
+mean: docs/howto/analyse.md."""
 
 _EPILOG = """\
 examples:

@@ -32,7 +32,7 @@ coloured by turn rate and by acceleration, a row for each relative heading. And 
 heading reversals of flights.
 
 Written to --out: policy_map.png, policy_map.svg, policy_map.json, and config.yaml as resolved
-(contents in docs/howto/failures.md)."""
+(contents in docs/howto/analyse.md)."""
 
 _EPILOG = """\
 examples:

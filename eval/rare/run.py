@@ -66,7 +66,7 @@ among those that a resolver can save.
 
 Written to --out: rare.json, rare.png and .svg (the levels), tail.png and .svg (an extreme-value
 fit), config.yaml, and worst.csv: encounters that were lost, for eval.monte_carlo --scenario
-file:worst.csv (docs/howto/sensitivity.md). Ctrl-C keeps the repetitions that are finished; --resume
+file:worst.csv (docs/howto/analyse.md). Ctrl-C keeps the repetitions that are finished; --resume
 goes on."""
 
 _EPILOG = """\

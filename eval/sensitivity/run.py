@@ -77,7 +77,7 @@ DIR            divides the encounters of a finished run of eval.monte_carlo or e
 
 Written to --out: sensitivity.json, config.yaml as resolved, a figure for each quantity (PNG and
 SVG), overview.png and .svg, and below sweeps/ the folder of every run flown (contents in
-docs/howto/sensitivity.md). Ctrl-C keeps what was flown; --resume goes on."""
+docs/howto/analyse.md). Ctrl-C keeps what was flown; --resume goes on."""
 
 _EPILOG = """\
 examples:

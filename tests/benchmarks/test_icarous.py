@@ -185,7 +185,7 @@ def test_a_missing_icarous_is_one_sentence(named: list[str], tmp_path: Path) -> 
     )
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
-    assert "icarous" in done.stderr.lower() and "docs/reference/benchmarks.md" in done.stderr
+    assert "icarous" in done.stderr.lower() and "docs/reference/beside-others.md" in done.stderr
 
 
 def row(number: int, side: str, *, solved: bool) -> dict[str, object]:

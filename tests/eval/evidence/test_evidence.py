@@ -212,7 +212,7 @@ def test_a_run_ends_with_what_was_met_missed_and_left_open(
     assert sum(str(tmp_path) in line for line in lines) == 3
     if not terminal:
         named = next(line for line in lines if line.startswith("met: "))
-        assert counts["met"] > 0 and claimed[0] in "".join(lines) and "claimed" not in named
+        assert counts["met"] > 0 and claimed[0] in "".join(lines) and "target" not in named
 
 
 @pytest.mark.parametrize(
