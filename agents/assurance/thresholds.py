@@ -200,7 +200,7 @@ class Thresholds(Generic[L]):
     @classmethod
     def for_plans(cls, options: Options, **changes: Any) -> "Thresholds":
         """Return the usual thresholds, but for some changes, for plans with options; half of their
-        sigmas count.
+        sigmas count. What the margin of the plans covers is no reason for a new one.
         """
         requirement, aircraft = options.requirement, options.aircraft
         options = replace(
@@ -230,7 +230,15 @@ class Thresholds(Generic[L]):
             "backup_gain": 0.01 * far,
             "traffic": traffic(aircraft),
         }
-        return Thresholds(options, **(usual | changes))
+        margin = requirement.margin
+        covered = {
+            "cross_track": margin,
+            "along_track": margin,
+            "time_error": margin / limits.speed_min,
+        }
+        chosen = usual | changes
+        chosen |= {name: max(chosen[name], least) for name, least in covered.items()}
+        return Thresholds(options, **chosen)
 
     def in_wind(self: "Thresholds", wind: Wind) -> "Thresholds[Narrowed]":
         """Return these thresholds, of still air, in the air mass of a wind: plans and backups must

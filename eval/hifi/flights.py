@@ -4,7 +4,6 @@ on nothing else.
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -206,10 +205,6 @@ def _assured_pilot(
 ) -> Assured:
     """Return what flies plans ``[1]`` under the monitor, made with the known intruders."""
     options = campaign.options
-    usual = Thresholds.for_plans(options).in_wind(scene.frame)
-    margin = options.requirement.margin
-    # What the margin covers is no reason for a new plan.
-    track = {name: max(getattr(usual, name), margin) for name in ("cross_track", "along_track")}
     if int(plans.candidates.last[0]) < 0:
         plans = plans._replace(candidates=empty(1, options.waypoints))
     sensor = None if scene.noise is None else scene.encounter.sensor
@@ -220,7 +215,7 @@ def _assured_pilot(
         scene.route,
         policy,
         campaign.aircraft.rules(),
-        replace(usual, **track),
+        Thresholds.for_plans(options).in_wind(scene.frame),
         reckoning,
         scene.areas,
     )

@@ -132,9 +132,6 @@ def rules(
     )
     limits = Thresholds.for_plans(
         options,
-        cross_track=max(margin, 0.025 * aircraft.separation),
-        along_track=max(margin, 0.05 * aircraft.separation),
-        time_error=max(margin / aircraft.limits.speed_min, aircraft.dt),
         own_age=fresh.own,
         intruder_age=fresh.intruder,
     )

@@ -10,7 +10,7 @@ from agents import assurance
 from agents.assurance.inputs import no_areas
 from agents.assurance.monitor import Cause, FlyMode, State
 from agents.kernel.areas import ActiveArea
-from agents.kernel.traffic import Traffic
+from agents.kernel.traffic import Requirement, Traffic
 from envs.areas import Area, Circle
 from envs.kinematics import VehicleState
 from envs.waypoints import PlanStates
@@ -94,6 +94,17 @@ def test_a_plan_that_is_no_plan_is_not_flown_whatever_it_is_called(damage: str) 
     )
     monitor, _ = tell(monitor, 0.0)
     assert state_of(monitor) is State.BACKUP
+
+
+@pytest.mark.parametrize("margin", [0.02, 210.0])
+def test_what_the_margin_covers_is_no_reason_for_a_new_plan(margin: float) -> None:
+    options = replace(THRESHOLDS.options, requirement=Requirement(1_000.0, margin, 2.0))
+    usual = assurance.Thresholds.for_plans(options)
+    tight = assurance.Thresholds.for_plans(options, cross_track=1.0, along_track=1.0)
+    slowest = options.aircraft.limits.speed_min
+    assert (usual.cross_track, usual.along_track) == (max(25.0, margin), max(50.0, margin))
+    assert usual.time_error == max(options.aircraft.dt, margin / slowest)
+    assert tight.cross_track == tight.along_track == max(1.0, margin)
 
 
 @pytest.mark.parametrize(
