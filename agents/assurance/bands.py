@@ -84,7 +84,7 @@ class Bands(NamedTuple):
 class Recovery(NamedTuple):
     """The way out where no band is free; fields ``[N]``."""
 
-    index: Array  # of the band; -1 where some band is free
+    index: Array  # of the band; -1 where some band is free, or where none is any way out
     opens: Array  # from when on it keeps the required distance, s; inf: not within the look-ahead
     clearance: Array  # by how much it falls short of the required distance until then, m, negative
 
@@ -187,13 +187,14 @@ def recovery(bands: Bands, separation: float) -> Recovery:
     """Return the way out of rows in which no band is free, ``[N]``.
 
     Of the bands that come no closer than the best one, but for a tenth of the separation (m), it is
-    the one that opens soonest.
+    the one that opens soonest. Where none has a clearance, as where all altitudes are shut, none is
+    better than another.
     """
     alike = bands.clearance >= bands.clearance.max(axis=1, keepdims=True) - _ALIKE * separation
     opens = np.where(alike, bands.opens, np.inf)
     order = np.lexsort((-bands.clearance, opens, ~alike), axis=1)
     rows, index = np.arange(order.shape[0]), order[:, 0]
-    nothing_free = bands.closed.all(axis=1)
+    nothing_free = bands.closed.all(axis=1) & np.isfinite(bands.clearance[rows, index])
     return Recovery(
         np.where(nothing_free, index, -1), bands.opens[rows, index], bands.clearance[rows, index]
     )

@@ -18,11 +18,11 @@ from typing import TypeVar
 import numpy as np
 
 from agents.assurance import monitor as monitors
-from agents.assurance.areas import may_be_met
 from agents.assurance.backup import resting
 from agents.assurance.climbs import Climb, Met, OnProfile, climb_of, level_off, times_met
 from agents.assurance.frames import STILL, Frame, carry, frame_of
 from agents.assurance.inputs import Inputs, Memory, clock_runs, good_reports, no_areas
+from agents.assurance.space import Space, altitude_flown
 from agents.assurance.state import Decision, FlyMode, Monitor, State, rearrange, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.kernel.levels import Altitude, Line, steady
@@ -80,11 +80,23 @@ class Assessment:
     """The current backup, its times from when it was refreshed; none before the first own state."""
     measured: Decision
     """The numbers, ``[1]``."""
+    in_height: "InHeight | None" = None
+    """What counts by its altitude; None: plans stay in the plane, or the clock stands still."""
 
     @property
     def outside(self) -> list[str]:
         """What is outside the operating domain, a sentence each."""
         return [why.message for why in self.reasons if why.cause & OUTSIDE]
+
+
+@dataclass(frozen=True, slots=True)
+class InHeight:
+    """What an ownship that may climb and descend meets from one second on."""
+
+    own: Altitude | None
+    flight: tuple[Line, ...]
+    """The altitude that is flown; none: it is unknown."""
+    space: Space
 
 
 @dataclass(frozen=True)
@@ -212,11 +224,14 @@ def step(
         turn_std=np.array([[report.turn_std for report in reports]], dtype=float),
         separation=traffic.separation,
         window=windows(reports, own_altitude, thresholds.options),
-        areas=_areas_met(watch, areas, here, steady(own_altitude), time),
     )
     watch = replace(watch, last_areas=areas)
-    if thresholds.options.climbs and clock_runs(watch.monitor.memory, given)[0]:
-        given = _in_space(watch, given, reports, here, own_altitude, thresholds)
+    space = _space(watch, here, reports, time)
+    given = given._replace(areas=space.areas_met(steady(own_altitude)))
+    in_space = thresholds.options.climbs and clock_runs(watch.monitor.memory, given)[0]
+    if in_space:
+        space = replace(space, reports=_known_levels(watch, given, reports))
+        given = _in_space(watch, given, space, own_altitude)
     monitor, decision = monitors.step(watch.monitor, given, thresholds)
     counted = set(names)
     levels = {name: at for name, at in watch.levels.items() if name in counted} | {
@@ -229,58 +244,46 @@ def step(
     backup = _waypoints(monitor, air) if np.isfinite(monitor.backup.started[0]) else ()
     watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
     fly, state = FlyMode(int(decision.fly[0])), State(int(decision.state[0]))
-    return watch, Assessment(
-        state, fly, asked, reasons(decision, thresholds, names), backup, decision
-    )
+    in_height = None
+    if in_space:
+        causes, options = Cause(int(decision.causes[0])), thresholds.options
+        flight = altitude_flown(fly, causes, watch.climb, own_altitude, time, options)
+        in_height = InHeight(own_altitude, flight, space)
+    whys = reasons(decision, thresholds, names)
+    return watch, Assessment(state, fly, asked, whys, backup, decision, in_height)
 
 
-def _areas_met(
-    watch: Watch,
-    areas: Sequence[Area],
-    own: VehicleState[Air],
-    flight: Sequence[Line],
-    time: float,
-) -> np.ndarray:
-    """Return the areas that plan or backup may meet on a flight, in the monitor's air mass, object
-    ``[1]``.
-    """
-    met = no_areas(1)
-    if areas:
-        ends = watch.monitor.plan.end[0] + watch.monitor.started[0] - time
-        air_areas = [watch.air.area(area, time) for area in areas]
-        met[0] = may_be_met(air_areas, own, flight, float(ends), watch.thresholds)
-    return met
+def _space(
+    watch: Watch, own: VehicleState[Air], reports: Sequence[Intruder[Ground]], time: float
+) -> Space:
+    """Return what stands about an ownship at a time, s, by some reports and the last areas."""
+    areas = [watch.air.area(area, time) for area in watch.last_areas]
+    ends = float(watch.monitor.plan.end[0] + watch.monitor.started[0] - time)
+    return Space(own, reports, areas, ends, watch.thresholds)
 
 
-def _in_space(
-    watch: Watch,
-    given: Inputs,
-    reports: Sequence[Intruder[Ground]],
-    here: VehicleState[Air],
-    own_altitude: Altitude | None,
-    thresholds: Thresholds[Narrowed],
-) -> Inputs:
-    """Return inputs with what plan and backup meet by their altitudes: by good reports, and by the
-    last good ones of those without.
-    """
-    options, climb, time = thresholds.options, watch.climb, float(given.time[0])
-    good = good_reports(watch.monitor.memory, given)[0]
-    known = [
-        report if taken else last
-        for report, taken, last in zip(reports, good, _last_levels(watch, time), strict=True)
-    ]
-
-    def what_meets(flight: Sequence[Line]) -> Met:
-        areas = _areas_met(watch, watch.last_areas, here, flight, time)
-        return Met(times_met(known, flight, options), areas)
-
-    given = given._replace(levelling=what_meets(level_off(own_altitude, options)))
+def _in_space(watch: Watch, given: Inputs, space: Space, own_altitude: Altitude | None) -> Inputs:
+    """Return inputs with what plan and backup meet by their altitudes."""
+    options, climb, time = watch.thresholds.options, watch.climb, float(given.time[0])
+    given = given._replace(levelling=space.met(level_off(own_altitude, options)))
     if climb is None:
         return given
     error = np.array([climb.error(own_altitude, time)])
     allowed = np.array([options.vertical_margin + (own_altitude.error if own_altitude else 0.0)])
-    met = what_meets(climb.flight(own_altitude, time, options))
+    met = space.met(climb.flight(own_altitude, time, options))
     return given._replace(on_profile=OnProfile(error, allowed, met))
+
+
+def _known_levels(
+    watch: Watch, given: Inputs, reports: Sequence[Intruder[Ground]]
+) -> list[Intruder[Ground]]:
+    """Return good reports, and the last good ones of intruders without."""
+    good = good_reports(watch.monitor.memory, given)[0]
+    last = _last_levels(watch, float(given.time[0]))
+    return [
+        report if taken else before
+        for report, taken, before in zip(reports, good, last, strict=True)
+    ]
 
 
 def _last_levels(watch: Watch, time: float) -> list[Intruder[Ground]]:
@@ -330,8 +333,7 @@ def _what_answer_meets(
     assert ask.own_altitude is not None, "a plan climbs from an altitude"
     altitude = replace(ask.own_altitude, value=float(climb.profile.at(np.array(now))))
     flight = climb.flight(altitude, now, options)
-    areas = _areas_met(watch, watch.last_areas, here, flight, now)
-    return Met(times_met(_last_levels(watch, now), flight, options), areas)
+    return _space(watch, here, _last_levels(watch, now), now).met(flight)
 
 
 def _in_air_of(watch: _Watch, plan: Plan, time: float) -> _Watch:

@@ -40,6 +40,8 @@ POINT_ALTITUDE, POINT_TRACK, POINT_SPEED, POINT_TIME, POINT_CLIMB = (1 << n for 
 ALTITUDE_CODES = {1: "wgs84", 2: "msl", 3: "pressure"}
 """Of altitude references; 0 is unknown."""
 
+ALTITUDE_NUMBERS = {name: code for code, name in ALTITUDE_CODES.items()}
+
 STATUS_SAFE, STATUS_ROUTE, STATUS_BACKUP = 1, 4, 5
 ROUTE_POINT, PLAN_POINT = 0, 1
 _LAST_INDEX = 2**31 - 1

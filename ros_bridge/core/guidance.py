@@ -28,10 +28,17 @@ from agents.assurance.bands import (
     recovery,
     speed_bands,
 )
-from agents.assurance.state import Decision
+from agents.assurance.single import Assessment
 from agents.assurance.thresholds import BLIND, Thresholds
+from agents.assurance.vertical_bands import (
+    altitude_bands,
+    altitudes_of,
+    layers,
+    vertical_speed_bands,
+)
 from agents.kernel.areas import ActiveArea, label
-from agents.planner.request.options import L
+from agents.kernel.traffic import Traffic
+from agents.planner.request.options import L, Narrowed
 from envs.angles import wrap
 from envs.arrays import Array
 from envs.formats.local_frame import LocalFrame
@@ -74,6 +81,14 @@ class Row(NamedTuple):
     area: list[int]  # place in the areas of the one that closes it; -1: traffic does, or it is free
 
 
+class VerticalRows(NamedTuple):
+    """Bands up and down, heading and speed held."""
+
+    speeds: Row  # vertical speeds, m/s, positive upwards
+    altitudes: Row  # m
+    reference: str  # what altitudes are above, as of agents.kernel.levels.Altitude
+
+
 class Guidance(NamedTuple):
     """What is published."""
 
@@ -89,11 +104,31 @@ class Guidance(NamedTuple):
     areas: tuple[str, ...]  # that close a band, or lie on the present course, by their labels
     area_levels: list[int]
     area_losses: list[float]  # s, on the present course; -1: none
+    # None: plans may not climb and descend, or the own altitude or vertical speed is unknown
+    vertical: VerticalRows | None = None
 
 
 def blank(thresholds: Thresholds[L]) -> Shown:
     """Return that no intruder has been looked at."""
     return Shown((), no_alerts(1, 0, Alerting.for_aircraft(thresholds.options.aircraft)))
+
+
+class _Flown(NamedTuple):
+    """What an ownship meets that goes on as now, but for its course or its speed."""
+
+    traffic: Traffic  # [1, K T]: each intruder once for each time in which it counts
+    times: int  # for how many of these there is room, T
+    areas: Array  # object [1]
+
+
+class _Vertical(NamedTuple):
+    """What one ownship would meet by each vertical speed and altitude."""
+
+    speeds: Bands  # [1, B]
+    altitudes: Bands
+    separation: float  # m
+    reference: str
+    areas: Array  # object [1]
 
 
 class _Look(NamedTuple):
@@ -103,6 +138,16 @@ class _Look(NamedTuple):
     speeds: Bands
     losses: Array  # of the separation from each intruder on that course, s, [1, K]; inf: none
     present: Array  # which intruders exist, bool, [1, K]
+    areas: Array  # that count on it, object [1]
+    vertical: _Vertical | None  # None: no such bands
+
+    @property
+    def closing(self) -> set[int]:
+        """Numbers of the areas that close a band; -1 among them says nothing."""
+        bands = [self.headings, self.speeds]
+        if self.vertical is not None:
+            bands += [self.vertical.speeds, self.vertical.altitudes]
+        return {int(number) for kind in bands for number in np.unique(kind.area)}
 
 
 class _Met(NamedTuple):
@@ -130,41 +175,85 @@ def guidance(shown: Shown, judged: Supervision, now: int) -> tuple[Shown, Guidan
     if int(measured.causes[0]) & BLIND:
         return shown, None
     alerting = Alerting.for_aircraft(aircraft)
-    look = _look(measured, frame, thresholds, alerting.look_ahead)
-    met = _areas_met(shown, measured, look, thresholds.requirement.margin, alerting.look_ahead)
+    look = _look(verdict, frame, thresholds, alerting.look_ahead)
+    met = _areas_met(shown, verdict, look, thresholds.requirement.margin, alerting.look_ahead)
     after = _alerts(shown, names, look, met, now, alerting)
     return after, _guidance(names, look, met, after.alerts, alerting, aircraft.separation)
 
 
 def _look(
-    measured: Decision, frame: LocalFrame, thresholds: Thresholds[L], look_ahead: float
+    verdict: Assessment, frame: LocalFrame, thresholds: Thresholds[Narrowed], look_ahead: float
 ) -> _Look:
-    own, traffic = measured.own, measured.traffic
+    own, flown = verdict.measured.own, _flown(verdict)
     requirement, limits = thresholds.requirement, thresholds.manoeuvre
     convergence = float(frame.geodetic(own.x, own.y).convergence[0])
     targets = wrap(0.5 * math.pi - np.radians(TRACKS) + convergence, np)
+    traffic, areas = flown.traffic, flown.areas
+    losses = losses_on_course(own, traffic, requirement, look_ahead)
     return _Look(
-        heading_bands(own, traffic, requirement, limits, look_ahead, targets, measured.areas),
-        speed_bands(own, traffic, requirement, limits, look_ahead, areas=measured.areas),
-        losses_on_course(own, traffic, requirement, look_ahead),
-        traffic.mask,
+        heading_bands(own, traffic, requirement, limits, look_ahead, targets, areas),
+        speed_bands(own, traffic, requirement, limits, look_ahead, areas=areas),
+        losses.reshape(1, -1, flown.times).min(axis=-1),
+        verdict.measured.traffic.mask,
+        areas,
+        _vertical(verdict, thresholds, look_ahead),
+    )
+
+
+def _flown(verdict: Assessment) -> _Flown:
+    """Return what counts where the ownship goes on up or down as it flies."""
+    measured, in_height = verdict.measured, verdict.in_height
+    if in_height is None:
+        return _Flown(measured.traffic, 1, measured.areas)
+    met = in_height.space.met(in_height.flight)
+    return _Flown(met.columns(measured.traffic), met.times, met.areas)
+
+
+def _vertical(
+    verdict: Assessment, thresholds: Thresholds[Narrowed], look_ahead: float
+) -> _Vertical | None:
+    """Return the bands up and down; None where an altitude or a climb is unknown."""
+    in_height = verdict.in_height
+    if in_height is None or in_height.own is None or in_height.own.vertical_speed is None:
+        return None
+    options, measured, space = thresholds.options, verdict.measured, in_height.space
+    altitudes = altitudes_of(in_height.own, space.reports, options)
+    areas = space.areas_met(())
+    shut = layers(
+        measured.own,
+        measured.traffic,
+        thresholds.requirement,
+        altitudes,
+        look_ahead,
+        areas,
+        options.floor,
+        options.ceiling,
+    )
+    return _Vertical(
+        vertical_speed_bands(shut, altitudes, options.vertical, look_ahead),
+        altitude_bands(shut, altitudes, options.vertical, look_ahead),
+        options.vertical_separation,
+        altitudes.reference,
+        areas,
     )
 
 
 def _areas_met(
-    shown: Shown, measured: Decision, look: _Look, margin: float, look_ahead: float
+    shown: Shown, verdict: Assessment, look: _Look, margin: float, look_ahead: float
 ) -> list[_Met]:
     """Return the areas that close a band or lie on the present course, or whose alert is shown."""
-    areas = measured.areas[0]
-    losses = area_losses(measured.own, areas, margin, look_ahead)
-    bands = (look.headings, look.speeds)
-    closing = {int(number) for one in bands for number in np.unique(one.area)}
+    every = look.areas[0] if look.vertical is None else (*look.areas[0], *look.vertical.areas[0])
+    # An area counts once for each of its times, or for bands up and down alone.
+    losses = {area.number: _Met(area, math.inf) for area in every}
+    on_course = area_losses(verdict.measured.own, look.areas[0], margin, look_ahead)
+    for area, loss in zip(look.areas[0], on_course, strict=True):
+        losses[area.number] = min(losses[area.number], _Met(area, loss), key=lambda met: met.loss)
     levels = zip(shown.subjects, shown.alerts.level[0], strict=True)
     raised = {subject for subject, level in levels if level}
     return [
-        _Met(area, loss)
-        for area, loss in zip(areas, losses, strict=True)
-        if math.isfinite(loss) or area.number in closing or _subject(area) in raised
+        met
+        for number, met in sorted(losses.items())
+        if math.isfinite(met.loss) or number in look.closing or _subject(met.area) in raised
     ]
 
 
@@ -220,7 +309,16 @@ def _guidance(
         areas=tuple(label(one.area) for one in met),
         area_levels=alerts.level[0, len(names) :].tolist(),
         area_losses=[_or_never(one.loss) for one in met],
+        vertical=None if look.vertical is None else _vertical_rows(look.vertical, alerting, places),
     )
+
+
+def _vertical_rows(vertical: _Vertical, alerting: Alerting, places: dict[int, int]) -> VerticalRows:
+    speeds, altitudes = (
+        _row(bands.target[0], bands, alerting, vertical.separation, places)
+        for bands in (vertical.speeds, vertical.altitudes)
+    )
+    return VerticalRows(speeds, altitudes, vertical.reference)
 
 
 def _row(

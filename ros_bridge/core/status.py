@@ -3,7 +3,7 @@
 import math
 from typing import Any, NamedTuple
 
-from agents.assurance.single import reasons
+from agents.assurance.single import Assessment, reasons
 from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Cause
 from ros_bridge.core.assurance import Supervision, to_fly
@@ -25,6 +25,9 @@ class Status(NamedTuple):
     accumulated: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the three, shares of the limits
     separation: float = -1.0  # of the rest of the plan, m; -1: no intruder
     time_to_loss: float = -1.0  # s; -1: none
+    altitude_error: float = 0.0  # m above the plan
+    # m that is allowed; -1: the plan is in the plane, or the altitude is unknown
+    altitude_error_limit: float = -1.0
 
     def fields(self) -> dict[str, Any]:
         """Return the fields of an ``AssuranceStatus`` that hold this."""
@@ -68,7 +71,17 @@ def status(supervision: Supervision) -> Status:
         # A lower bound, which the own distance from the plan may bring below zero.
         separation=_or_none(float(measured.separation[0])),
         time_to_loss=_or_none(float(measured.loss[0])),
+        **_altitude(supervision.verdict),
     )
+
+
+def _altitude(verdict: Assessment) -> dict[str, float]:
+    """Return the error of the altitude and what is allowed; nothing where it is not measured."""
+    error, in_height = float(verdict.measured.altitude_error[0]), verdict.in_height
+    if in_height is None or in_height.own is None or math.isnan(error):
+        return {}
+    limit = in_height.space.thresholds.options.vertical_margin + in_height.own.error
+    return {"altitude_error": error, "altitude_error_limit": limit}
 
 
 def _or_none(value: float) -> float:

@@ -13,7 +13,7 @@ from ros_bridge.core.assurance import Supervision, backup
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.status import status
-from ros_bridge.display.scene import Bands, DisplayScene, Guidance, MonitorStatus
+from ros_bridge.display.scene import Bands, DisplayScene, Guidance, MonitorStatus, VerticalBands
 from ros_bridge.display.server import DisplayServer, LiveSource, Recording, bind_socket
 
 __all__ = ["BackgroundServer", "supervise"]
@@ -120,20 +120,25 @@ def _backup(
 
 
 def _guidance(found: guidance.Guidance, now: int) -> Guidance:
-    tracks, speeds = (
-        Bands(tuple(row.target), tuple(row.region), tuple(row.loss), tuple(row.area))
-        for row in (found.tracks, found.speeds)
-    )
+    vertical = None
+    if found.vertical is not None:
+        speeds, altitudes, reference = found.vertical
+        vertical = VerticalBands(_bands(speeds), _bands(altitudes), reference)
     levels = zip(found.levels, found.losses, strict=True)
     of_areas = zip(found.area_levels, found.area_losses, strict=True)
     return Guidance(
         now,
         found.look_ahead,
-        tracks,
-        speeds,
+        _bands(found.tracks),
+        _bands(found.speeds),
         found.recovery,
         found.recovery_time,
         found.recovery_shortfall,
         dict(zip(found.intruders, levels, strict=True)),
         dict(zip(found.areas, of_areas, strict=True)),
+        vertical,
     )
+
+
+def _bands(row: guidance.Row) -> Bands:
+    return Bands(tuple(row.target), tuple(row.region), tuple(row.loss), tuple(row.area))

@@ -16,7 +16,7 @@ from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.areas import AreaReport, areas, to_local
 from ros_bridge.core.categories import BY_CATEGORY, separations_of
-from ros_bridge.core.conversions import Published, trajectory
+from ros_bridge.core.conversions import ALTITUDE_CODES, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError, attempt, integer, nanoseconds, number, stamp
 from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
 from ros_bridge.core.nearest import MOST, keep_nearest
@@ -47,6 +47,14 @@ class Bands(NamedTuple):
     area: tuple[int, ...]  # place in the areas of the one by which; -1: by traffic, or kept
 
 
+class VerticalBands(NamedTuple):
+    """Bands up and down of a GuidanceBands message."""
+
+    speeds: Bands  # m/s, positive upwards
+    altitudes: Bands  # m
+    reference: str  # what altitudes are above
+
+
 class Guidance(NamedTuple):
     """A GuidanceBands message."""
 
@@ -59,6 +67,7 @@ class Guidance(NamedTuple):
     recovery_shortfall: float  # m
     levels: Mapping[str, tuple[int, float]]  # alert level and time to loss, s or -1, by intruder
     areas: Mapping[str, tuple[int, float]]  # the same by area, in the order of their places
+    vertical: VerticalBands | None = None  # None: there are no bands up and down
 
 
 class MonitorStatus(NamedTuple):
@@ -268,6 +277,11 @@ def _status(scene: DisplayScene, message: "AssuranceStatus", now: int) -> Displa
         separation=real("separation"),
         time_to_loss=real("time_to_loss"),
     )
+    if hasattr(message, "altitude_error"):  # a recording of an earlier version has none
+        found = found._replace(
+            altitude_error=real("altitude_error"),
+            altitude_error_limit=real("altitude_error_limit"),
+        )
     return replace(scene, monitor=MonitorStatus(time, found))
 
 
@@ -289,8 +303,26 @@ def _guidance(scene: DisplayScene, message: "GuidanceBands", now: int) -> Displa
         ),
         levels=levels,
         areas=areas,
+        vertical=_vertical(message, len(areas)),
     )
     return replace(scene, guidance=found)
+
+
+def _vertical(message: "GuidanceBands", areas: int) -> VerticalBands | None:
+    """Return bands up and down, of so many areas; None where a message has none, as in recordings
+    of earlier versions.
+    """
+    if not len(getattr(message, "vertical_speed", ())):
+        return None
+    speeds, altitudes = (
+        _bands(message, kind, kind, areas, low=-_LONGEST) for kind in ("vertical_speed", "altitude")
+    )
+    code = integer("guidance.altitude_reference", message.altitude_reference, 0, 255)
+    reference = ALTITUDE_CODES.get(code)
+    if reference is None:
+        what = f"is {code}, expected one of {sorted(ALTITUDE_CODES)} beside bands of altitudes"
+        raise FieldError("guidance.altitude_reference", what)
+    return VerticalBands(speeds, altitudes, reference)
 
 
 def _levels(message: "GuidanceBands", kind: str) -> dict[str, tuple[int, float]]:
@@ -310,7 +342,7 @@ def _levels(message: "GuidanceBands", kind: str) -> dict[str, tuple[int, float]]
     }
 
 
-def _bands(message: "GuidanceBands", target: str, kind: str, areas: int) -> Bands:
+def _bands(message: "GuidanceBands", target: str, kind: str, areas: int, low: float = 0.0) -> Bands:
     rest = ("region", "loss", "area")
     columns = [getattr(message, name) for name in (target, *(f"{kind}_{one}" for one in rest))]
     lengths = {len(column) for column in columns}
@@ -319,7 +351,7 @@ def _bands(message: "GuidanceBands", target: str, kind: str, areas: int) -> Band
         raise FieldError(f"guidance.{target}", f"{what}, expected as many of each, {_MOST} at most")
     targets, regions, losses, by_areas = columns
     return Bands(
-        tuple(number(f"guidance.{target}", one, 0.0, _LONGEST, "") for one in targets),
+        tuple(number(f"guidance.{target}", one, low, _LONGEST, "") for one in targets),
         tuple(integer(f"guidance.{kind}_region", int(one), 0, 4) for one in regions),
         tuple(number(f"guidance.{kind}_loss", one, -1.0, _LONGEST, "s") for one in losses),
         tuple(integer(f"guidance.{kind}_area", int(one), -1, areas - 1) for one in by_areas),

@@ -20,11 +20,10 @@ from ros_bridge.core.conversions import PlanPoint, Published, Route
 from ros_bridge.core.fields import SECOND, Sighting
 from ros_bridge.core.freshness import Freshness
 from ros_bridge.core.reports import Report
-from ros_bridge.display.scene import Bands, Guidance, Health, MonitorStatus
+from ros_bridge.display.scene import Bands, Guidance, Health, MonitorStatus, VerticalBands
 
 Fields = dict[str, Any]
 
-_ALTITUDES = {name: code for code, name in codes.ALTITUDE_CODES.items()}
 _LEVELS = {name: code for code, name in REFERENCES.items()}
 _FOLDER = Path(__file__).parents[1] / "rlcas_msgs" / "msg"
 _OTHERS = {
@@ -165,6 +164,7 @@ def status(monitor: MonitorStatus, revision: int) -> Fields:
 
 def guidance(found: Guidance) -> Fields:
     """Return a GuidanceBands."""
+    up_and_down: Fields = {} if found.vertical is None else _vertical(found.vertical)
     return {
         **_header(found.time),
         "look_ahead": found.look_ahead,
@@ -177,6 +177,17 @@ def guidance(found: Guidance) -> Fields:
         "recovery_shortfall": found.recovery_shortfall,
         **_levels("intruder", found.levels),
         **_levels("area", found.areas),
+        **up_and_down,
+    }
+
+
+def _vertical(bands: VerticalBands) -> Fields:
+    return {
+        "vertical_speed": bands.speeds.target,
+        **_bands("vertical_speed", bands.speeds),
+        "altitude_reference": codes.ALTITUDE_NUMBERS[bands.reference],
+        "altitude": bands.altitudes.target,
+        **_bands("altitude", bands.altitudes),
     }
 
 
@@ -228,7 +239,10 @@ def _add(fields: Fields, bit: int, **more: Any) -> None:
 
 
 def _altitude(altitude: Altitude) -> Fields:
-    return {"altitude": altitude.value, "altitude_reference": _ALTITUDES[altitude.reference]}
+    return {
+        "altitude": altitude.value,
+        "altitude_reference": codes.ALTITUDE_NUMBERS[altitude.reference],
+    }
 
 
 def _trajectory(status: int, time: int, revision: int, **more: Any) -> Fields:

@@ -50,8 +50,9 @@ from ros_bridge.core.assurance import (
     to_fly,
     withdraw,
 )
+from ros_bridge.core.conversions import ALTITUDE_NUMBERS
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
-from ros_bridge.core.guidance import Guidance, blank, guidance
+from ros_bridge.core.guidance import Guidance, VerticalRows, blank, guidance
 from ros_bridge.core.looking import look
 from ros_bridge.core.planning import prepare
 from ros_bridge.core.status import status
@@ -327,7 +328,7 @@ class Monitor(ListeningNode):
 
 
 def _message(found: Guidance, now: int, frame: str) -> GuidanceBands:
-    return GuidanceBands(
+    message = GuidanceBands(
         header=header(now, frame),
         look_ahead=found.look_ahead,
         track_deg=found.tracks.target,
@@ -348,6 +349,19 @@ def _message(found: Guidance, now: int, frame: str) -> GuidanceBands:
         area_level=found.area_levels,
         area_loss=found.area_losses,
     )
+    if found.vertical is not None:
+        _add_vertical(message, found.vertical)
+    return message
+
+
+def _add_vertical(message: GuidanceBands, bands: VerticalRows) -> None:
+    """Write bands up and down into a message."""
+    speeds, altitudes = bands.speeds, bands.altitudes
+    message.vertical_speed, message.vertical_speed_region = speeds.target, speeds.region
+    message.vertical_speed_loss, message.vertical_speed_area = speeds.loss, speeds.area
+    message.altitude_reference = ALTITUDE_NUMBERS[bands.reference]
+    message.altitude, message.altitude_region = altitudes.target, altitudes.region
+    message.altitude_loss, message.altitude_area = altitudes.loss, altitudes.area
 
 
 main = partial(process.main, Monitor, "monitor", __doc__)

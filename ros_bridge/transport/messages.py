@@ -15,13 +15,11 @@ from unique_identifier_msgs.msg import UUID
 
 from agents.planner.answer import Advisory, Plan
 from agents.planner.request.request import Altitude
-from ros_bridge.core.conversions import ALTITUDE_CODES, PlanPoint
+from ros_bridge.core.conversions import ALTITUDE_NUMBERS, PlanPoint
 from ros_bridge.core.fields import SECOND, Sighting
 from ros_bridge.core.replies import plan_points, start_point, true_wind
 from ros_bridge.core.reports import Report
 from ros_bridge.core.tasks import PlanTask
-
-_CODES = {name: code for code, name in ALTITUDE_CODES.items()}
 
 
 def time_message(time: int) -> Time:
@@ -156,4 +154,7 @@ def sighting_message(sighting: Sighting, frame: str = "") -> AircraftState:
 def _set_altitude(message: AircraftState | Waypoint, altitude: Altitude | None) -> None:
     if altitude is not None:
         message.valid |= message.VALID_ALTITUDE
-        message.altitude, message.altitude_reference = altitude.value, _CODES[altitude.reference]
+        message.altitude, message.altitude_reference = (
+            altitude.value,
+            ALTITUDE_NUMBERS[altitude.reference],
+        )

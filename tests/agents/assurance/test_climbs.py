@@ -10,6 +10,7 @@ import pytest
 from agents.assurance import single
 from agents.assurance.climbs import Met, level_off, times_met
 from agents.assurance.single import Assessment, Watch
+from agents.assurance.space import hold
 from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.kernel.levels import Altitude, Line, steady
@@ -422,3 +423,25 @@ def test_a_plan_in_the_plane_has_no_altitude_to_be_held_to() -> None:
     watch, verdict = single.step(watch, 0.0, own, {}, own_altitude=sinking)
     assert verdict.state is State.MONITORING
     assert math.isnan(verdict.measured.altitude_error.item())
+
+
+def test_the_altitude_that_is_flown_is_the_plans_the_backups_or_goes_on() -> None:
+    flight = Flight(oncoming(Altitude(LEVEL, "msl", 0.0)))
+    on_plan = flight.step(50.0).in_height
+    assert on_plan is not None and on_plan.own == flight.altitude(50.0)
+    assert on_plan.flight == rest_of(flight, 50.0)
+    # It has not levelled off where the plan does.
+    high = replace(START, value=TOP + 60.0, vertical_speed=5.0, climb_error=1.0)
+    passed = flight.step(51.0, altitude=high)
+    assert passed.fly is FlyMode.PLAN and passed.in_height is not None
+    assert causes_of(passed) & Cause.ALTITUDE_ERROR
+    assert passed.in_height.flight == hold(high, OPTIONS)
+    (line,) = passed.in_height.flight
+    assert line.altitude == replace(high, error=MARGIN, climb_error=0.0)
+    ended = flight.step(1_000.0, altitude=high)
+    assert ended.fly is FlyMode.BACKUP and ended.in_height is not None
+    assert ended.in_height.flight == level_off(high, OPTIONS)
+    assert hold(None, OPTIONS) == ()
+    in_plane = Thresholds.for_plans(Options.for_aircraft(PAPER, deadline_s=math.inf))
+    _, verdict = single.step(single.begin(in_plane), 1.0, flight.own(1.0), {})
+    assert verdict.in_height is None

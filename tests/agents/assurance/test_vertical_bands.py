@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 
 from agents.assurance.alerts import Alerting, Region, regions
 from agents.assurance.bands import Bands, losses_on_course, recovery, stretches
+from agents.assurance.climbs import Met, times_met
 from agents.assurance.inputs import no_areas
+from agents.assurance.space import hold
 from agents.assurance.vertical_bands import (
     Altitudes,
     Layers,
@@ -30,8 +32,8 @@ from agents.assurance.vertical_manoeuvres import (
     to_climb,
 )
 from agents.kernel.areas import ActiveArea, required_distances
-from agents.kernel.levels import Altitude, Gap, window
-from agents.kernel.traffic import Traffic, Window, predict, requirement_of, uncertainty
+from agents.kernel.levels import Altitude, Gap
+from agents.kernel.traffic import Traffic, predict, requirement_of, uncertainty
 from agents.planner.request.options import Maneuvers, Options
 from agents.planner.request.reports import Intruder
 from envs.aircraft import PAPER, Vertical
@@ -329,14 +331,8 @@ def test_the_present_climb_is_closed_exactly_where_plans_count_the_intruder() ->
     closed = 0
     for _ in range(60):
         scene = random_scene(rng)
-        own = replace(scene.altitude, error=scene.altitude.error + OPTIONS.vertical_margin)
-        ends = [
-            window(own, intruder.altitude, intruder.age, intruder.vertical(OPTIONS), 10.0)
-            for intruder in scene.intruders
-        ]
-        assert OPTIONS.unknown_climb == pytest.approx(10.0, abs=1.0)
-        begin, end = np.array(ends).T[:, None]
-        counted = scene.traffic()._replace(window=Window(begin, end))
+        met = times_met(scene.intruders, hold(scene.altitude, OPTIONS), OPTIONS)
+        counted = Met(met, no_areas(1)).columns(scene.traffic())
         loss = losses_on_course(scene.own, counted, OPTIONS.requirement, LOOK_AHEAD).min()
         target = np.array([scene.altitude.vertical_speed])
         bands = scene.bands("vertical speed", scene.shut(), target)
@@ -356,7 +352,7 @@ def test_who_is_at_an_unknown_altitude_counts_at_all_of_them(kind: str) -> None:
         bands = scene.bands(kind, scene.shut())
         assert bands.closed.all() and (bands.clearance == -np.inf).all()
         assert np.ptp(bands.loss) == 0.0
-        assert recovery(bands, VERTICAL.separation).index[0] >= 0
+        assert recovery(bands, VERTICAL.separation).index[0] == -1
 
 
 @pytest.mark.parametrize("kind", KINDS)

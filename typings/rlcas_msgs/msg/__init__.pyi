@@ -174,6 +174,8 @@ class AssuranceStatus:
     separation: float
     time_to_loss: float
     runner_silence: float
+    altitude_error: float
+    altitude_error_limit: float
     def __init__(
         self,
         *,
@@ -195,6 +197,8 @@ class AssuranceStatus:
         separation: float = ...,
         time_to_loss: float = ...,
         runner_silence: float = ...,
+        altitude_error: float = ...,
+        altitude_error_limit: float = ...,
     ) -> None: ...
 
 class GeoReference:
@@ -280,6 +284,39 @@ class GuidanceBands:
     def area_loss(self) -> array[float]: ...
     @area_loss.setter
     def area_loss(self, value: Sequence[float] | NDArray[Any]) -> None: ...
+    @property
+    def vertical_speed(self) -> array[float]: ...
+    @vertical_speed.setter
+    def vertical_speed(self, value: Sequence[float] | NDArray[Any]) -> None: ...
+    @property
+    def vertical_speed_region(self) -> array[int]: ...
+    @vertical_speed_region.setter
+    def vertical_speed_region(self, value: Sequence[int] | NDArray[Any]) -> None: ...
+    @property
+    def vertical_speed_loss(self) -> array[float]: ...
+    @vertical_speed_loss.setter
+    def vertical_speed_loss(self, value: Sequence[float] | NDArray[Any]) -> None: ...
+    @property
+    def vertical_speed_area(self) -> array[int]: ...
+    @vertical_speed_area.setter
+    def vertical_speed_area(self, value: Sequence[int] | NDArray[Any]) -> None: ...
+    altitude_reference: int
+    @property
+    def altitude(self) -> array[float]: ...
+    @altitude.setter
+    def altitude(self, value: Sequence[float] | NDArray[Any]) -> None: ...
+    @property
+    def altitude_region(self) -> array[int]: ...
+    @altitude_region.setter
+    def altitude_region(self, value: Sequence[int] | NDArray[Any]) -> None: ...
+    @property
+    def altitude_loss(self) -> array[float]: ...
+    @altitude_loss.setter
+    def altitude_loss(self, value: Sequence[float] | NDArray[Any]) -> None: ...
+    @property
+    def altitude_area(self) -> array[int]: ...
+    @altitude_area.setter
+    def altitude_area(self, value: Sequence[int] | NDArray[Any]) -> None: ...
     def __init__(
         self,
         *,
@@ -302,6 +339,15 @@ class GuidanceBands:
         area_ids: Sequence[str] = ...,
         area_level: Sequence[int] | NDArray[Any] = ...,
         area_loss: Sequence[float] | NDArray[Any] = ...,
+        vertical_speed: Sequence[float] | NDArray[Any] = ...,
+        vertical_speed_region: Sequence[int] | NDArray[Any] = ...,
+        vertical_speed_loss: Sequence[float] | NDArray[Any] = ...,
+        vertical_speed_area: Sequence[int] | NDArray[Any] = ...,
+        altitude_reference: int = ...,
+        altitude: Sequence[float] | NDArray[Any] = ...,
+        altitude_region: Sequence[int] | NDArray[Any] = ...,
+        altitude_loss: Sequence[float] | NDArray[Any] = ...,
+        altitude_area: Sequence[int] | NDArray[Any] = ...,
     ) -> None: ...
 
 class Ring:

@@ -1,0 +1,79 @@
+"""What a flight would meet from now on by its altitude, and which altitude is flown.
+
+A plan that climbs or descends is flown on its profile, and a backup levels off at once. Without
+either, or where the ownship has left the profile, its present climb is held.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from agents.assurance.areas import may_be_met
+from agents.assurance.climbs import Climb, Met, level_off, times_met
+from agents.assurance.inputs import no_areas
+from agents.assurance.state import FlyMode
+from agents.assurance.thresholds import Cause, Thresholds
+from agents.kernel.levels import Altitude, Line, steady
+from agents.planner.request.options import L, Options
+from agents.planner.request.reports import Intruder
+from envs.areas import Area
+from envs.arrays import Array
+from envs.frames import Air, Ground
+from envs.kinematics import VehicleState
+
+
+@dataclass(frozen=True, slots=True)
+class Space:
+    """Intruders and areas about an ownship at one time, from which on all times count."""
+
+    own: VehicleState[Air]  # plain floats
+    reports: Sequence[Intruder[Ground]]  # by place; only ages, altitudes and separations count
+    areas: Sequence[Area]  # all that there are, in the air mass of the ownship
+    ends: float  # when the plan that is flown ends, s; nan: there is none
+    thresholds: Thresholds
+
+    def met(self, flight: Sequence[Line]) -> Met:
+        """Return what is met on a flight, ``[1]``; none: its altitude is unknown, which counts as
+        level with all.
+        """
+        return Met(times_met(self.reports, flight, self.thresholds.options), self.areas_met(flight))
+
+    def areas_met(self, flight: Sequence[Line]) -> Array:
+        """Return the areas that plan or backup may meet on a flight, object ``[1]``."""
+        met = no_areas(1)
+        if self.areas:
+            met[0] = may_be_met(self.areas, self.own, flight, self.ends, self.thresholds)
+        return met
+
+
+def hold(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:
+    """Return the altitude of an aircraft that holds its climb as well as it follows a profile; none
+    where its altitude is unknown.
+    """
+    if own is None:
+        return ()
+    return steady(replace(own, error=own.error + options.vertical_margin, climb_error=0.0))
+
+
+def altitude_flown(
+    mode: FlyMode,
+    causes: Cause,
+    climb: Climb | None,
+    own: Altitude | None,
+    time: float,
+    options: Options[L],
+) -> tuple[Line, ...]:
+    """Return the altitude that an ownship flies from a time on, s; none where it is unknown.
+
+    Args:
+        mode: what is flown.
+        causes: of the decision.
+        climb: of the active plan; None: it is one in the plane.
+        own: the ownship's altitude at that time.
+        time: on the monitor's clock.
+        options: of the flight.
+    """
+    if mode is FlyMode.BACKUP:
+        return level_off(own, options)
+    if mode is FlyMode.PLAN and climb is not None and not causes & Cause.ALTITUDE_ERROR:
+        return climb.flight(own, time, options)
+    return hold(own, options)
