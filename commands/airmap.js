@@ -179,7 +179,7 @@ const airmap = (() => {
   }
 
   // A vertical tape of values, the present one in a box in the middle; bands at its right edge.
-  function tape(pen, { left, top, width, height }, { value, span, step, words, targets = [], regions = [], areas = [], wanted = null }, colours) {
+  function tape(pen, { left, top, width, height }, { value, span, step, words, targets = [], regions = [], areas = [], wanted = null, signed = false }, colours) {
     const middle = top + height / 2, y = (one) => middle - ((one - value) / span) * height;
     pen.save();
     pen.beginPath();
@@ -199,10 +199,11 @@ const airmap = (() => {
       stroke(pen, colours.paper, 0.8);
     });
     for (let one = Math.ceil((value - span / 2) / step) * step; one <= value + span / 2; one += step) {
-      if (one < 0 || Math.abs(y(one) - middle) > height / 2 - 8) continue; // cut by the edge
+      if ((one < 0 && !signed) || Math.abs(y(one) - middle) > height / 2 - 8) continue; // cut by the edge
       line(pen, [[left + width - 16, y(one)], [left + width - 24, y(one)]]);
       stroke(pen, colours.soft, 1.4);
-      text(pen, String(Math.round(one)), left + width - 28, y(one) + 4, colours.ink, colours.paper, { size: 13, weight: 400, align: "right" });
+      if (Math.abs(y(one) - middle) < 21) continue; // under the box
+      text(pen, whole(one), left + width - 28, y(one) + 4, colours.ink, colours.paper, { size: 13, weight: 400, align: "right" });
     }
     if (wanted !== null) {
       const at = clip(y(wanted), top + 4, top + height - 4);
@@ -221,7 +222,7 @@ const airmap = (() => {
     pen.fillStyle = colours.paper;
     pen.fill();
     stroke(pen, colours.ink, 2);
-    text(pen, words, left + width / 2 - 7, middle + 6, colours.ink, colours.paper, { size: 17, weight: 700 });
+    text(pen, words, left + width / 2 - 7, middle + 6, colours.ink, colours.paper, { size: words.length > 4 ? 14 : 17, weight: 700 });
   }
 
   // Where a text of some width stands clear of discs around some points: near a place, and on the map.
@@ -241,11 +242,14 @@ const airmap = (() => {
     return best.at;
   }
 
+  // A number without its fraction, with the sign that typographers write.
+  const whole = (value) => `${Math.round(value) < 0 ? "−" : ""}${Math.abs(Math.round(value))}`;
+
   // The largest of 1, 2, 5, 10 ... that is not more.
   function round(most) {
     const power = 10 ** Math.floor(Math.log10(most));
     return [5, 2, 1].find((digit) => digit * power <= most * 1.0001) * power;
   }
 
-  return { FONT, PLANE, REGIONS, arcs, bands, bug, circle, clearPlace, clip, compass, fences, fitted, line, mark, onRing, plane, round, stroke, tape, text, tint };
+  return { FONT, PLANE, REGIONS, arcs, bands, bug, circle, clearPlace, clip, compass, fences, fitted, line, mark, onRing, plane, round, stroke, tape, text, tint, whole };
 })();

@@ -7,10 +7,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from envs.arrays import Array
+from envs.backend import FLOATS
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.tracking.tracker import TURN_STEPS
+from envs.tracking.tracker import TURN_STEPS, carried_turn
 from envs.wind import NO_WIND
 from ros_bridge.core.courses import Course
 from ros_bridge.core.fields import SECOND
@@ -149,7 +150,7 @@ def _carry_on(tracks: Sequence[Track], frame: LocalFrame, now: int) -> _Motion:
     age = np.array([(now - report.time) / SECOND for report in reports])
     heading = np.arctan2(north, east) + here.convergence
     start: VehicleState[Ground] = VehicleState(here.x, here.y, heading, np.hypot(east, north))
-    rates = np.array([track.turn_rate for track in tracks])
+    rates = np.array([_turn_rate(track) for track in tracks])
     state = carry_on(start, rates, TURN_STEPS, age, NO_WIND)
     vx, vy = state.speed * np.cos(state.heading), state.speed * np.sin(state.heading)
     return _Motion(
@@ -160,6 +161,11 @@ def _carry_on(tracks: Sequence[Track], frame: LocalFrame, now: int) -> _Motion:
         track_deg=np.degrees(np.arctan2(vx, vy) + here.convergence) % 360.0,
         age=age,
     )
+
+
+def _turn_rate(track: Track) -> float:
+    """Return the turn rate that an aircraft is expected to go on with, rad/s."""
+    return carried_turn(track.turn_rate, _last(track).turn_std, TURN_STEPS, FLOATS)[0]
 
 
 def _plane(track: Track, motion: _Motion, number: int, now: int, fresh: Freshness) -> DrawnPlane:
@@ -176,8 +182,8 @@ def _plane(track: Track, motion: _Motion, number: int, now: int, fresh: Freshnes
         vy=round(float(motion.vy[number]), 2),
         track_deg=round(float(motion.track_deg[number]), 1),
         speed=round(report.speed, 1),
-        turn_deg=round(math.degrees(track.turn_rate), 2) if age < TURN_STEPS else 0.0,
-        altitude=None if height is None else round(height.value, 1),
+        turn_deg=round(math.degrees(_turn_rate(track)), 2) if age < TURN_STEPS else 0.0,
+        altitude=None if height is None else round(height.value + (climb or 0.0) * age, 1),
         reference=None if height is None else height.reference,
         climb=None if climb is None else round(climb, 1),
         age=round(age, 3),

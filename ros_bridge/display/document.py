@@ -80,6 +80,7 @@ def _plan(plan: DrawnPlan | None) -> Document | None:
         "began": plan.began,
         "line": plan.line,
         "points": [_waypoint(point) for point in plan.points],
+        "profile": plan.profile,
     }
 
 
@@ -128,9 +129,16 @@ def _bands(bands: DrawnBands) -> Document:
         **_tape(bands.tracks, "track"),
         "speed": bands.speeds.target,
         **_tape(bands.speeds, "speed"),
+        **_up_and_down(bands.climbs, "vertical_speed"),
+        **_up_and_down(bands.altitudes, "altitude"),
         "areas": bands.areas,
         "recovery": None if bands.recovery is None else bands.recovery._asdict(),
     }
+
+
+def _up_and_down(tape: Tape | None, kind: str) -> Document:
+    """Return bands up and down; no field where there are none."""
+    return {} if tape is None else {kind: tape.target, **_tape(tape, kind)}
 
 
 def _tape(tape: Tape, kind: str) -> Document:
@@ -158,7 +166,8 @@ def _advice(advice: Advice) -> Document:
 
 
 def _change(change: Change) -> Document:
-    return {"turn": change.turn.value, **change.velocity._asdict()}
+    rise = {} if change.rise is None else change.rise._asdict()
+    return {"turn": change.turn.value, **change.velocity._asdict(), **rise}
 
 
 def _next_change(then: NextChange) -> Document:

@@ -15,6 +15,7 @@ from ros_bridge.core.fields import SECOND
 from ros_bridge.core.status import Status
 from ros_bridge.display.aircraft import draw_aircraft
 from ros_bridge.display.health import health_lines
+from ros_bridge.display.heights import Heights
 from ros_bridge.display.picture import (
     NO_THREAT,
     DrawnAlert,
@@ -27,7 +28,7 @@ from ros_bridge.display.picture import (
     WayOut,
     tenths,
 )
-from ros_bridge.display.scene import DisplayScene, Guidance, MonitorStatus
+from ros_bridge.display.scene import Bands, DisplayScene, Guidance, MonitorStatus
 from ros_bridge.display.shapes import draw_areas, draw_plan, draw_route
 
 _REMARKS = Cause.OUTSIDE_RANGE  # causes that ask for nothing
@@ -51,6 +52,7 @@ def draw(scene: DisplayScene, now: int, centre: tuple[float, float] | None = Non
     own, traffic = draw_aircraft(scene, frame, threats, now)
     report = scene.situation.own.last
     wind = None if report is None else report.wind
+    heights = Heights.of(scene.situation)
     return Picture(
         time=_seconds(now),
         separation=scene.separation,
@@ -60,12 +62,12 @@ def draw(scene: DisplayScene, now: int, centre: tuple[float, float] | None = Non
         own=own,
         traffic=traffic,
         wind=None if wind is None else (tenths(wind[0]), tenths(wind[1])),
-        plan=_plan(scene.plan, frame, wind, now),
-        backup=_plan(_backup_to_fly(scene, now), frame, wind, now),
-        unresolved=_plan(scene.unresolved, frame, wind, now),
+        plan=_plan(scene.plan, frame, wind, heights, now),
+        backup=_plan(_backup_to_fly(scene, now), frame, wind, heights, now),
+        unresolved=_plan(scene.unresolved, frame, wind, heights, now),
         route=draw_route(scene.situation.route.value, frame),
         areas=draw_areas(scene.areas, frame, now),
-        bands=None if guidance is None else _bands(guidance, now),
+        bands=None if guidance is None else _bands(guidance, heights, now),
         alerts=_alerts(threats, _area_threats(guidance, now)),
     )
 
@@ -104,9 +106,13 @@ def _map(scene: DisplayScene, centre: tuple[float, float] | None) -> LocalFrame 
 
 
 def _plan(
-    published: Published | None, frame: LocalFrame, wind: tuple[float, float] | None, now: int
+    published: Published | None,
+    frame: LocalFrame,
+    wind: tuple[float, float] | None,
+    heights: Heights,
+    now: int,
 ) -> DrawnPlan | None:
-    return None if published is None else draw_plan(published, frame, wind, now)
+    return None if published is None else draw_plan(published, frame, wind, heights, now)
 
 
 def _fresh_guidance(scene: DisplayScene, now: int) -> Guidance | None:
@@ -159,16 +165,28 @@ def by_level(alerts: list[DrawnAlert]) -> list[DrawnAlert]:
     return sorted(raised, key=lambda alert: -alert.threat.level)
 
 
-def _bands(guidance: Guidance, now: int) -> DrawnBands:
+def _bands(guidance: Guidance, heights: Heights, now: int) -> DrawnBands:
     since = (now - guidance.time) / SECOND
-    tracks, speeds = guidance.tracks, guidance.speeds
+    tracks, vertical = guidance.tracks, guidance.vertical
+    above = None if vertical is None else heights.offset(vertical.reference)
     return DrawnBands(
         age=round(since, 2),
         look_ahead=guidance.look_ahead,
         tracks=Tape(tracks.target, tracks.region, tracks.area),
-        speeds=Tape([tenths(speed) for speed in speeds.target], speeds.region, speeds.area),
+        speeds=_tape(guidance.speeds, 1),
         areas=list(guidance.areas),
         recovery=_way_out(guidance, since),
+        climbs=None if vertical is None else _tape(vertical.speeds, 2),
+        altitudes=None
+        if vertical is None or above is None
+        else _tape(vertical.altitudes, 1, above),
+    )
+
+
+def _tape(bands: Bands, digits: int, above: float = 0.0) -> Tape:
+    """Return bands as they are drawn; ``above`` is added to their targets."""
+    return Tape(
+        [round(target + above, digits) for target in bands.target], bands.region, bands.area
     )
 
 
@@ -216,6 +234,7 @@ def _monitor(scene: DisplayScene, now: int) -> DrawnMonitor | None:
         time_error=round(status.time_error, 2),
         separation=_told(status.separation),
         time_to_loss=_told(status.time_to_loss),
+        altitude_error=None if status.altitude_error_limit < 0.0 else tenths(status.altitude_error),
     )
 
 

@@ -40,7 +40,7 @@ class DrawnPlane(NamedTuple):
     track_deg: float
     speed: float  # over the ground
     turn_deg: float = 0.0  # deg/s, positive to the left
-    altitude: float | None = None  # m
+    altitude: float | None = None  # m, now
     reference: str | None = None  # what it is above
     climb: float | None = None  # m/s
     age: float = 0.0  # of its report
@@ -98,6 +98,9 @@ class DrawnPlan(NamedTuple):
     began: float  # time of the source's clock
     line: Sequence[Point]
     points: Sequence[DrawnPoint]
+    # ``[time, altitude]``, s of the source's clock and m as of the ownship's, of the start and of
+    # each waypoint; None: the plan is in the plane, or its altitudes cannot be compared
+    profile: Sequence[Point] | None = None
 
 
 class Disc(NamedTuple):
@@ -129,7 +132,7 @@ class DrawnArea(NamedTuple):
 
 
 class Tape(NamedTuple):
-    """Bands of directions or of speeds."""
+    """Bands of one kind."""
 
     target: Sequence[float]
     region: Sequence[int]  # codes of GuidanceBands
@@ -153,6 +156,8 @@ class DrawnBands(NamedTuple):
     speeds: Tape
     areas: Sequence[str]  # that close bands or lie ahead
     recovery: WayOut | None
+    climbs: Tape | None = None  # vertical speeds; None: there are no bands of them
+    altitudes: Tape | None = None  # as of the ownship's; None: none that can be compared
 
 
 class DrawnMonitor(NamedTuple):
@@ -169,6 +174,7 @@ class DrawnMonitor(NamedTuple):
     time_error: float  # late
     separation: float | None  # m
     time_to_loss: float | None
+    altitude_error: float | None = None  # m above the plan; None: not measured
 
 
 class DrawnAlert(NamedTuple):

@@ -17,6 +17,7 @@ from ros_bridge.core.conversions import PlanPoint, Published, Route
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.replies import wind_of
 from ros_bridge.display.aircraft import velocity_through_air
+from ros_bridge.display.heights import Heights
 from ros_bridge.display.picture import (
     Disc,
     DrawnArea,
@@ -35,12 +36,16 @@ _NEAR = 100_000.0  # m from the ownship that areas are drawn
 
 
 def draw_plan(
-    published: Published, frame: LocalFrame, wind: tuple[float, float] | None, now: int
+    published: Published,
+    frame: LocalFrame,
+    wind: tuple[float, float] | None,
+    heights: Heights,
+    now: int,
 ) -> DrawnPlan:
     """Return a plan with the times that are left to its waypoints at a time, ns; the wind, m/s east
     and north, where it is known.
     """
-    curve = _curve(published, frame)
+    curve, profile = _curve(published, frame), _profile(published, heights)
     points = [
         DrawnPoint(
             number=point.index,
@@ -51,11 +56,29 @@ def draw_plan(
             speed=tenths(point.speed),
             air=_through_air(point, wind),
             of_route=point.of_route,
-            altitude=tenths(point.altitude.value) if published.climbs and point.altitude else None,
+            altitude=None if profile is None else profile[number][1],
         )
-        for point, place in zip(published.points, curve.points, strict=True)
+        for number, (point, place) in enumerate(
+            zip(published.points, curve.points, strict=True), start=1
+        )
     ]
-    return DrawnPlan(published.revision, round(published.began / SECOND, 3), curve.line, points)
+    began = round(published.began / SECOND, 3)
+    return DrawnPlan(published.revision, began, curve.line, points, profile)
+
+
+def _profile(published: Published, heights: Heights) -> list[Point] | None:
+    """Return the altitudes of start and waypoints over time; None where there are none that can be
+    compared.
+    """
+    if not published.climbs:
+        return None
+    profile = list[Point]()
+    for point in (published.start, *published.points):
+        offset = None if point.altitude is None else heights.offset(point.altitude.reference)
+        if point.altitude is None or offset is None:
+            return None
+        profile.append([round(point.time / SECOND, 2), tenths(point.altitude.value + offset)])
+    return profile
 
 
 def _through_air(point: PlanPoint, wind: tuple[float, float] | None) -> Velocity:

@@ -19,12 +19,15 @@ __all__ = [
     "Served",
     "area",
     "areas",
+    "climbing_plan",
     "drawn",
     "guidance",
     "known_scene",
+    "level_aircraft",
     "plan",
     "serving",
     "status",
+    "up_and_down",
 ]
 
 PREFIX = "rlcas_runner/input/"
@@ -72,6 +75,60 @@ def guidance(closed: range = range(0), *, region: int = 2, recovery: int = -1, *
         "area_loss": [],
     }
     return SimpleNamespace(**(fields | more))
+
+
+def up_and_down(closed: range = range(0), *, region: int = 2, reference: int = 2) -> dict[str, Any]:
+    """Return the fields of a GuidanceBands message with bands of vertical speeds, from -5 to 5 m/s,
+    and altitudes, from 0 to 1000 m, of which those with these numbers have a region.
+    """
+    columns = {
+        "region": [region if n in closed else 0 for n in range(11)],
+        "loss": [30.0 if n in closed else -1.0 for n in range(11)],
+        "area": [-1] * 11,
+    }
+    fields = {
+        f"{kind}_{name}": column
+        for kind in ("vertical_speed", "altitude")
+        for name, column in columns.items()
+    }
+    return fields | {
+        "vertical_speed": [float(n - 5) for n in range(11)],
+        "altitude": [100.0 * n for n in range(11)],
+        "altitude_reference": reference,
+    }
+
+
+def level_aircraft(*place: float, height: float = 500.0, climb: float = 0.0, **more: Any) -> Any:
+    """Return an AircraftState with an altitude above the sea and a vertical speed."""
+    made = aircraft(*place, valid=0xCF, altitude=height, altitude_reference=2, **more)
+    made.velocity.z = climb
+    return made
+
+
+def climbing_plan(reference: int = 2) -> Any:
+    """Return a Trajectory that flies east: 100 m up in 40 s, level for 40 s, and down again."""
+    made = plan()
+    first = made.waypoints[0]
+
+    def at(number: int, x: float, height: float, climb: float) -> Any:
+        place = FRAME.geodetic(x, 0.0)
+        changes = {
+            "index": number,
+            "valid": 0x1F,
+            "latitude": float(place.latitude),
+            "longitude": float(place.longitude),
+            "altitude": height,
+            "altitude_reference": reference,
+            "climb": climb,
+            "track_deg": 90.0,
+            "time_of_arrival": stamp(NOW + round(x / 80.0 * SECOND)),
+        }
+        return SimpleNamespace(**(vars(first) | changes))
+
+    rises = [(0.0, 500.0, 2.5), (1_600.0, 550.0, 2.5), (3_200.0, 600.0, 0.0)]
+    rises += [(4_800.0, 600.0, 0.0), (6_400.0, 600.0, -2.5), (9_600.0, 500.0, 0.0)]
+    made.start, *made.waypoints = [at(n, *one) for n, one in enumerate(rises)]
+    return made
 
 
 def status(fly: int = 1, **more: Any) -> Any:

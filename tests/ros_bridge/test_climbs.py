@@ -31,6 +31,7 @@ from ros_bridge.core.replies import plan_points, start_point, to_frame
 from ros_bridge.core.reports import EXACT as EXACT_REPORTS
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tasks import PlanTask, Settings, refusal_of, task
+from ros_bridge.display.heights import Heights
 from ros_bridge.display.shapes import draw_plan
 from ros_bridge.sim.climbing import Height, flown, follow
 from ros_bridge.sim.guidance import Flying
@@ -269,10 +270,12 @@ def trajectory(plan: Published, **changes: Any) -> Any:
 
 def test_the_display_shows_the_altitudes_of_a_plan_that_climbs():
     plan = published(*usual())
-    shown = draw_plan(plan, FRAME, None, NOW)
+    shown = draw_plan(plan, FRAME, None, Heights("msl", None), NOW)
     heights = [round(one.altitude.value, 1) for one in plan.points if one.altitude]
     assert [one.altitude for one in shown.points] == heights
-    flat = draw_plan(published(*usual(Maneuvers.HORIZONTAL)), FRAME, None, NOW)
+    flat = draw_plan(
+        published(*usual(Maneuvers.HORIZONTAL)), FRAME, None, Heights("msl", None), NOW
+    )
     assert {one.altitude for one in flat.points} == {None}
 
 

@@ -39,14 +39,17 @@ from tests.ros_bridge.displays import (
     SECOND,
     area,
     areas,
+    climbing_plan,
     drawn,
     guidance,
     known_scene,
+    level_aircraft,
     plan,
     serving,
     status,
+    up_and_down,
 )
-from tests.ros_bridge.scenes import aircraft, alert, stamp
+from tests.ros_bridge.scenes import aircraft, alert, geo_reference, stamp
 
 STATUS, GUIDANCE = "rlcas_monitor/output/status", "rlcas_monitor/output/guidance"
 PLAN, BACKUP = "rlcas_runner/output/trajectory", "rlcas_monitor/output/backup"
@@ -256,6 +259,106 @@ def test_where_nothing_is_free_the_way_out_is_said():
     advice = drawn(scene, after(2.0))["advice"]
     assert advice["do"] == "recovery" and advice["track_deg"] == 150.0
     assert advice["after"] == 10.0 and advice["shortfall"] == 250.0
+
+
+def solid_scene(*traffic: Any, climb: float = 0.0, reference: int = 2) -> DisplayScene:
+    """Return what is known of an ownship 500 m above the sea that may climb and descend."""
+    own = level_aircraft(0.0, 0.0, 0.0, 80.0, climb=climb, id="own")
+    scene = take(known_scene(*traffic, own=own), PLAN, climbing_plan(reference), NOW)
+    return take(scene, GUIDANCE, guidance(**up_and_down(range(3, 7), reference=reference)), NOW)
+
+
+def test_a_plan_that_climbs_says_how_far_and_what_comes_then():
+    scene = take(solid_scene(), STATUS, status(1), NOW)
+    shown = drawn(scene, NOW)
+    began = shown["plan"]["began"]
+    assert [(when - began, height) for when, height in shown["plan"]["profile"]] == [
+        (0.0, 500.0),
+        (20.0, 550.0),
+        (40.0, 600.0),
+        (60.0, 600.0),
+        (80.0, 600.0),
+        (120.0, 500.0),
+    ]
+    advice = shown["advice"]
+    assert (advice["climb"], advice["altitude"]) == (2.5, 600.0)
+    then = advice["then"]
+    assert (then["in"], then["climb"], then["altitude"]) == (40.0, 0.0, 600.0)
+    said = status(1, header=SimpleNamespace(stamp=stamp(after(50.0))))
+    later = drawn(take(scene, STATUS, said, after(50.0)), after(50.0))["advice"]
+    assert (later["climb"], later["altitude"]) == (0.0, 600.0)
+    assert (later["then"]["in"], later["then"]["climb"]) == (30.0, -2.5)
+    assert later["then"]["altitude"] == 500.0
+    flat = drawn(take(take(known_scene(), PLAN, plan(), NOW), STATUS, status(1), NOW), NOW)
+    assert flat["plan"]["profile"] is None and "climb" not in flat["advice"]
+
+
+def test_altitudes_are_drawn_above_what_the_ownships_is():
+    """The plan and the bands are above the ellipsoid, the ownship above the sea."""
+    scene = solid_scene(reference=1)
+    unknown = drawn(scene, NOW)
+    assert unknown["plan"]["profile"] is None and "altitude" not in unknown["bands"]
+    assert unknown["bands"]["vertical_speed"] == [float(n - 5) for n in range(11)]
+    origin = geo_reference(geoid_undulation_valid=True, geoid_undulation=48.0)
+    shown = drawn(take(scene, f"{PREFIX}geo_reference", origin, NOW), NOW)
+    assert shown["own"]["altitude"] == 500.0 and shown["own"]["reference"] == "msl"
+    assert shown["plan"]["profile"][0][1] == shown["plan"]["profile"][-1][1] == 452.0
+    assert shown["plan"]["points"][0]["altitude"] == 502.0
+    assert shown["bands"]["altitude"][0] == -48.0
+    assert list(shown["bands"]["altitude_region"]) == [0, 0, 0, 2, 2, 2, 2, 0, 0, 0, 0]
+
+
+def test_altitudes_go_on_to_the_time_of_the_picture():
+    other = level_aircraft(5_000.0, 0.0, 0.0, 80.0, height=800.0, climb=-2.0)
+    shown = drawn(known_scene(other, own=level_aircraft(0.0, 0.0, 0.0, 80.0, id="own")), after(4.0))
+    (intruder,) = shown["traffic"]
+    assert intruder["altitude"] == 792.0 and intruder["relative_altitude"] == 292.0
+
+
+def test_a_backup_levels_off_where_the_ownship_may_climb():
+    scene = take(take(solid_scene(climb=2.0), BACKUP, plan(5), NOW), STATUS, status(2), NOW)
+    advice = drawn(scene, NOW)["advice"]
+    assert advice["do"] == "backup" and (advice["climb"], advice["altitude"]) == (0.0, None)
+    flat = take(take(known_scene(), BACKUP, plan(5), NOW), STATUS, status(2), NOW)
+    assert "climb" not in drawn(flat, NOW)["advice"]
+
+
+def test_where_no_direction_is_free_a_free_climb_is():
+    bands = guidance(range(72), region=3, recovery=30, **up_and_down(range(3, 7), region=3))
+    bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [3], [9.0]
+    other = level_aircraft(5_000.0, 0.0, 0.0, 80.0)
+    own = level_aircraft(0.0, 0.0, 0.0, 80.0, climb=0.5, id="own")
+    advice = drawn(take(known_scene(other, own=own), GUIDANCE, bands, NOW), NOW)["advice"]
+    assert advice["do"] == "free" and advice["turn"] == "hold" and advice["climb"] == 2.0
+    bands.vertical_speed_region = [3] * 11
+    advice = drawn(take(known_scene(other, own=own), GUIDANCE, bands, NOW), NOW)["advice"]
+    assert advice["do"] == "recovery" and "climb" not in advice
+
+
+def test_the_error_of_the_altitude_is_shown_where_it_is_measured():
+    def error_of(**more: float) -> float | None:
+        scene = take(known_scene(), STATUS, status(1, **more), NOW)
+        return drawn(scene, NOW)["monitor"]["altitude_error"]
+
+    assert error_of() is None
+    assert error_of(altitude_error=0.0, altitude_error_limit=-1.0) is None
+    assert error_of(altitude_error=-3.54, altitude_error_limit=25.0) == -3.5
+
+
+def test_a_turn_of_which_nobody_can_be_sure_is_drawn_straight():
+    """Circles of 6 deg/s, reported with and without an error of 3 m/s."""
+    turns = []
+    for velocity_std in (0.0, 3.0):
+        scene = known_scene()
+        for second in range(6):
+            now, angle = after(second), 0.1 * second
+            x, y = 800.0 * math.sin(angle), 800.0 * (1.0 - math.cos(angle))
+            flying = aircraft(
+                x + 5_000.0, y, angle, 80.0, time=now, velocity_std=velocity_std, position_std=9.0
+            )
+            scene = take(scene, f"{PREFIX}traffic", flying, now)
+        turns.append(drawn(scene, after(5.0))["traffic"][0]["turn_deg"])
+    assert turns[0] > 5.0 and turns[1] == 0.0
 
 
 def test_a_plan_is_drawn_through_its_waypoints_and_over_its_times():

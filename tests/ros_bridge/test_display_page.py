@@ -29,11 +29,14 @@ from tests.ros_bridge.displays import (
     Served,
     area,
     areas,
+    climbing_plan,
     guidance,
     known_scene,
+    level_aircraft,
     plan,
     serving,
     status,
+    up_and_down,
 )
 from tests.ros_bridge.scenes import aircraft
 from tests.ros_bridge.test_display import GUIDANCE, PLAN, STATUS, encounter
@@ -218,6 +221,73 @@ def test_texts_on_the_map_do_not_overlap(new_page: Any) -> None:
             for (ax, ay, aw, ah), (bx, by, bw, bh) in itertools.combinations(boxes[14:], 2):
                 assert ax + aw <= bx or bx + bw <= ax or ay + ah <= by or by + bh <= ay
             page.page.close()
+
+
+def climbing() -> LiveSource:
+    """Return a live source of an ownship that climbs on its plan; one aircraft crosses the plan
+    below it, one is of unknown altitude.
+    """
+    own = level_aircraft(0.0, 0.0, 0.0, 80.0, climb=2.5, id="own")
+    scene = known_scene(
+        level_aircraft(6_000.0, 0.0, 3.14, 80.0, height=480.0, id="below"),
+        aircraft(4_000.0, 2_000.0, -1.57, 60.0, id="unknown"),
+        own=own,
+    )
+    bands = guidance(range(12, 26), **up_and_down(range(3, 7)))
+    for name, message in ((GUIDANCE, bands), (PLAN, climbing_plan()), (STATUS, status())):
+        scene = take(scene, name, message, NOW)
+    made = LiveSource(clock=lambda: NOW)
+    made.scene = scene
+    return made
+
+
+LAYOUT = "(({ strip, column, stacked, radius, centre, left, low }, box) => ({ strip, column, stacked, radius, centre, low, width: box.clientWidth, height: box.clientHeight }))(view(state.picture, sky.box.clientWidth, sky.box.clientHeight), sky.box)"
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_climbs_have_tapes_and_a_profile_at_every_size(new_page: Any, size: str) -> None:
+    with serving(climbing()) as server:
+        page = Page(new_page, server.url, size)
+        assert page.text("#order").startswith(
+            "Plan: hold track 090°, climb to 1969 ft with 490 ft/min"
+        )
+        assert "Own altitude 1640 ft (msl), 490 ft/min." in page.text("#plan")
+        page.count_drawn()
+        layout = page.page.evaluate(LAYOUT)
+        assert bool(layout["column"]) != layout["stacked"]
+        # A phone on its side has no room for the profile.
+        assert bool(layout["strip"]) == (size != "phone on its side")
+        assert layout["radius"] > 0.2 * min(layout["width"], layout["height"])
+        across, down = layout["centre"]
+        assert across + layout["radius"] < layout["width"] - layout["column"]
+        assert down + layout["radius"] < layout["height"] - layout["low"]
+        met = page.page.evaluate(
+            "metAlong(state.picture).map(({ one, run }) => [one.id, run[0][0] - state.picture.time, run[0][1]])"
+        )
+        (known, when, altitude), (unknown, _, nothing) = met
+        assert (known, unknown, nothing) == ("below", "unknown", None)
+        assert when == pytest.approx(5_000.0 / 160.0, abs=4.0) and altitude == pytest.approx(480.0)
+        page.page.keyboard.press("u")
+        assert "climb to 600 m with 2.5 m/s" in page.text("#order")
+        assert page.wrong == []
+        page.page.close()
+
+
+def test_an_aircraft_that_plans_in_the_plane_has_one_tape(alarmed: tuple[Page, Served]) -> None:
+    layout = alarmed[0].page.evaluate(LAYOUT)
+    assert (layout["strip"], layout["column"], layout["stacked"]) == (0, 0, False)
+
+
+def test_a_turn_is_drawn_until_some_time_after_its_report(alarmed: tuple[Page, Served]) -> None:
+    """A quarter of a circle in 15 s from its report on, then straight; as small steps make it."""
+    where = "after({ x: 0, y: 0, vx: 60, vy: 0, turn_deg: 6, age: %g }, 40)"
+    page = alarmed[0].page
+    for age in (0.0, 10.0, 20.0):
+        x, y, turned = 0.0, 0.0, 0.0
+        for _ in range(4_000):
+            x, y = x + 0.6 * np.cos(turned), y + 0.6 * np.sin(turned)
+            turned = min(turned + np.radians(0.06), np.radians(6.0 * max(15.0 - age, 0.0)))
+        assert page.evaluate(where % age) == pytest.approx([x, y], abs=2.0)
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -38,6 +38,7 @@ from ros_bridge.display.scene_recording import encoder
 from ros_bridge.sim.climbing import flown
 from tests.ros_bridge.displays import guidance as guidance_message
 from tests.ros_bridge.displays import status as status_message
+from tests.ros_bridge.displays import up_and_down
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, heard
 from tests.ros_bridge.test_climbs import KNOWN, MSL, VERTICAL, published, settings, usual
 
@@ -230,17 +231,7 @@ def test_messages_of_earlier_versions_are_shown_without_what_they_lack() -> None
     scene = take_in(scene, "rlcas_monitor/output/guidance", guidance_message(), NOW)
     assert scene.monitor is not None and scene.monitor.status.altitude_error_limit == -1.0
     assert scene.guidance is not None and scene.guidance.vertical is None
-    strange = guidance_message(
-        vertical_speed=[0.0],
-        vertical_speed_region=[0],
-        vertical_speed_loss=[-1.0],
-        vertical_speed_area=[-1],
-        altitude_reference=9,
-        altitude=[0.0],
-        altitude_region=[0],
-        altitude_loss=[-1.0],
-        altitude_area=[-1],
-    )
+    strange = guidance_message(**up_and_down(reference=9))
     refused = take_in(scene, "rlcas_monitor/output/guidance", strange, NOW)
     assert "altitude_reference is 9, expected one of" in refused.problems["guidance"].text
     assert refused.guidance == scene.guidance

@@ -3,13 +3,15 @@
 
 const VERSION = 2; // of pictures
 const get = (id) => document.getElementById(id);
-const { arcs, bands, bug, circle, clip, compass, fences, fitted, line, mark, onRing, plane, stroke, tape, text, tint } = airmap;
-const AHEAD = 60, TURNING = 15; // s of the lines ahead of aircraft, and of a turn in them
+const { arcs, bands, bug, circle, clip, compass, fences, fitted, line, mark, onRing, plane, round, stroke, tape, text, tint, whole } = airmap;
+const AHEAD = 60, TURNING = 15; // s of the lines ahead of aircraft, and of a turn after its report
+const BESIDE = 172, STRIP = 104; // px: of the tapes of altitude and vertical speed, and of the profile
+const PAUSES = [10, 20, 30, 60, 120, 300, 600, 1200]; // s between the times below a profile
 const OLD = 2; // s after which a picture that is not followed by another is said to be old
 const NAMES = ["none", "preventive", "corrective", "warning"];
 const UNITS = {
-  aviation: { ranges: [1, 2, 5, 10, 20, 40], metres: 1852, far: "NM", speed: 1 / 0.514444, fast: "kt", high: 1 / 30.48, height: 100 / 30.48, tall: "ft", climb: 196.85, climbs: "ft/min", step: 10, span: 80 },
-  metric: { ranges: [2, 5, 10, 20, 40, 80], metres: 1000, far: "km", speed: 1, fast: "m/s", high: 0.01, height: 1, tall: "m", climb: 1, climbs: "m/s", step: 5, span: 40 },
+  aviation: { ranges: [1, 2, 5, 10, 20, 40], metres: 1852, far: "NM", speed: 1 / 0.514444, fast: "kt", high: 1 / 30.48, height: 100 / 30.48, tall: "ft", climb: 196.85, climbs: "ft/min", round: 10, step: 10, span: 80 },
+  metric: { ranges: [2, 5, 10, 20, 40, 80], metres: 1000, far: "km", speed: 1, fast: "m/s", high: 0.01, height: 1, tall: "m", climb: 1, climbs: "m/s", round: 0.1, step: 5, span: 40 },
 };
 
 const sky = { canvas: document.querySelector("#map canvas"), box: get("map") };
@@ -24,19 +26,32 @@ const units = () => UNITS[state.units];
 const distance = (metres) => metres < 1000 ? `${Math.round(metres)} m` : `${(metres / units().metres).toFixed(metres < 10 * units().metres ? 1 : 0)} ${units().far}`;
 const degrees = (value) => `${String(Math.round(value) % 360).padStart(3, "0")}°`;
 const speed = (value) => `${Math.round(value * units().speed)} ${units().fast}`;
-const seconds = (value) => (value < 100 ? `${Math.round(value)} s` : `${Math.floor(value / 60)} min ${String(Math.round(value % 60)).padStart(2, "0")} s`);
+const seconds = (value) => (value < 100 ? `${Math.round(value)} s` : `${Math.floor(Math.round(value) / 60)} min ${String(Math.round(value) % 60).padStart(2, "0")} s`);
 const above = (metres) => (metres === null ? "?" : `${metres < 0 ? "−" : "+"}${String(Math.round(Math.abs(metres) * units().high)).padStart(2, "0")}`);
 const reported = (metres) => (metres === null ? "?" : String(Math.round(metres * units().high)).padStart(3, "0"));
 const climbing = (rate) => (rate === null ? "" : rate * UNITS.aviation.climb > 400 ? "↑" : rate * UNITS.aviation.climb < -400 ? "↓" : "");
 
 // Directions and speeds of own, plan, bands and advice are in one frame, which has a name.
+const heightOf = (metres) => `${whole(metres * units().height)} ${units().tall}`;
+const rateOf = (climb) => `${+(units().round * Math.round((Math.abs(climb) * units().climb) / units().round)).toFixed(1)} ${units().climbs}`;
+
+// A climb, a descent or level flight, and the altitude at which it ends or which is held.
+function riseOf({ climb, altitude }) {
+  if (climb === undefined) return "";
+  const to = altitude === null ? "" : ` ${heightOf(altitude)}`;
+  if (climb === 0) return altitude === null ? ", level off" : `, stay at${to}`;
+  return `, ${climb > 0 ? "climb" : "descend"}${to && ` to${to}`} with ${rateOf(climb)}`;
+}
+
 const FRAMES = { air: { direction: "heading", short: "HDG", speed: "airspeed" }, ground: { direction: "track", short: "TRK", speed: "ground speed" } };
 
-// A change of direction and speed; `before` is the speed until then.
-function manoeuvre({ turn, track_deg: track, speed: wanted }, before, frame) {
+// A change of direction, speed and climb; `before` is the speed until then.
+function manoeuvre(change, before, frame) {
+  const { turn, track_deg: track, speed: wanted } = change;
   const { direction } = FRAMES[frame], course = turn === "hold" ? `hold ${direction} ${degrees(track)}` : `turn ${turn} to ${direction} ${degrees(track)}`;
   const faster = wanted - before;
-  return Math.abs(faster) > 1.5 ? `${course}, ${faster > 0 ? "faster" : "slower"}: ${speed(wanted)}` : course;
+  const paced = Math.abs(faster) > 1.5 ? `${course}, ${faster > 0 ? "faster" : "slower"}: ${speed(wanted)}` : course;
+  return paced + riseOf(change);
 }
 
 const KINDS = { plan: "Plan", backup: "BACKUP", advised: "Advice, not flown", free: "Free", recovery: "No way is free. Best" };
@@ -83,6 +98,7 @@ function part(parent, tag, n) {
 }
 
 function tell(picture) {
+  document.documentElement.toggleAttribute("data-profile", Boolean(picture.plan?.profile)); // needs room
   const { level, kind, first, why } = words(picture), { bands: closed } = picture;
   put(get("order"), first);
   put(get("why"), why);
@@ -120,11 +136,13 @@ function planned({ plan, monitor, own }) {
   } else lines.push("None.");
   if (monitor) {
     lines.push(`Monitor: ${monitor.state}.`);
-    if (monitor.measured) lines.push(`${distance(Math.abs(monitor.cross_track))} ${monitor.cross_track < 0 ? "right" : "left"} of it, ${Math.abs(monitor.time_error).toFixed(1)} s ${monitor.time_error < 0 ? "early" : "late"}.`);
+    const off = monitor.altitude_error ?? null, high = off === null ? "" : `, ${heightOf(Math.abs(off))} ${off < 0 ? "below" : "above"} it`;
+    if (monitor.measured) lines.push(`${distance(Math.abs(monitor.cross_track))} ${monitor.cross_track < 0 ? "right" : "left"} of it, ${Math.abs(monitor.time_error).toFixed(1)} s ${monitor.time_error < 0 ? "early" : "late"}${high}.`);
     if (monitor.separation !== null) lines.push(`It keeps ${distance(monitor.separation)}.`);
     for (const remark of monitor.remarks) lines.push(`Note: ${remark}.`);
   }
-  if (own && own.altitude !== null) lines.push(`Own altitude ${Math.round(own.altitude * units().height)} ${units().tall} (${own.reference}).`);
+  const climbs = own && own.climb !== null ? `, ${own.climb < 0 ? "−" : ""}${rateOf(own.climb)}` : "";
+  if (own && own.altitude !== null) lines.push(`Own altitude ${heightOf(own.altitude)} (${own.reference})${climbs}.`);
   return lines.join(" ");
 }
 
@@ -132,8 +150,8 @@ function table({ traffic, own }) {
   const rows = traffic.map((one) => ({ one, apart: own ? Math.hypot(one.x - own.x, one.y - own.y) : null })).sort((a, b) => a.apart - b.apart);
   fill(get("table"), rows, (row, { one, apart }) => {
     const bearing = own ? degrees((Math.atan2(one.x - own.x, one.y - own.y) * 180) / Math.PI + 360) : "";
-    const high = one.relative_altitude === null ? "?" : `${Math.round(one.relative_altitude * units().height)} ${units().tall}`;
-    const rate = one.climb === null ? "?" : `${Math.round(one.climb * units().climb)} ${units().climbs}`;
+    const high = one.relative_altitude === null ? "?" : heightOf(one.relative_altitude);
+    const rate = one.climb === null ? "?" : `${whole(one.climb * units().climb)} ${units().climbs}`;
     const cells = [one.callsign || one.id, apart === null ? "" : `${distance(apart)} ${bearing}`, `${high}, ${rate}`, one.fault || (one.state === "fresh" ? one.correction : `${one.state}, ${seconds(one.age)}`)];
     cells.forEach((cell, n) => put(part(row, "td", n), cell));
   });
@@ -158,11 +176,18 @@ function hear({ alerts }) { // a tone where a level is raised to corrective or m
 
 // ---- the map ----
 
+// Whether the ownship's climb is shown: where it may be free or not, or is planned.
+const solid = ({ own, bands: shown, plan }) => own !== null && own.altitude !== null && own.climb !== null && Boolean(shown?.vertical_speed || plan?.profile);
+
 function view(picture, width, height) {
   const top = get("advice").offsetHeight, beside = get("controls").offsetHeight > get("controls").offsetWidth, { own, traffic } = picture;
-  const low = beside ? 4 : get("controls").offsetHeight + 14, right = beside ? get("controls").offsetWidth + 14 : 0; // of the buttons
-  const left = width < 620 || beside ? 62 : 0; // of the tape
-  const radius = Math.min((width - left - right) / 2 - 34, (height - top - low) / 2 - 40); // bands stand outside, and the direction above them
+  const free = height - top - (beside ? 4 : get("controls").offsetHeight + 14), buttons = beside ? get("controls").offsetWidth + 14 : 0;
+  const strip = solid(picture) && picture.plan?.profile && free > 400 ? STRIP : 0, low = height - top - free + strip; // of the buttons and the profile
+  const along = (free - strip) / 2 - 40, across = (tapes) => (width - tapes - buttons) / 2 - 34; // bands stand outside, and the direction above them
+  const narrow = width < 620 || beside, single = narrow ? 62 : 0; // of the tape of speeds
+  const column = solid(picture) && across(single + BESIDE) >= 0.8 * along ? BESIDE : 0, right = buttons + column;
+  const stacked = solid(picture) && !column, left = stacked ? 84 : single; // else the tapes stand below each other
+  const radius = Math.min(across(left + column), along);
   const centre = [left + (width - left - right) / 2, top + 6 + (height - top - low) / 2];
   const metres = units().ranges[state.range] * units().metres, scale = radius / metres;
   const here = own ?? { x: 0, y: 0, vx: 0, vy: 1, track_deg: 0 };
@@ -172,20 +197,18 @@ function view(picture, width, height) {
     const dx = (x - here.x) * scale, dy = (y - here.y) * scale;
     return [centre[0] + dx * cosine - dy * sine, centre[1] - dx * sine - dy * cosine];
   };
-  return { centre, radius, scale, up, turn, place, width: width - right, height, top, low, traffic };
+  return { centre, radius, scale, up, turn, place, width: width - right, height, top, low, strip, column, stacked, traffic };
 }
 
-// Where an aircraft will be, every 5 s: on in its turn for a while, then straight.
-function ahead({ x, y, vx, vy, turn_deg: rate }) {
-  const points = [[x, y]];
-  for (let time = 0; time < AHEAD; time += 5) {
-    const angle = time < TURNING ? (rate * 5 * Math.PI) / 180 : 0, half = angle / 2;
-    const cosine = Math.cos(half), sine = Math.sin(half), wx = vx * cosine - vy * sine, wy = vx * sine + vy * cosine;
-    points.push([(x += 5 * wx), (y += 5 * wy)]);
-    [vx, vy] = [wx * cosine - wy * sine, wx * sine + wy * cosine];
-  }
-  return points;
+// Where an aircraft will be after some seconds: on in its turn until some time after its report, then straight.
+function after({ x, y, vx, vy, turn_deg: turns, age }, time) {
+  const turning = clip(TURNING - age, 0, time), half = (turns * turning * Math.PI) / 360, chord = half ? Math.sin(half) / half : 1;
+  const turned = (angle) => [vx * Math.cos(angle) - vy * Math.sin(angle), vx * Math.sin(angle) + vy * Math.cos(angle)];
+  const [cx, cy] = turned(half), [sx, sy] = turned(2 * half);
+  return [x + turning * chord * cx + (time - turning) * sx, y + turning * chord * cy + (time - turning) * sy];
 }
+
+const ahead = (one) => Array.from({ length: AHEAD / 5 + 1 }, (_, n) => after(one, 5 * n));
 
 function draw() {
   scheduled = false;
@@ -226,18 +249,125 @@ function draw() {
   if (own) {
     plane(pen, cx, cy, Math.PI / 2 - ((own.track_deg - up) * Math.PI) / 180, 1.35, colours.own, colours.paper);
     if (own.state !== "fresh") text(pen, `ownship ${own.state} ${seconds(own.age)}`, cx, cy + 34, colours.bad, colours.paper);
-    const wanted = picture.advice.speed === undefined || picture.advice.speed === null ? null : picture.advice.speed * units().speed;
-    const box = { left: 6, top: at.top + 14, width: width < 620 ? 58 : 66, height: clip(height - at.top - at.low - 40, 90, 260) };
-    const row = picture.bands ?? { speed: [], speed_region: [], speed_area: [] };
-    const now = own.air.speed * units().speed;
-    tape(pen, box, { value: now, span: units().span, step: units().step, words: String(Math.round(now)), targets: row.speed.map((one) => one * units().speed), regions: row.speed_region, areas: row.speed_area, wanted }, colours);
-    const named = picture.frame === "air" ? [`${units().fast} air`, `GS ${Math.round(own.speed * units().speed)}`] : [`${units().fast} ground`];
-    named.forEach((words, n) => text(pen, words, box.left + 2, box.top + box.height + 15 * (n + 1), colours.soft, colours.paper, { size: 12, align: "left" }));
+    drawTapes(pen, picture, at);
+    if (at.strip) drawProfile(pen, picture, at);
   }
   drawWind(pen, picture, at);
   text(pen, state.trackUp && own ? `TRK ${degrees(up)}` : "N", cx, at.top + 16, colours.soft, colours.paper, { size: 12 });
   writeLabels(pen, at);
   document.dispatchEvent(new CustomEvent("drawn", { detail: picture }));
+}
+
+// Speeds on the left; altitudes and vertical speeds on the right, or below them where there is no room.
+function drawTapes(pen, picture, at) {
+  const { own, advice, frame } = picture, { colours } = state, { column, stacked } = at, { tall, climb, climbs, fast } = units();
+  const row = picture.bands ?? { speed: [], speed_region: [], speed_area: [] };
+  const free = at.height - at.top - at.low - 14, high = stacked ? free / 3 - 36 : clip(free - 26, 90, 260);
+  const box = (n, left, width) => ({ left, top: at.top + 14 + (stacked ? (n * free) / 3 : 0), width, height: high });
+  const wanted = (value, scale) => (value === undefined || value === null ? null : value * scale);
+  const under = ({ left, top }, lines) => lines.forEach((words, n) => text(pen, words, left + 2, top + high + 15 * (n + 1), colours.soft, colours.paper, { size: 12, align: "left" }));
+
+  const now = own.air.speed * units().speed, first = box(0, 6, stacked ? 76 : at.width < 620 ? 58 : 66);
+  tape(pen, first, { value: now, span: units().span, step: units().step, words: String(Math.round(now)), targets: row.speed.map((one) => one * units().speed), regions: row.speed_region, areas: row.speed_area, wanted: wanted(advice.speed, units().speed) }, colours);
+  under(first, frame === "air" ? [`${fast} air`, `GS ${Math.round(own.speed * units().speed)}`] : [`${fast} ground`]);
+  if (!column && !stacked) return;
+
+  const kinds = [["altitude", own.altitude, units().height, 600, 0.5], ["vertical_speed", own.climb, climb, 12, 1.2]];
+  kinds.forEach(([name, value, scale, usual, share], n) => {
+    const targets = row[name] ?? [], span = (targets.length ? share * (targets.at(-1) - targets[0]) : usual) * scale; // a share of what can be reached
+    const there = column ? box(0, at.width + 4 + 84 * n, 78) : box(n + 1, 6, 76);
+    const target = name === "altitude" ? advice.altitude : advice.climb;
+    const words = name === "altitude" || scale > 10 ? whole(value * scale) : (value * scale).toFixed(1).replace("-", "−");
+    tape(pen, there, { value: value * scale, span, step: round(span / 4), words, targets: targets.map((one) => one * scale), regions: row[`${name}_region`] ?? [], areas: row[`${name}_area`] ?? [], wanted: wanted(target, scale), signed: true }, colours);
+    under(there, [name === "altitude" ? `${tall} ${own.reference}` : climbs]);
+  });
+}
+
+// The plan's altitudes over time, from now on, and traffic in the times in which it is near the plan over the ground.
+function drawProfile(pen, picture, at) {
+  const { plan: { profile }, own, time: now } = picture, { colours } = state;
+  const end = Math.min(profile.at(-1)[0], Math.max(levelFrom(profile) + 60, now + 180));
+  if (end <= now) return;
+  const lines = metAlong(picture);
+  const rest = [[now, altitudeAt(profile, now)], ...profile.filter(([when]) => when > now && when < end), [end, altitudeAt(profile, end)]];
+  const heights = [own.altitude, ...rest.map(([, altitude]) => altitude)], spread = Math.max(...heights) - Math.min(...heights);
+  const near = lines.flatMap(({ run }) => run.map(([, altitude]) => altitude)).filter((one) => one !== null && heights.some((other) => Math.abs(one - other) < Math.max(spread, 300)));
+  const [lowest, highest] = [Math.min(...heights, ...near), Math.max(...heights, ...near)], pad = Math.max(0.15 * (highest - lowest), 30);
+  const box = { left: 60, top: at.height - at.low + 8, width: at.width + at.column - 60 - 14, height: at.strip - 30 };
+  const x = (when) => box.left + ((when - now) / (end - now)) * box.width;
+  const y = (altitude) => box.top + box.height * (1 - (altitude - lowest + pad) / (highest - lowest + 2 * pad));
+
+  pen.beginPath();
+  pen.rect(box.left, box.top, box.width, box.height);
+  pen.fillStyle = colours.paper;
+  pen.fill();
+  stroke(pen, colours.line, 1);
+  const scale = units().height, step = round(((highest - lowest + 2 * pad) * scale) / 2);
+  for (let one = Math.ceil(((lowest - pad) * scale) / step) * step; one <= (highest + pad) * scale; one += step) {
+    line(pen, [[box.left, y(one / scale)], [box.left + box.width, y(one / scale)]]);
+    stroke(pen, colours.line, 1, [1, 4]);
+    text(pen, whole(one), box.left - 14, y(one / scale) + 4, colours.soft, colours.paper, { size: 12, weight: 400, align: "right" });
+  }
+  for (let one = 0, every = PAUSES.find((some) => some * box.width > 90 * (end - now)) ?? PAUSES.at(-1); x(now + one) < box.left + box.width - 30; one += every) text(pen, one ? seconds(one) : units().tall, one ? x(now + one) : box.left - 14, box.top + box.height + 15, colours.soft, colours.paper, { size: 12, weight: 400, align: one ? "center" : "right" });
+
+  pen.save();
+  pen.beginPath();
+  pen.rect(box.left, box.top, box.width, box.height);
+  pen.clip();
+  for (const { one, run } of lines) {
+    const colour = one.level > 0 ? colours[NAMES[one.level]] : colours.traffic, unknown = one.relative_altitude === null;
+    if (unknown) { // it may be at every altitude
+      pen.fillStyle = tint(colour, 0.2);
+      pen.fillRect(x(run[0][0]), box.top, Math.max(x(run.at(-1)[0]) - x(run[0][0]), 4), box.height);
+    } else {
+      line(pen, run.map(([when, altitude]) => [x(when), y(altitude)]));
+      stroke(pen, colour, one.level > 0 ? 6 : 4);
+    }
+    const [when, altitude] = run[Math.floor(run.length / 2)], name = one.callsign || one.id;
+    const foot = unknown ? box.top + 14 : clip(y(altitude) - 6, box.top + 12, box.top + box.height - 4);
+    text(pen, (name.length > 14 ? `${name.slice(0, 13)}…` : name) + (unknown ? " ?" : ""), clip(x(when), box.left + 30, box.left + box.width - 30), foot, colour, colours.paper, { size: 12 });
+  }
+  line(pen, rest.map(([when, altitude]) => [x(when), y(altitude)]));
+  stroke(pen, colours.plan, 3);
+  for (const [when, altitude] of rest.slice(1, -1)) {
+    circle(pen, x(when), y(altitude), 3);
+    pen.fillStyle = colours.plan;
+    pen.fill();
+  }
+  if (own.climb !== null) (line(pen, [[x(now), y(own.altitude)], [x(now + AHEAD), y(own.altitude + AHEAD * own.climb)]]), stroke(pen, colours.own, 1.6, [4, 4]));
+  pen.restore();
+  plane(pen, box.left, y(own.altitude), Math.atan2(y(own.altitude) - y(own.altitude + 10 * (own.climb ?? 0)), x(now + 10) - x(now)), 0.9, colours.own, colours.paper);
+}
+
+// From when on a profile stays level.
+function levelFrom(profile) {
+  const last = profile.findLastIndex(([, altitude]) => Math.abs(altitude - profile.at(-1)[1]) > 1);
+  return profile[Math.min(last + 1, profile.length - 1)][0];
+}
+
+// The altitude of a profile at a time.
+function altitudeAt(profile, time) {
+  const next = clip(profile.findIndex(([when]) => when > time), 1, profile.length - 1), [[from, low], [to, high]] = [profile[next - 1], profile[next]];
+  return low + ((high - low) * (time - from)) / (to - from);
+}
+
+// Traffic with the times in which it is nearer to the plan over the ground than is kept from it, and its altitudes then; null: unknown.
+function metAlong({ plan: { line: path }, traffic, own, separation, time: now }) {
+  const met = [];
+  for (const one of traffic) {
+    const kept = one.separation ?? separation, above_ = one.relative_altitude;
+    let run = null;
+    for (const [x, y, when] of kept ? path : []) {
+      if (when < now) continue;
+      const [tx, ty] = after(one, when - now);
+      if (Math.hypot(tx - x, ty - y) > kept) run = null;
+      else {
+        if (!run) met.push({ one, run: (run = []) });
+        run.push([when, above_ === null ? null : own.altitude + above_ + (one.climb ?? 0) * (when - now)]);
+      }
+    }
+  }
+  return met;
 }
 
 function drawAreas(pen, areas, at) {
@@ -301,7 +431,7 @@ function drawPlan(pen, plan, now, colour, dash, { place, centre, radius, labels 
     pen.fill();
     stroke(pen, colours.paper, 1.5);
     const lines = [{ words: seconds(point.in), colour }];
-    if (point.altitude !== null) lines.push({ words: `${Math.round(point.altitude * units().height)} ${units().tall}`, colour });
+    if (point.altitude !== null) lines.push({ words: heightOf(point.altitude), colour });
     labels.push({ rank: 8, at: [x, y], lines });
   }
 }
