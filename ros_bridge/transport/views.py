@@ -14,10 +14,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from agents.kernel.traffic import advance_reports
 from agents.planner.answer import Plan
-from agents.planner.request.reports import arrays_of_reports, report_in_air
+from agents.planner.request.reports import Intruder, arrays_of_reports, report_in_air
 from envs.areas import Area, Circle, Keep, Polygon, Ring
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.profile import Profile, level, profile_of
 from envs.waypoints import Waypoint, at, legs, plan_states, repeat
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report
@@ -28,6 +29,7 @@ BODY = "base_link"
 """Frame of the ownship's body (REP 105)."""
 
 _TEXT = Marker.TEXT_VIEW_FACING
+_FLAT = level(0.0)  # heights of a plan in the plane
 _STEP = 2.0  # s between the points of the drawn line
 _CORNERS = 48  # of a drawn circle
 _AREAS = {Keep.OUT: (0.75, 0.1, 0.4), Keep.IN: (0.2, 0.45, 0.8)}
@@ -49,13 +51,16 @@ def odometry(own: VehicleState[Ground], report: Report, turn: float, frame: str)
 
 
 def path(plan: Plan, task: PlanTask, frame: str) -> Path:
-    """Return the start and the waypoints as poses, each stamped with its time of arrival."""
+    """Return the start and the waypoints as poses, each stamped with its time of arrival; z is the
+    height above the start, 0 where the plan is in the plane.
+    """
+    heights = _heights(plan, task)
     start = Waypoint(0, task.own.x, task.own.y, task.own.heading, task.own.speed, 0.0)
     poses = [
         PoseStamped(
             header=header(task.time + round(point.time * SECOND), frame),
             pose=Pose(
-                position=Point(x=float(point.x), y=float(point.y)),
+                position=_point(point, heights),
                 orientation=_facing(float(point.heading)),
             ),
         )
@@ -66,13 +71,15 @@ def path(plan: Plan, task: PlanTask, frame: str) -> Path:
 
 def markers(plan: Plan, task: PlanTask, frame: str) -> MarkerArray:
     """Return the line of flight, the waypoints with their indices, the intruders with the distance
-    to keep from each, and the edges of the areas, all as of the request.
+    to keep from each, and the edges of the areas, all as of the request; where the plan climbs, at
+    their heights above the ownship.
     """
     drawing = _Drawing(header(task.time, frame))
     unit = 0.25 * task.options.aircraft.separation
+    heights = _heights(plan, task)
     if plan.waypoints:
-        _draw_plan(drawing, plan, task, unit)
-    _draw_traffic(drawing, task, unit)
+        _draw_plan(drawing, plan, task, heights, unit)
+    _draw_traffic(drawing, task, unit, in_height=heights is not _FLAT)
     for area in task.areas:
         _draw_area(drawing, area, unit)
     return MarkerArray(markers=drawing.markers)
@@ -101,19 +108,21 @@ class _Drawing:
         return marker
 
 
-def _draw_plan(drawing: _Drawing, plan: Plan, task: PlanTask, unit: float) -> None:
+def _draw_plan(
+    drawing: _Drawing, plan: Plan, task: PlanTask, heights: Profile, unit: float
+) -> None:
     """Draw a plan's line, its waypoints and their indices."""
     colour = _colour(_SAFE if plan.safe else _UNSAFE)
-    line = [Point(x=x, y=y) for x, y in _line(plan, task)]
+    line = _line(plan, task, heights)
     drawing.add("plan", Marker.LINE_STRIP, colour, 0.16 * unit, points=line)
-    dots = [Point(x=float(point.x), y=float(point.y)) for point in plan.waypoints]
+    dots = [_point(point, heights) for point in plan.waypoints]
     drawing.add("waypoints", Marker.SPHERE_LIST, colour, 0.6 * unit, points=dots)
-    for point in plan.waypoints:
-        pose = _pose(point.x, point.y, z=unit)
+    for point, dot in zip(plan.waypoints, dots, strict=True):
+        pose = _pose(point.x, point.y, z=dot.z + unit)
         drawing.add("indices", _TEXT, colour, unit, text=str(point.index), pose=pose)
 
 
-def _draw_traffic(drawing: _Drawing, task: PlanTask, unit: float) -> None:
+def _draw_traffic(drawing: _Drawing, task: PlanTask, unit: float, *, in_height: bool) -> None:
     """Draw a disc as wide as the distance to keep around each intruder, and its name."""
     colour, faint = _colour(_TRAFFIC), _colour(_TRAFFIC, 0.35)
     for name, intruder in zip(task.identifiers, task.intruders, strict=True):
@@ -121,9 +130,10 @@ def _draw_traffic(drawing: _Drawing, task: PlanTask, unit: float) -> None:
         x, y = float(now.x[0, 0]), float(now.y[0, 0])
         usual, own = task.options.requirement.separation, intruder.separation
         width = 2.0 * (usual if own is None else own)
-        disc = drawing.add("traffic", Marker.CYLINDER, faint, width, pose=_pose(x, y))
+        z = _above(intruder, task) if in_height else 0.0
+        disc = drawing.add("traffic", Marker.CYLINDER, faint, width, pose=_pose(x, y, z))
         disc.scale.z = 1.0
-        drawing.add("names", _TEXT, colour, unit, text=name, pose=_pose(x, y, z=unit))
+        drawing.add("names", _TEXT, colour, unit, text=name, pose=_pose(x, y, z + unit))
 
 
 def _draw_area(drawing: _Drawing, area: Area, unit: float) -> None:
@@ -158,13 +168,38 @@ def diagnostics(
     return DiagnosticArray(header=header(node.get_clock().now().nanoseconds, ""), status=[status])
 
 
-def _line(plan: Plan, task: PlanTask) -> list[tuple[float, float]]:
-    """Return points of a plan's curve, x and y, m."""
+def _line(plan: Plan, task: PlanTask, heights: Profile) -> list[Point]:
+    """Return points of a plan's curve."""
     curve = legs(plan_states(task.own, plan.waypoints, wind=plan.wind))
     end = plan.waypoints[-1].time
     times = np.append(np.arange(0.0, end, _STEP), end)
     state = at(repeat(curve, times.size), times, plan.wind)
-    return list(zip(state.x.tolist(), state.y.tolist(), strict=True))
+    places = zip(state.x.tolist(), state.y.tolist(), heights.at(times).tolist(), strict=True)
+    return [Point(x=x, y=y, z=z) for x, y, z in places]
+
+
+def _heights(plan: Plan, task: PlanTask) -> Profile:
+    """Return a plan's heights above its start, m; :data:`_FLAT` where it is in the plane."""
+    own = task.own_altitude
+    climbs = any(point.altitude is not None for point in plan.waypoints)
+    if not climbs or own is None or own.vertical_speed is None:
+        return _FLAT
+    acceleration = task.options.vertical.acceleration
+    profile = profile_of(own.value, own.vertical_speed, plan.waypoints, acceleration)
+    assert profile is not None, "the waypoints have altitudes"
+    return profile._replace(altitude=profile.altitude - own.value)
+
+
+def _point(point: Waypoint, heights: Profile) -> Point:
+    return Point(x=float(point.x), y=float(point.y), z=float(heights.at(np.array(point.time))))
+
+
+def _above(intruder: Intruder[Ground], task: PlanTask) -> float:
+    """Return how far an intruder is above the ownship, m; 0 where that is unknown."""
+    own, other = task.own_altitude, intruder.altitude
+    if own is None or other is None or own.reference != other.reference:
+        return 0.0
+    return other.value + (other.vertical_speed or 0.0) * intruder.age - own.value
 
 
 def _facing(heading: float) -> Quaternion:

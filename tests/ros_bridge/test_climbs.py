@@ -279,6 +279,23 @@ def test_the_display_shows_the_altitudes_of_a_plan_that_climbs():
     assert {one.altitude for one in flat.points} == {None}
 
 
+def test_a_viewer_draws_a_plan_at_its_heights_above_the_start():
+    pytest.importorskip("rclpy", reason="rclpy is not installed; to have it: make ros")
+    from ros_bridge.transport.views import markers, path
+
+    wanted, answer = usual()
+    heights = [(one.altitude or math.nan) - 500.0 for one in answer.waypoints]
+    poses = path(answer, wanted, "map").poses
+    assert [one.pose.position.z for one in poses] == pytest.approx([0.0, *heights])
+    drawn = markers(answer, wanted, "map").markers
+    (line,) = [one.points for one in drawn if one.ns == "plan"]
+    assert line[0].z == 0.0 and max(one.z for one in line) == pytest.approx(max(heights))
+    (disc,) = [one.pose.position for one in drawn if one.ns == "traffic"]
+    assert disc.z == 0.0
+    wanted, answer = usual(Maneuvers.HORIZONTAL)
+    assert {one.pose.position.z for one in path(answer, wanted, "map").poses} == {0.0}
+
+
 @pytest.mark.parametrize(
     ("changes", "field", "says"),
     [

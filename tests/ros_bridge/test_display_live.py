@@ -123,9 +123,11 @@ def test_a_receiver_alone_makes_a_picture():
 
 
 @pytest.mark.slow
-def test_the_demo_shows_its_plan_and_bands_while_it_flies():
+@pytest.mark.parametrize("climbs", [False, True])
+def test_the_demo_shows_its_plan_and_bands_while_it_flies(climbs: bool):
     pytest.importorskip("tests.ros_bridge.graph")
     command = [sys.executable, "-m", "ros_bridge.demo", "--scenarios", "head_on", "--display"]
+    command += ["--aircraft", "uas", "--maneuvers", "vertical"] if climbs else []
     with subprocess.Popen([*command, "--rate", "20"], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         with watching(process.stdout.readline()) as seen:
@@ -135,7 +137,11 @@ def test_the_demo_shows_its_plan_and_bands_while_it_flies():
                     picture if picture["bands"] and picture["monitor"]["fly"] == "plan" else None
                 )
             )
-            assert shown["separation"] == 1_000.0
+            assert ("vertical_speed" in shown["bands"]) == climbs
+            assert (shown["plan"]["profile"] is not None) == climbs
+            assert ("climb" in shown["advice"]) == climbs
+            assert (shown["monitor"]["altitude_error"] is not None) == climbs
+            assert shown["separation"] == (610.0 if climbs else 1_000.0)
             assert shown["plan"] and shown["advice"]["do"] == "plan"
             assert {one["name"] for one in shown["health"]} >= {"/rlcas_runner", "/rlcas_monitor"}
         output, _ = process.communicate(timeout=300.0)
