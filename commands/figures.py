@@ -6,12 +6,18 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from commands.files import write_whole
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
 
 
+_OWN, _OTHER = "#0072B2", "#D55E00"  # colours of ownship and intruders
+_ROOM = 0.3, 50.0  # above and below the own altitudes: a share of their range, m at least
 _MINUS = re.compile(r"(?<![\w)\]])-(?=[\d.])")
 
 
@@ -53,3 +59,39 @@ def save_figure(figure: "Figure", path: Path, dpi: int = 150) -> list[Path]:
         with write_whole(files[1]) as svg:
             figure.savefig(svg, format="svg", dpi=dpi, metadata={"Date": None})
     return files
+
+
+def draw_altitudes(
+    axes: "Axes",
+    time: "ArrayLike",
+    own: "ArrayLike",
+    others: "ArrayLike" = (),
+    planned: "ArrayLike | None" = None,
+) -> None:
+    """Draw altitudes over time, as they stand below a map: the ownship's, solid, those of
+    intruders, dashed, and those of the plan, dotted.
+
+    Args:
+        axes: of matplotlib.
+        time: s, ``[T]``.
+        own: the ownship's altitudes, m, ``[T]``.
+        others: those of the intruders, m, ``[K, T]``; nan where they do not count. The own ones
+            decide which altitudes are shown: intruders may come from far above.
+        planned: those of the plan, m, ``[T]``; None: there is none.
+    """
+    time, own, others = (np.asarray(values, dtype=float) for values in (time, own, others))
+    for altitudes in others:
+        axes.plot(time, altitudes, color=_OTHER, linewidth=1.2, linestyle="--")
+    shown = own
+    if planned is not None:
+        shown = np.concatenate([own, np.asarray(planned, dtype=float)])
+        axes.plot(time, planned, color="black", linewidth=0.8, linestyle=":")
+    axes.plot(time, own, color=_OWN, linewidth=1.5)
+    lowest, highest = np.nanmin(shown), np.nanmax(shown)
+    share, least = _ROOM
+    room = max(share * (highest - lowest), least)
+    axes.set_ylim(lowest - room, highest + room)
+    axes.set_xlabel("time, s")
+    axes.set_ylabel("altitude, m")
+    axes.grid(color="#EBEBEB", linewidth=0.5)
+    axes.set_axisbelow(True)

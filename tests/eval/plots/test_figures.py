@@ -10,9 +10,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from agents.policy.inference import Policy
-from commands.figures import save_figure
+from commands.figures import draw_altitudes, save_figure
 from envs.aircraft import PAPER
 from envs.outcome import RULES
+from envs.profile import climbing
 from envs.scenarios import scenario
 from eval.flights.chunks import Evaluation, ReadyEvaluation, columns
 from eval.flights.recorded import Track, fly_recorded
@@ -117,6 +118,28 @@ def test_a_minus_is_one_sign(tmp_path: Path) -> None:
     save_figure(figure, tmp_path / "signs")
     assert axes.get_title() == "own \u22120.5 m/s, 1-2 and [\u22123, 4], a-5"
     assert [label.get_text() for label in axes.get_xticklabels()] == ["\u22121", "1"]
+
+
+def test_altitudes_are_drawn_about_the_own_ones(tmp_path: Path) -> None:
+    time = np.arange(0.0, 120.0)
+    profile = climbing(
+        2_000.0, 0.0, [40.0, 80.0, 120.0], [2_150.0, 2_150.0, 2_000.0], acceleration=0.5
+    )
+    planned = profile.at(time)
+    others = np.stack([np.full(time.size, 2_010.0), 5_000.0 - 20.0 * time])
+    others[0, :30] = np.nan
+    figure = Figure(figsize=(6.0, 2.5), layout="constrained")
+    axes = figure.subplots()
+    draw_altitudes(axes, time, planned + 3.0, others, planned)
+    save_figure(figure, tmp_path / "altitudes")
+    lines = [np.asarray(line.get_ydata(), dtype=float) for line in axes.get_lines()]
+    assert [len(line) for line in lines] == [time.size] * 4
+    low, high = axes.get_ylim()
+    assert 1_940.0 < low < 2_000.0
+    assert 2_153.0 < high < 2_220.0
+    flat = Figure().subplots()
+    draw_altitudes(flat, time, np.full(time.size, 2_000.0))
+    assert flat.get_ylim() == (1_950.0, 2_050.0)
 
 
 def test_histogram_counts_every_flight_and_splits_at_the_requirement() -> None:
