@@ -262,7 +262,7 @@ def test_climbs_have_tapes_and_a_profile_at_every_size(new_page: Any, size: str)
         assert across + layout["radius"] < layout["width"] - layout["column"]
         assert down + layout["radius"] < layout["height"] - layout["low"]
         met = page.page.evaluate(
-            "metAlong(state.picture).map(({ one, run }) => [one.id, run[0][0] - state.picture.time, run[0][1]])"
+            "metAlong(state.picture, Infinity).map(({ one, run }) => [one.id, run[0][0] - state.picture.time, run[0][1]])"
         )
         (known, when, altitude), (unknown, _, nothing) = met
         assert (known, unknown, nothing) == ("below", "unknown", None)

@@ -174,6 +174,13 @@ def test_who_stays_above_closes_no_heading_but_a_climb() -> None:
     assert climbing.levels[0] > Level.NONE and climbing.losses[0] > 0.0
 
 
+def test_alone_everything_is_free() -> None:
+    bands = looked_at(situation_of(climb=2.0))
+    assert bands.vertical is not None and bands.levels == []
+    for row in (bands.tracks, bands.speeds, bands.vertical.speeds, bands.vertical.altitudes):
+        assert set(row.region) == {Region.FREE}
+
+
 def test_without_an_own_altitude_or_climb_there_are_no_bands_up_and_down() -> None:
     other = report(3_000.0, 0.0, math.pi, 500.0, 0.0)
     for valid in (0xC5, 0xC7):

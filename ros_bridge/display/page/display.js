@@ -26,7 +26,10 @@ const units = () => UNITS[state.units];
 const distance = (metres) => metres < 1000 ? `${Math.round(metres)} m` : `${(metres / units().metres).toFixed(metres < 10 * units().metres ? 1 : 0)} ${units().far}`;
 const degrees = (value) => `${String(Math.round(value) % 360).padStart(3, "0")}°`;
 const speed = (value) => `${Math.round(value * units().speed)} ${units().fast}`;
-const seconds = (value) => (value < 100 ? `${Math.round(value)} s` : `${Math.floor(Math.round(value) / 60)} min ${String(Math.round(value) % 60).padStart(2, "0")} s`);
+function seconds(value) {
+  const count = Math.round(value);
+  return count < 100 ? `${count} s` : `${Math.floor(count / 60)} min ${String(count % 60).padStart(2, "0")} s`;
+}
 const above = (metres) => (metres === null ? "?" : `${metres < 0 ? "−" : "+"}${String(Math.round(Math.abs(metres) * units().high)).padStart(2, "0")}`);
 const reported = (metres) => (metres === null ? "?" : String(Math.round(metres * units().high)).padStart(3, "0"));
 const climbing = (rate) => (rate === null ? "" : rate * UNITS.aviation.climb > 400 ? "↑" : rate * UNITS.aviation.climb < -400 ? "↓" : "");
@@ -288,7 +291,7 @@ function drawProfile(pen, picture, at) {
   const { plan: { profile }, own, time: now } = picture, { colours } = state;
   const end = Math.min(profile.at(-1)[0], Math.max(levelFrom(profile) + 60, now + 180));
   if (end <= now) return;
-  const lines = metAlong(picture);
+  const lines = metAlong(picture, end);
   const rest = [[now, altitudeAt(profile, now)], ...profile.filter(([when]) => when > now && when < end), [end, altitudeAt(profile, end)]];
   const heights = [own.altitude, ...rest.map(([, altitude]) => altitude)], spread = Math.max(...heights) - Math.min(...heights);
   const near = lines.flatMap(({ run }) => run.map(([, altitude]) => altitude)).filter((one) => one !== null && heights.some((other) => Math.abs(one - other) < Math.max(spread, 300)));
@@ -352,13 +355,13 @@ function altitudeAt(profile, time) {
 }
 
 // Traffic with the times in which it is nearer to the plan over the ground than is kept from it, and its altitudes then; null: unknown.
-function metAlong({ plan: { line: path }, traffic, own, separation, time: now }) {
+function metAlong({ plan: { line: path }, traffic, own, separation, time: now }, end) {
   const met = [];
   for (const one of traffic) {
     const kept = one.separation ?? separation, above_ = one.relative_altitude;
     let run = null;
     for (const [x, y, when] of kept ? path : []) {
-      if (when < now) continue;
+      if (when < now || when > end) continue;
       const [tx, ty] = after(one, when - now);
       if (Math.hypot(tx - x, ty - y) > kept) run = null;
       else {
