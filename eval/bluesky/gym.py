@@ -55,14 +55,14 @@ class _Units(NamedTuple):
 
 @cache
 def _units() -> _Units:
-    given: Any = import_module("bluesky_gym.envs.horizontal_cr_env")
+    environment: Any = import_module("bluesky_gym.envs.horizontal_cr_env")
     return _Units(
-        _KM * given.WAYPOINT_DISTANCE_MAX,
-        given.AC_SPD,
-        math.radians(given.D_HEADING),
-        _NM * given.INTRUSION_DISTANCE,
-        _KM * given.DISTANCE_MARGIN,
-        _STEP_OF_BLUESKY * given.ACTION_FREQUENCY,
+        _KM * environment.WAYPOINT_DISTANCE_MAX,
+        environment.AC_SPD,
+        math.radians(environment.D_HEADING),
+        _NM * environment.INTRUSION_DISTANCE,
+        _KM * environment.DISTANCE_MARGIN,
+        _STEP_OF_BLUESKY * environment.ACTION_FREQUENCY,
     )
 
 
@@ -115,9 +115,9 @@ class Pilot:
             if time >= period:
                 most = limits.yaw_rate_max
                 turn = np.where(clear, np.clip(off / _STEP, -most, most), 0.0)
-                asked = flights.flies & by_policy & ~clear
-                if asked.any():
-                    turn[asked] = _turn_rates(policy, take(flights, asked), limits)
+                commanded = flights.flies & by_policy & ~clear
+                if commanded.any():
+                    turn[commanded] = _turn_rates(policy, take(flights, commanded), limits)
             flights = flights.advance(turn, limits)
         return flights.nearest, flights.drift
 
@@ -205,7 +205,7 @@ def _is_clear(
     """
     direct = column(own._replace(heading=own.heading + off))
     time = until[:, None]
-    here, there = (advance(each, 0.0, 0.0, time, limits, np) for each in (direct, others))
+    here, there = (advance(aircraft, 0.0, 0.0, time, limits, np) for aircraft in (direct, others))
     apart = leg_separation(direct, here, others, there, time, np)
     return (apart >= MARGIN * _units().separation).all(axis=1)
 

@@ -216,9 +216,13 @@ def _interpolate(solution: Solution, x: Array, y: Array, heading: float, speed: 
     """Return the value interpolated in all of the state, m, ``[...]``; the cap beyond the grid."""
     grid, zero = solution.grid, 0.0 * x
     nodes = ((abs(heading), grid.heading), (speed, grid.speed))
-    held = [zero + np.interp(where, axis, np.arange(axis.size)) for where, axis in nodes]
+    indices = [zero + np.interp(where, axis, np.arange(axis.size)) for where, axis in nodes]
     cell = grid.x[1] - grid.x[0]
-    places = [*held, (x - grid.x[0]) / cell, (math.copysign(1.0, heading) * y - grid.y[0]) / cell]
+    places = [
+        *indices,
+        (x - grid.x[0]) / cell,
+        (math.copysign(1.0, heading) * y - grid.y[0]) / cell,
+    ]
     return map_coordinates(solution.value, places, order=1, cval=CAP * solution.separation)
 
 

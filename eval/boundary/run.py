@@ -84,9 +84,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder.begin(resume=options.resume)
     begun = time.perf_counter()
     with folder:
-        asked = _ask(config, cuts, aircraft, folder)
-        result = _result(config, asked, aircraft) | {"wall_s": time.perf_counter() - begun}
-        picture_folder.write(options.out, "boundary", result, boundary_figure(asked, aircraft), 110)
+        answered = _ask(config, cuts, aircraft, folder)
+        result = _result(config, answered, aircraft) | {"wall_s": time.perf_counter() - begun}
+        picture_folder.write(
+            options.out, "boundary", result, boundary_figure(answered, aircraft), 110
+        )
     _show(result)
     print(f"{result['disagreements']} disagreements; written to {options.out}")
     return 1 if result["disagreements"] else 0
@@ -95,13 +97,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _load(options: argparse.Namespace) -> BoundaryConfig:
     """Return the configuration of a file under what the command line says."""
     aircraft = None if options.aircraft is None else file_of(options.aircraft, AIRCRAFT)
-    given = {
+    settings = {
         "slices": options.slice or None,
         "aircraft": aircraft,
         "spacing": options.spacing,
         "grid": options.grid,
     }
-    return load_given(BoundaryConfig, config_file(options), given)
+    return load_given(BoundaryConfig, config_file(options), settings)
 
 
 def _ask(
@@ -110,12 +112,12 @@ def _ask(
     """Return both answers to each slice, and its figures, in the order of the slices; those that
     are stored are not asked again.
     """
-    found: dict[int, tuple[Answers, dict[str, Any]]] = {}
-    for number, cut in sorted(enumerate(cuts), key=lambda one: one[1].intruder_speed):
+    answered: dict[int, tuple[Answers, dict[str, Any]]] = {}
+    for number, cut in sorted(enumerate(cuts), key=lambda item: item[1].intruder_speed):
         part = folder.part(f"slice_{number}", partial(_judge, cut, config, aircraft))
         figures = parse_json(str(part.pop("figures")))
-        found[number] = Answers(slice=cut, **part), figures
-    return [found[number] for number in range(len(cuts))]
+        answered[number] = Answers(slice=cut, **part), figures
+    return [answered[number] for number in range(len(cuts))]
 
 
 def _judge(cut: Slice, config: BoundaryConfig, aircraft: Aircraft) -> dict[str, Any]:
@@ -138,7 +140,7 @@ def _judge(cut: Slice, config: BoundaryConfig, aircraft: Aircraft) -> dict[str, 
 
 
 def _result(
-    config: BoundaryConfig, asked: Sequence[tuple[Answers, dict[str, Any]]], aircraft: Aircraft
+    config: BoundaryConfig, answered: Sequence[tuple[Answers, dict[str, Any]]], aircraft: Aircraft
 ) -> dict[str, Any]:
     """Return what boundary.json says, but for the time it took."""
     return {
@@ -147,8 +149,8 @@ def _result(
         "limits": aircraft.limits._asdict(),
         "spacing_m": config.spacing,
         "grids": [{"dt_s": dt, "cell_m": cell} for dt, cell in _grids(config, aircraft)],
-        "disagreements": sum(sum(figures["disagreements"].values()) for _, figures in asked),
-        "slices": [figures for _, figures in asked],
+        "disagreements": sum(sum(figures["disagreements"].values()) for _, figures in answered),
+        "slices": [figures for _, figures in answered],
     }
 
 
@@ -229,7 +231,7 @@ def _grids(config: BoundaryConfig, aircraft: Aircraft) -> tuple[tuple[float, flo
     )
 
 
-def _slices(wanted: Sequence[tuple[float, float, float]], aircraft: Aircraft) -> list[Slice]:
+def _slices(requested: Sequence[tuple[float, float, float]], aircraft: Aircraft) -> list[Slice]:
     """Return the slices that are asked for, or six that the aircraft's speeds give;
     ``ConfigError``: one is out of range.
     """
@@ -237,7 +239,7 @@ def _slices(wanted: Sequence[tuple[float, float, float]], aircraft: Aircraft) ->
     span = fastest - slowest
     cuts = [
         Slice(f"slice {number}", own, intruder, math.radians(course))
-        for number, (own, intruder, course) in enumerate(wanted, 1)
+        for number, (own, intruder, course) in enumerate(requested, 1)
     ] or [
         Slice(name, slowest + own * span, slowest + intruder * span, math.radians(course))
         for name, own, intruder, course in _SLICES
@@ -253,8 +255,8 @@ def _slices(wanted: Sequence[tuple[float, float, float]], aircraft: Aircraft) ->
 def _check(what: str, value: float, span: tuple[float, float], unit: str) -> None:
     low, high = span
     if not low <= value <= high:
-        said = f"{value:g} {unit}; expected {low:g} to {high:g} {unit}"
-        raise ConfigError(f"--slice: the {what} is {said}")
+        problem = f"{value:g} {unit}; expected {low:g} to {high:g} {unit}"
+        raise ConfigError(f"--slice: the {what} is {problem}")
 
 
 @lru_cache(1)  # of one speed at a time, which bounds the memory
@@ -262,9 +264,9 @@ def _solve(
     intruder_speed: float, grids: tuple[tuple[float, float], ...], aircraft: Aircraft
 ) -> list[Solution]:
     print(f"solving the grids for an intruder at {intruder_speed:g} m/s", file=sys.stderr)
-    asked = aircraft.limits, intruder_speed, aircraft.separation
-    found = [solve(make_grid(*asked, *grid), *asked) for grid in grids]
-    assert min(map(edge_value, found)) > aircraft.separation, (
+    setting = aircraft.limits, intruder_speed, aircraft.separation
+    solutions = [solve(make_grid(*setting, *grid), *setting) for grid in grids]
+    assert min(map(edge_value, solutions)) > aircraft.separation, (
         "a lost state touches the edge of the grid"
     )
-    return found
+    return solutions

@@ -137,11 +137,11 @@ def _fly_some(
     some = np.union1d(some, np.flatnonzero(near & (verdict == Verdict.UNDECIDED)))
     # By then the closest approach of any escape is over.
     horizon = math.pi / limits.yaw_rate_max * 0.5 + separation / limits.speed_min
-    found = np.full(x.size, np.nan)
-    found[some] = best_separation(
+    separations = np.full(x.size, np.nan)
+    separations[some] = best_separation(
         cut.own_speed, cut.heading, cut.intruder_speed, x[some], y[some], limits, horizon
     )
-    return found
+    return separations
 
 
 def compare(answers: Answers, separation: float, spacing: float) -> dict[str, Any]:

@@ -36,7 +36,7 @@ def show_closing(
     rows = [_row(listed, results, name) for name in names]
     counts = [(state, [row for row in rows if row[-1] == state]) for state in _STATES]
     title = f"{len(rows)} results: " + ", ".join(
-        f"{len(those)} {state}" for state, those in counts if those
+        f"{len(group)} {state}" for state, group in counts if group
     )
     places = [
         f"results, one NAME.json each: {out}",
@@ -46,7 +46,7 @@ def show_closing(
     if sys.stdout.isatty():
         print_table(title, ("", "encounters", "target", "measured", "state"), rows, places)
         return
-    lines = [f"{state}: {_names(state, those)}" for state, those in counts if those]
+    lines = [f"{state}: {_names(state, group)}" for state, group in counts if group]
     print("\n".join([title, *lines, *places]))
 
 
@@ -71,8 +71,8 @@ def _names(state: str, rows: Sequence[Sequence[str]]) -> str:
     """
     texts = []
     for name, size, target, measured, _ in rows:
-        told = [f"{measured}, target {target}"] if state in ("missed", "undecided") else []
-        told += [size] if " of " in size and state != "not measured" else []
-        texts.append(f"{name} ({', '.join(told)})" if told else name)
+        notes = [f"{measured}, target {target}"] if state in ("missed", "undecided") else []
+        notes += [size] if " of " in size and state != "not measured" else []
+        texts.append(f"{name} ({', '.join(notes)})" if notes else name)
     more = f", and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
     return ", ".join(texts[:_NAMED]) + more

@@ -31,17 +31,19 @@ def cells(folder: Path) -> dict[str, Any]:
     """
     table = read_table(folder / "encounters.parquet", "the table of a run")
     columns = ("relative_heading_deg", "own_speed_m_s", "intruder_speed_m_s", "outcome", "verdict")
-    course, own, other, outcome, verdict = (table[name] for name in columns)
+    course, own_speed, intruder_speed, outcome, verdict = (table[name] for name in columns)
     row = np.clip(np.searchsorted(COURSES, np.abs(course), "right") - 1, 0, len(_GEOMETRIES) - 1)
-    column = np.clip(np.searchsorted(RATIOS, other / own, "right") - 1, 0, len(_SPEEDS) - 1)
+    column = np.clip(
+        np.searchsorted(RATIOS, intruder_speed / own_speed, "right") - 1, 0, len(_SPEEDS) - 1
+    )
     tried = verdict != "unresolvable"
-    found = {}
+    rates = {}
     for i, geometry in enumerate(_GEOMETRIES):
         for j, speed in enumerate(_SPEEDS):
             inside = tried & (row == i) & (column == j)
             reached = np.count_nonzero(inside & (outcome == "reached"))
-            found[f"cells/{geometry}/{speed}"] = share(reached, np.count_nonzero(inside), 0.9)
-    return found
+            rates[f"cells/{geometry}/{speed}"] = share(reached, np.count_nonzero(inside), 0.9)
+    return rates
 
 
 def rows_of_cells(
@@ -70,14 +72,14 @@ def draw(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Path]
         return []
     panels = []
     for name in names:
-        found = [
-            [results[name]["figures"][f"cells/{row}/{one}"] for one in _SPEEDS]
+        rates = [
+            [results[name]["figures"][f"cells/{row}/{speed}"] for speed in _SPEEDS]
             for row in _GEOMETRIES
         ]
         bound = np.array(
-            [[one["low"] if one["total"] >= _ENOUGH else np.nan for one in row] for row in found]
+            [[rate["low"] if rate["total"] >= _ENOUGH else np.nan for rate in row] for row in rates]
         )
-        few = [[f"too few\n({one['total']})" for one in row] for row in found]
+        few = [[f"too few\n({rate['total']})" for rate in row] for row in rates]
         texts = np.where(np.isfinite(bound), np.char.mod("%.1f", 100.0 * bound), few)
         panels.append((listed.results[name].title, 100.0 * bound, texts))
     figure = cells_figure(panels, _GEOMETRIES, _SPEEDS, 80.0, "success, lower 95 % bound, %")

@@ -103,7 +103,7 @@ class Evaluated(NamedTuple):
     size: str  # encounters, of how many listed
     claimed: str
     met: str  # yes, undecided or no
-    found: str
+    measured: str
     origin: str  # commit and machine
 
 
@@ -139,7 +139,7 @@ def assess(
     evaluated = {name: _evaluate(name, listed, results) for name in listed.results}
     reasons = {}
     for name, item in items.items():
-        small = [one for one in item.results if _is_small(one, listed, results)]
+        small = [result for result in item.results if _is_small(result, listed, results)]
         reasons[name] = _test_reasons(item, outcomes) + _result_reasons(item, evaluated, small)
     states = {name: _state(items[name], reasons[name], outcomes) for name in items}
     for name, goal in case.goals.items():
@@ -157,7 +157,7 @@ def _state(item: Item, reasons: Iterable[Reason], outcomes: Mapping[str, Outcome
 
 def tests_of(root: Path) -> list[str]:
     """Return the node ids of all tests of a checkout, without parameters."""
-    found = []
+    tests = []
     for path in sorted((root / "tests").rglob("test_*.py")):
         file = path.relative_to(root).as_posix()
         group = file
@@ -168,19 +168,19 @@ def tests_of(root: Path) -> list[str]:
             if kind == "class":
                 group = f"{file}::{name}"
             else:
-                found.append(f"{group if indent else file}::{name}")
-    return found
+                tests.append(f"{group if indent else file}::{name}")
+    return tests
 
 
 def outcomes_of(tests: Iterable[str], reports: Iterable[Path]) -> dict[str, Outcome]:
     """Return the outcome of each test by the reports of ``pytest --junitxml``; ``ConfigError`` for
     another file.
     """
-    found: dict[str, Outcome] = {}
+    by_name: dict[str, Outcome] = {}
     for path in reports:
         for name, outcome in _reported_tests(path):
-            found[name] = max(outcome, found.get(name, Outcome.NOT_RUN))
-    return {test: found.get(_dotted_name(test), Outcome.NOT_RUN) for test in tests}
+            by_name[name] = max(outcome, by_name.get(name, Outcome.NOT_RUN))
+    return {test: by_name.get(_dotted_name(test), Outcome.NOT_RUN) for test in tests}
 
 
 def _reported_tests(path: Path) -> list[tuple[str, Outcome]]:
@@ -193,7 +193,7 @@ def _reported_tests(path: Path) -> list[tuple[str, Outcome]]:
         raise ConfigError(
             f"{path}: expected a report of pytest --junitxml with at least one testcase"
         )
-    found = []
+    outcomes = []
     for case in cases:
         name, _, _ = case.get("name", "").partition("[")
         parts = {part.tag for part in case}
@@ -203,8 +203,8 @@ def _reported_tests(path: Path) -> list[tuple[str, Outcome]]:
             outcome = Outcome.SKIPPED
         else:
             outcome = Outcome.PASSED
-        found.append((f"{case.get('classname')}.{name}", outcome))
-    return found
+        outcomes.append((f"{case.get('classname')}.{name}", outcome))
+    return outcomes
 
 
 def _dotted_name(test: str) -> str:
@@ -232,8 +232,10 @@ def resolve(root: Path, case: Case, listed: Evidence, tests: list[str]) -> dict[
         _check_names(name, "result", item.results, listed.results)
         documents = [document for document in item.documents if (root / document).is_file()]
         _check_names(name, "document", item.documents, documents)
-        each = tuple(test for test in tests if test in item.tests or file_of(test) in item.tests)
-        items[name] = item.model_copy(update={"tests": each})
+        item_tests = tuple(
+            test for test in tests if test in item.tests or file_of(test) in item.tests
+        )
+        items[name] = item.model_copy(update={"tests": item_tests})
     return items
 
 
@@ -273,15 +275,15 @@ def _result_reasons(
     """
     reasons = []
     for name in item.results:
-        one = evaluated[name]
-        if one.met == "no":
-            reasons.append(Reason(State.NOT_MET, f"{name}: {one.found}"))
-        if one.met == "undecided":
-            reasons.append(Reason(State.OPEN, f"{name}: {one.size}, undecided"))
-        elif one.met == "open":
-            reasons.append(Reason(State.OPEN, f"{name}: {one.size}, without the claimed figure"))
+        result = evaluated[name]
+        if result.met == "no":
+            reasons.append(Reason(State.NOT_MET, f"{name}: {result.measured}"))
+        if result.met == "undecided":
+            reasons.append(Reason(State.OPEN, f"{name}: {result.size}, undecided"))
+        elif result.met == "open":
+            reasons.append(Reason(State.OPEN, f"{name}: {result.size}, without the claimed figure"))
         elif name in small:
-            reasons.append(Reason(State.OPEN, f"{name}: {one.size}"))
+            reasons.append(Reason(State.OPEN, f"{name}: {result.size}"))
     return reasons
 
 
@@ -301,12 +303,12 @@ def _evaluate(name: str, listed: Evidence, results: Mapping[str, Any]) -> Evalua
         "success": "{success_given_resolvable}",
         "origin": "{commit}, {machine}",
     }
-    found = cells_of(entry, results[name], cells)
+    texts = cells_of(entry, results[name], cells)
     return Evaluated(
         title=title,
         size=f"{results[name]['n']} of {entry.n}",
-        claimed=found["claimed"],
-        met=found["met"],
-        found=found["success"] if found["found"] == "-" else found["found"],
-        origin=found["origin"],
+        claimed=texts["claimed"],
+        met=texts["met"],
+        measured=texts["success"] if texts["found"] == "-" else texts["found"],
+        origin=texts["origin"],
     )

@@ -39,38 +39,38 @@ def write(
         reports: files of ``pytest --junitxml``.
     """
     case = load(Case, root / "configs/dossier.yaml")
-    found = assess(root, case, listed, results, reports)
-    named_tests = {test for item in found.items.values() for test in item.tests}
-    named_results = {name for item in found.items.values() for name in item.results}
+    assessment = assess(root, case, listed, results, reports)
+    named_tests = {test for item in assessment.items.values() for test in item.tests}
+    named_results = {name for item in assessment.items.values() for name in item.results}
     left = (
-        f"{len({*found.tests} - named_tests)} tests and "
+        f"{len({*assessment.tests} - named_tests)} tests and "
         f"{len({*listed.results} - named_results)} results"
     )
-    made = about | versions("numpy", "safetensors", "scipy", "jax", "jsbsim")
+    head = about | versions("numpy", "safetensors", "scipy", "jax", "jsbsim")
     requirements = [name for goal in case.goals.values() for name in goal.requirements]
     page = Filled(asset("dossier.html")).substitute(
         style=asset("report.css"),
-        about=escape(", ".join(f"{name} {text[:_LONGEST]}" for name, text in made.items())),
-        diagrams="".join(_diagram(name, found) for name in ("claim", *case.goals)),
-        requirements=_rows({name: _item_cells(name, found) for name in requirements}),
-        assumptions=_rows({name: _item_cells(name, found) for name in case.assumptions}),
-        results=_rows({name: _result_cells(name, found) for name in listed.results}),
-        tests=_rows(_tests_by_file(found, named_tests)),
+        about=escape(", ".join(f"{name} {text[:_LONGEST]}" for name, text in head.items())),
+        diagrams="".join(_diagram(name, assessment) for name in ("claim", *case.goals)),
+        requirements=_rows({name: _item_cells(name, assessment) for name in requirements}),
+        assumptions=_rows({name: _item_cells(name, assessment) for name in case.assumptions}),
+        results=_rows({name: _result_cells(name, assessment) for name in listed.results}),
+        tests=_rows(_tests_by_file(assessment, named_tests)),
         left=left,
         ran=escape(", ".join(path.name for path in reports) or "no report was given"),
         failures=_failures(root, results, about["policy"], out),
-        limits="".join(f"<li>{escape(one, quote=False)}</li>" for one in case.not_claimed),
+        limits="".join(f"<li>{escape(limit, quote=False)}</li>" for limit in case.not_claimed),
         repeat=_rows(
             {command: [escape(what, quote=False)] for command, what in case.repeat.items()}
         ),
     )
     write_file(to, page)
-    missed = [name for name, one in found.results.items() if one.met == "no"]
-    idle = sum(outcome is Outcome.NOT_RUN for outcome in found.outcomes.values())
+    missed = [name for name, result in assessment.results.items() if result.met == "no"]
+    idle = sum(outcome is Outcome.NOT_RUN for outcome in assessment.outcomes.values())
     return (
-        f"{to}: the claim is {found.states['claim'].label}; {idle} of {len(found.tests)} tests "
-        f"were not run; results that miss their claim: {', '.join(missed) or 'none'}; no "
-        f"requirement or assumption names {left}"
+        f"{to}: the claim is {assessment.states['claim'].label}; {idle} of "
+        f"{len(assessment.tests)} tests were not run; results that miss their claim: "
+        f"{', '.join(missed) or 'none'}; no requirement or assumption names {left}"
     )
 
 
@@ -92,15 +92,15 @@ def _breakable(name: str) -> str:
     return escape(name, quote=False).replace("_", "_<wbr>").replace("/", "/<wbr>")
 
 
-def _item_cells(name: str, found: Assessment) -> list[str]:
+def _item_cells(name: str, assessment: Assessment) -> list[str]:
     """Return what an item says, its state or where it is guarded, and its evidence."""
-    item = found.items[name]
-    reasons = sorted(f"{reason.state.label}: {reason.why}" for reason in found.reasons[name])
-    state = "<br>".join(map(_breakable, reasons)) or found.states[name].label
+    item = assessment.items[name]
+    reasons = sorted(f"{reason.state.label}: {reason.why}" for reason in assessment.reasons[name])
+    state = "<br>".join(map(_breakable, reasons)) or assessment.states[name].label
     return [
         f"<b>{escape(item.title, quote=False)}</b>{escape(item.says, quote=False)}",
         escape(item.where, quote=False) or state,
-        _evidence(item, found.outcomes),
+        _evidence(item, assessment.outcomes),
     ]
 
 
@@ -138,24 +138,24 @@ def _fold(tests: Sequence[str], outcomes: Mapping[str, Outcome], more: str = "")
     return f"<details><summary>{len(tests)}{more}</summary>{names}</details>"
 
 
-def _result_cells(name: str, found: Assessment) -> list[str]:
-    cells = [escape(text) for text in found.results[name]]
-    return [*cells, _link_items(found.items, {name})]
+def _result_cells(name: str, assessment: Assessment) -> list[str]:
+    cells = [escape(text) for text in assessment.results[name]]
+    return [*cells, _link_items(assessment.items, {name})]
 
 
-def _tests_by_file(found: Assessment, named: set[str]) -> dict[str, list[str]]:
+def _tests_by_file(assessment: Assessment, named: set[str]) -> dict[str, list[str]]:
     """Return for each file of tests who names them, how many, those that nobody names, and
     outcomes.
     """
     rows = {}
-    for file in dict.fromkeys(map(file_of, found.tests)):
-        tests = [test for test in found.tests if file_of(test) == file]
+    for file in dict.fromkeys(map(file_of, assessment.tests)):
+        tests = [test for test in assessment.tests if file_of(test) == file]
         unnamed = [test for test in tests if test not in named]
         rows[file] = [
-            _link_items(found.items, set(tests)),
+            _link_items(assessment.items, set(tests)),
             str(len(tests) - len(unnamed)),
-            _fold(unnamed, found.outcomes),
-            _counts(tests, found.outcomes),
+            _fold(unnamed, assessment.outcomes),
+            _counts(tests, assessment.outcomes),
         ]
     return rows
 
@@ -174,8 +174,8 @@ def _failures(root: Path, results: Mapping[str, Any], policy: str, out: Path) ->
     them.
     """
     losses = []
-    for name, one in results.items():
-        rate = one["figures"].get("success_given_resolvable")
+    for name, result in results.items():
+        rate = result["figures"].get("success_given_resolvable")
         if rate and rate["count"] < rate["total"]:
             losses.append(f"{name} {rate['total'] - rate['count']} of {rate['total']}")
     pictures = [
@@ -207,32 +207,32 @@ def _picture(path: Path, policy: str) -> list[str]:
 # ---- the diagrams ----
 
 
-def _diagram(name: str, found: Assessment) -> str:
+def _diagram(name: str, assessment: Assessment) -> str:
     """Return a goal between its contexts and assumptions, its strategy, and the goals or
     requirements below.
     """
-    case = found.case
+    case = assessment.case
     goal = case.goals.get(name, case.claim)
     contexts = "".join(
-        f'<div><p class="c">{one}: {escape(case.contexts[one], quote=False)}</p>'
+        f'<div><p class="c">{context}: {escape(case.contexts[context], quote=False)}</p>'
         f"{_arrow('left')}</div>"
-        for one in goal.context
+        for context in goal.context
     )
     assumptions = "".join(
-        f'<div>{_arrow("right")}<a class="a" href="#{one}">{one}: '
-        f"{escape(case.assumptions[one].title, quote=False)}</a></div>"
-        for one in goal.assumes
+        f'<div>{_arrow("right")}<a class="a" href="#{assumption}">{assumption}: '
+        f"{escape(case.assumptions[assumption].title, quote=False)}</a></div>"
+        for assumption in goal.assumes
     )
     below = ""
     for child in goal.requirements or case.goals:
-        part = found.items.get(child) or case.goals[child]
+        part = assessment.items.get(child) or case.goals[child]
         below += (
-            f"<div>{_arrow('down')}{_box(child, part.says, found)}"
+            f"<div>{_arrow('down')}{_box(child, part.says, assessment)}"
             f'<div class="signs">{_solutions(part)}</div></div>'
         )
     return (
         f'<div class="gsn" id="{name}"><div class="top"><div class="side">{contexts}</div>'
-        f'{_box(name, goal.says, found)}<div class="side">{assumptions}</div></div>'
+        f'{_box(name, goal.says, assessment)}<div class="side">{assumptions}</div></div>'
         f"{_arrow('down')}"
         f'<p class="s">{escape(goal.strategy, quote=False)}</p>'
         f'<div class="below">{below}</div></div>'
@@ -257,8 +257,8 @@ def _solutions(part: Item | Goal) -> str:
     )
 
 
-def _box(name: str, says: str, found: Assessment) -> str:
-    state = found.states[name].label
+def _box(name: str, says: str, assessment: Assessment) -> str:
+    state = assessment.states[name].label
     return (
         f'<p class="g {state.replace(" ", "-")}"><a href="#{name}">{name}</a> '
         f"{escape(says, quote=False)} <small>{state}</small></p>"

@@ -78,10 +78,12 @@ class Evidence(Strict):
             raise ConfigError(
                 f"--only: {unknown[0]!r} is no table and no result; expected some of {known}"
             )
-        wanted = {
-            one for name in names for one in ([name] if name in self.results else self.rows(name))
+        chosen = {
+            result
+            for name in names
+            for result in ([name] if name in self.results else self.rows(name))
         }
-        return [name for name in self.results if name in wanted or not names]
+        return [name for name in self.results if name in chosen or not names]
 
     def rows(self, table: str) -> tuple[str, ...]:
         """Return the names of the results of a table."""
@@ -89,39 +91,39 @@ class Evidence(Strict):
 
 
 def find_figures(
-    said: Mapping[str, Any], keys: tuple[str, ...], prefix: str = ""
+    report: Mapping[str, Any], keys: tuple[str, ...], prefix: str = ""
 ) -> dict[str, Any]:
     """Return the figures that match one of the keys, by path; a rate with its interval is one
     figure.
 
     Objects of a list that have names are found by these.
     """
-    found: dict[str, Any] = {}
-    for key, value in said.items():
+    figures: dict[str, Any] = {}
+    for key, value in report.items():
         path, listed = (
             f"{prefix}{key}",
             isinstance(value, list) and value and isinstance(value[0], dict),
         )
-        group = {str(one.get("name")): one for one in value} if listed else value
+        group = {str(item.get("name")): item for item in value} if listed else value
         if isinstance(group, dict) and "value" not in group:
-            found |= find_figures(group, keys, f"{path}/")
-        elif any(fnmatchcase(path, one) for one in keys):
-            found[path] = (
+            figures |= find_figures(group, keys, f"{path}/")
+        elif any(fnmatchcase(path, pattern) for pattern in keys):
+            figures[path] = (
                 {k: v for k, v in group.items() if k != "repetitions"}
                 if isinstance(group, dict)
                 else group
             )
-    return found
+    return figures
 
 
 def read_results(path: Path) -> dict[str, Any]:
     """Return results by name; none where there is no file."""
     try:
-        found = parse_json(path.read_text(encoding="utf-8")) if path.exists() else {}
+        results = parse_json(path.read_text(encoding="utf-8")) if path.exists() else {}
         return {
-            name: one | {"n": int(one["n"])}
-            for name, one in found.items()
-            if one["policy"] and one["command"]
+            name: result | {"n": int(result["n"])}
+            for name, result in results.items()
+            if result["policy"] and result["command"]
         }
     except RepeatedKeyError as problem:
         raise ConfigError(f"{path}: {problem}, expected each key once") from None
@@ -134,6 +136,7 @@ def read_results(path: Path) -> dict[str, Any]:
 def written_results(results: Mapping[str, Any]) -> str:
     """Return the text of a file of results: a line for each."""
     lines = (
-        f"{json.dumps(name)}: {json.dumps(one, allow_nan=False)}" for name, one in results.items()
+        f"{json.dumps(name)}: {json.dumps(result, allow_nan=False)}"
+        for name, result in results.items()
     )
     return "{\n" + ",\n".join(lines) + "\n}\n"

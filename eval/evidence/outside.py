@@ -53,7 +53,7 @@ class Flights(NamedTuple):
     """
 
     own: VehicleState[Air]
-    seen: VehicleState[Air]
+    reported: VehicleState[Air]
     """As reported."""
     true: VehicleState[Air]
     goal: tuple[np.ndarray, np.ndarray]
@@ -75,8 +75,8 @@ def fly_reported(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: in
     )
     sensor = starts.sensor
     std = float(np.max(sensor.position_std)), float(np.max(sensor.velocity_std))
-    seen = _report(others, sensor, aircraft.dt, seed) if max(std) > 0.0 else others
-    return Flights(flown.own, seen, others, (starts.goal_x, starts.goal_y), std)
+    reported = _report(others, sensor, aircraft.dt, seed) if max(std) > 0.0 else others
+    return Flights(flown.own, reported, others, (starts.goal_x, starts.goal_y), std)
 
 
 def _report(others: VehicleState[Air], sensor: Sensor, dt: float, seed: int) -> VehicleState[Air]:
@@ -86,10 +86,10 @@ def _report(others: VehicleState[Air], sensor: Sensor, dt: float, seed: int) -> 
     steps, count, most = others.x.shape
     reports = []
     for number in range(steps):
-        now = _at(others, number)
+        current = _at(others, number)
         noise = np.moveaxis(normals(seed, 0, count, (4, most), stream=number + 1), 1, 0)
-        reports.append(perceive(now, *before, sensor, noise, dt, np))
-        before = now, before[0]
+        reports.append(perceive(current, *before, sensor, noise, dt, np))
+        before = current, before[0]
     return map_leaves(lambda *fields: np.stack(fields), *reports)
 
 
@@ -103,7 +103,7 @@ def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.n
     sees them.
     """
     thresholds = Thresholds.for_plans(Options.for_aircraft(aircraft)).in_wind(NO_WIND)
-    count, most = flights.seen.x.shape[1:]
+    count, most = flights.reported.x.shape[1:]
     memory = blank(count, most, np.full(count, aircraft.limits.speed_max))
     causes, new = np.zeros(count, np.int32), np.zeros(count, bool)
     box = novelty.shipped_box(policy.sha256)
@@ -114,13 +114,13 @@ def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.n
         time = number * aircraft.dt
         sightings = observe(sightings, Reports(reported, *flights.std), time, mask)
         wrong |= (_contradict(sightings, time, thresholds.intruder_age) & mask).any(axis=-1)
-        given = believed(time, own, sightings, mask, thresholds.turn_time)
-        memory, _own, _traffic, _causes, of_each = update(memory, given, thresholds)
+        beliefs = believed(time, own, sightings, mask, thresholds.turn_time)
+        memory, _own, _traffic, _causes, of_each = update(memory, beliefs, thresholds)
         causes |= np.bitwise_or.reduce(of_each, axis=-1)
         if box is not None and number % _NOVEL_EVERY == 0:
             rows = np.flatnonzero(mask.any(axis=-1))
             moment = _Moment(
-                own, given.intruders, mask & np.isfinite(given.intruders.x), flights.goal
+                own, beliefs.intruders, mask & np.isfinite(beliefs.intruders.x), flights.goal
             )
             beyond = novelty.excess(box, _inputs(rows, moment, aircraft))
             new[rows] |= (beyond[0] > 0.0).any(axis=-1) | (beyond[1] > 0.0).any(axis=(-1, -2))
@@ -134,17 +134,17 @@ def _contradict(sightings: Sightings[Air], time: float, oldest: float) -> np.nda
     """
     tracks = sightings.tracks
     declared, shown = tracks.newest, tracks.agreement
-    found = belief(tracks).bias > 0.0
-    found |= shown.position_std > declared.position_std
-    found |= shown.velocity_std > declared.velocity_std
-    return np.asarray(found | (time - sightings.time > oldest))
+    contradicted = belief(tracks).bias > 0.0
+    contradicted |= shown.position_std > declared.position_std
+    contradicted |= shown.velocity_std > declared.velocity_std
+    return np.asarray(contradicted | (time - sightings.time > oldest))
 
 
 class _Moment(NamedTuple):
     """What the network sees of flights ``[N]`` at a time."""
 
     own: VehicleState[Air]
-    seen: VehicleState[Air]  # [N, K]
+    intruders: VehicleState[Air]  # [N, K]
     mask: np.ndarray  # which intruders exist, bool [N, K]
     goal: tuple[np.ndarray, np.ndarray]  # m
     # D over the intruders' own separations, [N, K]; None: 1
@@ -153,15 +153,15 @@ class _Moment(NamedTuple):
 
 def _inputs(rows: np.ndarray, moment: _Moment, aircraft: Aircraft) -> SetInputs:
     """Return the network's inputs of some flights of all."""
-    own, seen, mask, goal, distance_scale = take(moment, rows)
-    there: VehicleState[Air] = VehicleState(*(np.where(mask, field, 0.0) for field in seen))
+    own, intruders, mask, goal, distance_scale = take(moment, rows)
+    there: VehicleState[Air] = VehicleState(*(np.where(mask, field, 0.0) for field in intruders))
     return novelty.inputs_of(own, there, mask, goal, aircraft, distance_scale)
 
 
 def _steps(flights: Flights) -> Iterator[tuple[VehicleState[Air], VehicleState[Air]]]:
     """Yield the ownships and the reports of each time."""
     for number in range(len(flights.own.x)):
-        yield _at(flights.own, number), _at(flights.seen, number)
+        yield _at(flights.own, number), _at(flights.reported, number)
 
 
 def inside(flights: Flights, aircraft: Aircraft) -> np.ndarray:
@@ -183,67 +183,77 @@ def inside(flights: Flights, aircraft: Aircraft) -> np.ndarray:
 
 
 def _fly_at_pace(
-    seen: VehicleState[Air], random: Random, aircraft: Aircraft, pace: tuple[float, float]
+    reported: VehicleState[Air], random: Random, aircraft: Aircraft, pace: tuple[float, float]
 ) -> VehicleState[Air]:
     """Let each fly its path at another speed, so that places and velocities agree."""
-    speed = random.uniform(*pace, seen.x.shape[1:]) * aircraft.limits.speed_max
-    factor = speed / seen.speed[0]
-    x, y = (field[0] + factor * (field - field[0]) for field in (seen.x, seen.y))
-    return seen._replace(x=x, y=y, speed=seen.speed * factor)
+    speed = random.uniform(*pace, reported.x.shape[1:]) * aircraft.limits.speed_max
+    factor = speed / reported.speed[0]
+    x, y = (field[0] + factor * (field - field[0]) for field in (reported.x, reported.y))
+    return reported._replace(x=x, y=y, speed=reported.speed * factor)
 
 
-def _fly_turns(seen: VehicleState[Air], random: Random, aircraft: Aircraft) -> VehicleState[Air]:
+def _fly_turns(
+    reported: VehicleState[Air], random: Random, aircraft: Aircraft
+) -> VehicleState[Air]:
     """Let each turn on and on, at two to four times the greatest rate of the domain."""
-    rate = random.uniform(2.0, 4.0, seen.x.shape[1:]) * random.choice([-1.0, 1.0], seen.x.shape[1:])
+    rate = random.uniform(2.0, 4.0, reported.x.shape[1:]) * random.choice(
+        [-1.0, 1.0], reported.x.shape[1:]
+    )
     angle = rate * aircraft.limits.yaw_rate_max * aircraft.dt
-    late = np.maximum(np.arange(len(seen.x)) - _BEGIN, 0)[:, None, None]
-    heading = seen.heading[0] + angle * late
-    chord = seen.speed * aircraft.dt * np.sinc(np.where(late > 0, angle, 0.0) / (2.0 * math.pi))
+    late = np.maximum(np.arange(len(reported.x)) - _BEGIN, 0)[:, None, None]
+    heading = reported.heading[0] + angle * late
+    chord = reported.speed * aircraft.dt * np.sinc(np.where(late > 0, angle, 0.0) / (2.0 * math.pi))
     middle = heading - np.where(late > 0, 0.5 * angle, 0.0)
     steps = np.stack([chord * np.cos(middle), chord * np.sin(middle)])[:, 1:]
     x, y = (
         np.concatenate([start[:1], start[0] + np.cumsum(way, 0)])
-        for start, way in zip(seen[:2], steps, strict=True)
+        for start, way in zip(reported[:2], steps, strict=True)
     )
-    return VehicleState(x, y, wrap(heading, np), seen.speed)
+    return VehicleState(x, y, wrap(heading, np), reported.speed)
 
 
-def _displace(seen: VehicleState[Air], random: Random, aircraft: Aircraft) -> VehicleState[Air]:
+def _displace(reported: VehicleState[Air], random: Random, aircraft: Aircraft) -> VehicleState[Air]:
     """Displace each for good, by half a separation to three."""
     angle, far = (
-        random.uniform(*ends, seen.x.shape[1:]) for ends in ((-math.pi, math.pi), (0.5, 3.0))
+        random.uniform(*ends, reported.x.shape[1:]) for ends in ((-math.pi, math.pi), (0.5, 3.0))
     )
     far = far * aircraft.separation
-    later = (np.arange(len(seen.x)) >= _BEGIN)[:, None, None]
-    return seen._replace(
-        x=seen.x + later * far * np.cos(angle), y=seen.y + later * far * np.sin(angle)
+    later = (np.arange(len(reported.x)) >= _BEGIN)[:, None, None]
+    return reported._replace(
+        x=reported.x + later * far * np.cos(angle), y=reported.y + later * far * np.sin(angle)
     )
 
 
 def _of_time(
-    seen: VehicleState[Air],
+    reported: VehicleState[Air],
     random: Random,
     aircraft: Aircraft,
     when: Callable[[np.ndarray, Random], np.ndarray],
 ) -> VehicleState[Air]:
     """Report the states of other times than the stamps say."""
-    wanted = when(np.arange(len(seen.x)), random)
-    early, ends = np.minimum(wanted, 0)[:, None, None] * aircraft.dt, np.isnan(seen.x)
-    found = map_leaves(lambda field: np.where(ends, np.nan, field[np.maximum(wanted, 0)]), seen)
-    way = found.speed * early
-    return found._replace(
-        x=found.x + way * np.cos(found.heading), y=found.y + way * np.sin(found.heading)
+    steps = when(np.arange(len(reported.x)), random)
+    early, ends = np.minimum(steps, 0)[:, None, None] * aircraft.dt, np.isnan(reported.x)
+    states = map_leaves(lambda field: np.where(ends, np.nan, field[np.maximum(steps, 0)]), reported)
+    way = states.speed * early
+    return states._replace(
+        x=states.x + way * np.cos(states.heading), y=states.y + way * np.sin(states.heading)
     )
 
 
-def _noisier(seen: VehicleState[Air], random: Random, aircraft: Aircraft) -> VehicleState[Air]:
+def _noisier(reported: VehicleState[Air], random: Random, aircraft: Aircraft) -> VehicleState[Air]:
     """Add noise, so that it is three times what the scenario ``noisy`` declares."""
-    extra, allowed = math.sqrt(8.0) * random.standard_normal((4, *seen.x.shape)), traffic(aircraft)
+    extra, allowed = (
+        math.sqrt(8.0) * random.standard_normal((4, *reported.x.shape)),
+        traffic(aircraft),
+    )
     place, drift = allowed["position_std"][1], allowed["velocity_std"][1]
-    vx = seen.speed * np.cos(seen.heading) + drift * extra[2]
-    vy = seen.speed * np.sin(seen.heading) + drift * extra[3]
+    vx = reported.speed * np.cos(reported.heading) + drift * extra[2]
+    vy = reported.speed * np.sin(reported.heading) + drift * extra[3]
     return VehicleState(
-        seen.x + place * extra[0], seen.y + place * extra[1], np.arctan2(vy, vx), np.hypot(vx, vy)
+        reported.x + place * extra[0],
+        reported.y + place * extra[1],
+        np.arctan2(vy, vx),
+        np.hypot(vx, vy),
     )
 
 
@@ -252,11 +262,13 @@ SHIFTS: dict[str, Callable[[VehicleState[Air], Random, Aircraft], VehicleState[A
     "intruders at up to 0.3 of it": partial(_fly_at_pace, pace=(0.02, 0.3)),
     "turns at 2 to 4 times the greatest rate": _fly_turns,
     "place jumps by 0.5 to 3 separations": _displace,
-    "velocity in knots": lambda seen, *_: seen._replace(speed=1.943844 * seen.speed),
-    "velocity with its axes exchanged": lambda seen, *_: seen._replace(
-        heading=wrap(0.5 * math.pi - seen.heading, np)
+    "velocity in knots": lambda reported, *_: reported._replace(speed=1.943844 * reported.speed),
+    "velocity with its axes exchanged": lambda reported, *_: reported._replace(
+        heading=wrap(0.5 * math.pi - reported.heading, np)
     ),
-    "heading with the wrong sign": lambda seen, *_: seen._replace(heading=wrap(-seen.heading, np)),
+    "heading with the wrong sign": lambda reported, *_: reported._replace(
+        heading=wrap(-reported.heading, np)
+    ),
     "frozen, with new stamps": partial(_of_time, when=lambda step, _: np.minimum(step, _BEGIN)),
     "each repeated for 5 s, with new stamps": partial(_of_time, when=lambda step, _: step // 5 * 5),
     "stamps off by up to 4 s": partial(
@@ -272,19 +284,21 @@ SHIFTS: dict[str, Callable[[VehicleState[Air], Random, Aircraft], VehicleState[A
 def measure_rates(count: int, seed: int, data: Path | None, policy: Policy) -> dict[str, Any]:
     """Return the rates: of alarms in nominal flights, and of detections by shift."""
     result: dict[str, Any] = {"nominal": {}, "shifts": {}}
-    one = policy.aircraft
+    aircraft = policy.aircraft
     bases = {}
-    for name, starts in _nominal_starts(count, seed, data, one).items():
-        flights = bases[name] = fly_reported(starts, policy, one, seed)
-        within = inside(flights, one)
-        flagged = {reason: each[within] for reason, each in flag(flights, policy, one).items()}
+    for name, starts in _nominal_starts(count, seed, data, aircraft).items():
+        flights = bases[name] = fly_reported(starts, policy, aircraft, seed)
+        within = inside(flights, aircraft)
+        flagged = {
+            reason: flags[within] for reason, flags in flag(flights, policy, aircraft).items()
+        }
         result["nominal"][name] = _rates(flagged, within.sum())
         result["nominal"][name]["outside"] = int(np.count_nonzero(~within))
     random = np.random.default_rng(seed)
     for name, shift in SHIFTS.items():
         base = bases["`noisy`" if shift is _noisier else "`maneuvering`"]
-        changed = base._replace(seen=shift(base.seen, random, one))
-        result["shifts"][name] = _rates(flag(changed, policy, one), count)
+        changed = base._replace(reported=shift(base.reported, random, aircraft))
+        result["shifts"][name] = _rates(flag(changed, policy, aircraft), count)
     return result
 
 
@@ -316,11 +330,11 @@ def _nominal_starts(
     return starts
 
 
-def _rates(found: dict[str, np.ndarray], count: int) -> dict[str, Any]:
+def _rates(flagged: dict[str, np.ndarray], count: int) -> dict[str, Any]:
     """Return the share of flagged flights, and how many there are for each reason."""
-    any_of = reduce(np.logical_or, found.values())
+    any_of = reduce(np.logical_or, flagged.values())
     return {"flagged": share(np.count_nonzero(any_of), int(count), 0.95)} | {
-        name: int(np.count_nonzero(each)) for name, each in found.items()
+        name: int(np.count_nonzero(flags)) for name, flags in flagged.items()
     }
 
 
@@ -333,19 +347,19 @@ def training_box(policy: Policy, count: int, seed: int) -> novelty.Box:
     """
     sizes = policy.inputs.own_size, policy.inputs.intruder_size
     low: list[np.ndarray] = [np.full(size, np.inf) for size in sizes]
-    high = [-each for each in low]
+    high = [-bound for bound in low]
     for number in range(count):
         aircraft = _of_family(policy, seed, number)
         starts = _training_starts(policy, aircraft, seed, own=number == 0)
         for moment in _moments(starts, policy, aircraft, seed):
             rows = np.flatnonzero(np.isfinite(moment.own.x))
-            found = _inputs(rows, moment, aircraft)
-            for place, values in enumerate((found.own, found.traffic[moment.mask[rows]])):
+            inputs = _inputs(rows, moment, aircraft)
+            for place, values in enumerate((inputs.own, inputs.traffic[moment.mask[rows]])):
                 low[place] = np.minimum(low[place], values.min(axis=0, initial=np.inf))
                 high[place] = np.maximum(high[place], values.max(axis=0, initial=-np.inf))
         print(f"aircraft {number + 1} of {count}", flush=True)
-    own, each = (np.stack(pair) for pair in zip(low, high, strict=True))
-    return novelty.Box(own, each)
+    own_bounds, traffic_bounds = (np.stack(pair) for pair in zip(low, high, strict=True))
+    return novelty.Box(own_bounds, traffic_bounds)
 
 
 def _training_starts(
@@ -357,15 +371,17 @@ def _training_starts(
     from agents.config.world import ScenarioConfig
 
     trained = policy.metadata["training"]["config"]
-    wanted = [one for part in (trained, *trained["phases"]) for one in part.get("scenarios", ())]
+    scenarios = [
+        fields for part in (trained, *trained["phases"]) for fields in part.get("scenarios", ())
+    ]
     span = [speed / aircraft.limits.speed_max for speed in traffic(aircraft)["intruder_speed"]]
     starts = []
-    for one in wanted:
-        given = ScenarioConfig(**one).model_dump(exclude_none=True)
-        given |= {"units": "aircraft", "attempts": 200}
+    for fields in scenarios:
+        settings = ScenarioConfig(**fields).model_dump(exclude_none=True)
+        settings |= {"units": "aircraft", "attempts": 200}
         if not own:
-            given["intruder_speed"] = span
-        sampled = ScenarioConfig(**given).scenario(aircraft)
+            settings["intruder_speed"] = span
+        sampled = ScenarioConfig(**settings).scenario(aircraft)
         encounters = encounters_of_seed(sampled, seed, 0, _STARTS, heeds=OF_INTRUDERS)
         starts.append(pad(_of_one_form(encounters, aircraft), policy.most, np))
     return starts
@@ -393,11 +409,11 @@ def _moments(
     yield _Moment(
         first.own, others, np.isfinite(others.x), (first.goal_x, first.goal_y), distance_scale
     )
-    some = reduce(join, (take(one, slice(0, _FLOWN)) for one in starts))
+    some = reduce(join, (take(encounters, slice(0, _FLOWN)) for encounters in starts))
     flights = fly_reported(some, policy, aircraft, seed)
-    for own, seen in list(_steps(flights))[::_NOVEL_EVERY]:
+    for own, reported in list(_steps(flights))[::_NOVEL_EVERY]:
         distance_scale = aircraft.separation / some.separation
-        yield _Moment(own, seen, np.isfinite(seen.x), flights.goal, distance_scale)
+        yield _Moment(own, reported, np.isfinite(reported.x), flights.goal, distance_scale)
 
 
 def _of_family(policy: Policy, seed: int, number: int) -> Aircraft:
@@ -452,10 +468,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.box is not None:
         box = training_box(policy, options.encounters, options.seed)
         bounds = {"own": box.own, "each": box.traffic}
-        made = {"policy": policy.sha256} | {
+        content = {"policy": policy.sha256} | {
             name: np.round(values, 4).tolist() for name, values in bounds.items()
         }
-        write_file(options.box, json.dumps(made) + "\n")
+        write_file(options.box, json.dumps(content) + "\n")
         return 0
     print(
         json.dumps(

@@ -71,9 +71,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     failed = False
     for name in names:
-        said = _result(name, listed, policy, options)
-        print(f"{name}: {said or 'FAILED'}", flush=True)
-        failed |= not said
+        status = _result(name, listed, policy, options)
+        print(f"{name}: {status or 'FAILED'}", flush=True)
+        failed |= not status
     results = published_results(listed, policy, {}, options.out)
     show_closing(listed, results, names, options.out)
     return int(failed)
@@ -143,12 +143,12 @@ def published_results(
     """Return the results of this policy and the listed commands, the larger one of before and of a
     folder.
     """
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
     for name, entry in listed.results.items():
-        for one in (before.get(name), read_results(out / f"{name}.json").get(name)):
-            if _size(one, entry, policy) >= max(_size(found.get(name), entry, policy), 1):
-                found[name] = one
-    return found
+        for result in (before.get(name), read_results(out / f"{name}.json").get(name)):
+            if _size(result, entry, policy) >= max(_size(results.get(name), entry, policy), 1):
+                results[name] = result
+    return results
 
 
 def _size(result: Any, entry: Entry, policy: str) -> int:
@@ -179,19 +179,19 @@ def _result(name: str, listed: Evidence, policy: str, options: argparse.Namespac
     command = entry.command.format(n=n)
     folder = options.out / f"{name}-{sha256(f'{policy} {command}'.encode()).hexdigest()[:8]}"
     begun = time.perf_counter()
-    said = _json_of(command, reading, folder, options.scheduler)
-    if said is None:
+    report = _json_of(command, reading, folder, options.scheduler)
+    if report is None:
         return ""
-    figures = find_figures(said, reading.keys) | (cells(folder) if entry.cells else {})
+    figures = find_figures(report, reading.keys) | (cells(folder) if entry.cells else {})
     seconds = round(time.perf_counter() - begun, 1)
-    made = {
+    header = {
         "policy": policy,
         "commit": _commit(),
         "machine": _machine(),
         "command": command,
         "n": n,
     }
-    write_file(path, written_results({name: made | {"seconds": seconds, "figures": figures}}))
+    write_file(path, written_results({name: header | {"seconds": seconds, "figures": figures}}))
     return f"{seconds:g} s"
 
 
@@ -230,7 +230,7 @@ def _json_of(
 
 
 def _commit() -> str | None:
-    asked = [
+    command = [
         "git",
         "-C",
         str(ROOT),
@@ -241,7 +241,7 @@ def _commit() -> str | None:
         "--exclude=*",
     ]
     done = (
-        subprocess.run(asked, capture_output=True, text=True, check=False)
+        subprocess.run(command, capture_output=True, text=True, check=False)
         if shutil.which("git")
         else None
     )
@@ -250,7 +250,7 @@ def _commit() -> str | None:
 
 def _machine() -> str:
     info = Path("/proc/cpuinfo")
-    found = re.search(
+    model = re.search(
         r"model name\s*: (.*)", info.read_text(encoding="utf-8") if info.exists() else ""
     )
-    return f"{found[1] if found else platform.machine()}, {os.cpu_count()} cores"
+    return f"{model[1] if model else platform.machine()}, {os.cpu_count()} cores"

@@ -38,14 +38,14 @@ def publish(root: Path, listed: Evidence, results: Mapping[str, Any]) -> list[Pa
 def fill_in(root: Path, page: Path, text: str, listed: Evidence, results: Mapping[str, Any]) -> str:
     """Return the text of a page with its tables as the results have them."""
 
-    def block(found: re.Match[str]) -> str:
-        name = found[2]
+    def block(marker: re.Match[str]) -> str:
+        name = marker[2]
         if name not in listed.tables:
             raise ConfigError(
                 f"{page}: a marker names the table {name!r}; expected one of "
                 f"{', '.join(listed.tables)}"
             )
-        return f"{found[1]}{_table(name, listed, results, page.relative_to(root))}\n{found[3]}"
+        return f"{marker[1]}{_table(name, listed, results, page.relative_to(root))}\n{marker[3]}"
 
     return _BLOCK.sub(block, text)
 
@@ -53,15 +53,17 @@ def fill_in(root: Path, page: Path, text: str, listed: Evidence, results: Mappin
 def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) -> str:
     """Return a table, its results that are not measured, and the policies of its figures."""
     table, place = listed.tables[name], page.parent
-    names = [one for one in listed.rows(name) if one in results]
+    names = [result for result in listed.rows(name) if result in results]
     if table.unmet:
         names = _unmet(listed, results, names)
     rows = [["", *table.columns]]
-    for one in names:
+    for result in names:
         rows += (
-            _parts(results[one], table)
+            _parts(results[result], table)
             if table.each
-            else [row_of(listed.results[one], {**results[one], "name": one}, table.columns)]
+            else [
+                row_of(listed.results[result], {**results[result], "name": result}, table.columns)
+            ]
         )
     if not table.columns:
         rows = rows_of_cells(listed, results, names)
@@ -70,7 +72,9 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
     policy = f"Policy `{results[names[0]]['policy'][:8]}`, 95 % intervals; " if names else ""
     commands = os.path.relpath("docs/reference/results.md#all-results", place)
     lines += ["", f"{policy}[commands]({commands})."]
-    missing = [listed.results[one].title for one in listed.rows(name) if one not in results]
+    missing = [
+        listed.results[result].title for result in listed.rows(name) if result not in results
+    ]
     lines[-1] += f" Not measured: {'; '.join(missing)}." if missing else ""
     if names and not table.columns:
         lines += [
@@ -93,15 +97,15 @@ def _unmet(listed: Evidence, results: Mapping[str, Any], names: list[str]) -> li
 
 def _parts(result: Mapping[str, Any], table: Table) -> list[list[str]]:
     """Return a row for each part of a figure: its name, and cells of the figures below it."""
-    found: dict[str, dict[str, Any]] = {}
+    parts: dict[str, dict[str, Any]] = {}
     for path, value in result["figures"].items():
-        group, _, rest = path.partition("/")
+        group, _, below = path.partition("/")
         if group == table.each:
-            name, _, key = rest.rpartition("/")
-            found.setdefault(name, {})[key] = value
+            name, _, key = below.rpartition("/")
+            parts.setdefault(name, {})[key] = value
     return [
         [name, *(_cell(cell, figures) for cell in table.columns.values())]
-        for name, figures in found.items()
+        for name, figures in parts.items()
     ]
 
 
@@ -163,15 +167,18 @@ def _format_value(value: Any, form: str) -> str:
     if value is None or (isinstance(value, dict) and value["value"] is None):
         return ""
     if isinstance(value, dict):
-        many, known = (
+        total, known = (
             value.get("total", 0),
             [value[key] for key in ("value", "low", "high") if value[key] is not None],
         )
         texts = [
-            format(one, form).replace("%", "") if form else _percent(one, many) for one in known
+            format(number, form).replace("%", "") if form else _percent(number, total)
+            for number in known
         ]
         sign = " %" if not form or form.endswith("%") else ""
-        worst = f"; worst {_percent(value['worst']['value'], many)} %" if value.get("worst") else ""
+        worst = (
+            f"; worst {_percent(value['worst']['value'], total)} %" if value.get("worst") else ""
+        )
         return f"{texts[0]}{sign}{f' [{texts[1]}, {texts[2]}]' if texts[2:] else ''}{worst}"
     if isinstance(value, str):
         return value

@@ -83,7 +83,7 @@ def group_failures(table: Mapping[str, np.ndarray], separation: float) -> list[G
     violated = table["outcome"] == "violation"
     near = table["min_separation_m"] >= _DEEP * separation
     kinds = (violated & near, violated & ~near, ~violated)
-    found = []
+    groups = []
     for course in _COURSES:
         within = (angle >= course[0]) & ((angle < course[1]) | (course == _COURSES[-1]))
         for reach in ((low * separation, high * separation) for low, high in _DISTANCES):
@@ -92,8 +92,8 @@ def group_failures(table: Mapping[str, np.ndarray], separation: float) -> list[G
             for how, kind in zip(HOW, kinds, strict=True):
                 members = np.flatnonzero(there & failed & kind)
                 if members.size:
-                    found.append(Group(how, course, reach, members, such))
-    return sorted(found, key=lambda group: -group.members.size)
+                    groups.append(Group(how, course, reach, members, such))
+    return sorted(groups, key=lambda group: -group.members.size)
 
 
 def representatives(groups: list[Group], count: int) -> list[int]:
@@ -143,7 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     table = run.table
     groups = group_failures(table, run.rules.separation)
     chosen = representatives(groups, config.cases)
-    found = {
+    content = {
         "run": str(config.run),
         "policy_sha256": run.config.policy_sha256,
         "encounters": len(table["encounter"]),
@@ -155,9 +155,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _write_starts(out / "encounters.csv", table, evaluation)
     of = {number: group for group in groups for number in group.members.tolist()}
     flights = list(fly_again(run, evaluation, chosen, set(chosen))) if chosen else []
-    titles = [_title(one.number, of[one.number], table) for one in flights]
-    picture_folder.write(out, "failures", found, _sheet(flights, titles, run.rules), 110)
-    _show(found)
+    titles = [_title(flight.number, of[flight.number], table) for flight in flights]
+    picture_folder.write(out, "failures", content, _sheet(flights, titles, run.rules), 110)
+    _show(content)
     print(f"files: {out}")
     return 0
 
@@ -166,9 +166,9 @@ def _load(options: argparse.Namespace) -> FailuresConfig:
     """Return the configuration of a file under what the command line says."""
     if options.run is None and options.config is None:
         raise ConfigError("DIR: expected the folder of a finished run, or --config")
-    given = {"run": options.run, "policy": options.policy, "cases": options.cases}
-    given["extensions"] = options.extension or None
-    return load_given(FailuresConfig, options.config, given)
+    settings = {"run": options.run, "policy": options.policy, "cases": options.cases}
+    settings["extensions"] = options.extension or None
+    return load_given(FailuresConfig, options.config, settings)
 
 
 def _write_table(path: Path, table: Mapping[str, np.ndarray]) -> None:
@@ -238,11 +238,11 @@ def _sheet(flights: Sequence[Replayed], titles: Sequence[str], rules: Rules) -> 
     return sheet(panels, rules, columns, (16.0 / 6, 3.1), 8) if panels else None
 
 
-def _show(found: Mapping[str, Any]) -> None:
-    total, of = found["failures"], found["encounters"]
+def _show(content: Mapping[str, Any]) -> None:
+    total, of = content["failures"], content["encounters"]
     print(f"{total} of {of} encounters failed and are not proven unresolvable ({total / of:.3%})")
     print("how          courses         start  failures   share  of such    closest  CPA in")
-    for group in found["groups"]:
+    for group in content["groups"]:
         (low, high), (near, far) = group["course_difference_deg"], group["distance_m"]
         start = (
             f"{near / 1e3:g} to {far / 1e3:g} km" if far is not None else f"over {near / 1e3:g} km"

@@ -85,8 +85,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     aircraft = [draw_aircraft(config.aircraft_seed, number) for number in range(config.count)]
     if not config.allow_outside_domain:
         policy.check_intruders(config.intruders[1])
-        for one in aircraft:
-            policy.for_aircraft(one.aircraft())
+        for member in aircraft:
+            policy.for_aircraft(member.aircraft())
     picture_folder.check_room(options.out)
     FamilyFolder(options.out, config).begin(resume=options.resume)
     try:
@@ -96,9 +96,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"{end}Go on with: python -m eval.family --resume --out {options.out}", file=sys.stderr
         )
         return end.status
-    found = _make_summary(config, aircraft, summaries) | {"out": str(options.out)}
-    picture_folder.write(options.out, "family", found)
-    _show(found, options.out)
+    summary = _make_summary(config, aircraft, summaries) | {"out": str(options.out)}
+    picture_folder.write(options.out, "family", summary)
+    _show(summary, options.out)
     return 0
 
 
@@ -106,9 +106,9 @@ def _load(options: argparse.Namespace) -> FamilyConfig:
     """Return the configuration of a file under what the command line says."""
     names = ("allow_outside_domain", "aircraft_seed", "count", "encounters", "seed", "scenario")
     names += ("intruders", "turning", "noisy", "mode", "confidence", "workers")
-    given = {name: getattr(options, name) for name in names}
-    given |= {"extensions": options.extension or None} | given_policy(options)
-    return load_given(FamilyConfig, config_file(options), given)
+    settings = {name: getattr(options, name) for name in names}
+    settings |= {"extensions": options.extension or None} | given_policy(options)
+    return load_given(FamilyConfig, config_file(options), settings)
 
 
 def _fly(
@@ -118,11 +118,11 @@ def _fly(
     the first that does not finish raises ``UnfinishedError``.
     """
     summaries = []
-    for number, one in enumerate(aircraft):
+    for number, member in enumerate(aircraft):
         file = out / f"aircraft_{number:02}.yaml"
-        write_file(file, dump(one))
+        write_file(file, dump(member))
         print(f"aircraft {number} of {config.count}", file=sys.stderr, flush=True)
-        run = evaluate(_keys(config, one, file), file.with_suffix(""), resume=resume)
+        run = evaluate(_keys(config, member, file), file.with_suffix(""), resume=resume)
         summaries.append(run.summary)
     return summaries
 
@@ -212,12 +212,12 @@ def _make_summary(
 ) -> dict[str, Any]:
     """Return what family.json says, but for the folder."""
     rows = []
-    for number, (one, summary) in enumerate(zip(aircraft, summaries, strict=True)):
-        unlike = ratios(one.limits(), one.separation_m)._asdict()
+    for number, (member, summary) in enumerate(zip(aircraft, summaries, strict=True)):
+        unlike = ratios(member.limits(), member.separation_m)._asdict()
         rows.append({"aircraft": number, "ratios": unlike} | {key: summary[key] for key in _RATES})
     settings = config.model_dump(mode="json")
     settings["extension"] = settings.pop("extensions")
-    found: dict[str, Any] = {"schema_version": 1, **settings, "rows": rows}
+    family: dict[str, Any] = {"schema_version": 1, **settings, "rows": rows}
     for key in _RATES:
         known = [row for row in rows if row[key]["value"] is not None]
         count, total = (sum(row[key][part] for row in known) for part in ("count", "total"))
@@ -226,19 +226,19 @@ def _make_summary(
         )
         # Aircraft that differ spread less than one with their mean: the interval is no narrower
         # than it should be.
-        found[key] = share(count, total, config.confidence) | {
+        family[key] = share(count, total, config.confidence) | {
             "mean": float(np.mean([row[key]["value"] for row in known])) if known else None,
             "worst": None if worst is None else {"aircraft": worst["aircraft"]} | worst[key],
         }
-    return found
+    return family
 
 
-def _show(found: Mapping[str, Any], out: Path) -> None:
+def _show(family: Mapping[str, Any], out: Path) -> None:
     print(
         f"{'aircraft':>8} {'turn':>6} {'least':>6} {'brake':>6} {'gain':>6}   success of "
         "resolvable, of all, lost"
     )
-    for row in found["rows"]:
+    for row in family["rows"]:
         speed, brake, gain, turn = row["ratios"].values()
         rates = [
             row[key]["value"]
@@ -247,12 +247,12 @@ def _show(found: Mapping[str, Any], out: Path) -> None:
         cells = "  ".join("      -" if rate is None else f"{rate:7.2%}" for rate in rates)
         print(f"{row['aircraft']:>8} {turn:6.2f} {speed:6.2f} {brake:6.2f} {gain:6.2f}   {cells}")
     for key in _RATES:
-        one = found[key]
-        if one["mean"] is None:
+        rate = family[key]
+        if rate["mean"] is None:
             continue
-        worst = one["worst"]
+        worst = rate["worst"]
         print(
-            f"{key:26} mean {one['mean']:7.2%} ({one['low']:.2%} .. {one['high']:.2%}), worst "
+            f"{key:26} mean {rate['mean']:7.2%} ({rate['low']:.2%} .. {rate['high']:.2%}), worst "
             f"{worst['value']:7.2%} "
             f"({worst['low']:.2%} .. {worst['high']:.2%}), aircraft {worst['aircraft']}"
         )

@@ -40,8 +40,8 @@ class Form:
 
     __array_ufunc__ = None  # so that an array on the left asks the form
 
-    def __init__(self, middle: Array, slopes: Array, rest: Array) -> None:
-        self.middle, self.slopes, self.rest = middle, slopes, rest
+    def __init__(self, middle: Array, slopes: Array, remainder: Array) -> None:
+        self.middle, self.slopes, self.remainder = middle, slopes, remainder
 
     @classmethod
     def between(cls, low: np.ndarray, high: np.ndarray) -> "Form":
@@ -52,38 +52,45 @@ class Form:
     @classmethod
     def concatenate(cls, forms: list["Form"]) -> "Form":
         """Return forms ``[N, ...]`` beside each other."""
-        fields = ((form.middle, form.slopes, form.rest) for form in forms)
-        middle, slopes, rest = (
+        fields = ((form.middle, form.slopes, form.remainder) for form in forms)
+        middle, slopes, remainder = (
             np.concatenate(field, axis=1) for field in zip(*fields, strict=True)
         )
-        return cls(middle, slopes, rest)
+        return cls(middle, slopes, remainder)
 
     @classmethod
     def stack(cls, forms: Sequence["Form"]) -> "Form":
         """Return forms ``[N]`` as one ``[N, ...]``."""
         return cls.concatenate(
-            [cls(form.middle[:, None], form.slopes[:, None], form.rest[:, None]) for form in forms]
+            [
+                cls(form.middle[:, None], form.slopes[:, None], form.remainder[:, None])
+                for form in forms
+            ]
         )
 
     @property
     def width(self) -> Array:
         """Half width of what the form can be."""
-        return np.abs(self.slopes).sum(-1) + self.rest
+        return np.abs(self.slopes).sum(-1) + self.remainder
 
     @property
     def ends(self) -> tuple[Array, Array]:
         """Least and greatest of what the form can be."""
         return self.middle - self.width, self.middle + self.width
 
-    def line(self, slope: Array, offset: Array, rest: Array = 0.0) -> "Form":
-        """Return slope * form + offset +- rest."""
+    def line(self, slope: Array, offset: Array, remainder: Array = 0.0) -> "Form":
+        """Return slope * form + offset +- remainder."""
         slopes = np.asarray(slope)[..., None] * self.slopes
-        return Form(slope * self.middle + offset, slopes, np.abs(slope) * self.rest + rest)
+        return Form(
+            slope * self.middle + offset, slopes, np.abs(slope) * self.remainder + remainder
+        )
 
     def __add__(self, other: Any) -> "Form":
         if isinstance(other, Form):
             return Form(
-                self.middle + other.middle, self.slopes + other.slopes, self.rest + other.rest
+                self.middle + other.middle,
+                self.slopes + other.slopes,
+                self.remainder + other.remainder,
             )
         return self.line(1.0, other)
 
@@ -93,7 +100,7 @@ class Form:
         if other is self:
             return apply_curve(self, _SQUARE)
         cross = self.line(other.middle, 0.0) + other.line(self.middle, -self.middle * other.middle)
-        return Form(cross.middle, cross.slopes, cross.rest + self.width * other.width)
+        return Form(cross.middle, cross.slopes, cross.remainder + self.width * other.width)
 
     def __truediv__(self, other: Any) -> "Form":
         if not isinstance(other, Form):
@@ -101,7 +108,7 @@ class Form:
         low, _ = other.ends
         with np.errstate(divide="ignore", invalid="ignore"):
             inverse = apply_curve(other, _INVERSE)
-        inverse.rest = np.where(low > 0.0, inverse.rest, np.inf)
+        inverse.remainder = np.where(low > 0.0, inverse.remainder, np.inf)
         return self * inverse
 
     def __neg__(self) -> "Form":
@@ -187,16 +194,16 @@ def derived_inputs(pace: Array, goal: Array, middle: Array, half: Array, ratios:
         Form(middle[:, i], half[:, i, None] * np.eye(4)[i], 0.0 * pace) for i in range(4)
     ]
     x, y, vx, vy = middle.T[..., None]
-    seen = Scene(pace, goal[:, 0], goal[:, 1], x, y, vx, vy, np.ones((len(pace), 1)), ratios)
-    separation = _min_separation(seen, middle, half)
+    scene = Scene(pace, goal[:, 0], goal[:, 1], x, y, vx, vy, np.ones((len(pace), 1)), ratios)
+    separation = _min_separation(scene, middle, half)
     clearance = apply_curve(
         separation.line(1.0 / SEPARATION_UNIT, -1.0 / SEPARATION_UNIT), _CLEARANCE
     )
     to_goal = distance(goal[:, 0], goal[:, 1], np) + 1e-6
     own = np.stack(
-        [np.broadcast_to(one, pace.shape) for one in own_part(seen, 0.0 * pace, np)], axis=-1
+        [np.broadcast_to(value, pace.shape) for value in own_part(scene, 0.0 * pace, np)], axis=-1
     )
-    each = intruder_part(
+    intruder = intruder_part(
         state[0],
         state[1],
         state[2],
@@ -206,7 +213,7 @@ def derived_inputs(pace: Array, goal: Array, middle: Array, half: Array, ratios:
         (goal[:, 0] / to_goal, goal[:, 1] / to_goal),
         Form,
     )
-    advice, about = (Form.stack(forms) for forms in (_advice(clearance, seen), each))
+    advice, about = (Form.stack(forms) for forms in (_advice(clearance, scene), intruder))
     return Form.concatenate([Form.between(own, own), advice, clearance, about])
 
 
@@ -219,12 +226,12 @@ class _Chords(NamedTuple):
     place: Array  # [N, 22, P + 1, 2]
 
     @classmethod
-    def of(cls, seen: Scene, middle: Array) -> "_Chords":
+    def of(cls, scene: Scene, middle: Array) -> "_Chords":
         """Return the chords of manoeuvres, each cut in parts; the middle is of the intruder's x, y,
         vx, vy, ``[N, 4]``.
         """
         times, spans, step_x, step_y, own_x, own_y = (
-            np.moveaxis(field, -1, 0) for field in candidate_manoeuvres.paths(seen, np)
+            np.moveaxis(field, -1, 0) for field in candidate_manoeuvres.paths(scene, np)
         )
         time = _cut(times, spans)
         flown = np.stack([_cut(own_x, step_x), _cut(own_y, step_y)], axis=-1)
@@ -260,14 +267,14 @@ class _Nearest(NamedTuple):
         return cls(away, near / np.maximum(away, _FINE)[..., None], when)
 
 
-def _min_separation(seen: Scene, middle: Array, half: Array) -> Form:
+def _min_separation(scene: Scene, middle: Array, half: Array) -> Form:
     """Return the least separation of each manoeuvre, ``[N, 22]``.
 
     The separation of a time is convex in the box, so that the direction to the intruder at the
     closest point gives a lower bound for all of a part of a chord, and the squares of the
     displacements an upper one.
     """
-    chords = _Chords.of(seen, middle)
+    chords = _Chords.of(scene, middle)
     nearest = _Nearest.of(chords)
     best = nearest.away.argmin(axis=-1)[..., None]
     least = np.take_along_axis(nearest.away, best, -1)
@@ -295,28 +302,28 @@ def _slopes(direction: Array, moment: Array, half: Array) -> Array:
     return whole * half.reshape(len(half), *(1,) * (whole.ndim - 2), 4)
 
 
-def _advice(clearance: Form, seen: Scene) -> list[Form]:
+def _advice(clearance: Form, scene: Scene) -> list[Form]:
     """Return what the best manoeuvre keeps, ``[N]``, and the bounds of how those that keep as much
     do it.
     """
     best = clearance.middle.argmax(axis=-1)[:, None]
     middle = np.take_along_axis(clearance.middle, best, -1)[:, 0]
-    rest = np.take_along_axis(clearance.rest, best, -1)[:, 0]
+    remainder = np.take_along_axis(clearance.remainder, best, -1)[:, 0]
     slopes = np.take_along_axis(clearance.slopes, best[..., None], 1)[:, 0]
     lead = _lead(clearance)
     # By how much the greatest may keep more than the chosen one.
     above = np.take_along_axis(lead, best[:, None], 2)[..., 0].max(axis=1)
-    most = Form(middle + 0.5 * above, slopes, rest + 0.5 * above)
+    most = Form(middle + 0.5 * above, slopes, remainder + 0.5 * above)
     greatest, least = _weight(-lead.min(axis=2)), _weight(lead.max(axis=1))
     throttles = np.broadcast_to(candidate_manoeuvres.THROTTLES, least.shape)
-    steering = candidate_manoeuvres.steering(seen, np)
+    steering = candidate_manoeuvres.steering(scene, np)
     return [most, _mean(throttles, least, greatest), _mean(steering, least, greatest)]
 
 
 def _lead(clearance: Form) -> Array:
     """Return by how much each manoeuvre may keep more than each other, ``[N, 22, 22]``."""
-    middle, rest, slopes = clearance.middle, clearance.rest, clearance.slopes
-    lead = middle[:, :, None] - middle[:, None] + rest[:, :, None] + rest[:, None]
+    middle, remainder, slopes = clearance.middle, clearance.remainder, clearance.slopes
+    lead = middle[:, :, None] - middle[:, None] + remainder[:, :, None] + remainder[:, None]
     lead += np.abs(slopes[:, :, None] - slopes[:, None]).sum(-1)
     itself = np.arange(candidate_manoeuvres.COUNT)
     lead[:, itself, itself] = 0.0

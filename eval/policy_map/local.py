@@ -65,10 +65,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     out = options.out or default_folder("local")
     picture_folder.create(out, config)
     with threadpool_limits(1):
-        found = examine(policy, config, out)
-    picture_folder.write(out, "local", found, _figure(found))
+        summary = examine(policy, config, out)
+    picture_folder.write(out, "local", summary, _figure(summary))
     for name in QUESTIONS:
-        parts = (f"{100.0 * found[name][verdict]['value']:.1f} % {verdict}" for verdict in VERDICTS)
+        parts = (
+            f"{100.0 * summary[name][verdict]['value']:.1f} % {verdict}" for verdict in VERDICTS
+        )
         print(f"{name}: {', '.join(parts)} of {config.boxes} boxes")
     print(f"written to {out}")
     return 0
@@ -85,13 +87,13 @@ def examine(policy: Policy, config: "LocalConfig", out: Path) -> dict[str, Any]:
     )
     away, toward = -np.where(answers(policy, scenes) < 0.0, -1.0, 1.0), passing_side(scenes)
     how: dict[str, Any] = {"allowed": config.allowed, "depth": config.depth, "seed": config.seed}
-    found = dict.fromkeys(QUESTIONS, decide(policy, scenes, half, away, **how))
+    verdicts = dict.fromkeys(QUESTIONS, decide(policy, scenes, half, away, **how))
     # Where both questions forbid the same turn, one answer serves.
-    other = np.flatnonzero(away != toward)
-    found["toward"] = found["side"].copy()
-    part = scenes._make(field[other] for field in scenes)
-    if len(other):
-        found["toward"][other] = decide(policy, part, half, toward[other], **how)
+    differ = np.flatnonzero(away != toward)
+    verdicts["toward"] = verdicts["side"].copy()
+    part = scenes._make(field[differ] for field in scenes)
+    if len(differ):
+        verdicts["toward"][differ] = decide(policy, part, half, toward[differ], **how)
     if config.vnnlib:
         part = scenes._make(field[: config.vnnlib] for field in scenes)
         _write_vnnlib(out, policy, part, half / 4.0, away, config.allowed)
@@ -102,7 +104,7 @@ def examine(policy: Policy, config: "LocalConfig", out: Path) -> dict[str, Any]:
                 verdict: share(np.sum(of[chosen] == i), np.sum(chosen))
                 for i, verdict in enumerate(VERDICTS)
             }
-            for name, of in found.items()
+            for name, of in verdicts.items()
         }
 
     keys = ("boxes", "course", "loss", "position", "velocity", *how)
@@ -125,9 +127,9 @@ def draw(policy: Policy, config: "LocalConfig") -> tuple[Scenes, np.ndarray, lis
     random, count = np.random.default_rng(config.seed), config.boxes
     cell = np.arange(count) % len(cells)
     (from_course, to_course), (from_ratio, to_ratio) = np.array(cells)[cell].transpose(1, 2, 0)
-    pace, other = _draw_speeds(policy, from_ratio, to_ratio, random)
+    pace, intruder_pace = _draw_speeds(policy, from_ratio, to_ratio, random)
     course = np.radians(random.uniform(from_course, to_course)) * random.choice([-1.0, 1.0], count)
-    velocity = other[:, None] * np.stack([np.cos(course), np.sin(course)], axis=-1)
+    velocity = intruder_pace[:, None] * np.stack([np.cos(course), np.sin(course)], axis=-1)
     # Back from where the separation is lost: time to the loss, and miss distance on straight
     # courses.
     way = velocity - np.stack([pace, 0.0 * pace], axis=-1)
@@ -151,12 +153,12 @@ def _draw_speeds(
     """
     fast, count = policy.limits.speed_max, len(from_ratio)
     slowest, fastest = (end / fast for end in policy.domain["intruder_speed"])
-    pace, other, wrong = np.zeros(count), np.zeros(count), np.ones(count, dtype=bool)
+    pace, intruder_pace, wrong = np.zeros(count), np.zeros(count), np.ones(count, dtype=bool)
     while wrong.any():
         pace = np.where(wrong, random.uniform(policy.limits.speed_min / fast, 1.0, count), pace)
-        other = np.where(wrong, pace * random.uniform(from_ratio, to_ratio), other)
-        wrong = ~((slowest <= other) & (other <= fastest))
-    return pace, other
+        intruder_pace = np.where(wrong, pace * random.uniform(from_ratio, to_ratio), intruder_pace)
+        wrong = ~((slowest <= intruder_pace) & (intruder_pace <= fastest))
+    return pace, intruder_pace
 
 
 def passing_side(scenes: Scenes) -> np.ndarray:
@@ -194,9 +196,9 @@ def _write_vnnlib(
         write_file(out / f"box_{number:03}.vnnlib", "\n".join([*declared, *ends, wrong, ""]))
 
 
-def _figure(found: dict[str, Any]) -> "Figure":
+def _figure(summary: dict[str, Any]) -> "Figure":
     """Return the map: verified share of each cell in colour, all three in numbers."""
-    names = [cell["name"].split("/") for cell in found["cells"]]
+    names = [cell["name"].split("/") for cell in summary["cells"]]
     courses, ratios = (list(dict.fromkeys(part)) for part in zip(*names, strict=True))
     titles = {
         "side": "side flipped: never / seen / open, %",
@@ -204,10 +206,15 @@ def _figure(found: dict[str, Any]) -> "Figure":
     }
     panels = []
     for name, title in titles.items():
-        parts = [[cell[name][verdict]["value"] for verdict in VERDICTS] for cell in found["cells"]]
+        parts = [
+            [cell[name][verdict]["value"] for verdict in VERDICTS] for cell in summary["cells"]
+        ]
         values = 100.0 * np.array(parts, float).reshape(len(courses), len(ratios), 3)
         texts = [
-            [" / ".join("-" if np.isnan(one) else f"{one:.0f}" for one in cell) for cell in row]
+            [
+                " / ".join("-" if np.isnan(percent) else f"{percent:.0f}" for percent in cell)
+                for cell in row
+            ]
             for row in values
         ]
         panels.append((title, values[..., 0], texts))
@@ -279,8 +286,8 @@ def _load(options: argparse.Namespace) -> "LocalConfig":
     from eval.runner.options import given_policy, load_given
 
     names = ("boxes", "course", "loss", "position", "velocity", "allowed", "depth", "seed")
-    given = {name: getattr(options, name) for name in (*names, "vnnlib")}
-    return load_given(LocalConfig, options.config, given | given_policy(options))
+    settings = {name: getattr(options, name) for name in (*names, "vnnlib")}
+    return load_given(LocalConfig, options.config, settings | given_policy(options))
 
 
 if __name__ == "__main__":

@@ -47,11 +47,11 @@ def answers(policy: Policy, scenes: Scenes) -> np.ndarray:
     x, y, vx, vy = (scenes.state[:, None, i] for i in range(4))
     zero = 0.0 * scenes.pace
     own: VehicleState[Air] = VehicleState(zero, zero, zero, fast * scenes.pace)
-    other: VehicleState[Air] = VehicleState(
+    intruder: VehicleState[Air] = VehicleState(
         unit * x, unit * y, np.arctan2(vy, vx), fast * np.hypot(vx, vy)
     )
     goal_x, goal_y = unit * scenes.goal.T
-    return policy.command(own, other, np.ones((len(zero), 1), bool), goal_x, goal_y)[:, 1]
+    return policy.command(own, intruder, np.ones((len(zero), 1), bool), goal_x, goal_y)[:, 1]
 
 
 def decide(
@@ -72,23 +72,23 @@ def decide(
     times; the seed is of the sample.
     """
     sampled = _greatest_sampled_turn(policy, scenes, half, side, seed)
-    found = np.where(sampled > allowed, COUNTEREXAMPLE, VERIFIED)
+    verdicts = np.where(sampled > allowed, COUNTEREXAMPLE, VERIFIED)
     network = layers(policy)
-    queue = _Boxes.about(scenes, np.flatnonzero(found == VERIFIED), half)
+    queue = _Boxes.about(scenes, np.flatnonzero(verdicts == VERIFIED), half)
     while len(queue.index):
         # The deepest first: a box that stays open ends the work on its scene.
         order = np.argsort(-queue.cuts, kind="stable")
-        queue, now = queue.of(order[_TOGETHER:]), queue.of(order[:_TOGETHER])
-        now = now.of(now.mirrored_so(scenes.goal[now.index]))
-        seen = Scenes(scenes.pace[now.index], scenes.goal[now.index], now.middle)
-        turn, weight = turns_of(network, _inputs(policy, seen, now.size, now.sign))
-        turn = turn.line(now.sign * side[now.index], 0.0)
+        queue, boxes = queue.of(order[_TOGETHER:]), queue.of(order[:_TOGETHER])
+        boxes = boxes.of(boxes.mirrored_so(scenes.goal[boxes.index]))
+        middles = Scenes(scenes.pace[boxes.index], scenes.goal[boxes.index], boxes.middle)
+        turn, weight = turns_of(network, _inputs(policy, middles, boxes.size, boxes.sign))
+        turn = turn.line(boxes.sign * side[boxes.index], 0.0)
         doubtful = ~(turn.ends[1] <= allowed - _ROUNDING)  # inverted for nan
-        now, weight = now.of(doubtful), weight[doubtful]
-        found[now.index[now.cuts >= depth]] = OPEN
-        queue = queue.join(*now.halves(weight))
-        queue = queue.of(found[queue.index] == VERIFIED)
-    return found
+        boxes, weight = boxes.of(doubtful), weight[doubtful]
+        verdicts[boxes.index[boxes.cuts >= depth]] = OPEN
+        queue = queue.join(*boxes.halves(weight))
+        queue = queue.of(verdicts[queue.index] == VERIFIED)
+    return verdicts
 
 
 class _Boxes(NamedTuple):
@@ -162,25 +162,28 @@ def turns_of(network: list[tuple[np.ndarray, np.ndarray]], inputs: Form) -> tupl
     for number, (kernel, bias) in enumerate(network):
         # From this layer back to the inputs: what it is of them, in the end.
         weights = np.broadcast_to(kernel.T, (len(inputs.middle), *kernel.T.shape))
-        offset, rest = bias, 0.0
+        offset, remainder = bias, 0.0
         for (slope, middle, far), (below, shift) in zip(
             curves[::-1], network[:number][::-1], strict=True
         ):
-            rest, offset = rest + _times(np.abs(weights), far), offset + _times(weights, middle)
+            remainder, offset = (
+                remainder + _times(np.abs(weights), far),
+                offset + _times(weights, middle),
+            )
             weights = weights * slope[:, None]
             offset, weights = offset + weights @ shift, weights @ below.T
         size = np.abs(weights)
         form = Form(
             _times(weights, inputs.middle) + offset,
             weights @ inputs.slopes,
-            _times(size, inputs.rest) + rest,
+            _times(size, inputs.remainder) + remainder,
         )
         if number < len(network) - 1:
             curves.append(line_along(*form.ends, _TANH))
             if number == 0:  # what describes the ownship passes the first layer as it is
                 for field, value in zip(curves[0], (1.0, 0.0, 0.0), strict=True):
                     field[:, :_OWN] = value
-    turn = Form(form.middle[:, 0], form.slopes[:, 0], form.rest[:, 0])
+    turn = Form(form.middle[:, 0], form.slopes[:, 0], form.remainder[:, 0])
     return turn, (size @ np.abs(inputs.slopes))[:, 0]
 
 

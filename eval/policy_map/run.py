@@ -57,15 +57,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     out = options.out or default_folder("policy_map")
     picture_folder.create(out, config)
     with threadpool_limits(1):
-        figure, found = _examine(policy, config)
-    picture_folder.write(out, "policy_map", found, figure)
+        figure, summary = _examine(policy, config)
+    picture_folder.write(out, "policy_map", summary, figure)
     print(
         "chatter, {flights} circle flights: yaw rate {yaw_rate_change_deg_s_per_s:.3f} deg/s and "
         "acceleration "
         "{acceleration_change_m_s2_per_s:.3f} m/s^2 per second; heading reversals per flight mean "
         "{mean:.2f}, "
         "95 % {p95:.0f}, max {max:.0f}".format(
-            **found["chatter"], **found["chatter"]["reversals_per_flight"]
+            **summary["chatter"], **summary["chatter"]["reversals_per_flight"]
         )
     )
     print(f"written to {out}")
@@ -110,9 +110,9 @@ def _load(options: argparse.Namespace) -> PolicyMapConfig:
             f"--relative-heading: given {len(headings)} times; expected at most {MOST_MAPS}"
         )
     names = ("own_speed", "intruder_speed", "goal_bearing", "goal_distance", "extent", "cells")
-    given = {name: getattr(options, name) for name in (*names, "encounters", "seed")}
-    given |= {"relative_headings": headings} | given_policy(options)
-    return load_given(PolicyMapConfig, options.config, given)
+    settings = {name: getattr(options, name) for name in (*names, "encounters", "seed")}
+    settings |= {"relative_headings": headings} | given_policy(options)
+    return load_given(PolicyMapConfig, options.config, settings)
 
 
 class _Range(NamedTuple):
@@ -142,8 +142,8 @@ def _resolve(config: PolicyMapConfig, policy: Policy) -> PolicyMapConfig:
     for name, (default, low, high, of) in ranges.items():
         value = default if getattr(config, name) is None else getattr(config, name)
         if not low <= value <= high:  # inverted for nan
-            said = f"{value:g} {of}; expected {low:g} to {high:g} {of}"
-            raise ConfigError(f"--{name.replace('_', '-')}: {said}")
+            problem = f"{value:g} {of}; expected {low:g} to {high:g} {of}"
+            raise ConfigError(f"--{name.replace('_', '-')}: {problem}")
         resolved[name] = value
     return config.model_copy(update=resolved)
 
@@ -178,7 +178,7 @@ def _examine(policy: Policy, config: PolicyMapConfig) -> tuple[Figure, dict[str,
         "encounters": "",
         "seed": "",
     }
-    found = {
+    summary = {
         "schema_version": 2,
         "policy_sha256": policy.sha256,
         "separation_m": aircraft.separation,
@@ -190,4 +190,4 @@ def _examine(policy: Policy, config: PolicyMapConfig) -> tuple[Figure, dict[str,
         "chatter": chatter(policy, config.encounters, config.seed, aircraft),
         "versions": versions("numpy", "matplotlib"),
     }
-    return policy_map(maps, aircraft, f"{name} ({policy.sha256[:8]})"), found
+    return policy_map(maps, aircraft, f"{name} ({policy.sha256[:8]})"), summary

@@ -21,36 +21,36 @@ _PLAIN: dict[str, Any] = {
 _SPLITTING: dict[str, Any] = {"color": BLUE, "marker": "o"}
 
 
-def levels_figure(found: Mapping[str, Any]) -> Figure:
+def levels_figure(estimate: Mapping[str, Any]) -> Figure:
     """Return the figure of ``rare.json``'s content."""
     figure = Figure(figsize=(8.8, 6.6), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
-    _draw_probabilities(above, found)
-    _draw_acceptance(below, found["levels"])
+    _draw_probabilities(above, estimate)
+    _draw_acceptance(below, estimate["levels"])
     for axes in (above, below):
         tidy(axes, "both")
-    figure.suptitle(_title(found), fontsize=11)
+    figure.suptitle(_title(estimate), fontsize=11)
     # Below, where it covers nothing, however the probability falls.
     legend(figure, above.get_legend_handles_labels()[0], 2)
     return figure
 
 
-def _draw_probabilities(axes: Axes, found: Mapping[str, Any]) -> None:
+def _draw_probabilities(axes: Axes, estimate: Mapping[str, Any]) -> None:
     """Draw the probability of a smaller separation than each level, by splitting and by plain
     sampling.
     """
-    levels = found["levels"]
-    place = np.array([each["level_m"] for each in levels])
-    every = np.array([each["rate"]["repetitions"] for each in levels])
+    levels = estimate["levels"]
+    place = np.array([level["level_m"] for level in levels])
+    every = np.array([level["rate"]["repetitions"] for level in levels])
     lines = axes.plot(place, np.where(every > 0.0, every, np.nan), color="#B9D4E8", linewidth=0.9)
     lines[0].set_label("each repetition")
     total = levels[0]["plain"]["total"]
     plain = f"plain sampling ({total} flights, the first of all repetitions)"
-    _draw_rates(axes, place, [each["plain"] for each in levels], plain, _PLAIN)
-    splitting = f"splitting, {100.0 * found['confidence']:g} % interval"
-    _draw_rates(axes, place, [each["rate"] for each in levels], splitting, _SPLITTING)
+    _draw_rates(axes, place, [level["plain"] for level in levels], plain, _PLAIN)
+    splitting = f"splitting, {100.0 * estimate['confidence']:g} % interval"
+    _draw_rates(axes, place, [level["rate"] for level in levels], splitting, _SPLITTING)
     axes.axvline(
-        found["separation_m"],
+        estimate["separation_m"],
         color=VERMILION,
         linewidth=1.4,
         linestyle="--",
@@ -79,21 +79,21 @@ def _draw_rates(
 
 def _draw_acceptance(axes: Axes, levels: Sequence[Mapping[str, Any]]) -> None:
     """Draw the share of the steps that are taken below each level."""
-    known = [each for each in levels if each["acceptance"] is not None]
+    known = [level for level in levels if level["acceptance"] is not None]
     if known:
-        place = [each["level_m"] for each in known]
-        percent = 100.0 * np.array([each["acceptance"] for each in known])
+        place = [level["level_m"] for level in known]
+        percent = 100.0 * np.array([level["acceptance"] for level in known])
         axes.plot(place, percent, color=ORANGE, marker="o", markersize=4.0)
     below = "level of the smallest separation, m"
     axes.set(ylim=(0.0, 100.0), ylabel="steps taken, %", xlabel=below)
 
 
-def _title(found: Mapping[str, Any]) -> str:
-    what = ", proven unresolvable ones left out" if found["resolvable_only"] else ""
-    rate = found["rate"]
+def _title(estimate: Mapping[str, Any]) -> str:
+    what = ", proven unresolvable ones left out" if estimate["resolvable_only"] else ""
+    rate = estimate["rate"]
     return (
-        f"scenario {found['scenario']}, mode {found['mode']}{what}\n"
-        f"below {found['separation_m']:g} m: {rate['value']:.3g} ({rate['low']:.2g} .. "
+        f"scenario {estimate['scenario']}, mode {estimate['mode']}{what}\n"
+        f"below {estimate['separation_m']:g} m: {rate['value']:.3g} ({rate['low']:.2g} .. "
         f"{rate['high']:.2g}), "
-        f"{found['repetitions']} repetitions of {found['particles']} particles"
+        f"{estimate['repetitions']} repetitions of {estimate['particles']} particles"
     )

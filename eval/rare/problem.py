@@ -107,6 +107,6 @@ class FlightProblem:
         if self._ready.evaluation.mode == "none":
             return fly(starts, Unmitigated(self._aircraft), self._aircraft, endless=self._endless)
         by_step = (lambda step: np.moveaxis(noise[:, step], 0, 1)) if noise.size else None
-        given = Conditioned(starts, by_step)
-        _, flights = fly_in_mode(self._ready, given, None, endless=self._endless)
+        conditioned = Conditioned(starts, by_step)
+        _, flights = fly_in_mode(self._ready, conditioned, None, endless=self._endless)
         return flights

@@ -102,24 +102,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     begun = time.perf_counter()
     with folder:
         with threadpool_limits(1):
-            plan, made = _split(problem, config, folder)
-            blamed = [_blame(problem, one.last, config) for one in made]
-        found = {
+            plan, repetitions = _split(problem, config, folder)
+            blamed = [_blame(problem, repeat.last, config) for repeat in repetitions]
+        estimate = {
             "schema_version": 1,
             "mode": config.mode,
             "scenario": config.scenario,
             "changes": config.changes,
             "seed": config.seed,
-            **_estimate_in_json(config, plan, made, blamed),
+            **_estimate_in_json(config, plan, repetitions, blamed),
             "policy_sha256": policy.sha256,
             **describe(evaluation.aircraft, policy),
             "wall_s": time.perf_counter() - begun,
         }
-        _write_worst(options.out / "worst.csv", problem, made, blamed)
-        picture_folder.write(options.out, "rare", found, levels_figure(found))
-        if found["tail"]:
-            save_figure(tail_figure(found), options.out / "tail", 130)
-    _show(found, options.out)
+        _write_worst(options.out / "worst.csv", problem, repetitions, blamed)
+        picture_folder.write(options.out, "rare", estimate, levels_figure(estimate))
+        if estimate["tail"]:
+            save_figure(tail_figure(estimate), options.out / "tail", 130)
+    _show(estimate, options.out)
     return 0
 
 
@@ -137,16 +137,16 @@ def _split(
     )
     plan = Plan.of_arrays(placed)
     print(f"levels: {', '.join(f'{level:.0f}' for level in plan.levels)} m", file=sys.stderr)
-    made: list[Repetition] = []
+    repetitions: list[Repetition] = []
     for number, rng in enumerate(others, 1):
         part = folder.part(
             f"repetition_{number}",
             lambda rng=rng: repetition(problem, plan, *sizes, rng)._asdict(),
         )
-        made.append(Repetition.of_arrays(part))
-        rate = made[-1].probability[-1]
+        repetitions.append(Repetition.of_arrays(part))
+        rate = repetitions[-1].probability[-1]
         print(f"repetition {number} of {len(others)}: {rate:.3g}", file=sys.stderr)
-    return plan, made
+    return plan, repetitions
 
 
 def _blame(problem: FlightProblem, draws: np.ndarray, config: RareConfig) -> np.ndarray:
@@ -159,13 +159,16 @@ def _blame(problem: FlightProblem, draws: np.ndarray, config: RareConfig) -> np.
 
 
 def _write_worst(
-    path: Path, problem: FlightProblem, made: Sequence[Repetition], blamed: Sequence[np.ndarray]
+    path: Path,
+    problem: FlightProblem,
+    repetitions: Sequence[Repetition],
+    blamed: Sequence[np.ndarray],
 ) -> None:
     """Write lost encounters, equally many of each repetition, to be flown again; no file where none
     is lost.
     """
-    most = max(1, _WORST // len(made))
-    rows = [one.last[chosen][:most] for one, chosen in zip(made, blamed, strict=True)]
+    most = max(1, _WORST // len(repetitions))
+    rows = [repeat.last[chosen][:most] for repeat, chosen in zip(repetitions, blamed, strict=True)]
     if any(map(len, rows)):
         encounter_file.write(path, problem.sample_encounters(np.concatenate(rows))[0])
 
@@ -234,43 +237,43 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _estimate_in_json(
-    config: RareConfig, plan: Plan, made: Sequence[Repetition], blamed: Sequence[np.ndarray]
+    config: RareConfig, plan: Plan, repetitions: Sequence[Repetition], blamed: Sequence[np.ndarray]
 ) -> dict[str, Any]:
     """Return what rare.json says of the estimate."""
-    first = np.concatenate([one.first for one in made])
-    levels = _levels_in_json(plan, made, first, config.confidence)
-    shares = np.array([np.mean(each) if each.size else 0.0 for each in blamed])
-    last = np.array([one.probability[-1] for one in made])
+    first = np.concatenate([repeat.first for repeat in repetitions])
+    levels = _levels_in_json(plan, repetitions, first, config.confidence)
+    shares = np.array([np.mean(lost) if lost.size else 0.0 for lost in blamed])
+    last = np.array([repeat.probability[-1] for repeat in repetitions])
     rate, hourly = levels[-1]["rate"], config.encounters_per_hour
     names = ("resolvable_only", "particles", "moves", "repetitions")
-    found = {
+    estimate = {
         "separation_m": plan.levels[-1],
         **{name: getattr(config, name) for name in names},
         "confidence": config.confidence,
         "rate": rate,
         "rate_not_unresolvable": _estimate(last * shares, config.confidence),
         "levels": levels,
-        "ancestors": [one.ancestors for one in made],
-        "flights": sum(one.evaluations for one in made),
+        "ancestors": [repeat.ancestors for repeat in repetitions],
+        "flights": sum(repeat.evaluations for repeat in repetitions),
         "flights_of_the_pilot": plan.evaluations,
         "tail": fits(first, plan.levels[-1]),
         "losses_per_hour": None if hourly is None else _times(rate, hourly),
         "plain_flights_for_the_same_error": _plain_flights(rate),
         "versions": versions("numpy", "scipy", "safetensors"),
     }
-    return found | {"warnings": _warnings(found)}
+    return estimate | {"warnings": _warnings(estimate)}
 
 
 def _levels_in_json(
-    plan: Plan, made: Sequence[Repetition], first: np.ndarray, confidence: float
+    plan: Plan, repetitions: Sequence[Repetition], first: np.ndarray, confidence: float
 ) -> list[dict[str, Any]]:
     """Return what rare.json says of each level; ``first``: separations of the first encounters of
     all repetitions, m, ``[N]``.
     """
-    by_level = np.stack([one.probability for one in made])
+    by_level = np.stack([repeat.probability for repeat in repetitions])
     levels = []
     for stage, (level, step) in enumerate(zip(plan.levels, (*plan.steps, None), strict=True)):
-        accepted = [one.acceptance[stage] for one in made if step]
+        accepted = [repeat.acceptance[stage] for repeat in repetitions if step]
         known = [part for part in accepted if np.isfinite(part)]
         levels.append(
             {
@@ -310,63 +313,71 @@ def _estimate(values: np.ndarray, confidence: float) -> dict[str, Any]:
     }
 
 
-def _warnings(found: dict[str, Any]) -> list[str]:
-    said = []
-    values = found["rate"]["repetitions"]
+def _warnings(estimate: dict[str, Any]) -> list[str]:
+    warnings = []
+    values = estimate["rate"]["repetitions"]
     if not any(values):
-        said.append(
+        warnings.append(
             "no repetition lost the separation: the rate is below what so many particles can find"
         )
-    elif found["rate"]["relative_error"] * math.sqrt(len(values)) > 0.5:
-        said.append(
+    elif estimate["rate"]["relative_error"] * math.sqrt(len(values)) > 0.5:
+        warnings.append(
             "repetitions differ by more than half of their mean: take more particles or moves"
         )
-    if min(found["ancestors"]) < 5 and any(values):
-        said.append(
+    if min(estimate["ancestors"]) < 5 and any(values):
+        warnings.append(
             "a repetition's lost encounters descend from fewer than five first ones: take more "
             "particles"
         )
-    plain = found["plain_flights_for_the_same_error"]
-    if plain is not None and plain < found["flights"]:
-        said.append(
+    plain = estimate["plain_flights_for_the_same_error"]
+    if plain is not None and plain < estimate["flights"]:
+        warnings.append(
             f"plain sampling needs only {plain:.2g} flights for this error, instead of "
-            f"{found['flights']}: this loss is not rare, use eval.monte_carlo"
+            f"{estimate['flights']}: this loss is not rare, use eval.monte_carlo"
         )
     low = [
-        each["level_m"]
-        for each in found["levels"]
-        if each["acceptance"] is not None and each["acceptance"] < 0.05
+        level["level_m"]
+        for level in estimate["levels"]
+        if level["acceptance"] is not None and level["acceptance"] < 0.05
     ]
     if low:
-        said.append(f"fewer than 5 % of the steps are taken below {low[0]:.0f} m: take more moves")
-    return said
+        warnings.append(
+            f"fewer than 5 % of the steps are taken below {low[0]:.0f} m: take more moves"
+        )
+    return warnings
 
 
-def _show(found: dict[str, Any], out: Path) -> None:
-    print(f"scenario {found['scenario']}, mode {found['mode']}, below {found['separation_m']:g} m")
+def _show(estimate: dict[str, Any], out: Path) -> None:
+    print(
+        f"scenario {estimate['scenario']}, mode {estimate['mode']}, below "
+        f"{estimate['separation_m']:g} m"
+    )
     names = {
         "rate": "losses of separation",
         "rate_not_unresolvable": "of them not proven unresolvable",
     }
     for key, name in (
-        {"rate": "losses not proven unresolvable"} if found["resolvable_only"] else names
+        {"rate": "losses not proven unresolvable"} if estimate["resolvable_only"] else names
     ).items():
-        ends = f"{found[key]['low']:.3g} .. {found[key]['high']:.3g}"
+        ends = f"{estimate[key]['low']:.3g} .. {estimate[key]['high']:.3g}"
         print(
-            f"{name:34} {found[key]['value']:.3g}   {100.0 * found['confidence']:g} % interval "
-            f"{ends}"
+            f"{name:34} {estimate[key]['value']:.3g}   {100.0 * estimate['confidence']:g} % "
+            f"interval {ends}"
         )
-    for one in found["tail"]:
+    for fit in estimate["tail"]:
         print(
-            f"extreme-value fit below {one['threshold_m']:.0f} m: {one['rate']:.3g} (shape "
-            f"{one['shape']:+.2f})"
+            f"extreme-value fit below {fit['threshold_m']:.0f} m: {fit['rate']:.3g} (shape "
+            f"{fit['shape']:+.2f})"
         )
-    if found["losses_per_hour"] is not None:
-        value, low, high = (found["losses_per_hour"][end] for end in ("value", "low", "high"))
+    if estimate["losses_per_hour"] is not None:
+        value, low, high = (estimate["losses_per_hour"][end] for end in ("value", "low", "high"))
         print(f"losses an hour of flight: {value:.3g} ({low:.3g} .. {high:.3g})")
-    plain = found["plain_flights_for_the_same_error"]
-    many = "an unknown number" if plain is None else f"{plain:.2g} for the same error"
-    print(f"flights {found['flights']}; plain sampling would take {many}")
-    for line in [*lines_about(found), *(f"warning: {sentence}" for sentence in found["warnings"])]:
+    plain = estimate["plain_flights_for_the_same_error"]
+    plain_flights = "an unknown number" if plain is None else f"{plain:.2g} for the same error"
+    print(f"flights {estimate['flights']}; plain sampling would take {plain_flights}")
+    for line in [
+        *lines_about(estimate),
+        *(f"warning: {sentence}" for sentence in estimate["warnings"]),
+    ]:
         print(line)
     print(f"written to {out}")

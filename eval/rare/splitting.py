@@ -19,7 +19,7 @@ import numpy as np
 from commands.command import InputError
 
 _MOST_LEVELS = 60
-_WANTED_ACCEPTANCE = 0.3
+_TARGET_ACCEPTANCE = 0.3
 _LARGEST_STEP, _SMALLEST_STEP = 0.9, 1e-3
 # ratio of the largest to the smallest step of a stage: failures may lie in thin strips
 _SPREAD = 10.0
@@ -101,13 +101,13 @@ def pilot(
     levels: list[float] = []
     steps: list[float] = []
     while True:
-        wanted = np.sort(values)[int(share * particles)]
-        if wanted == np.inf:
-            wanted = np.max(values, where=np.isfinite(values), initial=-np.inf) + 1.0
+        level = np.sort(values)[int(share * particles)]
+        if level == np.inf:
+            level = np.max(values, where=np.isfinite(values), initial=-np.inf) + 1.0
         # A level on a plateau of equal values would let none pass.
-        passing = np.count_nonzero(values < wanted)
-        stuck = passing < 2 or bool(levels and wanted >= levels[-1]) or len(levels) == _MOST_LEVELS
-        if (wanted <= threshold or stuck) and np.any(values <= threshold):
+        passing = np.count_nonzero(values < level)
+        stuck = passing < 2 or bool(levels and level >= levels[-1]) or len(levels) == _MOST_LEVELS
+        if (level <= threshold or stuck) and np.any(values <= threshold):
             return Plan((*levels, threshold), tuple(steps), evaluations)
         if stuck:
             at = f"{levels[-1]:g}" if levels else "the beginning"
@@ -116,14 +116,14 @@ def pilot(
                 f"at {values.min():g} "
                 f"at best; expected them to come below {threshold:g}: more particles or moves may"
             )
-        levels.append(float(wanted))
-        rows = _copies(values < wanted, particles, rng)
+        levels.append(float(level))
+        rows = _copies(values < level, particles, rng)
         draws, values = draws[rows], values[rows]
         for _ in range(moves):
             draws, values, accepted, flown = _move(problem, draws, values, levels[-1], step, rng)
             evaluations += flown
             step = float(
-                np.clip(step * np.exp(accepted - _WANTED_ACCEPTANCE), _SMALLEST_STEP, _LARGEST_STEP)
+                np.clip(step * np.exp(accepted - _TARGET_ACCEPTANCE), _SMALLEST_STEP, _LARGEST_STEP)
             )
         steps.append(step)
 
@@ -185,15 +185,15 @@ def _move(
     """
     # Sizes do not depend on where a particle is, so that a step back is as likely as the step.
     size = step * _SPREAD ** -rng.random((len(values), 1))
-    asked = np.sqrt(1.0 - size**2) * draws + size * rng.standard_normal(draws.shape)
-    found = problem.value(asked)
-    accepted = found < level
-    draws = np.where(accepted[:, None], asked, draws)
+    proposals = np.sqrt(1.0 - size**2) * draws + size * rng.standard_normal(draws.shape)
+    proposed = problem.value(proposals)
+    accepted = proposed < level
+    draws = np.where(accepted[:, None], proposals, draws)
     return (
         draws,
-        np.where(accepted, found, values),
+        np.where(accepted, proposed, values),
         float(np.mean(accepted)),
-        int(np.count_nonzero(~np.isnan(found))),
+        int(np.count_nonzero(~np.isnan(proposed))),
     )
 
 
@@ -202,5 +202,5 @@ def _copies(chosen: np.ndarray, count: int, rng: np.random.Generator) -> np.ndar
     remainder.
     """
     rows = np.flatnonzero(chosen)
-    whole, rest = divmod(count, rows.size)
-    return np.concatenate([np.repeat(rows, whole), rng.choice(rows, rest, replace=False)])
+    whole, remainder = divmod(count, rows.size)
+    return np.concatenate([np.repeat(rows, whole), rng.choice(rows, remainder, replace=False)])

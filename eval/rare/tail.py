@@ -24,7 +24,7 @@ def fits(values: np.ndarray, level: float) -> list[dict[str, Any]]:
     """
     from scipy.stats import genpareto
 
-    made = []
+    fitted = []
     for share in _SHARES:
         threshold = float(np.quantile(values, share))
         below = threshold - values[values < threshold]
@@ -32,7 +32,7 @@ def fits(values: np.ndarray, level: float) -> list[dict[str, Any]]:
             continue
         shape, _, scale = map(float, genpareto.fit(below, floc=0.0))
         part = len(below) / len(values)
-        made.append(
+        fitted.append(
             {
                 "name": f"{share:g}",
                 "threshold_m": threshold,
@@ -44,31 +44,31 @@ def fits(values: np.ndarray, level: float) -> list[dict[str, Any]]:
                 "fitted_quantiles_m": genpareto.ppf(_QUANTILES, shape, 0.0, scale).tolist(),
             }
         )
-    return made
+    return fitted
 
 
-def tail_figure(found: Mapping[str, Any]) -> Figure:
+def tail_figure(estimate: Mapping[str, Any]) -> Figure:
     """Return the diagnostics of ``rare.json``'s content: rate and shape by threshold, and
     quantiles.
     """
-    made, rate = found["tail"], found["rate"]
+    fitted, rate = estimate["tail"], estimate["rate"]
     figure = Figure((10.0, 3.8), layout="constrained")
     figure.suptitle("Extreme-value fit to the smallest separations, by its threshold", fontsize=11)
     rates, shapes, quantiles = figure.subplots(1, 3)
-    place = [one["threshold_m"] for one in made]
-    rates.plot(place, [one["rate"] for one in made], "o-", color=BLUE, label="fit")
+    place = [fit["threshold_m"] for fit in fitted]
+    rates.plot(place, [fit["rate"] for fit in fitted], "o-", color=BLUE, label="fit")
     rates.axhspan(rate["low"], rate["high"], color=ORANGE, alpha=0.3, label="splitting")
     rates.set(xlabel="threshold, m", ylabel="losses an encounter")
     rates.set_title("must not depend on the threshold", fontsize=9)
     rates.legend(frameon=False)
-    shapes.plot(place, [one["shape"] for one in made], "o-", color=BLUE)
+    shapes.plot(place, [fit["shape"] for fit in fitted], "o-", color=BLUE)
     shapes.set(xlabel="threshold, m", ylabel="shape of the fit")
     shapes.set_title("must settle", fontsize=9)
-    for one in made:
+    for fit in fitted:
         quantiles.plot(
-            one["fitted_quantiles_m"], one["quantiles_m"], ".-", label=f"{one['threshold_m']:.0f} m"
+            fit["fitted_quantiles_m"], fit["quantiles_m"], ".-", label=f"{fit['threshold_m']:.0f} m"
         )
-    most = max((one["quantiles_m"][-1] for one in made), default=1.0)
+    most = max((fit["quantiles_m"][-1] for fit in fitted), default=1.0)
     quantiles.plot([0.0, most], [0.0, most], color=VERMILION, linewidth=0.8)
     quantiles.set(xlabel="fitted, m below the threshold", ylabel="sampled, m below the threshold")
     quantiles.set_title("must follow the line", fontsize=9)

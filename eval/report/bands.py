@@ -67,8 +67,8 @@ def flight_bands(
     alerting = Alerting.for_aircraft(aircraft)
     traffic, ahead = Traffic.straight(intruders), alerting.look_ahead
     if separations is not None:
-        each = np.broadcast_to(separations, traffic.mask.shape)
-        traffic = traffic._replace(separation=each)
+        required = np.broadcast_to(separations, traffic.mask.shape)
+        traffic = traffic._replace(separation=required)
     headings = wrap(0.5 * np.pi - np.radians(TRACKS), np)
     speeds = np.linspace(limits.speed_min, limits.speed_max, SPEEDS)
     amid = _areas_then(areas, len(own.x), aircraft.dt, ahead)
@@ -96,29 +96,29 @@ def _levels(loss: np.ndarray, mask: np.ndarray, dt: float, alerting: Alerting) -
     """
     shown, level = no_alerts(1, loss.shape[1], alerting), np.zeros(loss.shape, np.int8)
     for step in range(len(loss)):
-        now = np.array([step * dt])
-        shown = update(shown, now, loss[step : step + 1], mask[step : step + 1], alerting)
+        time = np.array([step * dt])
+        shown = update(shown, time, loss[step : step + 1], mask[step : step + 1], alerting)
         level[step] = shown.level[0]
     return level
 
 
 def _areas_then(areas: tuple[Area, ...], steps: int, dt: float, ahead: float) -> np.ndarray:
     """Return the areas that count at each of so many times, as they are then, object ``[T]``."""
-    found = no_areas(steps)
+    by_step = no_areas(steps)
     for step in range(steps if areas else 0):
-        now = (after(one, step * dt) for one in areas)
-        found[step] = tuple(ActiveArea(n, one, 0.0, ahead) for n, one in enumerate(now))
-    return found
+        moved = (after(area, step * dt) for area in areas)
+        by_step[step] = tuple(ActiveArea(n, area, 0.0, ahead) for n, area in enumerate(moved))
+    return by_step
 
 
-def bands_data(found: FlightBands) -> dict[str, Any]:
+def bands_data(bands: FlightBands) -> dict[str, Any]:
     """Return the bands as the page reads them: runs of equal regions, row after row."""
     return {
-        "speed": found.speed.round(2).tolist(),
-        "tracks": _runs(found.tracks),
-        "speeds": _runs(found.speeds),
-        "track_areas": _runs(found.track_areas),
-        "speed_areas": _runs(found.speed_areas),
+        "speed": bands.speed.round(2).tolist(),
+        "tracks": _runs(bands.tracks),
+        "speeds": _runs(bands.speeds),
+        "track_areas": _runs(bands.track_areas),
+        "speed_areas": _runs(bands.speed_areas),
     }
 
 
@@ -127,24 +127,24 @@ def wind_data(wind: Wind) -> list[float]:
     return [round(float(wind.east), 2), round(float(wind.north), 2)]
 
 
-def encounter_data(found: FlightBands, options: Options) -> dict[str, Any]:
+def encounter_data(bands: FlightBands, options: Options) -> dict[str, Any]:
     """Return the bands as an encounter's file has them (docs/reference/display.md)."""
     way_out = [
         [index, _finite(opens), round(shortfall, 1) if index >= 0 else 0.0]
         for index, opens, shortfall in zip(
-            found.way_out.tolist(), found.opens.tolist(), found.shortfall.tolist(), strict=True
+            bands.way_out.tolist(), bands.opens.tolist(), bands.shortfall.tolist(), strict=True
         )
     ]
     return {
         "look_ahead": Alerting.for_aircraft(options.aircraft).look_ahead,
         "track_deg": TRACKS.tolist(),
-        "track_region": found.tracks.tolist(),
-        "speed": found.speed.round(2).tolist(),
-        "speed_region": found.speeds.tolist(),
-        "track_area": found.track_areas.tolist(),
-        "speed_area": found.speed_areas.tolist(),
-        "level": found.level.tolist(),
-        "loss": [[_finite(one) for one in row] for row in found.loss.tolist()],
+        "track_region": bands.tracks.tolist(),
+        "speed": bands.speed.round(2).tolist(),
+        "speed_region": bands.speeds.tolist(),
+        "track_area": bands.track_areas.tolist(),
+        "speed_area": bands.speed_areas.tolist(),
+        "level": bands.level.tolist(),
+        "loss": [[_finite(time) for time in row] for row in bands.loss.tolist()],
         "recovery": way_out,
     }
 

@@ -69,7 +69,7 @@ class Choice(NamedTuple):
     total: int  # encounters in the group
 
 
-def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
+def choose(run: Run, most: int, requested: Sequence[int] = ()) -> list[Choice]:
     """Return the groups of encounters to replay, at most so many in all: those wanted and the most
     important first.
     """
@@ -80,19 +80,19 @@ def choose(run: Run, most: int, wanted: Sequence[int] = ()) -> list[Choice]:
     nearest = nearest[np.argsort(separation[nearest], kind="stable")]
     # Failures that count, what no policy could have solved, and a look at how it usually goes.
     groups = (
-        ("asked for", np.array(wanted, dtype=int), most),
+        ("asked for", np.array(requested, dtype=int), most),
         ("failures", np.flatnonzero(np.isin(kinds, ("violation", BREACH, "time-out"))), most),
         ("proven unresolvable", np.flatnonzero(kinds == "proven unresolvable"), most),
         ("close successes", nearest, NEAREST),
         ("other successes", np.flatnonzero(success & ~near), OTHERS),
     )
     left, before, chosen = most, np.array([], dtype=int), []
-    for name, found, bound in groups:
-        fresh = found[~np.isin(found, before)]
+    for name, members, bound in groups:
+        fresh = members[~np.isin(members, before)]
         count = min(left, bound, len(fresh))
         numbers = fresh[:count] if name == "close successes" else spread(fresh, count)
         before, left = np.concatenate([before, numbers]), left - count
-        chosen.append(Choice(name, numbers, len(found)))
+        chosen.append(Choice(name, numbers, len(members)))
     return [choice for choice in chosen if choice.total]
 
 
@@ -105,8 +105,8 @@ def points(run: Run, replayed: np.ndarray) -> np.ndarray:
         return everything
     failures = np.setdiff1d(np.flatnonzero(run.kinds != "success"), replayed)
     first = np.concatenate([replayed, spread(failures, POINTS // 2)])
-    rest = np.setdiff1d(everything, first)
-    return np.sort(np.concatenate([first, spread(rest, max(0, POINTS - len(first)))]))
+    remaining = np.setdiff1d(everything, first)
+    return np.sort(np.concatenate([first, spread(remaining, max(0, POINTS - len(first)))]))
 
 
 def page_data(
@@ -119,7 +119,7 @@ def page_data(
     kinds = list(MARKERS)
     codes = np.array([kinds.index(kind) for kind in run.kinds[shown]], np.uint8)
     texts = {}
-    for name in (each for each in _TEXTS if each in table):
+    for name in (column for column in _TEXTS if column in table):
         words, places = np.unique(table[name][shown].astype(str), return_inverse=True)
         texts[name] = {"words": words.tolist(), "codes": _pack(places.astype(np.uint8))}
     named = any(name is not None for name in table["name"])
@@ -152,7 +152,7 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
     track = flight.track
     origin = np.round(0.5 * (track.own.min(axis=1) + track.own.max(axis=1)))
     scale, packed = _pack_flight(flight, origin)
-    found: dict[str, Any] = {
+    data: dict[str, Any] = {
         "steps": len(track.separation),
         "intruders": len(track.intruders),
         "scale": scale,
@@ -162,27 +162,27 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
         "packed": packed,
     }
     if not flight.same:
-        found["differs"] = True
+        data["differs"] = True
     if flight.plan is not None:
         x, y, time = flight.plan
-        found["plan"] = [np.round(row, 1).tolist() for row in (x - origin[0], y - origin[1], time)]
+        data["plan"] = [np.round(row, 1).tolist() for row in (x - origin[0], y - origin[1], time)]
     if flight.plan_status is not None:
-        found["plan_status"] = flight.plan_status
+        data["plan_status"] = flight.plan_status
     if flight.bands is not None:
-        found["bands"] = bands_data(flight.bands)
+        data["bands"] = bands_data(flight.bands)
     if flight.wind is not None:
-        found["wind"] = wind_data(flight.wind)
+        data["wind"] = wind_data(flight.wind)
     if track.required is not None:
-        found["required"] = np.round(track.required, 1).tolist()
+        data["required"] = np.round(track.required, 1).tolist()
     if track.areas:
-        found["areas"] = [_area_data(area, origin) for area in track.areas]
+        data["areas"] = [_area_data(area, origin) for area in track.areas]
     if flight.witness is not None:
-        found["witness"] = {
+        data["witness"] = {
             "points": flight.witness.path.shape[1],
             "arrival": round(flight.witness.arrival, 1),
             "separation": round(flight.witness.separation, 1),
         }
-    return found
+    return data
 
 
 def _pack_flight(flight: Replayed, origin: np.ndarray) -> tuple[float, str]:

@@ -91,14 +91,14 @@ def _batch(
     run: Run,
     ready: ReadyEvaluation,
     numbers: Sequence[int],
-    wanted: set[int],
+    requested: set[int],
     banded: Collection[int],
 ) -> Iterator[Replayed]:
     evaluation, batch = ready.evaluation, fly_recorded(ready, numbers)
     # A witness is one of still air, and knows no areas.
     winds = evaluation.wind(batch.starts, np.asarray(numbers))
     still = winds is None and batch.areas is None
-    witnessed = [row for row, number in enumerate(numbers) if still and number in wanted]
+    witnessed = [row for row, number in enumerate(numbers) if still and number in requested]
     witnesses = _witnesses(evaluation.aircraft, batch.starts, witnessed)
     for row, number in enumerate(numbers):
         track = batch.track(row)
@@ -162,10 +162,13 @@ def bands_of(
     intruders = states(batch.trajectories.intruders, count, row)
     intruders, areas = take(intruders, (slice(None), members)), track.areas
     time, blows = np.arange(count) * evaluation.aircraft.dt, wind or NO_WIND
-    here, seen = through_air(own, blows, time), through_air(intruders, blows, time[:, None])
+    own_in_air, intruders_in_air = (
+        through_air(own, blows, time),
+        through_air(intruders, blows, time[:, None]),
+    )
     if wind is not None:
         areas = in_air_mass(areas, wind, 0.0)
-    return flight_bands(here, seen, evaluation.options, areas, track.required)
+    return flight_bands(own_in_air, intruders_in_air, evaluation.options, areas, track.required)
 
 
 def _witnesses(aircraft: Aircraft, starts: Encounter, rows: list[int]) -> dict[int, Witness]:
@@ -175,12 +178,12 @@ def _witnesses(aircraft: Aircraft, starts: Encounter, rows: list[int]) -> dict[i
     rules, limits = aircraft.rules(), aircraft.limits
     chosen = take(starts, np.array(rows))
     best = least_cost(chosen, rules, limits, rounds=ROUNDS)
-    found = {}
+    witnesses = {}
     for place in np.flatnonzero(np.isfinite(best.arrival)):
         flight = replay(take(chosen, int(place)), take(best.manoeuvre, int(place)), rules, limits)
         on = flight.time <= best.arrival[place] + 1e-9
         path = np.stack([flight.own.x[on], flight.own.y[on]])
-        found[rows[int(place)]] = Witness(
+        witnesses[rows[int(place)]] = Witness(
             path, float(best.arrival[place]), float(best.separation[place])
         )
-    return found
+    return witnesses

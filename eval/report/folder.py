@@ -102,12 +102,12 @@ def _figures(folder: Path) -> dict[str, bytes]:
 
 def _summary(path: Path) -> dict[str, Any]:
     try:
-        found = parse_json(path.read_text(encoding="utf-8"))
+        summary = parse_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as problem:
         raise ConfigError(
             f"{path}: cannot be read as JSON ({problem}), expected a run's summary"
         ) from None
-    version = found.get("schema_version") if isinstance(found, dict) else None
+    version = summary.get("schema_version") if isinstance(summary, dict) else None
     if version != SCHEMA_VERSION:
         raise ConfigError(f"{path}: schema_version is {version!r}, expected {SCHEMA_VERSION}")
-    return found
+    return summary

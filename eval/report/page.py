@@ -63,7 +63,7 @@ def page(run: Run, chosen: Sequence[Choice], data: Mapping[str, Any], by: str) -
         tracks=_tracks(chosen, data),
         figures=_figures(run),
         config=escape(visible(run.config_text)),
-        versions=", ".join(escape(" ".join(one)) for one in summary["versions"].items()),
+        versions=", ".join(escape(" ".join(pair)) for pair in summary["versions"].items()),
         by=escape(by),
         style=style,
         data=json_text(data),
@@ -90,19 +90,19 @@ def _digest(code: str) -> str:
 
 def _about(run: Run) -> str:
     summary, rules = run.summary, run.rules
-    said = [
+    parts = [
         f"seed {summary['seed']}",
         f"policy {summary['policy_sha256'][:12]}",
         f"required separation {rules.separation:g} m",
         f"goal radius {rules.goal_radius:g} m",
         f"at most {rules.t_max:g} s",
     ]
-    said += lines_about(summary)
+    parts += lines_about(summary)
     if summary.get("changes"):
-        said.append(
+        parts.append(
             "changed: " + ", ".join(f"{key} {value}" for key, value in summary["changes"].items())
         )
-    return escape(visible(" · ".join(said)))
+    return escape(visible(" · ".join(parts)))
 
 
 def _tiles(lines: Sequence[Line], confidence: float) -> str:

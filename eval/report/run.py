@@ -114,17 +114,18 @@ def _numbers(text: str) -> list[int]:
 
 
 def _make_report(run: Run, options: argparse.Namespace) -> str:
-    wanted = list(dict.fromkeys([*options.show, *options.save]))
-    if len(wanted) > options.tracks:
+    requested = list(dict.fromkeys([*options.show, *options.save]))
+    if len(requested) > options.tracks:
         raise ConfigError(
-            f"--show, --save: {len(wanted)} encounters; expected at most --tracks {options.tracks}"
+            f"--show, --save: {len(requested)} encounters; expected at most --tracks "
+            f"{options.tracks}"
         )
-    chosen = choose(run, options.tracks, wanted)
+    chosen = choose(run, options.tracks, requested)
     evaluation = evaluation_of(run, options.policy) if options.tracks else None
     flights = {} if evaluation is None else _flights(run, evaluation, chosen, options)
     shown = points(run, np.array(sorted(flights), dtype=int))
-    made = versions("numpy")
-    by = ", ".join(f"{name} {made[name]}" for name in ("rlcas-toolkit", "numpy"))
+    version_of = versions("numpy")
+    by = ", ".join(f"{name} {version_of[name]}" for name in ("rlcas-toolkit", "numpy"))
     return page(run, chosen, page_data(run, shown, flights), by)
 
 
@@ -166,8 +167,8 @@ def _save(run: Run, evaluation: Evaluation, flight: Replayed) -> None:
     places = np.concatenate([track.own[None], track.intruders]).round(2)
     own, *intruders = ({"x": x.tolist(), "y": y.tolist()} for x, y in places)
     if track.required is not None:
-        for one, required in zip(intruders, track.required, strict=True):
-            one["separation"] = round(float(required), 2)
+        for intruder, required in zip(intruders, track.required, strict=True):
+            intruder["separation"] = round(float(required), 2)
     plan = None
     if flight.plan is not None:
         plan = dict(zip(("x", "y", "time"), flight.plan.round(2).tolist(), strict=True))

@@ -41,7 +41,7 @@ def quantities(aircraft: Aircraft) -> dict[str, Quantity]:
     tables of runs.
     """
     every = (*_geometry(aircraft), *_speeds(aircraft), *_CONDITIONS)
-    return {each.name: each for each in every}
+    return {quantity.name: quantity for quantity in every}
 
 
 def _geometry(aircraft: Aircraft) -> tuple[Quantity, ...]:
@@ -167,7 +167,7 @@ def rates(run: Run, chosen: np.ndarray, confidence: float) -> dict[str, Any]:
     def rate(mask: np.ndarray, of: np.ndarray = chosen) -> dict[str, Any]:
         return share(np.count_nonzero(of & mask), np.count_nonzero(of), confidence)
 
-    found: dict[str, Any] = {
+    summary: dict[str, Any] = {
         "encounters": int(np.count_nonzero(chosen)),
         "unresolvable_rate": rate(~possible),
         "violation_rate": rate(run.table["outcome"] == "violation"),
@@ -180,8 +180,8 @@ def rates(run: Run, chosen: np.ndarray, confidence: float) -> dict[str, Any]:
         },
     }
     if "baseline_outcome" in run.table:
-        found["baseline_violation_rate"] = rate(run.table["baseline_outcome"] == "violation")
-    return found
+        summary["baseline_violation_rate"] = rate(run.table["baseline_outcome"] == "violation")
+    return summary
 
 
 def bins_of(run: Run, quantity: Quantity, confidence: float) -> dict[str, Any] | None:

@@ -23,7 +23,7 @@ _STYLES = {
 }
 _KINDS = ("success_given_resolvable", "success_rate")
 _BELOW = {"color": "#555555", "marker": "v", "linestyle": ""}
-_OTHER = {"color": VERMILION, "marker": "o"}
+_OTHER_MODE = {"color": VERMILION, "marker": "o"}
 _LEAST_SPAN = 4.0  # points of success that an axis shows at least
 _SCALE_FROM = 50  # encounters from which on a bin's interval lies inside the axis
 _SHOWN_FROM = 10  # encounters from which on a bin's mark lies inside the axis
@@ -32,43 +32,43 @@ _ACROSS = 2  # panels of the overview in a row: a page shows them at some 400 pi
 _APART = 0.11  # of a bin's width, between the marks in it
 
 
-def points_of(found: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+def points_of(part: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
     """Return the bins of a quantity, or the values of a sweep."""
-    return found["bins"] if "bins" in found else found["values"]
+    return part["bins"] if "bins" in part else part["values"]
 
 
-def draw_details(found: Mapping[str, Any], title: str) -> Figure:
+def draw_details(part: Mapping[str, Any], title: str) -> Figure:
     """Return success against a quantity, above the encounters of each bin, or a sweep, above the
     paired differences.
     """
     figure = Figure(figsize=(8.4, 6.4), layout="constrained")
-    points, binned = points_of(found), "bins" in found
+    points, binned = points_of(part), "bins" in part
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.2 if binned else 2.2, 1.0))
     _draw_success(above, points, full=True)
     more: Sequence[Any] = ()
     if binned:
         more = _draw_counts(below, points)
     else:
-        _draw_differences(below, points, found["unit"])
+        _draw_differences(below, points, part["unit"])
     tidy(below)
-    _name_axis(below, found)
+    _name_axis(below, part)
     _draw_legend(figure, points, more)
     figure.suptitle(title, fontsize=11)
     return figure
 
 
-def overview(found: Sequence[Mapping[str, Any]], title: str) -> Figure:
+def overview(parts: Sequence[Mapping[str, Any]], title: str) -> Figure:
     """Return all quantities and sweeps side by side, on one scale of success each."""
-    columns = min(len(found), _ACROSS)
-    rows = math.ceil(len(found) / columns)
+    columns = min(len(parts), _ACROSS)
+    rows = math.ceil(len(parts) / columns)
     # One panel alone leaves room for the title and the legend, too.
     width = max(4.6 * columns, 7.0)
     figure = Figure(figsize=(width, 3.4 * rows + 1.0), layout="constrained")
-    for number, one in enumerate(found):
+    for number, part in enumerate(parts):
         axes = figure.add_subplot(rows, columns, number + 1)
-        _draw_success(axes, points_of(one), full=False)
-        _name_axis(axes, one, fontsize=9)
-    _draw_legend(figure, points_of(found[0]), columns=2)
+        _draw_success(axes, points_of(part), full=False)
+        _name_axis(axes, part, fontsize=9)
+    _draw_legend(figure, points_of(parts[0]), columns=2)
     figure.suptitle(title, fontsize=11)
     return figure
 
@@ -169,13 +169,13 @@ def _least(points: Sequence[Mapping[str, Any]], bound: np.ndarray) -> float:
     handful of encounters must not flatten all others.
     """
     counts = np.array([point["encounters"] for point in points])
-    many = counts >= min(_SCALE_FROM, counts.max())
+    enough = counts >= min(_SCALE_FROM, counts.max())
     some = counts >= min(_SHOWN_FROM, counts.max())
-    least = min(float(bound[many].min()), 100.0 - _LEAST_SPAN)
+    least = min(float(bound[enough].min()), 100.0 - _LEAST_SPAN)
     for place, point in enumerate(points):
         rates = (success[kind] for success in point["success"].values() for kind in _KINDS)
-        for rate in (one for one in rates if one["value"] is not None):
-            least = min(least, 100.0 * rate["low"]) if many[place] else least
+        for rate in (share for share in rates if share["value"] is not None):
+            least = min(least, 100.0 * rate["low"]) if enough[place] else least
             least = min(least, 100.0 * rate["value"]) if some[place] else least
     return least
 
@@ -184,7 +184,7 @@ def _draw_bars(
     axes: Axes, places: np.ndarray, shares: Sequence[Mapping[str, Any]], **style: Any
 ) -> None:
     """Draw shares that are known with their intervals, in percent."""
-    rows = [[one[key] for key in ("value", "low", "high")] for one in shares]
+    rows = [[share[key] for key in ("value", "low", "high")] for share in shares]
     known = np.array(rows, float)  # nan: not known
     value, low, high = 100.0 * known.T
     axes.errorbar(places, value, np.maximum([value - low, high - value], 0.0), **style)
@@ -214,21 +214,21 @@ def _any_below(figure: Figure) -> bool:
 
 
 def _style(mode: str) -> dict[str, Any]:
-    return _STYLES.get(mode, _OTHER)
+    return _STYLES.get(mode, _OTHER_MODE)
 
 
-def _places(points: Sequence[Mapping[str, Any]], each: int) -> list[tuple[str, np.ndarray]]:
+def _places(points: Sequence[Mapping[str, Any]], marks: int) -> list[tuple[str, np.ndarray]]:
     """Return where the marks of each mode stand: side by side in the middle of a bin."""
     modes = list(points[0]["success"])
-    first = np.arange(len(points)) + 0.5 - 0.5 * (each * len(modes) - 1) * _APART
-    return [(mode, first + each * number * _APART) for number, mode in enumerate(modes)]
+    first = np.arange(len(points)) + 0.5 - 0.5 * (marks * len(modes) - 1) * _APART
+    return [(mode, first + marks * number * _APART) for number, mode in enumerate(modes)]
 
 
-def _name_axis(axes: Axes, found: Mapping[str, Any], **style: Any) -> None:
-    label, unit, points = found["label"], found["unit"], points_of(found)
+def _name_axis(axes: Axes, part: Mapping[str, Any], **style: Any) -> None:
+    label, unit, points = part["label"], part["unit"], points_of(part)
     axes.set_xlabel(f"{label}, {'degrees' if unit == 'deg' else unit}" if unit else label, **style)
     if "low" in points[0]:
-        ends = [(_short(one["low"]), _short(one["high"])) for one in points]
+        ends = [(_short(point["low"]), _short(point["high"])) for point in points]
         # Where bins without encounters are left out, both ends of the gap are named.
         inner = [
             high if high == low else f"{high} | {low}" for (_, high), (low, _) in pairwise(ends)
@@ -237,7 +237,7 @@ def _name_axis(axes: Axes, found: Mapping[str, Any], **style: Any) -> None:
         crowded = sum(map(len, names)) > _CROWDED or any("|" in name for name in names)
         axes.set_xticks(range(len(names)), names, fontsize=8, rotation=45 if crowded else 0)
     else:
-        names = [one["word"] if "word" in one else f"{one['value']:g}" for one in points]
+        names = [point["word"] if "word" in point else f"{point['value']:g}" for point in points]
         axes.set_xticks(np.arange(len(points)) + 0.5, names)
 
 

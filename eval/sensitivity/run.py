@@ -120,12 +120,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         again = f"python -m eval.sensitivity --resume --out {options.out}"
         print(f"{end}Go on with: {again}", file=sys.stderr)
         return end.status
-    found = _make_summary(config, run, shown, sweeps, options.out)
-    paths = _draw(found, options.out)
-    found["wall_s"] = time.perf_counter() - begun
-    picture_folder.write(options.out, "sensitivity", found)
-    for one in [*found["quantities"], *found["sweeps"]]:
-        _show(one)
+    summary = _make_summary(config, run, shown, sweeps, options.out)
+    paths = _draw(summary, options.out)
+    summary["wall_s"] = time.perf_counter() - begun
+    picture_folder.write(options.out, "sensitivity", summary)
+    for part in [*summary["quantities"], *summary["sweeps"]]:
+        _show(part)
     print(f"files: {options.out}: " + ", ".join(["config.yaml", "sensitivity.json", *paths]))
     return 0
 
@@ -133,14 +133,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _load(options: argparse.Namespace) -> SensitivityConfig:
     """Return the configuration of a file under what the command line says."""
     names = ("run", "mode", "scenario", "encounters", "seed", "workers", "confidence")
-    given = {name: getattr(options, name) for name in names}
-    given |= {
+    settings = {name: getattr(options, name) for name in names}
+    settings |= {
         "vary": options.vary or None,
         "extensions": options.extension or None,
         "settings": options.set or None,
     }
-    given |= given_policy(options)
-    return load_given(SensitivityConfig, config_file(options), given)
+    settings |= given_policy(options)
+    return load_given(SensitivityConfig, config_file(options), settings)
 
 
 def _fly(sweep: Sweep, config: SensitivityConfig, out: Path, *, resume: bool) -> None:
@@ -215,8 +215,8 @@ def _keys(config: SensitivityConfig) -> dict[str, Any]:
 
 def _quantities(run: Run, confidence: float) -> list[dict[str, Any]]:
     """Return the bins of each quantity that a run varies, in JSON types."""
-    bins = (bins_of(run, each, confidence) for each in quantities(run.aircraft).values())
-    return [one for one in bins if one is not None]
+    bins = (bins_of(run, quantity, confidence) for quantity in quantities(run.aircraft).values())
+    return [binned for binned in bins if binned is not None]
 
 
 def _make_summary(
@@ -251,20 +251,20 @@ def _describe(run: Run) -> dict[str, Any]:
     return counted | dict(run.settings)
 
 
-def _draw(found: Mapping[str, Any], out: Path) -> list[str]:
+def _draw(summary: Mapping[str, Any], out: Path) -> list[str]:
     """Draw the study's figures into its folder and return the names of their files."""
-    bars = f"bars: {100.0 * found['confidence']:g} % intervals (Clopper-Pearson)"
+    bars = f"bars: {100.0 * summary['confidence']:g} % intervals (Clopper-Pearson)"
     figures: dict[str, Figure] = {}
     titles = []
-    if found["run"] is not None:
-        titles.append(f"{found['run']['folder']}: {_title(found['run'], '')}")
-        for one in found["quantities"]:
-            figures[one["name"]] = draw_details(one, f"{titles[-1]}\n{bars}")
-    if found["sweeps_settings"] is not None:
-        titles.append(f"sweeps: {_title(found['sweeps_settings'], ' a value')}")
-        for one in found["sweeps"]:
-            figures[f"vary_{one['name']}"] = draw_details(one, f"{titles[-1]}\n{bars}")
-    every = [*found["quantities"], *found["sweeps"]]
+    if summary["run"] is not None:
+        titles.append(f"{summary['run']['folder']}: {_title(summary['run'], '')}")
+        for part in summary["quantities"]:
+            figures[part["name"]] = draw_details(part, f"{titles[-1]}\n{bars}")
+    if summary["sweeps_settings"] is not None:
+        titles.append(f"sweeps: {_title(summary['sweeps_settings'], ' a value')}")
+        for part in summary["sweeps"]:
+            figures[f"vary_{part['name']}"] = draw_details(part, f"{titles[-1]}\n{bars}")
+    every = [*summary["quantities"], *summary["sweeps"]]
     figures["overview"] = overview(every, "\n".join([*titles, bars]))
     return [
         path.name
@@ -273,29 +273,29 @@ def _draw(found: Mapping[str, Any], out: Path) -> list[str]:
     ]
 
 
-def _title(about: Mapping[str, Any], each: str) -> str:
-    """Return how many encounters were flown, and how; ``each`` says of what so many."""
+def _title(about: Mapping[str, Any], of_what: str) -> str:
+    """Return how many encounters were flown, of what (`` a value``), and how."""
     count, scenario = group_digits(about["encounters"]), scenario_title(str(about.get("scenario")))
-    return f"{count} encounters{each}, scenario {scenario}, mode {about.get('mode')}"
+    return f"{count} encounters{of_what}, scenario {scenario}, mode {about.get('mode')}"
 
 
-def _show(found: dict[str, Any]) -> None:
+def _show(part: dict[str, Any]) -> None:
     """Print the success of the run's mode in each bin of a quantity, or of every mode at each value
     of a sweep.
     """
-    print(f"{found['label']}:")
-    for cell in points_of(found):
+    print(f"{part['label']}:")
+    for cell in points_of(part):
         span = (
-            f"{cell['low']:g} to {cell['high']:g} {found['unit']}"
+            f"{cell['low']:g} to {cell['high']:g} {part['unit']}"
             if "low" in cell
             else cell.get("word")
         )
         for mode, success in list(cell["success"].items())[: 1 if span else None]:
-            place = f"{span:22}" if span else f"{cell['value']:g} {found['unit']:8} {mode:8}"
+            place = f"{span:22}" if span else f"{cell['value']:g} {part['unit']:8} {mode:8}"
             rates = (success["success_given_resolvable"], success["success_rate"])
-            given, every = (percent(rate, "{} % ({} .. {})", "none") for rate in rates)
+            of_resolvable, of_all = (percent(rate, "{} % ({} .. {})", "none") for rate in rates)
             bound = f"{100.0 * cell['unresolvable_rate']['value']:.2f} % proven unresolvable"
             print(
-                f"  {place} {given} of the resolvable, {every} of all "
+                f"  {place} {of_resolvable} of the resolvable, {of_all} of all "
                 f"{group_digits(cell['encounters'])}, {bound}"
             )

@@ -117,10 +117,10 @@ def collect(sweep: Sweep, out: Path, confidence: float) -> dict[str, Any]:
     values = []
     for value, run in zip(sweep.values, runs, strict=True):
         apart = {
-            mode: tango(pairs(first[mode], found), confidence)
-            for mode, found in successes(run).items()
+            mode: tango(pairs(first[mode], reached), confidence)
+            for mode, reached in successes(run).items()
         }
         every = rates(run, np.ones(len(run.table["outcome"]), bool), confidence)
-        differences = {mode: found._asdict() for mode, found in apart.items()}
+        differences = {mode: difference._asdict() for mode, difference in apart.items()}
         values.append({"value": value, "run": run.path.name} | every | {"difference": differences})
     return {"name": sweep.name, "label": parameter.label, "unit": parameter.unit, "values": values}

@@ -112,16 +112,16 @@ def share(count: SupportsInt, total: SupportsInt, confidence: float = 0.95) -> d
     }
 
 
-def interval(found: Interval) -> dict[str, float | None]:
+def interval(estimate: Interval) -> dict[str, float | None]:
     """Return value and ends of an interval."""
-    return {key: number(value) for key, value in found._asdict().items()}
+    return {key: number(value) for key, value in estimate._asdict().items()}
 
 
-def ends(found: Interval, least: float = -math.inf) -> dict[str, float | None]:
+def ends(estimate: Interval, least: float = -math.inf) -> dict[str, float | None]:
     """Return the ends of an interval, the lower one at least ``least``."""
-    if math.isnan(found.value):
+    if math.isnan(estimate.value):
         return {"low": None, "high": None}
-    return {"low": max(found.low, least), "high": found.high}
+    return {"low": max(estimate.low, least), "high": estimate.high}
 
 
 def quantiles(values: np.ndarray, at: tuple[float, ...]) -> dict[str, float | None]:

@@ -37,8 +37,8 @@ def pairs(first: np.ndarray, second: np.ndarray) -> Pairs:
         or first.dtype != bool
         or second.dtype != bool
     ):
-        found = " and ".join(f"{each.dtype} {list(each.shape)}" for each in (first, second))
-        raise ValueError(f"expected two bool arrays [N] of one length, got {found}")
+        shapes = " and ".join(f"{mask.dtype} {list(mask.shape)}" for mask in (first, second))
+        raise ValueError(f"expected two bool arrays [N] of one length, got {shapes}")
     cells = np.bincount(2 * first.astype(int) + second.astype(int), minlength=4).tolist()
     return Pairs(both=cells[3], first_only=cells[2], second_only=cells[1], neither=cells[0])
 
@@ -78,12 +78,12 @@ def mcnemar_exact(counts: Pairs) -> float:
     return min(1.0, 2.0 * float(bdtr(min(counts.first_only, counts.second_only), differing, 0.5)))
 
 
-def _where(counts: Pairs, wanted: float) -> float:
+def _where(counts: Pairs, target: float) -> float:
     """Return the difference at which the statistic has fallen to a value."""
     low, high = -1.0, 1.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _score(counts, middle) > wanted else (low, middle)
+        low, high = (middle, high) if _score(counts, middle) > target else (low, middle)
     return 0.5 * (low + high)
 
 

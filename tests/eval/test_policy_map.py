@@ -366,7 +366,7 @@ def test_bounds_hold_for_what_the_policy_commands_in_the_box(part: float):
         same = (sign == other) & known
         to_line = each * np.stack([np.ones_like(sign), sign, np.ones_like(sign), sign], axis=-1)
         line = inputs.middle + (inputs.slopes * to_line[:, None]).sum(-1)
-        assert (np.abs(inner.middle - line) <= inputs.rest + inner.width + 1e-9)[same].all()
+        assert (np.abs(inner.middle - line) <= inputs.remainder + inner.width + 1e-9)[same].all()
         command = sign * answers(policy(), move_scenes(each, half))
         assert (
             (np.clip(low, -1.0, 1.0) - 1e-6 <= command)
@@ -397,7 +397,9 @@ def test_a_line_along_a_curve_encloses_it():
         ((x + 3.0) / (x + 2.0), (near + 3.0) / (near + 2.0)),
         (1.5 - x * (x + 1.0), 1.5 - near * (near + 1.0)),
     ):
-        assert (np.abs(curve - form.middle - form.slopes[0, 0] * inside) <= form.rest + 1e-12).all()
+        assert (
+            np.abs(curve - form.middle - form.slopes[0, 0] * inside) <= form.remainder + 1e-12
+        ).all()
         assert form.width.item() < 5.0
 
 

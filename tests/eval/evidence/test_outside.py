@@ -62,12 +62,12 @@ def nominal(name: str = "maneuvering") -> Flights:
         encounters_of_seed(scenario(name, PAPER, **turns), 3, 0, COUNT), policy(), PAPER, 3
     )
     part = map_leaves(lambda field: field[:STEPS], flights[:3])
-    return flights._replace(own=part[0], seen=part[1], true=part[2])
+    return flights._replace(own=part[0], reported=part[1], true=part[2])
 
 
 def shift_flights(name: str) -> Flights:
     base = nominal("noisy" if name.startswith("noise") else "maneuvering")
-    return base._replace(seen=SHIFTS[name](base.seen, np.random.default_rng(1), PAPER))
+    return base._replace(reported=SHIFTS[name](base.reported, np.random.default_rng(1), PAPER))
 
 
 def judge(flights: Flights, aircraft: Any = PAPER) -> np.ndarray:
@@ -114,7 +114,9 @@ def test_a_scene_and_its_image_in_other_units_get_the_same_verdict(name: str) ->
         return state._replace(x=length * state.x, y=length * state.y)
 
     goal = length * flights.goal[0], -length * flights.goal[1]
-    other_flights = flights._replace(own=image(flights.own), seen=image(flights.seen), goal=goal)
+    other_flights = flights._replace(
+        own=image(flights.own), reported=image(flights.reported), goal=goal
+    )
     np.testing.assert_array_equal(judge(other_flights, twice), judge(flights))
 
 
