@@ -79,16 +79,16 @@ def order_flights(
             (number, {key: _value(report, key, where, repair) for key in _FIELDS})
         )
     how = Reading(source, repair, max_gap, "report", apart, _STANDING, _NAMES, KNOT)
-    for name, found in rows.items():
-        yield name, *flights_of(name, found, how)
+    for name, reports in rows.items():
+        yield name, *flights_of(name, reports, how)
 
 
 def _reports(source: str) -> Iterator[tuple[int, str, dict[str, Any]]]:
     """Yield the reports: number, address, and the report."""
-    found = json_of(source, TrackError)
-    if not isinstance(found, list):
+    reports = json_of(source, TrackError)
+    if not isinstance(reports, list):
         raise TrackError(f"{source}: expected a list of reports")
-    for number, report in enumerate(found, start=1):
+    for number, report in enumerate(reports, start=1):
         where = f"{source} report {number}"
         if not isinstance(report, dict):
             raise TrackError(f"{where}: expected an object")

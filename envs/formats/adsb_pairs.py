@@ -55,8 +55,8 @@ class _Meeting(NamedTuple):
     """A closest approach of two flights."""
 
     time: float  # s
-    one: _Flight
-    other: _Flight
+    first: _Flight
+    second: _Flight
 
 
 def adsb_pairs(
@@ -85,20 +85,23 @@ def adsb_pairs(
     """
     source = os.fspath(path)
     flights, repairs = [], []
-    for name, found, done in order_flights(
+    for name, reports, done in order_flights(
         source, APART, repair=repair, max_gap=max_gap, grounded=grounded
     ):
         repairs.append(done)
         lasting = (
-            rows for rows in found if rows and rows[-1][1]["time"] - rows[0][1]["time"] >= _SHORTEST
+            rows
+            for rows in reports
+            if rows and rows[-1][1]["time"] - rows[0][1]["time"] >= _SHORTEST
         )
         flights += [_flight(name, rows) for rows in lasting]
     if not flights:
         raise TrackError(f"{source}: no flight of {_SHORTEST:g} s, expected at least two")
     meetings = sorted(
-        _meetings(flights, nearby), key=lambda each: (each.time, each.one.name, each.other.name)
+        _meetings(flights, nearby),
+        key=lambda meeting: (meeting.time, meeting.first.name, meeting.second.name),
     )
-    encounters = [_encounter(each, nearby.lead, aircraft) for each in meetings]
+    encounters = [_encounter(meeting, nearby.lead, aircraft) for meeting in meetings]
     return encounters, sum_of_repairs(repairs)
 
 
@@ -116,20 +119,21 @@ def _flight(name: str, rows: Rows) -> _Flight:
 
 def _meetings(flights: Sequence[_Flight], nearby: Nearby) -> Iterator[_Meeting]:
     """Yield the closest approach at one level of every pair that came near."""
-    for one, other in itertools.combinations(flights, 2):
-        begin, end = max(one.time[0], other.time[0]), min(one.time[-1], other.time[-1])
-        if one.name == other.name or end - begin < _SHORTEST:
+    for first, second in itertools.combinations(flights, 2):
+        begin, end = max(first.time[0], second.time[0]), min(first.time[-1], second.time[-1])
+        if first.name == second.name or end - begin < _SHORTEST:
             continue
         mine, theirs = (
-            slice(int(begin - each.time[0]), int(end - each.time[0]) + 1) for each in (one, other)
+            slice(int(begin - flight.time[0]), int(end - flight.time[0]) + 1)
+            for flight in (first, second)
         )
-        apart = np.linalg.norm(one.place[mine] - other.place[theirs], axis=-1)
-        level = abs(one.altitude[mine] - other.altitude[theirs]) <= nearby.vertical
+        apart = np.linalg.norm(first.place[mine] - second.place[theirs], axis=-1)
+        level = abs(first.altitude[mine] - second.altitude[theirs]) <= nearby.vertical
         near = level & (apart <= nearby.within)
         while near.any():
             closest = int(np.argmin(np.where(near, apart, np.inf)))
             if closest >= _SHORTEST:
-                yield _Meeting(begin + closest, one, other)
+                yield _Meeting(begin + closest, first, second)
                 break
             # Too early: what is left of this approach is no other one.
             after = np.flatnonzero(~near[closest:])
@@ -142,15 +146,15 @@ def _encounter(
     """Return an encounter that begins so long before the closest approach, s, local to where its
     ownship begins.
     """
-    time, one, other = meeting
-    limits, begin = aircraft.limits, max(time - lead, one.time[0], other.time[0])
-    pair = sorted((one, other), key=lambda flight: flight.name)
+    time, first, second = meeting
+    limits, begin = aircraft.limits, max(time - lead, first.time[0], second.time[0])
+    pair = sorted((first, second), key=lambda flight: flight.name)
     fits = [limits.speed_min <= _speed(flight, begin) <= limits.speed_max for flight in pair]
     pair = pair[::-1] if fits[1] and not fits[0] else pair
     rows = [_during(flight.rows, begin, begin + horizon(aircraft)) for flight in pair]
     tracks = [
-        track_of(each.name, some, place_of(rows[0][0]))
-        for each, some in zip(pair, rows, strict=True)
+        track_of(flight.name, some, place_of(rows[0][0]))
+        for flight, some in zip(pair, rows, strict=True)
     ]
     tracks = [
         at_times(track, np.concatenate([[begin], track.time[track.time > begin]]))

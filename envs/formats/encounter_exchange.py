@@ -149,8 +149,8 @@ def rows_of_scenes(scenes: Sequence[ExchangedEncounter], ahead: float) -> list[l
         intents = scene.intents or [Intent(0.0, 0.0, math.radians(3.0))] * len(others)
         groups.append(
             [
-                Row(own, goal[0], goal[1], other, intent, scene.sensor)
-                for other, intent in zip(others, intents, strict=True)
+                Row(own, goal[0], goal[1], intruder, intent, scene.sensor)
+                for intruder, intent in zip(others, intents, strict=True)
             ]
         )
     return groups
@@ -172,17 +172,18 @@ def check_same(
         raise EncounterError(
             f"{len(scenes)} encounters, of which {len(again)} are read again, or other aircraft"
         )
-    for scene, other in zip(scenes, again, strict=True):
-        for one, two in list(zip(scene.tracks, other.tracks, strict=True))[0 if own else 1 :]:
-            rows = min(len(one.time), len(two.time))
+    for scene, reread in zip(scenes, again, strict=True):
+        for track, copy in list(zip(scene.tracks, reread.tracks, strict=True))[0 if own else 1 :]:
+            rows = min(len(track.time), len(copy.time))
             fields = ("x", "y", "altitude") if altitudes and scene.altitudes else ("x", "y")
-            apart = [getattr(one, field)[:rows] - getattr(two, field)[:rows] for field in fields]
+            apart = [getattr(track, field)[:rows] - getattr(copy, field)[:rows] for field in fields]
             off = float(np.sqrt(np.sum(np.square(apart), axis=0)).max())
-            if off > EXACT or rows < len(one.time):
+            if off > EXACT or rows < len(track.time):
                 raise EncounterError(
-                    f"encounter {scene.name!r}: this form does not hold {one.name!r}: {off:.1f} m "
-                    f"off its track for {rows} of {len(one.time)} s, expected at most {EXACT:g} m"
-                    f"{_contradiction(one)}"
+                    f"encounter {scene.name!r}: this form does not hold {track.name!r}: "
+                    f"{off:.1f} m off its track for {rows} of {len(track.time)} s, expected at "
+                    f"most {EXACT:g} m"
+                    f"{_contradiction(track)}"
                 )
 
 
@@ -197,12 +198,12 @@ def _contradiction(track: Track) -> str:
     last = int(off.argmax())
     if not off[last] > EXACT:
         return ""
-    flown, said = (
+    flown, integrated = (
         float(np.hypot(*way)) for way in ((x[last], y[last]), (led[0][last], led[1][last]))
     )
     return (
         f": in {track.time[last + 1] - track.time[0]:.0f} s its positions lead {flown:.0f} m away "
-        f"and its velocities {said:.0f} m, as where latitudes and longitudes were made on a "
+        f"and its velocities {integrated:.0f} m, as where latitudes and longitudes were made on a "
         "sphere, as DAIDALUS makes them, and are read on WGS-84"
     )
 

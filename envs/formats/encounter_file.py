@@ -209,16 +209,16 @@ def write(
     """
     groups = []
     for i, mask in enumerate(encounters.mask):
-        one = take(encounters, i)
+        encounter = take(encounters, i)
         groups.append(
             [
                 Row(
-                    one.own,
-                    one.goal_x,
-                    one.goal_y,
-                    intruder=take(one.intruders, k),
-                    intent=take(one.intent, k),
-                    sensor=take(one.sensor, 0),
+                    encounter.own,
+                    encounter.goal_x,
+                    encounter.goal_y,
+                    intruder=take(encounter.intruders, k),
+                    intent=take(encounter.intent, k),
+                    sensor=take(encounter.sensor, 0),
                 )
                 for k in np.flatnonzero(mask).tolist()
             ]
@@ -323,9 +323,9 @@ def _number(cell: str, column: Column, where: str) -> float:
     except ValueError:
         value = math.nan
     if not column.low <= value <= column.high:
-        wanted = f"expected a number from {column.low:g} to {column.high:g}"
+        expected = f"expected a number from {column.low:g} to {column.high:g}"
         raise EncounterError(
-            f"{where}, column {column.name}: {repr(cell) if cell else 'empty'}, {wanted}"
+            f"{where}, column {column.name}: {repr(cell) if cell else 'empty'}, {expected}"
         )
     return value
 

@@ -75,26 +75,26 @@ def read_lincoln(path: str | os.PathLike[str], *, repair: bool = False) -> list[
             encounter and field (the line, where the file is no JSON at all).
     """
     source = os.fspath(path)
-    found = json_of(source, TrackError)
-    if not isinstance(found, list) or not found:
+    content = json_of(source, TrackError)
+    if not isinstance(content, list) or not content:
         raise TrackError(f"{source}: expected a list of encounters that is not empty")
     encounters = [
-        _encounter(each, f"{source} encounter {i + 1}", repair) for i, each in enumerate(found)
+        _encounter(entry, f"{source} encounter {i + 1}", repair) for i, entry in enumerate(content)
     ]
-    total = sum(one.duration for one in encounters)
+    total = sum(encounter.duration for encounter in encounters)
     if total > _LONGEST_FILE:
         raise TrackError(
             f"{source}: {total:.0f} s in all, expected at most {_LONGEST_FILE:.0f} s: divide the "
             "file"
         )
     numbers: set[int] = set()
-    for i, one in enumerate(encounters):
-        if one.number in numbers:
+    for i, encounter in enumerate(encounters):
+        if encounter.number in numbers:
             raise TrackError(
-                f"{source} encounter {i + 1}, field id: {one.number} stands twice, expected "
+                f"{source} encounter {i + 1}, field id: {encounter.number} stands twice, expected "
                 "distinct ones"
             )
-        numbers.add(one.number)
+        numbers.add(encounter.number)
     _check_published(encounters, source)
     return encounters
 
@@ -103,7 +103,11 @@ def _check_published(encounters: list[LincolnEncounter], source: str) -> None:
     """Raise a TrackError where the encounters as flown are not those whose miss distances the file
     has: their speeds are in another unit, or their headings are others.
     """
-    known = [one for one in encounters if math.isfinite(one.miss) and math.isfinite(one.time)]
+    known = [
+        encounter
+        for encounter in encounters
+        if math.isfinite(encounter.miss) and math.isfinite(encounter.time)
+    ]
     if len(known) < _FEWEST_PUBLISHED:
         return
     known = known[:_MOST_PUBLISHED]
@@ -126,11 +130,11 @@ def _off_published(encounters: list[LincolnEncounter], factor: float) -> float:
     a factor, m.
     """
     errors = []
-    for one in encounters:
-        own, other = tracks_of(one._replace(speed=factor * one.speed))
-        row = min(max(round(one.time / _STEP), 0), len(own.time) - 1)
-        flown = math.hypot(other.x[row] - own.x[row], other.y[row] - own.y[row])
-        errors.append(abs(flown - one.miss))
+    for encounter in encounters:
+        own, intruder = tracks_of(encounter._replace(speed=factor * encounter.speed))
+        row = min(max(round(encounter.time / _STEP), 0), len(own.time) - 1)
+        flown = math.hypot(intruder.x[row] - own.x[row], intruder.y[row] - own.y[row])
+        errors.append(abs(flown - encounter.miss))
     return float(np.median(errors))
 
 
@@ -179,27 +183,27 @@ def _running_sums(rates: np.ndarray) -> np.ndarray:
     return _STEP * np.concatenate([[0.0], np.cumsum(rates)])
 
 
-def _encounter(each: object, where: str, repair: bool) -> LincolnEncounter:
-    if not isinstance(each, dict):
+def _encounter(entry: object, where: str, repair: bool) -> LincolnEncounter:
+    if not isinstance(entry, dict):
         raise TrackError(f"{where}: expected an object")
-    state = {key: _pair(each, key, where) for key in _STATE}
-    duration = _one(each, "runTime_s", where)
+    state = {key: _pair(entry, key, where) for key in _STATE}
+    duration = _single(entry, "runTime_s", where)
     if not 0.0 < duration <= _LONGEST:
         raise TrackError(
             f"{where}, field runTime_s: {duration:g}, expected more than 0 and at most "
             f"{_LONGEST:g} s"
         )
-    lists = each.get(EVENTS)
+    lists = entry.get(EVENTS)
     if not isinstance(lists, list) or len(lists) != 2:
         raise TrackError(
             f"{where}, field {EVENTS}: expected a list of events for each of two aircraft"
         )
-    found = _meta(each.get("meta", {}), where)
-    number = _one(each, "id", where)
+    meta = _meta(entry.get("meta", {}), where)
+    number = _single(entry, "id", where)
     if number != int(number):
         raise TrackError(f"{where}, field id: {number:g}, expected a whole number")
-    if not found.weight > 0.0:
-        raise TrackError(f"{where}, field w: {found.weight:g}, expected a positive weight")
+    if not meta.weight > 0.0:
+        raise TrackError(f"{where}, field w: {meta.weight:g}, expected a positive weight")
     events, repairs = [], []
     for i, name in enumerate(("ownship", "intruder")):
         label = f"{where}, {name}'s events"
@@ -217,9 +221,9 @@ def _encounter(each: object, where: str, repair: bool) -> LincolnEncounter:
         track=state["heading_rad"],
         duration=duration,
         events=(events[0], events[1]),
-        miss=found.miss * FOOT,
-        time=(found.time - 1.0) * _STEP,
-        weight=found.weight,
+        miss=meta.miss * FOOT,
+        time=(meta.time - 1.0) * _STEP,
+        weight=meta.weight,
         repairs=sum_of_repairs(repairs),
     )
 
@@ -236,9 +240,9 @@ def _meta(meta: object, where: str) -> _Meta:
     if not isinstance(meta, dict):
         raise TrackError(f"{where}, field meta: expected an object")
     return _Meta(
-        miss=_one(meta, "hmd", where) if "hmd" in meta else math.nan,
-        time=_one(meta, "tca", where) if "tca" in meta else math.nan,
-        weight=_one(meta, "w", where) if "w" in meta else 1.0,
+        miss=_single(meta, "hmd", where) if "hmd" in meta else math.nan,
+        time=_single(meta, "tca", where) if "tca" in meta else math.nan,
+        weight=_single(meta, "w", where) if "w" in meta else 1.0,
     )
 
 
@@ -247,23 +251,23 @@ def _events(rows: object, where: str, repair: bool) -> tuple[np.ndarray, Repairs
     if not isinstance(rows, list):
         raise TrackError(f"{where}: expected a list of rows")
     bad, late = 0, 0
-    found: list[list[float]] = []
+    kept: list[list[float]] = []
     for i, row in enumerate(rows):
         if repair and isinstance(row, list) and any(map(_is_none, row)):
             bad += 1
             continue
         values = _row(row, f"{where}, row {i + 1}")
-        if found and values[0] <= found[-1][0]:
+        if kept and values[0] <= kept[-1][0]:
             if not repair:
                 raise TrackError(
                     f"{where}, row {i + 1}, time: {values[0]:g} s, expected more than "
-                    f"{found[-1][0]:g} s"
+                    f"{kept[-1][0]:g} s"
                 )
             late += 1
             continue
-        found.append(values)
+        kept.append(values)
     # Without events nothing is ever commanded.
-    events = np.array(found or [[0.0] * len(_EVENT_FIELDS)])
+    events = np.array(kept or [[0.0] * len(_EVENT_FIELDS)])
     return events, Repairs(not_finite=bad, out_of_order=late)
 
 
@@ -273,13 +277,13 @@ def _check_flight(
     """Raise a TrackError where events lead out of the altitudes and speeds that a file may begin
     with.
     """
-    held = np.diff(np.clip(np.append(events[:, 0], duration), 0.0, duration))
+    durations = np.diff(np.clip(np.append(events[:, 0], duration), 0.0, duration))
     for name, key, begin, rates in (
         ("altitude", "h_ft", altitude, events[:, 1]),
         ("speed", "v_ftps", speed, events[:, 3]),
     ):
         low, high, scale, _ = _STATE[key]
-        values = (begin + np.cumsum(rates * held)) / scale
+        values = (begin + np.cumsum(rates * durations)) / scale
         # A speed that would fall below 0 stays there.
         if values.max() > high or (key == "h_ft" and values.min() < low):
             row = int(np.argmax((values > high) | (values < low)))
@@ -304,8 +308,8 @@ def _row(row: object, where: str) -> list[float]:
     ]
 
 
-def _pair(each: dict[str, Any], key: str, where: str) -> np.ndarray:
-    values = each.get(key)
+def _pair(entry: dict[str, Any], key: str, where: str) -> np.ndarray:
+    values = entry.get(key)
     if not isinstance(values, list) or len(values) != 2:
         raise TrackError(
             f"{where}, field {key}: expected a pair of numbers, the ownship's and the intruder's"
@@ -313,8 +317,8 @@ def _pair(each: dict[str, Any], key: str, where: str) -> np.ndarray:
     return np.array([_number(value, f"{where}, field {key}", _STATE[key]) for value in values])
 
 
-def _one(each: dict[str, Any], key: str, where: str) -> float:
-    return _number(each.get(key), f"{where}, field {key}", _ANY)
+def _single(entry: dict[str, Any], key: str, where: str) -> float:
+    return _number(entry.get(key), f"{where}, field {key}", _ANY)
 
 
 def _number(value: object, where: str, accepted: Range) -> float:

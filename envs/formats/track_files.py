@@ -151,8 +151,8 @@ def _header(
             raise TrackError(f"{where}: column {key} is missing")
     for pairs in _CHOICES:
         if sum(all(key in fields for key in pair) for pair in pairs) != 1:
-            wanted = " or ".join(" and ".join(pair) for pair in pairs)
-            raise TrackError(f"{where}: expected the columns {wanted}, one pair of them")
+            expected = " or ".join(" and ".join(pair) for pair in pairs)
+            raise TrackError(f"{where}: expected the columns {expected}, one pair of them")
     return fields
 
 

@@ -71,8 +71,8 @@ def track_file(rows: Mapping[str, Rows], how: Reading) -> TrackFile:
             far apart.
     """
     longest, repairs = {}, []
-    for name, each in rows.items():
-        flights, repaired = flights_of(name, each, how)
+    for name, reports in rows.items():
+        flights, repaired = flights_of(name, reports, how)
         longest[name] = max(flights, key=len)
         if not longest[name]:
             raise TrackError(
@@ -81,7 +81,7 @@ def track_file(rows: Mapping[str, Rows], how: Reading) -> TrackFile:
         others = sum(map(len, flights)) - len(longest[name])
         repairs.append(repaired._replace(impossible=repaired.impossible + others, split=0))
     reference = place_of(next(iter(longest.values()))[0])
-    tracks = tuple(track_of(name, each, reference) for name, each in longest.items())
+    tracks = tuple(track_of(name, flight, reference) for name, flight in longest.items())
     for track in tracks:
         far = float(np.hypot(track.x, track.y).max())
         if far > DISTANT:
@@ -150,16 +150,16 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
             )
         if fit.fault:
             counts[fit.fault] += 1
-    found: list[Rows] = []
+    flights: list[Rows] = []
     for group in sorter.groups:
         lasting = _lasting(group)
         for flight in lasting:
             flown = _velocities_of_positions(name, flight.reported, how)
             counts["velocity"] += len(flown)
-            found.append(flown or flight.reported)
+            flights.append(flown or flight.reported)
         counts["split"] += len(lasting) - 1
         counts["impossible"] += _count_rows(group) - _count_rows(lasting)
-    return found or [[]], Repairs(**counts)
+    return flights or [[]], Repairs(**counts)
 
 
 def _in_order(rows: Rows) -> Rows:

@@ -152,7 +152,7 @@ def _observe(state: State, key: jax.Array, setting: Setting) -> jax.Array:
 
 def _distances(state: State) -> tuple[jax.Array, jax.Array]:
     """Return the distances to the nearest intruder and to the goal, m, ``[N]`` each."""
-    own, other = state.own, state.intruders.vehicle
-    apart = distance(other.x - own.x[:, None], other.y - own.y[:, None], jnp)
+    own, intruders = state.own, state.intruders.vehicle
+    apart = distance(intruders.x - own.x[:, None], intruders.y - own.y[:, None], jnp)
     nearest = jnp.min(jnp.where(state.mask, apart, jnp.inf), axis=-1)
     return nearest, distance(state.goal_x - own.x, state.goal_y - own.y, jnp)

@@ -75,25 +75,25 @@ def action_space() -> spaces.Box:
     return spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
-def scenario_of(given: str | Scenario, aircraft: Aircraft) -> Scenario:
+def scenario_of(choice: str | Scenario, aircraft: Aircraft) -> Scenario:
     """Return the scenario meant; where it is named ``module:name`` its code is loaded.
 
     Raises:
         EncounterError: there is none of that name, or it is another aircraft's.
     """
-    if isinstance(given, str):
-        resolve(given)
-        return scenario(given, aircraft)
-    if not isinstance(given, Scenario):
+    if isinstance(choice, str):
+        resolve(choice)
+        return scenario(choice, aircraft)
+    if not isinstance(choice, Scenario):
         raise EncounterError(
-            f"scenario is {given!r}; expected a name or an envs.encounters.Scenario"
+            f"scenario is {choice!r}; expected a name or an envs.encounters.Scenario"
         )
-    if given.aircraft != aircraft:
+    if choice.aircraft != aircraft:
         raise EncounterError(
-            f"scenario {given.name!r} is another aircraft's; expected one of the aircraft that "
+            f"scenario {choice.name!r} is another aircraft's; expected one of the aircraft that "
             "flies"
         )
-    return given
+    return choice
 
 
 def world_of(aircraft: Aircraft, rules: Rules | None, rewards: Mapping[str, float] | None) -> World:

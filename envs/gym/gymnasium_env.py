@@ -147,14 +147,18 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
             self._seed = int(self.np_random.integers(2**63))
         if "scenario" in chosen:
             self.scenario = scenario_of(chosen["scenario"], self.world.aircraft)
-        asked = chosen.get("encounter", self._next)
-        given = isinstance(asked, Encounter)
-        number = self._next if given else asked
-        drawn = asked if given else starts.encounters_of_seed(self.scenario, self._seed, number, 1)
+        requested = chosen.get("encounter", self._next)
+        is_encounter = isinstance(requested, Encounter)
+        number = self._next if is_encounter else requested
+        drawn = (
+            requested
+            if is_encounter
+            else starts.encounters_of_seed(self.scenario, self._seed, number, 1)
+        )
         encounter = starts.check_encounter(drawn, self.world.aircraft)
 
         self._number, self._next = number, number + 1
-        self._label = -1 if given else number
+        self._label = -1 if is_encounter else number
         self._flight = flight.begin(encounter, self.world.aircraft.dt)
         self._outcome = OUTCOMES[0]
         self._mask = encounter.mask

@@ -149,18 +149,18 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         self._min_separation = host[:, size].astype(np.float64)
         return self._shape(host[:, :size]), self._infos(self._min_separation, host[:, size + 1])
 
-    def _take_encounters(self, asked: Any, seed: int) -> Encounter:
+    def _take_encounters(self, requested: Any, seed: int) -> Encounter:
         """Return the encounters that are given, or those of the seed from a number on.
 
         Their numbers are noted, -1 of given ones.
         """
-        if isinstance(asked, Encounter):
-            given = starts.check_encounter(asked, self.world.aircraft, (self.num_envs,))
+        if isinstance(requested, Encounter):
+            encounters = starts.check_encounter(requested, self.world.aircraft, (self.num_envs,))
             self._numbers = np.full(self.num_envs, -1)
-            return given
-        drawn = starts.encounters_of_seed(self.scenario, seed, asked, self.num_envs)
-        self._numbers = asked + np.arange(self.num_envs)
-        self._next = asked + self.num_envs
+            return encounters
+        drawn = starts.encounters_of_seed(self.scenario, seed, requested, self.num_envs)
+        self._numbers = requested + np.arange(self.num_envs)
+        self._next = requested + self.num_envs
         return drawn
 
     def step(

@@ -258,8 +258,8 @@ class Drawing:
             label.set_visible(index < len(places))
             if index < len(places):
                 side = np.array([ahead[index, 1], -ahead[index, 0]])
-                other = places[nearest + 1 if index == 0 else 0]
-                side = np.copysign(side, side * np.sign(side @ (places[index] - other) + 1e-9))
+                near = places[nearest + 1 if index == 0 else 0]
+                side = np.copysign(side, side * np.sign(side @ (places[index] - near) + 1e-9))
                 far = 20.0 + (26.0 if only and index else 12.0) * abs(side[0])
                 label.set_position(tuple(places[index] + side * far * self._pixel))
                 label.set_text("own" if index == 0 else "intruder" if only else str(index))

@@ -121,8 +121,8 @@ def read_model(path: str | os.PathLike[str]) -> EncounterModel:
     bins, all_bins = _bins(file, names, later, moving)
     parents = _parents(file, "G_initial", names)
     all_parents = _parents(file, "G_transition", later)
-    for label, found in zip(later, all_parents[: len(names)], strict=False):
-        if found:
+    for label, label_parents in zip(later, all_parents[: len(names)], strict=False):
+        if label_parents:
             raise file.error("G_transition", f": {label!r} at time t has a parent, expected none")
     initial = _variables(file, "N_initial", names, bins, parents)
     changing = [names[i] for i in moving]
@@ -163,14 +163,14 @@ class _File:
                 )
             elif line:
                 self.blocks[name].append((number, line))
-        for wanted in _BLOCKS:
-            if wanted not in self.blocks:
+        for block in _BLOCKS:
+            if block not in self.blocks:
                 raise EncounterError(
-                    f"{source}: no block {wanted}, expected one (a file that is cut off?)"
+                    f"{source}: no block {block}, expected one (a file that is cut off?)"
                 )
-            if not self.blocks[wanted]:
+            if not self.blocks[block]:
                 raise EncounterError(
-                    f"{source} line {begins[wanted]}: block {wanted} is empty, expected values"
+                    f"{source} line {begins[block]}: block {block} is empty, expected values"
                 )
 
     def error(self, block: str, what: str, row: int = 0) -> EncounterError:
@@ -190,8 +190,8 @@ class _File:
         """Return the names of variables."""
         (line,) = self.rows(block, 1)
         labels = [label.strip() for label in re.findall(r'"([^"]*)"', line)]
-        rest = re.sub(r'"[^"]*"', "", line).replace(",", "").strip()
-        if not labels or rest or len(set(labels)) != len(labels) or not all(labels):
+        leftover = re.sub(r'"[^"]*"', "", line).replace(",", "").strip()
+        if not labels or leftover or len(set(labels)) != len(labels) or not all(labels):
             raise self.error(block, ": expected different names in quotes between commas")
         return labels
 
@@ -208,15 +208,15 @@ class _File:
                 values.append(number_of(word))
         except ValueError:
             raise self.error(block, f"{of}: {word[:40]!r}, expected {kind}", row) from None
-        found = np.array(values)
-        if len(found) != count:
-            cut = f"{len(found)} numbers, expected {count} (a file that is cut off?)"
+        parsed = np.array(values)
+        if len(parsed) != count:
+            cut = f"{len(parsed)} numbers, expected {count} (a file that is cut off?)"
             raise self.error(block, f"{of}: {cut}", row)
-        good = (found >= low) & (found <= high) & ((found == np.round(found)) | (not whole))
+        good = (parsed >= low) & (parsed <= high) & ((parsed == np.round(parsed)) | (not whole))
         if not good.all():
             bounds = f"expected {kind} from {low:g} to {high:g}"
-            raise self.error(block, f"{of}: {found[~good][0]:g}, {bounds}", row)
-        return found
+            raise self.error(block, f"{of}: {parsed[~good][0]:g}, {bounds}", row)
+        return parsed
 
 
 def _bare(label: str) -> str:
@@ -226,8 +226,10 @@ def _bare(label: str) -> str:
 
 def _moving(file: _File, names: list[str], later: list[str]) -> tuple[int, ...]:
     """Return the place in the initial network of each variable at t + 1."""
-    block, now = "labels_transition", later[: len(names)]
-    if [_bare(label) for label in now] != names or any(label.endswith("(t+1)") for label in now):
+    block, current = "labels_transition", later[: len(names)]
+    if [_bare(label) for label in current] != names or any(
+        label.endswith("(t+1)") for label in current
+    ):
         raise file.error(block, ": expected first the variables of labels_initial, at time t")
     places = []
     for label in later[len(names) :]:
@@ -290,25 +292,25 @@ def _variables(
     counts.
     """
     shapes = [
-        (math.prod(bins[j] for j in each), bins[skipped + i]) for i, each in enumerate(parents)
+        (math.prod(bins[j] for j in places), bins[skipped + i]) for i, places in enumerate(parents)
     ]
     ends = np.cumsum([math.prod(shape) for shape in shapes], dtype=object)
-    wanted = ends[-1]
-    if wanted > _MOST_COUNTS:
+    total = ends[-1]
+    if total > _MOST_COUNTS:
         raise file.error(
-            block, f": the graph asks for {wanted} counts, expected at most {_MOST_COUNTS}"
+            block, f": the graph asks for {total} counts, expected at most {_MOST_COUNTS}"
         )
-    values = file.numbers(block, wanted, low=0.0)
-    made = []
-    for name, each, shape, part in zip(
+    values = file.numbers(block, total, low=0.0)
+    variables = []
+    for name, places, shape, part in zip(
         names, parents, shapes, np.split(values, ends[:-1].astype(int)), strict=True
     ):
-        if not each and not part.any():
+        if not places and not part.any():
             raise file.error(
                 block, f", variable {name!r}: all counts are 0, expected some that are not"
             )
-        made.append(Variable(name, shape[1], each, part.reshape(shape)))
-    return tuple(made)
+        variables.append(Variable(name, shape[1], places, part.reshape(shape)))
+    return tuple(variables)
 
 
 def _boundaries(file: _File, names: list[str], bins: list[int]) -> tuple[np.ndarray | None, ...]:

@@ -50,10 +50,10 @@ def sample_model(model: EncounterModel, draws: np.ndarray, seconds: int) -> Samp
     later = draws[:, 2 * size :].reshape(len(draws), seconds - 1, 3, len(model.moving))
     tables = [_table(variable) for variable in model.transition]
     order = _order(model.transition, size)
-    now, rows = _Second(bins, values), [values]
+    current, rows = _Second(bins, values), [values]
     for second in range(seconds - 1):
-        now = _next(model, tables, order, now, later[:, second])
-        rows.append(now.values)
+        current = _next(model, tables, order, current, later[:, second])
+        rows.append(current.values)
     series = np.stack(rows, axis=1)
     return Sampled(
         bins,
@@ -75,7 +75,7 @@ def _next(
     model: EncounterModel,
     tables: list[np.ndarray],
     order: list[int],
-    now: _Second,
+    current: _Second,
     draws: np.ndarray,
 ) -> _Second:
     """Return the variables a second later.
@@ -86,17 +86,17 @@ def _next(
         draws: ``[M, 3, moving]``: of the bin, of whether the value is drawn anew, and of the value.
     """
     size = len(model.initial)
-    bins, values = now.bins.copy(), now.values.copy()
+    bins, values = current.bins.copy(), current.values.copy()
     # The variables at t, and after them those at t + 1.
-    both = np.concatenate([now.bins, np.zeros((len(bins), len(model.moving)), int)], axis=1)
+    both = np.concatenate([current.bins, np.zeros((len(bins), len(model.moving)), int)], axis=1)
     for k in order:
         variable, place = model.transition[k], model.moving[k]
         chance, again, inside = draws[:, :, k].T
         configuration = _configuration(model, variable, both)
         drawn = _draw(tables[k][configuration], chance)
-        seen = np.any(variable.counts[configuration], axis=1)
-        both[:, size + k] = drawn = np.where(seen, drawn, now.bins[:, place])
-        anew = (drawn != now.bins[:, place]) | (again < model.rates[place])
+        observed = np.any(variable.counts[configuration], axis=1)
+        both[:, size + k] = drawn = np.where(observed, drawn, current.bins[:, place])
+        anew = (drawn != current.bins[:, place]) | (again < model.rates[place])
         edges = model.boundaries[place]
         assert edges is not None  # the reader refuses it
         values[:, place] = np.where(anew, _value(edges, drawn, inside, True), values[:, place])
@@ -168,12 +168,12 @@ def _table(variable: Variable) -> np.ndarray:
 
 def _configuration(model: EncounterModel, variable: Variable, bins: np.ndarray) -> np.ndarray:
     """Return the number of the parents' configuration, the first parent fastest, ``[M]``."""
-    sizes = [*(each.bins for each in model.initial), *(each.bins for each in model.transition)]
-    found, stride = np.zeros(len(bins), int), 1
+    sizes = [*(node.bins for node in model.initial), *(node.bins for node in model.transition)]
+    number, stride = np.zeros(len(bins), int), 1
     for parent in variable.parents:
-        found += stride * bins[:, parent]
+        number += stride * bins[:, parent]
         stride *= sizes[parent]
-    return found
+    return number
 
 
 def _draw(chances: np.ndarray, draw: np.ndarray) -> np.ndarray:

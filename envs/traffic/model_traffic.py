@@ -86,18 +86,18 @@ def encounters_with(
         EncounterError: seed or number are out of range, or the conditions are never met.
     """
     check_number(seed, first)
-    wanted = dimensions(traffic.model, traffic.duration) + _OWN_DRAWS
+    size = dimensions(traffic.model, traffic.duration) + _OWN_DRAWS
     whole: _Drawn | None = None
     left = np.arange(count)
     for attempt in range(traffic.attempts):
         uniform = [
-            numbers.uniforms(seed, first + int(i), 1, (wanted,), _STREAM + attempt)[0] for i in left
+            numbers.uniforms(seed, first + int(i), 1, (size,), _STREAM + attempt)[0] for i in left
         ]
-        found = _attempt(traffic, np.stack(uniform))
+        drawn = _attempt(traffic, np.stack(uniform))
         if whole is None:
-            whole = found
-        scatter(whole, left, found)
-        left = left[~found.accepted]
+            whole = drawn
+        scatter(whole, left, drawn)
+        left = left[~drawn.accepted]
         if not left.size:
             break
     else:
@@ -196,10 +196,10 @@ def _closest(own: VehicleState[Air], recording: VehicleState[Air], until: float)
         x, y, *(np.broadcast_to(field[:, None], x.shape) for field in (own.heading, own.speed))
     )
     parts = np.s_[:, :last], np.s_[:, 1 : last + 1]
-    (own_now, own_next), (now, after) = (
-        [take(each, part) for part in parts] for each in (straight, recording)
+    (own_begin, own_end), (begin, end) = (
+        [take(state, part) for part in parts] for state in (straight, recording)
     )
-    return leg_separation(own_now, own_next, now, after, 1.0, np).min(axis=-1)
+    return leg_separation(own_begin, own_end, begin, end, 1.0, np).min(axis=-1)
 
 
 def _at_steps(recording: VehicleState[Air], dt: float) -> VehicleState[Air]:

@@ -85,8 +85,8 @@ def _starts(
         own[:, i] = mine.x[0], mine.y[0], np.arctan2(vy, vx), np.hypot(vx, vy)
         for k in range(most):
             # An absent intruder repeats the first one, so that it is finite everywhere.
-            other = others[k if k < len(others) else 0]
-            states[:, i, k] = _states(other, mine.time[0], steps, aircraft.dt)
+            intruder = others[k if k < len(others) else 0]
+            states[:, i, k] = _states(intruder, mine.time[0], steps, aircraft.dt)
         mask[i, : len(others)] = True
     return encounters_of(VehicleState(*own), KnownFlight(*states), mask, ahead)
 
@@ -133,16 +133,16 @@ def _unfit(own: Track, others: Sequence[Track], aircraft: Aircraft) -> str:
     limits, most = aircraft.limits, aircraft.traffic_speed_max
     speed = float(np.hypot(own.vx[0], own.vy[0]))
     if not limits.speed_min <= speed <= limits.speed_max:
-        wanted = f"expected {limits.speed_min:g} to {limits.speed_max:g} m/s"
-        return f"the ownship begins with {speed:.1f} m/s over the ground, {wanted}"
+        expected = f"expected {limits.speed_min:g} to {limits.speed_max:g} m/s"
+        return f"the ownship begins with {speed:.1f} m/s over the ground, {expected}"
     if not others:
         return "there is no intruder, expected at least one"
-    for other in others:
-        if not other.time[0] <= own.time[0] < other.time[-1]:
-            return f"the track of {other.name!r} begins after the ownship's or ends before it"
-        fastest = float(np.max(np.hypot(other.vx, other.vy)))
+    for intruder in others:
+        if not intruder.time[0] <= own.time[0] < intruder.time[-1]:
+            return f"the track of {intruder.name!r} begins after the ownship's or ends before it"
+        fastest = float(np.max(np.hypot(intruder.vx, intruder.vy)))
         if fastest > most:
-            return f"{other.name!r} flies at {fastest:.1f} m/s, expected at most {most:g} m/s"
+            return f"{intruder.name!r} flies at {fastest:.1f} m/s, expected at most {most:g} m/s"
     return ""
 
 

@@ -52,11 +52,11 @@ def mismatch(time: np.ndarray, ways: np.ndarray, velocities: np.ndarray) -> Mism
         ways: from each row to the next, east and north, m, complex ``[T - 1]``.
         velocities: east and north, m/s, complex ``[T]``.
     """
-    flown, made = _parts(time, ways, velocities)
+    flown, integrated = _parts(time, ways, velocities)
     if len(flown) < _FEWEST:
         return None
-    factors = np.quantile(np.abs(made) / np.maximum(np.abs(flown), 1e-3), _QUARTERS)
-    angles = np.quantile(np.angle(flown * np.conj(made)), _QUARTERS)
+    factors = np.quantile(np.abs(integrated) / np.maximum(np.abs(flown), 1e-3), _QUARTERS)
+    angles = np.quantile(np.angle(flown * np.conj(integrated)), _QUARTERS)
     longer, shorter = factors[0] > _FACTOR, factors[2] < 1.0 / _FACTOR
     right, left = angles[0] > _ANGLE, angles[2] < -_ANGLE
     if not (longer or shorter or right or left):
@@ -76,12 +76,12 @@ def _parts(
     # The chord of an arc is longer than the mean of the velocities at its ends.
     steps = 0.5 * np.diff(time) * (velocities[1:] + velocities[:-1]) * np.tan(half) / half
     ends = [0]
-    for row, now in enumerate(time):
-        if now - time[ends[-1]] >= _PART:
+    for row, moment in enumerate(time):
+        if moment - time[ends[-1]] >= _PART:
             ends.append(row)
-    flown, made = np.diff(_sums(ways)[ends]), np.diff(_sums(steps)[ends])
-    long = np.maximum(np.abs(flown), np.abs(made)) >= _SHORT
-    return flown[long], made[long]
+    flown, integrated = np.diff(_sums(ways)[ends]), np.diff(_sums(steps)[ends])
+    long = np.maximum(np.abs(flown), np.abs(integrated)) >= _SHORT
+    return flown[long], integrated[long]
 
 
 def _sums(steps: np.ndarray) -> np.ndarray:

@@ -25,20 +25,20 @@ def areas_of_plan(content: dict[str, Any], source: str) -> Reading:
         raise AreaError(
             f"{source}, geoFence.version: is {fence.get('version')!r:.60}, expected {_VERSION}"
         )
-    found = []
-    for n, each in enumerate(rows(fence.get("polygons"), f"{source}, geoFence.polygons")):
+    areas = []
+    for n, entry in enumerate(rows(fence.get("polygons"), f"{source}, geoFence.polygons")):
         where = f"{source}, geoFence.polygons[{n}]"
-        one = record(each, where)
-        outer = ring(one.get("polygon"), f"{where}.polygon", longitude_first=False)
-        found.append(GeodeticArea(where, (outer,), keep=_side(one, where)))
-    for n, each in enumerate(rows(fence.get("circles"), f"{source}, geoFence.circles")):
+        polygon = record(entry, where)
+        outer = ring(polygon.get("polygon"), f"{where}.polygon", longitude_first=False)
+        areas.append(GeodeticArea(where, (outer,), keep=_side(polygon, where)))
+    for n, entry in enumerate(rows(fence.get("circles"), f"{source}, geoFence.circles")):
         where = f"{source}, geoFence.circles[{n}]"
-        one = record(each, where)
-        disc = record(one.get("circle"), f"{where}.circle")
+        circle = record(entry, where)
+        disc = record(circle.get("circle"), f"{where}.circle")
         centre = place(disc.get("center"), f"{where}.circle.center", longitude_first=False)
         radius = number(disc.get("radius"), f"{where}.circle.radius", 0.0, 1e7, "m")
-        found.append(GeodeticArea(where, centre=centre, radius=radius, keep=_side(one, where)))
-    return Reading(tuple(found))
+        areas.append(GeodeticArea(where, centre=centre, radius=radius, keep=_side(circle, where)))
+    return Reading(tuple(areas))
 
 
 def _side(fence: dict[str, Any], where: str) -> Keep:
@@ -53,15 +53,15 @@ def areas_of_icarous(content: object, source: str, reference: str | None) -> Rea
     """Return the fences of ICAROUS; its heights are m above a reference that the file does not
     state.
     """
-    found = []
-    seen: set[int | str] = set()
-    for n, each in enumerate(rows(content, source)):
+    areas = []
+    names: set[int | str] = set()
+    for n, entry in enumerate(rows(content, source)):
         where = f"{source}, fence {n}"
-        fence = record(each, where)
+        fence = record(entry, where)
         name = fence.get("id")
-        if isinstance(name, bool) or not isinstance(name, (int, str)) or name in seen:
+        if isinstance(name, bool) or not isinstance(name, (int, str)) or name in names:
             raise AreaError(f"{where}, id: is {name!r:.60}, expected a name of its own")
-        seen.add(name)
+        names.add(name)
         side = fence.get("type")
         if not isinstance(side, str) or side not in _SIDES:
             raise AreaError(f"{where}, type: is {side!r:.60}, expected one of {sorted(_SIDES)}")
@@ -69,7 +69,7 @@ def areas_of_icarous(content: object, source: str, reference: str | None) -> Rea
         floor, ceiling = (
             _height(fence.get(key), f"{where}, {key}", reference) for key in ("floor", "roof")
         )
-        found.append(
+        areas.append(
             GeodeticArea(
                 where,
                 (outer,),
@@ -79,9 +79,9 @@ def areas_of_icarous(content: object, source: str, reference: str | None) -> Rea
                 name=f"fence {name}",
             )
         )
-    return Reading(tuple(found))
+    return Reading(tuple(areas))
 
 
 def _height(value: object, where: str, reference: str | None) -> Level | None:
-    found = level(value, reference or "unknown", 1.0, where)
-    return None if reference is None else found
+    height = level(value, reference or "unknown", 1.0, where)
+    return None if reference is None else height

@@ -98,8 +98,8 @@ def place(value: object, where: str, *, longitude_first: bool) -> Place:
 def ring(value: object, where: str, *, longitude_first: bool) -> tuple[Place, ...]:
     """Return a ring of places of a file; a first point that is repeated at the end is left out."""
     points = tuple(
-        place(each, f"{where}[{n}]", longitude_first=longitude_first)
-        for n, each in enumerate(rows(value, where))
+        place(point, f"{where}[{n}]", longitude_first=longitude_first)
+        for n, point in enumerate(rows(value, where))
     )
     if len(points) > 1 and points[0] == points[-1]:
         points = points[:-1]
@@ -111,7 +111,9 @@ def ring(value: object, where: str, *, longitude_first: bool) -> tuple[Place, ..
 def polygon(value: object, where: str) -> tuple[tuple[Place, ...], ...]:
     """Return the rings of a polygon of GeoJSON."""
     rings = rows(value, where, 1)
-    return tuple(ring(each, f"{where}[{n}]", longitude_first=True) for n, each in enumerate(rings))
+    return tuple(
+        ring(points, f"{where}[{n}]", longitude_first=True) for n, points in enumerate(rings)
+    )
 
 
 def period(begin: object, end: object, where: str, names: tuple[str, str]) -> Period:
@@ -137,12 +139,12 @@ def _date(value: object, where: str, zone: timezone) -> datetime | None:
     if value is None or value == "":
         return None
     try:
-        found = datetime.fromisoformat(text(value, where))
+        date = datetime.fromisoformat(text(value, where))
     except ValueError:
         raise AreaError(
             f"{where}: is {value!r:.60}, expected a date such as 2026-11-27T16:00:00Z"
         ) from None
-    return found if found.tzinfo is not None else found.replace(tzinfo=zone)
+    return date if date.tzinfo is not None else date.replace(tzinfo=zone)
 
 
 def hull(periods: Sequence[Period]) -> Period:

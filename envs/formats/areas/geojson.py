@@ -50,13 +50,13 @@ def areas_of(content: dict[str, Any], source: str, permitted: Collection[str] = 
     features = {source: content}
     if kind == "FeatureCollection":
         every = rows(content.get("features"), f"{source}, features")
-        features = {f"{source}, features[{n}]": each for n, each in enumerate(every)}
+        features = {f"{source}, features[{n}]": feature for n, feature in enumerate(every)}
     elif kind != "Feature":
         raise AreaError(f"{source}, type: is {kind!r:.60}, expected Feature or FeatureCollection")
     areas, free = list[GeodeticArea](), 0
     for where, feature in features.items():
-        given = record(feature, where).get("properties")
-        properties = record({} if given is None else given, f"{where}, properties")
+        stated = record(feature, where).get("properties")
+        properties = record({} if stated is None else stated, f"{where}, properties")
         restriction = properties.get("restriction")
         if restriction is not None and is_free(restriction, f"{where}, restriction", permitted):
             free += 1
@@ -170,23 +170,23 @@ def _close_ring(ring: Ring, frame: LocalFrame) -> list[list[float]]:
     points = frame.geodetic(*(np.interp(along, np.arange(len(x)), field) for field in (x, y)))
     east = np.unwrap(points.longitude, period=360.0)
     east += 360.0 * np.round((frame.longitude - east.mean()) / 360.0)
-    found = np.stack([east, points.latitude], axis=1).tolist()
-    return [*found[:-1], found[0]]
+    places = np.stack([east, points.latitude], axis=1).tolist()
+    return [*places[:-1], places[0]]
 
 
 def _properties(area: Area) -> dict[str, Any]:
-    found: dict[str, Any] = {"keep": area.keep.value}
+    properties: dict[str, Any] = {"keep": area.keep.value}
     if area.name:
-        found["name"] = area.name
+        properties["name"] = area.name
     if isinstance(area.shape, Circle):
-        found["radius_m"] = area.shape.radius
+        properties["radius_m"] = area.shape.radius
     for limit, height in (("floor", area.floor), ("ceiling", area.ceiling)):
         if height is not None:
-            found[f"{limit}_m"], found[f"{limit}_reference"] = height
+            properties[f"{limit}_m"], properties[f"{limit}_reference"] = height
     standard = Area(area.shape)
     for field, key in _NUMBERS.items():
         if getattr(area, field) != getattr(standard, field):
-            found[key] = getattr(area, field)
+            properties[key] = getattr(area, field)
     if area.velocity != standard.velocity:
-        found |= dict(zip(_VELOCITY, area.velocity, strict=True))
-    return found
+        properties |= dict(zip(_VELOCITY, area.velocity, strict=True))
+    return properties

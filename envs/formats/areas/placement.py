@@ -62,7 +62,7 @@ class Placement(NamedTuple):
 
 
 def to_plane(
-    given: Iterable[GeodeticArea], frame: LocalFrame, time: datetime | None, within: float
+    stated: Iterable[GeodeticArea], frame: LocalFrame, time: datetime | None, within: float
 ) -> Placement:
     """Return areas in a local frame at the time of the request; those to be kept out of that lie
     farther than ``within`` (m) from the origin are left out.
@@ -71,27 +71,27 @@ def to_plane(
         AreaError: one of them cannot be used.
     """
     areas, changes, far = list[Area](), list[str](), list[GeodeticArea]()
-    for one in given:
-        with error_place(one.where):
-            placed = _place(one, frame, within)
-            areas += (_area(one, shape, placed.added, time) for shape in placed.shapes)
+    for area in stated:
+        with error_place(area.where):
+            placed = _place(area, frame, within)
+            areas += (_area(area, shape, placed.added, time) for shape in placed.shapes)
         if placed.change:
-            changes.append(f"{one.where}: {placed.change}")
+            changes.append(f"{area.where}: {placed.change}")
         if not placed.shapes:
-            far.append(one)
+            far.append(area)
     return Placement(tuple(areas), tuple(changes), tuple(far))
 
 
 def far_away(far: Sequence[GeodeticArea], frame: LocalFrame, within: float) -> str:
     """Return a sentence on areas that were left out, with the distance of the nearest."""
-    nearest = min(_distance(one, frame) for one in far)
+    nearest = min(_distance(area, frame) for area in far)
     says = (
         f"{len(far)} {'area lies' if len(far) == 1 else 'areas lie'} more than {within / 1e3:.0f} "
         f"km from the origin ({frame.latitude:.4f}, {frame.longitude:.4f}), the nearest "
         f"{nearest / 1e3:.0f} km"
     )
     exchanged = min(
-        (_distance(other, frame) for other in map(_exchange, far) if other), default=nearest
+        (_distance(area, frame) for area in map(_exchange, far) if area), default=nearest
     )
     if exchanged <= within < nearest:
         says += f"; with latitude and longitude exchanged it would be {exchanged / 1e3:.0f} km"
@@ -107,44 +107,46 @@ def error_place(where: str) -> Generator[None]:
         raise AreaError(f"{where}: {problem}") from None
 
 
-def _distance(one: GeodeticArea, frame: LocalFrame) -> float:
+def _distance(area: GeodeticArea, frame: LocalFrame) -> float:
     """Return the distance of an area's nearest point that the file states from the origin, m."""
-    places = [one.centre] if one.centre is not None else sum(one.rings, ())
+    places = [area.centre] if area.centre is not None else sum(area.rings, ())
     here = frame.latitude, frame.longitude
-    return max(min(distance(*here, *place) for place in places) - one.radius, 0.0)
+    return max(min(distance(*here, *place) for place in places) - area.radius, 0.0)
 
 
-def _exchange(one: GeodeticArea) -> GeodeticArea | None:
+def _exchange(area: GeodeticArea) -> GeodeticArea | None:
     """Return an area with latitude and longitude exchanged; None where that cannot be."""
-    places = [one.centre] if one.centre is not None else sum(one.rings, ())
+    places = [area.centre] if area.centre is not None else sum(area.rings, ())
     if any(abs(longitude) > 90.0 for _, longitude in places):
         return None
     turned = tuple((longitude, latitude) for latitude, longitude in places)
-    return one._replace(rings=(turned,), centre=None if one.centre is None else turned[0])
+    return area._replace(rings=(turned,), centre=None if area.centre is None else turned[0])
 
 
-def _area(one: GeodeticArea, shape: Shape, added: float, time: datetime | None) -> Area:
+def _area(area: GeodeticArea, shape: Shape, added: float, time: datetime | None) -> Area:
     """Return an area that has a shape in the local frame."""
-    fields = dict(one.more)
-    if time is not None and one.period.begin is not None:
-        fields["valid_from"] = (one.period.begin - time).total_seconds()
-    if time is not None and one.period.end is not None:
-        fields["valid_until"] = (one.period.end - time).total_seconds()
+    fields = dict(area.more)
+    if time is not None and area.period.begin is not None:
+        fields["valid_from"] = (area.period.begin - time).total_seconds()
+    if time is not None and area.period.end is not None:
+        fields["valid_until"] = (area.period.end - time).total_seconds()
     if added:
         fields["clearance"] = fields.get("clearance", 0.0) + added
-    return Area(shape, one.keep, floor=one.floor, ceiling=one.ceiling, name=one.name, **fields)
+    return Area(shape, area.keep, floor=area.floor, ceiling=area.ceiling, name=area.name, **fields)
 
 
-def _place(one: GeodeticArea, frame: LocalFrame, within: float) -> Shapes:
-    stands = not one.more.get("growth") and not any(one.more.get("velocity", ()))
-    if one.centre is not None and one.radius <= LARGEST_RADIUS:
-        here = frame.place(*map(np.array, one.centre))
+def _place(area: GeodeticArea, frame: LocalFrame, within: float) -> Shapes:
+    stands = not area.more.get("growth") and not any(area.more.get("velocity", ()))
+    if area.centre is not None and area.radius <= LARGEST_RADIUS:
+        here = frame.place(*map(np.array, area.centre))
         x, y = float(here.x), float(here.y)
-        if one.keep is Keep.OUT and math.hypot(x, y) - one.radius > within:
+        if area.keep is Keep.OUT and math.hypot(x, y) - area.radius > within:
             return Shapes(())
-        return Shapes((Circle(x, y, one.radius),))
-    rings = one.rings if one.centre is None else (_ring_about(one.centre, one.radius, one.keep),)
-    return _place_polygon(rings, one.keep, frame, within, stands)
+        return Shapes((Circle(x, y, area.radius),))
+    rings = (
+        area.rings if area.centre is None else (_ring_about(area.centre, area.radius, area.keep),)
+    )
+    return _place_polygon(rings, area.keep, frame, within, stands)
 
 
 @lru_cache(maxsize=1024)
@@ -173,13 +175,13 @@ def _place_polygon(
     if not pieces:
         return Shapes(())
     placed = [_polygon([_on_plane(ring, frame) for ring in piece], None, keep) for piece in pieces]
-    changes = [each.change for each in placed if each.change]
+    changes = [part.change for part in placed if part.change]
     if sum(_size(piece) for piece in pieces) < 0.999 * _size(degrees):
         reach = min(within, WITHIN) / 1e3
         changes.insert(0, f"is {width / 1e3:.0f} km wide: what lies within {reach:.0f} km counts")
     return Shapes(
-        tuple(shape for each in placed for shape in each.shapes),
-        max(each.added for each in placed),
+        tuple(shape for part in placed for shape in part.shapes),
+        max(part.added for part in placed),
         "; ".join(changes),
     )
 
@@ -210,20 +212,20 @@ def _polygon(plane: list[Array], rings: Rings | None, keep: Keep) -> Shapes:
         _check_as_stated(n, _unwrap(np.array(ring, dtype=float)))
     # Without its holes, and as its hull, an area to be kept out of is larger.
     larger = [plane[:1], [hull(plane[0])]] if keep is Keep.OUT else []
-    for each in (plane, *larger):
-        if 3 * len(each) > MOST_POINTS:
+    for outline in (plane, *larger):
+        if 3 * len(outline) > MOST_POINTS:
             continue
-        thinned, off = thin(each, MOST_POINTS, OFF)
+        thinned, off = thin(outline, MOST_POINTS, OFF)
         try:
             shape = Polygon(*_tuples(thinned))
         except AreaError:
             continue
         kept = sum(map(len, thinned))
-        lost = " without its holes" if len(each) < len(plane) else ""
-        said = (
+        lost = " without its holes" if len(outline) < len(plane) else ""
+        change = (
             f"has {count} points, of which {kept} are kept{lost}; {off:g} m more are kept from it"
         )
-        return Shapes((shape,), off, said)
+        return Shapes((shape,), off, change)
     raise AreaError(f"has {count} points, expected {MOST_POINTS} at most, or a ring to be thinned")
 
 
@@ -238,12 +240,12 @@ def _unwrap(ring: Array) -> Array:
     """
     latitude, longitude = ring.T
     way = np.unwrap(longitude, period=360.0)
-    made = np.stack([latitude, way], axis=1)
-    if np.ptp(longitude) >= 360.0 and abs(signed_size(made)) < 1e-9:
+    unwrapped = np.stack([latitude, way], axis=1)
+    if np.ptp(longitude) >= 360.0 and abs(signed_size(unwrapped)) < 1e-9:
         return ring
     if abs(way[-1] - way[0]) > 180.0:
         raise AreaError("goes round a pole, expected a ring that does not")
-    return made
+    return unwrapped
 
 
 def _width(ring: Array) -> float:

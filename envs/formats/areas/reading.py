@@ -40,10 +40,10 @@ def read_areas(
     reference: str | None = None,
 ) -> list[Area]:
     """Return the areas of :func:`read_near_areas`, without what it remarks."""
-    found = read_near_areas(
+    near = read_near_areas(
         path, frame, time=time, within=within, permitted=permitted, reference=reference
     )
-    return list(found.areas)
+    return list(near.areas)
 
 
 def read_near_areas(
@@ -120,9 +120,9 @@ def geodetic_areas(
 def _reference_systems(content: Any, where: str) -> Iterator[tuple[str, Any]]:
     """Yield each coordinate reference system of an object and those in it, and where it stands."""
     if isinstance(content, list):
-        for n, each in enumerate(content):
-            if isinstance(each, dict):
-                yield from _reference_systems(each, f"{where}[{n}]")
+        for n, item in enumerate(content):
+            if isinstance(item, dict):
+                yield from _reference_systems(item, f"{where}[{n}]")
     elif isinstance(content, dict):
         if "crs" in content:
             yield f"{where}, crs", content["crs"]

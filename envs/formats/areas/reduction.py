@@ -72,11 +72,11 @@ def _close(chains: Sequence[Array], along: int) -> list[Array]:
     in their order along it, each second part is inside.
     """
     ends = [(chain[end][along], n, end) for n, chain in enumerate(chains) for end in (0, -1)]
-    ends.sort(key=lambda each: each[0])
+    ends.sort(key=lambda crossing: crossing[0])
     partner = {
-        one[1:]: other[1:]
+        crossing[1:]: other[1:]
         for pair in zip(ends[::2], ends[1::2], strict=True)
-        for one, other in (pair, pair[::-1])
+        for crossing, other in (pair, pair[::-1])
     }
     rings, waiting = list[Array](), set(range(len(chains)))
     while waiting:

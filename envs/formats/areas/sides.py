@@ -25,15 +25,15 @@ def side_of(properties: dict[str, Any], where: str) -> Keep:
     Raises:
         AreaError: they contradict each other, or say it in a way that is not understood.
     """
-    said: dict[str, Keep] = {}
+    sides: dict[str, Keep] = {}
     for key, value in properties.items():
         side = _side(key, value, where)
         if side is not None:
-            said[key] = side
-    if len(set(said.values())) > 1:
-        stated = " and ".join(f"{key} {properties[key]!r:.60}" for key in said)
+            sides[key] = side
+    if len(set(sides.values())) > 1:
+        stated = " and ".join(f"{key} {properties[key]!r:.60}" for key in sides)
         raise AreaError(f"{where}: states {stated}, expected one side to be kept on")
-    return next(iter(said.values()), Keep.OUT)
+    return next(iter(sides.values()), Keep.OUT)
 
 
 def _side(key: str, value: object, where: str) -> Keep | None:

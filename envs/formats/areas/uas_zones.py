@@ -42,14 +42,18 @@ def is_ed269(content: object) -> bool:
 def is_ed318(content: object) -> bool:
     """Return whether a file is one of ED-318: features that say which variant of zone they are."""
     stated = (zone.get("properties") for zone in _zones(content))
-    return any(isinstance(each, dict) and set(_OF_ED318) <= set(each) for each in stated)
+    return any(
+        isinstance(properties, dict) and set(_OF_ED318) <= set(properties) for properties in stated
+    )
 
 
 def _zones(content: object) -> list[dict[str, Any]]:
     """Return what may be the zones of a file: a list of them, a collection, or one alone."""
     features = content.get("features", [content]) if isinstance(content, dict) else content
     return (
-        [each for each in features if isinstance(each, dict)] if isinstance(features, list) else []
+        [feature for feature in features if isinstance(feature, dict)]
+        if isinstance(features, list)
+        else []
     )
 
 
@@ -59,15 +63,15 @@ def _places(content: object, source: str) -> list[tuple[str, dict[str, Any]]]:
         return [(source, content)]
     features = content.get("features") if isinstance(content, dict) else content
     named = (
-        (f"{source}, features[{n}]", each)
-        for n, each in enumerate(rows(features, f"{source}, features"))
+        (f"{source}, features[{n}]", zone)
+        for n, zone in enumerate(rows(features, f"{source}, features"))
     )
-    return [(where, record(each, where)) for where, each in named]
+    return [(where, record(zone, where)) for where, zone in named]
 
 
 def areas_of_ed269(content: object, source: str, permitted: Collection[str] = ()) -> Reading:
     """Return the areas of zones of ED-269."""
-    found, free = list[GeodeticArea](), 0
+    areas, free = list[GeodeticArea](), 0
     for where, zone in _places(content, source):
         name = text(zone.get("name") or zone.get("identifier") or "", f"{where}, name")
         if is_free(zone.get("restriction"), f"{where}, restriction", permitted):
@@ -77,16 +81,16 @@ def areas_of_ed269(content: object, source: str, permitted: Collection[str] = ()
         volumes = rows(zone.get("geometry"), f"{where}, geometry", 1)
         for m, volume in enumerate(volumes):
             at = f"{where}, geometry[{m}]"
-            one = _of_volume(record(volume, at), at)
-            found.append(one._replace(name=name, period=valid))
-    return Reading(tuple(found), free)
+            area = _of_volume(record(volume, at), at)
+            areas.append(area._replace(name=name, period=valid))
+    return Reading(tuple(areas), free)
 
 
 def areas_of_ed318(
     content: dict[str, Any], source: str, permitted: Collection[str] = ()
 ) -> Reading:
     """Return the areas of zones of ED-318."""
-    found, free = list[GeodeticArea](), 0
+    areas, free = list[GeodeticArea](), 0
     for where, zone in _places(content, source):
         properties = record(zone.get("properties"), f"{where}, properties")
         if is_free(properties.get("type"), f"{where}, type", permitted):
@@ -100,26 +104,26 @@ def areas_of_ed318(
             parts = rows(shape.get("geometries"), f"{where}, geometry.geometries", 1)
         for m, part in enumerate(parts):
             at = f"{where}, geometry" if len(parts) == 1 else f"{where}, geometries[{m}]"
-            found += [
-                one._replace(name=name, period=valid) for one in _of_layer(record(part, at), at)
+            areas += [
+                area._replace(name=name, period=valid) for area in _of_layer(record(part, at), at)
             ]
-    return Reading(tuple(found), free)
+    return Reading(tuple(areas), free)
 
 
 def is_free(value: object, where: str, permitted: Collection[str]) -> bool:
     """Return whether a restriction keeps nobody out."""
     restriction = text(value, where).upper().replace("AUTHORIZATION", "AUTHORISATION")
-    for each in (restriction, *permitted):
-        if each not in RESTRICTIONS:
-            raise AreaError(f"{where}: {each!r:.60} is unknown, expected one of {RESTRICTIONS}")
+    for word in (restriction, *permitted):
+        if word not in RESTRICTIONS:
+            raise AreaError(f"{where}: {word!r:.60} is unknown, expected one of {RESTRICTIONS}")
     return restriction == FREE or restriction in permitted
 
 
 def _validity(value: object, where: str) -> Period:
     """Return when a zone may apply."""
     periods = []
-    for n, each in enumerate(rows([] if value is None else value, where)):
-        limits = record(each, f"{where}[{n}]")
+    for n, entry in enumerate(rows([] if value is None else value, where)):
+        limits = record(entry, f"{where}[{n}]")
         if limits.get("permanent") == "YES":
             return Period()
         names = "startDateTime", "endDateTime"
@@ -149,14 +153,14 @@ def _of_volume(volume: dict[str, Any], where: str) -> GeodeticArea:
         )
         for side in ("lower", "upper")
     )
-    one = GeodeticArea(where, floor=_above_ground(floor), ceiling=ceiling)
+    area = GeodeticArea(where, floor=_above_ground(floor), ceiling=ceiling)
     kind, at = projection.get("type"), f"{where}.horizontalProjection"
     if kind == "Circle":
         centre = place(projection.get("center"), f"{at}.center", longitude_first=True)
         radius = unit * number(projection.get("radius"), f"{at}.radius", 0.0, 1e7)
-        return one._replace(centre=centre, radius=radius)
+        return area._replace(centre=centre, radius=radius)
     if kind == "Polygon":
-        return one._replace(rings=polygon(projection.get("coordinates"), f"{at}.coordinates"))
+        return area._replace(rings=polygon(projection.get("coordinates"), f"{at}.coordinates"))
     raise AreaError(f"{at}.type: is {kind!r:.60}, expected Polygon or Circle")
 
 
@@ -169,14 +173,14 @@ def _of_layer(shape: dict[str, Any], where: str) -> list[GeodeticArea]:
         _limit(layer.get(side), layer.get(f"{side}Reference"), unit, f"{where}.layer.{side}")
         for side in ("lower", "upper")
     )
-    one = GeodeticArea(where, floor=_above_ground(floor), ceiling=ceiling)
+    area = GeodeticArea(where, floor=_above_ground(floor), ceiling=ceiling)
     kind, coordinates = shape.get("type"), shape.get("coordinates")
     at = f"{where}.coordinates"
     if kind == "Polygon":
-        return [one._replace(rings=polygon(coordinates, at))]
+        return [area._replace(rings=polygon(coordinates, at))]
     if kind == "MultiPolygon":
         return [
-            one._replace(rings=polygon(part, f"{at}[{n}]"), where=f"{where}, polygon {n}")
+            area._replace(rings=polygon(part, f"{at}[{n}]"), where=f"{where}, polygon {n}")
             for n, part in enumerate(rows(coordinates, at, 1))
         ]
     if kind == "Point":
@@ -187,7 +191,7 @@ def _of_layer(shape: dict[str, Any], where: str) -> list[GeodeticArea]:
             )
         radius = number(extent.get("radius"), f"{where}.extent.radius", 0.0, 1e7, "m")
         centre = place(coordinates, at, longitude_first=True)
-        return [one._replace(centre=centre, radius=radius)]
+        return [area._replace(centre=centre, radius=radius)]
     raise AreaError(
         f"{where}.type: is {kind!r:.60}, expected Polygon, MultiPolygon, Point or "
         "GeometryCollection"
