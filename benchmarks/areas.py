@@ -42,13 +42,13 @@ _POINTS = 10
 class AmongAreas(NamedTuple):
     """What ``plan`` is asked, and the areas about it."""
 
-    asked: Question
+    request: Question
     areas: tuple[Area, ...]
 
 
 def questions(seed: int, count: int, aircraft: Aircraft) -> list[AmongAreas]:
     """Return requests with one to four intruders and one to three areas each."""
-    found = []
+    cases = []
     starts = encounters_of_seed(scenario("multi", aircraft), seed, 0, count)
     for n in range(count):
         own: VehicleState[Ground] = VehicleState(*(float(field[n]) for field in starts.own))
@@ -58,9 +58,9 @@ def questions(seed: int, count: int, aircraft: Aircraft) -> list[AmongAreas]:
         ]
         goal = float(starts.goal_x[n]), float(starts.goal_y[n])
         areas = random_areas(seed, n, 1 + (n // _INTRUDERS) % _AREAS, own, goal, aircraft)
-        asked = Question(own, others, _route(own, goal, _BEYOND * aircraft.separation))
-        found.append(AmongAreas(asked, areas))
-    return found
+        request = Question(own, others, _route(own, goal, _BEYOND * aircraft.separation))
+        cases.append(AmongAreas(request, areas))
+    return cases
 
 
 def _route(
@@ -75,7 +75,7 @@ def _route(
     return [RoutePoint(i, float(x), float(y)) for i, (x, y) in enumerate(places)]
 
 
-class Asked(NamedTuple):
+class Planned(NamedTuple):
     """One request, planned."""
 
     solved_in: float  # shortest deadline that solved it, ms; inf: none did
@@ -93,28 +93,28 @@ class Sampled(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    given = _parser().parse_args(arguments)
-    if given.ompl:
+    options = _parser().parse_args(arguments)
+    if options.ompl:
         require()
-    policy = policy_in_flight(given.policy)
+    policy = policy_in_flight(options.policy)
     usual = Options.for_aircraft(policy.aircraft)
-    deadlines = [*sorted(given.deadlines), 1e3 * _PATIENT]
-    found, tried = list[Asked](), list[Sampled]()
+    deadlines = [*sorted(options.deadlines), 1e3 * _PATIENT]
+    requests, tried = list[Planned](), list[Sampled]()
     with threadpool_limits(1):
-        for number, one in enumerate(questions(given.seed, given.requests, policy.aircraft)):
-            if not found:  # the first plan of a process makes tables
-                plan(*one.asked, policy, usual, areas=one.areas)
-            found.append(_ask(one, policy, usual, deadlines))
-            solved = math.isfinite(found[-1].solved_in)
-            if given.ompl and (not solved or number % _EVERY == 0):
-                asked = one.asked
-                task = Task(asked.own, asked.states, asked.route, one.areas, usual)
+        for number, case in enumerate(questions(options.seed, options.requests, policy.aircraft)):
+            if not requests:  # the first plan of a process makes tables
+                plan(*case.request, policy, usual, areas=case.areas)
+            requests.append(_ask(case, policy, usual, deadlines))
+            solved = math.isfinite(requests[-1].solved_in)
+            if options.ompl and (not solved or number % _EVERY == 0):
+                request = case.request
+                task = Task(request.own, request.states, request.route, case.areas, usual)
                 tried.append(_sample(task, number, ours=solved))
-    measured = {"benchmark": "areas", "requests": given.requests, **figures(found, deadlines)}
-    if given.ompl:
-        measured |= compare(found, tried, deadlines)
+    measured = {"benchmark": "areas", "requests": options.requests, **figures(requests, deadlines)}
+    if options.ompl:
+        measured |= compare(requests, tried, deadlines)
     show(measured)
-    report(measured, ("numpy", "ompl") if given.ompl else ("numpy",))
+    report(measured, ("numpy", "ompl") if options.ompl else ("numpy",))
 
 
 def _parser() -> Parser:
@@ -132,18 +132,18 @@ def _parser() -> Parser:
     return parser
 
 
-def _ask(one: AmongAreas, policy: Policy, usual: Options, deadlines: Sequence[float]) -> Asked:
+def _ask(case: AmongAreas, policy: Policy, usual: Options, deadlines: Sequence[float]) -> Planned:
     """Return how a request is planned with longer and longer deadlines, ms, until one solves it."""
     busy, reasons = math.nan, frozenset[str]()
     for ms in deadlines:
         options = replace(usual, deadline_s=1e-3 * ms)
-        answer, seconds = time_plan(one.asked, policy, options, areas=one.areas)
+        answer, seconds = time_plan(case.request, policy, options, areas=case.areas)
         if math.isnan(busy):
             busy = seconds
         if answer.safe:
-            return Asked(ms, busy, frozenset())
+            return Planned(ms, busy, frozenset())
         reasons = frozenset(reason.kind.value for reason in answer.reasons)
-    return Asked(math.inf, busy, reasons)
+    return Planned(math.inf, busy, reasons)
 
 
 def _sample(task: Task, number: int, *, ours: bool) -> Sampled:
@@ -152,40 +152,47 @@ def _sample(task: Task, number: int, *, ours: bool) -> Sampled:
     return Sampled(ours, steps is not None, steps is not None and is_right(task, steps))
 
 
-def figures(found: Sequence[Asked], deadlines: Sequence[float]) -> dict[str, Any]:
+def figures(requests: Sequence[Planned], deadlines: Sequence[float]) -> dict[str, Any]:
     """Return what the deadlines, ms, solve of that which ours solves."""
-    solved = sum(math.isfinite(one.solved_in) for one in found)
+    solved = sum(math.isfinite(request.solved_in) for request in requests)
     return {
         "solved": solved,
-        "unsolved_reasons": dict(Counter(reason for one in found for reason in one.reasons)),
-        **_shares("safe_of_solved", found, deadlines, solved),
-        **percentiles_ms("cpu", [one.busy for one in found], ("median", "p99")),
+        "unsolved_reasons": dict(
+            Counter(reason for request in requests for reason in request.reasons)
+        ),
+        **_shares("safe_of_solved", requests, deadlines, solved),
+        **percentiles_ms("cpu", [request.busy for request in requests], ("median", "p99")),
     }
 
 
 def compare(
-    found: Sequence[Asked], tried: Sequence[Sampled], deadlines: Sequence[float]
+    requests: Sequence[Planned], tried: Sequence[Sampled], deadlines: Sequence[float]
 ) -> dict[str, Any]:
     """Return what OMPL solves, and what the deadlines, ms, solve of that which any of both does."""
-    ours, others = [one for one in tried if one.ours], [one for one in tried if not one.ours]
-    theirs = sum(one.right for one in others)
-    solved = sum(math.isfinite(one.solved_in) for one in found) + theirs
+    ours, others = (
+        [trial for trial in tried if trial.ours],
+        [trial for trial in tried if not trial.ours],
+    )
+    theirs = sum(trial.right for trial in others)
+    solved = sum(math.isfinite(request.solved_in) for request in requests) + theirs
     return {
         "ompl_tried_of_solved": len(ours),
-        "ompl_solved_of_solved": sum(one.right for one in ours),
+        "ompl_solved_of_solved": sum(trial.right for trial in ours),
         "ompl_tried_of_unsolved": len(others),
         "ompl_solved_of_unsolved": theirs,
-        "ompl_wrong": sum(one.found and not one.right for one in tried),
-        **_shares("safe_of_solved_by_any", found, deadlines, solved),
+        "ompl_wrong": sum(trial.found and not trial.right for trial in tried),
+        **_shares("safe_of_solved_by_any", requests, deadlines, solved),
     }
 
 
 def _shares(
-    name: str, found: Sequence[Asked], deadlines: Sequence[float], solved: int
+    name: str, requests: Sequence[Planned], deadlines: Sequence[float], solved: int
 ) -> dict[str, float | None]:
     """Return the share of the solved requests that each deadline, ms, solves."""
     return {
-        f"{name}_{ms:g}_ms": sum(one.solved_in <= ms for one in found) / solved if solved else None
+        f"{name}_{ms:g}_ms": sum(request.solved_in <= ms for request in requests) / solved
+        if solved
+        else None
         for ms in deadlines
     }
 

@@ -72,9 +72,9 @@ def three_areas() -> np.ndarray:
         Area(Polygon(ring), clearance=100.0),
         Area(Polygon(moving), velocity=(10.0, -5.0), clearance=100.0),
     )
-    found = no_areas(1)
-    found[0] = tuple(ActiveArea(number, area, 0.0, 900.0) for number, area in enumerate(areas))
-    return found
+    active = no_areas(1)
+    active[0] = tuple(ActiveArea(number, area, 0.0, 900.0) for number, area in enumerate(areas))
+    return active
 
 
 def measure(bands: Callable[..., Bands], count: int, kind: str, repeats: int) -> Latency:
@@ -102,15 +102,15 @@ def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
     parser.add_argument("--repeats", type=whole(1), default=200, help="timed calls (default 200)")
-    given = parser.parse_args()
+    options = parser.parse_args()
     hold_to_one_core()
-    found: dict[str, Any] = {"repeats": given.repeats}
+    summary: dict[str, Any] = {"repeats": options.repeats}
     with threadpool_limits(1):
         for count, kind, name in itertools.product(INTRUDERS, KINDS, BANDS):
-            latency = measure(BANDS[name], count, kind, given.repeats)
-            found[f"{name}_{count}_{kind}_median_ms"] = latency.wall
-            found[f"{name}_{count}_{kind}_cpu_median_ms"] = latency.processor
-    report(found, ("numpy",))
+            latency = measure(BANDS[name], count, kind, options.repeats)
+            summary[f"{name}_{count}_{kind}_median_ms"] = latency.wall
+            summary[f"{name}_{count}_{kind}_cpu_median_ms"] = latency.processor
+    report(summary, ("numpy",))
 
 
 if __name__ == "__main__":

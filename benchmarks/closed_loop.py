@@ -233,11 +233,11 @@ def prove(start: Start, policy: Policy, aircraft: Aircraft) -> Proof:
     """Plan with the box as the error of the intruder's place: seen from the aircraft, wherever it
     is in the box, the intruder is somewhere in a box about its place.
     """
-    one = encounters_of(start, np.zeros((1, 2)), aircraft)
-    own = VehicleState[Ground](*(float(field[0]) for field in one.own))  # the air is still
-    other = VehicleState[Ground](*(float(field[0, 0]) for field in one.intruders))
+    encounter = encounters_of(start, np.zeros((1, 2)), aircraft)
+    own = VehicleState[Ground](*(float(field[0]) for field in encounter.own))  # the air is still
+    state = VehicleState[Ground](*(float(field[0, 0]) for field in encounter.intruders))
     reach = math.hypot(start.box, start.box)
-    intruder = Intruder(other, position_std=reach / _SIGMAS)
+    intruder = Intruder(state, position_std=reach / _SIGMAS)
     requirement = Requirement(aircraft.separation, 2e-5 * aircraft.separation, _SIGMAS)
     options = Options.for_aircraft(aircraft, requirement=requirement, deadline_s=5.0)
     points = [(_GOAL + 5.0 * n) * aircraft.separation for n in range(10)]

@@ -34,17 +34,17 @@ def main() -> None:
     evaluation = Evaluation(None, scenario("circle", PAPER), None, 0, policy.aircraft)
     firsts = range(0, options.encounters, options.chunk)
     chunks = [Chunk(first, min(options.chunk, options.encounters - first)) for first in firsts]
-    found: dict[str, Any] = {"encounters": options.encounters, "chunk": options.chunk}
+    summary: dict[str, Any] = {"encounters": options.encounters, "chunk": options.chunk}
     for workers in (1, 2):
-        found[f"cluster_of_{workers}"] = measure_cluster(
+        summary[f"cluster_of_{workers}"] = measure_cluster(
             workers, evaluation, policy, chunks, options.chunks
         )
         flights = fly_chunks(_FLIGHTS, evaluation, workers, chunks, lambda: False)
-        found[f"processes_{workers}"] = {"wall_s_after_first": _time_rest(flights).wall}
+        summary[f"processes_{workers}"] = {"wall_s_after_first": _time_after_first(flights).wall}
     for kind in ("cluster_of", "processes"):
-        one, two = (found[f"{kind}_{n}"]["wall_s_after_first"] for n in (1, 2))
-        found[f"{kind}_speed_up"] = one / two
-    report(found, ("numpy", "distributed"))
+        of_one, of_two = (summary[f"{kind}_{n}"]["wall_s_after_first"] for n in (1, 2))
+        summary[f"{kind}_speed_up"] = of_one / of_two
+    report(summary, ("numpy", "distributed"))
 
 
 def _parser() -> Parser:
@@ -72,9 +72,9 @@ def measure_cluster(
     blank = [Chunk(first, _EMPTY_CHUNK) for first in range(empty)]
     with start_local(workers) as (cluster, start_s):
         flights = cluster.fly(_FLIGHTS, evaluation, policy.sha256, chunks, lambda: False)
-        flying = _time_rest(flights)
+        flying = _time_after_first(flights)
         tables = cluster.fly(_NO_FLIGHTS, Nothing(None), policy.sha256, blank, lambda: False)
-        passing = _time_rest(tables)
+        passing = _time_after_first(tables)
     # The scheduler of a local cluster lives in this process.
     return {
         "start_s": start_s,
@@ -89,7 +89,7 @@ class _Times(NamedTuple):
     processor: float  # of this process, s
 
 
-def _time_rest(results: Iterator[Any]) -> _Times:
+def _time_after_first(results: Iterator[Any]) -> _Times:
     """Return how long all results take after the first, for which the workers import the
     toolkit.
     """
@@ -128,8 +128,8 @@ def start_local(workers: int) -> Generator[tuple[Cluster, float], None, None]:
     began = time.perf_counter()
     # Its types know only the dashboard's address, and only the asynchronous cluster.
     settings: Any = {"dashboard_address": None, "host": "127.0.0.1"}
-    made: Any = LocalCluster(n_workers=workers, threads_per_worker=1, **settings)
-    with made, connect_scheduler(made.scheduler_address, DECISIVE) as cluster:
+    started: Any = LocalCluster(n_workers=workers, threads_per_worker=1, **settings)
+    with started, connect_scheduler(started.scheduler_address, DECISIVE) as cluster:
         while cluster.size() < workers:
             time.sleep(0.05)
         yield cluster, time.perf_counter() - began

@@ -37,7 +37,7 @@ class Sky(NamedTuple):
     goal_y: np.ndarray
 
 
-class Found(NamedTuple):
+class Outcome(NamedTuple):
     """What became of N draws."""
 
     pairs: np.ndarray  # that lost the separation, [N]
@@ -75,16 +75,16 @@ def _towards(rng: np.random.Generator, start: Any, goal: Any, unit: Aircraft) ->
     return Sky(VehicleState(x, y, np.arctan2(goal_y - y, goal_x - x), speed), goal_x, goal_y)
 
 
-def fly(sky: Sky, resolver: Baseline, unit: Aircraft) -> Found:
+def fly(sky: Sky, resolver: Baseline, unit: Aircraft) -> Outcome:
     """Fly draws until all have arrived, or none should be under way any more; each aircraft decides
     by the resolver.
     """
     count, aircraft = sky.goal_x.shape
-    beside = np.array([np.delete(np.arange(aircraft), one) for one in range(aircraft)])
+    beside = np.array([np.delete(np.arange(aircraft), number) for number in range(aircraft)])
     own, flies = sky.start, np.ones((count, aircraft), dtype=bool)
     lost = np.zeros((count, aircraft, aircraft), dtype=bool)
     direct = distance(sky.goal_x - own.x, sky.goal_y - own.y, np)
-    length, rest = np.zeros_like(direct), direct
+    length, to_goal = np.zeros_like(direct), direct
     steps = math.ceil(_PATIENCE * direct.max() / unit.limits.speed_max / unit.dt)
     for _ in range(steps):
         n, m = np.nonzero(flies)
@@ -105,10 +105,10 @@ def fly(sky: Sky, resolver: Baseline, unit: Aircraft) -> Found:
         lost |= _lost(own, moved, flies, unit)
         length += np.where(flies, 0.5 * unit.dt * (own.speed + moved.speed), 0.0)
         own = moved
-        rest = np.where(flies, distance(sky.goal_x - own.x, sky.goal_y - own.y, np), rest)
-        flies &= rest > unit.goal_radius
-    excess = ((length + rest) / direct - 1.0)[~flies]
-    return Found(lost.sum(axis=(1, 2)) // 2, flies.sum(axis=1), float(excess.mean()))
+        to_goal = np.where(flies, distance(sky.goal_x - own.x, sky.goal_y - own.y, np), to_goal)
+        flies &= to_goal > unit.goal_radius
+    excess = ((length + to_goal) / direct - 1.0)[~flies]
+    return Outcome(lost.sum(axis=(1, 2)) // 2, flies.sum(axis=1), float(excess.mean()))
 
 
 def _lost(
@@ -116,9 +116,9 @@ def _lost(
 ) -> Any:
     """Return which pairs lose the separation in a step, bool ``[N, M, M]``."""
     both = before, after
-    one, one_next = map_leaves(lambda field: field[:, :, None], both)
-    other, other_next = map_leaves(lambda field: field[:, None, :], both)
-    apart = leg_separation(one, one_next, other, other_next, unit.dt, np)
+    first, first_next = map_leaves(lambda field: field[:, :, None], both)
+    second, second_next = map_leaves(lambda field: field[:, None, :], both)
+    apart = leg_separation(first, first_next, second, second_next, unit.dt, np)
     pairs = flies[:, :, None] & flies[:, None, :] & ~np.eye(flies.shape[1], dtype=bool)
     return pairs & (apart < unit.separation)
 
@@ -127,24 +127,24 @@ def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
     request_options(parser, 100)
-    given = parser.parse_args()
-    policy = Policy.load(given.policy)
+    options = parser.parse_args()
+    policy = Policy.load(options.policy)
     unit = policy.aircraft
     policy = policy.for_aircraft(unit, outside="allow")
     for name, draw in (
         ("ring of 12 D, 16 aircraft", partial(ring, aircraft=16, radius=12.0)),
         ("square of 32 D, 32 aircraft", partial(square, aircraft=32, side=32.0)),
     ):
-        rng = np.random.default_rng(given.seed)
-        found = fly(draw(rng, given.requests, unit=unit), Compiled(policy), unit)
+        rng = np.random.default_rng(options.seed)
+        outcome = fly(draw(rng, options.requests, unit=unit), Compiled(policy), unit)
         figures = {
             "benchmark": "cooperative",
             "sky": name,
-            "draws": given.requests,
-            "pairs_lost_a_draw": float(found.pairs.mean()),
-            "draws_with_a_loss": int(np.count_nonzero(found.pairs)),
-            "late": int(found.late.sum()),
-            "path_excess": found.path_excess,
+            "draws": options.requests,
+            "pairs_lost_a_draw": float(outcome.pairs.mean()),
+            "draws_with_a_loss": int(np.count_nonzero(outcome.pairs)),
+            "late": int(outcome.late.sum()),
+            "path_excess": outcome.path_excess,
         }
         show(figures)
         report(figures, ("numpy", "jax"))

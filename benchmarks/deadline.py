@@ -49,7 +49,7 @@ KINDS: dict[str, dict[str, Any]] = {
         "attempts": 48,
     },
 }
-EACH = 20  # requests of a kind in a block
+PER_KIND = 20  # requests of a kind in a block
 LATE_MS = 5.0
 """By how much an answer may be late, ms."""
 
@@ -70,18 +70,18 @@ def questions(kind: str, first: int, count: int) -> Iterator[Question]:
         float(np.max(f)) for f in (sensor.position_std, sensor.velocity_std, sensor.latency)
     )
     for number in range(count):
-        asked = question(encounters, request, number)
+        drawn = question(encounters, request, number)
         reports = [
-            Intruder(one, age=age, position_std=position_std, velocity_std=velocity_std)
-            for one in asked.states
+            Intruder(state, age=age, position_std=position_std, velocity_std=velocity_std)
+            for state in drawn.states
         ]
-        yield asked._replace(intruders=reports)
+        yield drawn._replace(intruders=reports)
 
 
-def answer(asked: Question, limit: float, policy: Policy) -> Answered:
+def answer(request: Question, limit: float, policy: Policy) -> Answered:
     """Plan with a deadline, ms."""
     options = replace(Options.for_aircraft(policy.aircraft), deadline_s=limit * 1e-3)
-    timed = time_plan(asked, policy, options)
+    timed = time_plan(request, policy, options)
     return Answered(timed.answer.safe, 1e3 * timed.seconds)
 
 
@@ -93,11 +93,11 @@ def answers(block: int, policy: Policy) -> dict[str, Any]:
     spent: dict[str, list[list[float]]] = {}
     for kind in KINDS:
         rows = [
-            [answer(asked, limit, policy) for limit in DEADLINES_MS]
-            for asked in questions(kind, block * EACH, EACH)
+            [answer(request, limit, policy) for limit in DEADLINES_MS]
+            for request in questions(kind, block * PER_KIND, PER_KIND)
         ]
-        safe[kind] = [[one.safe for one in row] for row in rows]
-        spent[kind] = [[one.ms for one in row] for row in rows]
+        safe[kind] = [[answered.safe for answered in row] for row in rows]
+        spent[kind] = [[answered.ms for answered in row] for row in rows]
     return {"safe": safe, "ms": spent}
 
 
@@ -106,7 +106,7 @@ def ask_late_again(blocks: Sequence[dict[str, Any]], policy: Policy) -> dict[str
     host may hold up a thread once.
     """
     late = [
-        (kind, block * EACH + number, limit)
+        (kind, block * PER_KIND + number, limit)
         for block, rows in enumerate(blocks)
         for kind in KINDS
         for number, row in enumerate(rows["ms"][kind])
@@ -125,7 +125,7 @@ def ask_late_again(blocks: Sequence[dict[str, Any]], policy: Policy) -> dict[str
 
 def figures(blocks: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return the shares and times of all blocks, lists by deadline."""
-    found: dict[str, Any] = {"benchmark": "deadline", "deadlines_ms": [*DEADLINES_MS[:-1], None]}
+    summary: dict[str, Any] = {"benchmark": "deadline", "deadlines_ms": [*DEADLINES_MS[:-1], None]}
     late = 0.0
     for kind in KINDS:
         safe, ms = (
@@ -134,18 +134,18 @@ def figures(blocks: Sequence[dict[str, Any]]) -> dict[str, Any]:
         )
         solved = safe[safe[:, -1]]
         late = max(late, float((ms[:, :-1] - DEADLINES_MS[:-1]).max()))
-        found[kind] = {
+        summary[kind] = {
             "requests": len(safe),
             "resolvable": len(solved),
             "safe_of_resolvable": solved.mean(axis=0).tolist() if len(solved) else None,
             "median_ms": np.median(ms, axis=0).tolist(),
             "slowest_ms": ms.max(axis=0).tolist(),
         }
-    answered = sum(found[kind]["requests"] for kind in KINDS) * (len(DEADLINES_MS) - 1)
-    return found | {"answers_with_a_deadline": answered, "latest_after_its_deadline_ms": late}
+    answered = sum(summary[kind]["requests"] for kind in KINDS) * (len(DEADLINES_MS) - 1)
+    return summary | {"answers_with_a_deadline": answered, "latest_after_its_deadline_ms": late}
 
 
-def draw(found: dict[str, Any]) -> "Figure":
+def draw(summary: dict[str, Any]) -> "Figure":
     """Return the figure: SAFE of the resolvable, and the slowest answer, against the deadline."""
     from matplotlib.figure import Figure
 
@@ -153,9 +153,9 @@ def draw(found: dict[str, Any]) -> "Figure":
     left, right = figure.subplots(1, 2)
     limits = DEADLINES_MS[:-1]
     for kind in KINDS:
-        if found[kind]["safe_of_resolvable"]:
-            left.semilogx(limits, found[kind]["safe_of_resolvable"][:-1], marker="o", label=kind)
-        right.loglog(limits, found[kind]["slowest_ms"][:-1], marker="o", label=kind)
+        if summary[kind]["safe_of_resolvable"]:
+            left.semilogx(limits, summary[kind]["safe_of_resolvable"][:-1], marker="o", label=kind)
+        right.loglog(limits, summary[kind]["slowest_ms"][:-1], marker="o", label=kind)
     right.loglog(
         limits, [limit + LATE_MS for limit in limits], "k--", label=f"deadline + {LATE_MS:g} ms"
     )
@@ -179,7 +179,7 @@ def main() -> None:
     policy = policy_in_flight(options.policy)
     policy = policy.for_aircraft(policy.aircraft, outside="allow")  # up to eight intruders
     options.out.mkdir(parents=True, exist_ok=True)
-    count = -(-options.requests // (EACH * len(KINDS)))
+    count = -(-options.requests // (PER_KIND * len(KINDS)))
     paths = [options.out / f"block-{block:05d}.json" for block in range(count)]
     with threadpool_limits(1):
         # The first plan of a process makes tables.
@@ -192,10 +192,10 @@ def main() -> None:
         # Held only now, for the same reason: a search through 200 blocks takes 5 ms.
         blocks = [parse_json(path.read_text()) for path in paths]
         gc.freeze()
-        found = figures(blocks) | ask_late_again(blocks, policy)
-    write_file(options.out / "deadline.json", json.dumps(found, indent=2) + "\n")
-    save_figure(draw(found), options.out / "deadline")
-    report(found, ("numpy",))
+        summary = figures(blocks) | ask_late_again(blocks, policy)
+    write_file(options.out / "deadline.json", json.dumps(summary, indent=2) + "\n")
+    save_figure(draw(summary), options.out / "deadline")
+    report(summary, ("numpy",))
 
 
 def _parser() -> Parser:

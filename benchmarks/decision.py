@@ -32,32 +32,32 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
     request_options(parser, 50)
-    given = parser.parse_args(arguments)
-    policy = Policy.load(given.policy)
+    options = parser.parse_args(arguments)
+    policy = Policy.load(options.policy)
     if policy.decider is None or not compiled.installed():
         raise ConfigError(
             "there is no compiled code for this policy, or numba is missing; expected both"
         )
     prepare()
-    found: dict[str, Any] = {"benchmark": "decision", "flights": given.requests}
+    summary: dict[str, Any] = {"benchmark": "decision", "flights": options.requests}
     with threadpool_limits(1):
         for count in _INTRUDERS:
             spent = np.zeros(2)  # interpreted, compiled
-            for number in range(given.requests):
+            for number in range(options.requests):
                 for way in (0, 1):
-                    spent[way] += _flight(given.seed + number, count, policy, compile_it=way == 1)
+                    spent[way] += _flight(options.seed + number, count, policy, compile_it=way == 1)
             for way, name in enumerate(("interpreted", "compiled")):
-                found[f"{name}_{count}_us"] = 1e6 * spent[way] / given.requests
-    show(found)
-    report(found, ("numpy", "numba"))
+                summary[f"{name}_{count}_us"] = 1e6 * spent[way] / options.requests
+    show(summary)
+    report(summary, ("numpy", "numba"))
 
 
 def _flight(number: int, count: int, policy: Policy, *, compile_it: bool) -> float:
     """Return the time of one decision on average in a flight among so many intruders, s."""
     options = in_wind(replace(Options.for_aircraft(policy.aircraft), direct=False), None)
-    asked = question(number, count, _RADIUS, policy.aircraft)
-    far = [replace(at, x=at.x + _FAR * policy.aircraft.separation) for at in asked.route]
-    request: Request = check_request(asked.own, asked.intruders, far, options)[0]
+    drawn = question(number, count, _RADIUS, policy.aircraft)
+    far = [replace(at, x=at.x + _FAR * policy.aircraft.separation) for at in drawn.route]
+    request: Request = check_request(drawn.own, drawn.intruders, far, options)[0]
     compiled.use(compile_it)
     began = time.thread_time()
     roll(request, np.zeros(1, dtype=int), policy, options, floats=True)

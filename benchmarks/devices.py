@@ -34,22 +34,22 @@ def main() -> None:
     if len(cores) < 2:
         raise InputError("two cores or more are needed, this process may use one")
     common = _training_arguments(options.config, options.updates)
-    one, many = [], []
+    single_rates, group_rates = [], []
     with tempfile.TemporaryDirectory() as folder:
         for turn in range(options.turns):
-            one.append(_train_in_one(common, Path(folder) / f"one-{turn}", cores))
-            many.append(_train_in_many(common, Path(folder) / f"many-{turn}", cores))
+            single_rates.append(_train_in_one(common, Path(folder) / f"one-{turn}", cores))
+            group_rates.append(_train_in_many(common, Path(folder) / f"many-{turn}", cores))
             print(
-                f"turn {turn}: one process {one[-1]:.0f}, {len(cores)} processes {many[-1]:.0f} "
-                "steps/s",
+                f"turn {turn}: one process {single_rates[-1]:.0f}, {len(cores)} processes "
+                f"{group_rates[-1]:.0f} steps/s",
                 flush=True,
             )
     figures = {
         "benchmark": "devices",
-        "one_process_steps_per_s": one,
+        "one_process_steps_per_s": single_rates,
         "processes": len(cores),
-        "many_processes_steps_per_s": many,
-        "ratio": statistics.median(b / a for a, b in zip(one, many, strict=True)),
+        "many_processes_steps_per_s": group_rates,
+        "ratio": statistics.median(b / a for a, b in zip(single_rates, group_rates, strict=True)),
     }
     report(figures, ("jax", "jaxlib", "numpy"))
 
@@ -73,7 +73,12 @@ def _training_arguments(config: str, updates: int) -> list[str]:
         "evaluation.final_encounters=10",
         "evaluation.every_steps=1000000000",
     ]
-    return ["--config", config, "--quiet", *(part for one in changes for part in ("--set", one))]
+    return [
+        "--config",
+        config,
+        "--quiet",
+        *(part for change in changes for part in ("--set", change)),
+    ]
 
 
 def _train_in_one(common: list[str], out: Path, cores: list[int]) -> float:

@@ -53,15 +53,15 @@ def products(widths: list[int], batch: int) -> list[Product]:
         For each layer X W, the weights' gradient X^T dY and, but for the first layer, whose inputs
         need no gradient, the inputs' gradient dY W^T.
     """
-    found = []
+    needed = []
     for layer, (inputs, outputs) in enumerate(itertools.pairwise(widths)):
-        found += [
+        needed += [
             Product((batch, inputs), (inputs, outputs), (1, 0)),
             Product((batch, inputs), (batch, outputs), (0, 0)),
         ]
         if layer > 0:
-            found.append(Product((batch, outputs), (inputs, outputs), (1, 1)))
-    return found
+            needed.append(Product((batch, outputs), (inputs, outputs), (1, 1)))
+    return needed
 
 
 def plain(batch: int, width: int) -> list[Product]:

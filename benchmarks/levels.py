@@ -44,7 +44,7 @@ _STEP = 1.0  # s between samples
 OWN_ALTITUDE = Altitude(3_000.0, "msl", 0.0)
 
 
-class Asked(NamedTuple):
+class Planned(NamedTuple):
     """One request, planned."""
 
     windows: Timed
@@ -61,22 +61,22 @@ def main() -> None:
     parser = Parser(description=__doc__)
     request_options(parser, 200)
     deadline_option(parser)
-    given = parser.parse_args()
-    policy = policy_in_flight(given.policy)
-    usual = usual_options(policy, given.deadline)
+    options = parser.parse_args()
+    policy = policy_in_flight(options.policy)
+    usual = usual_options(policy, options.deadline)
     with threadpool_limits(1):
         every = [
-            ask(question(given.seed + number, policy.aircraft), policy, usual)
-            for number in range(given.requests)
+            ask(question(options.seed + number, policy.aircraft), policy, usual)
+            for number in range(options.requests)
         ]
-    found: dict[str, Any] = {
+    summary: dict[str, Any] = {
         "benchmark": "levels",
-        "requests": given.requests,
+        "requests": options.requests,
         "deadline_ms": 1e3 * usual.deadline_s,
         **figures(every, _STRAIGHT * policy.aircraft.separation),
     }
-    show(found)
-    report(found, ("numpy",))
+    show(summary)
+    report(summary, ("numpy",))
 
 
 def question(seed: int, aircraft: Aircraft, apart: float = _APART) -> Question:
@@ -103,18 +103,18 @@ def question(seed: int, aircraft: Aircraft, apart: float = _APART) -> Question:
     return Question(own, intruders, route)
 
 
-def ask(asked: Question, policy: Policy, usual: Options) -> Asked:
+def ask(request: Question, policy: Policy, usual: Options) -> Planned:
     """Plan a request both ways, and with more time where neither solves it."""
     # Makes the tables of the process too, and says who is out.
-    first = plan(*asked, policy, usual, own_altitude=OWN_ALTITUDE)
-    level = asked._replace(intruders=_level_or_out(asked.intruders, first))
-    windows = time_plan(asked, policy, usual, own_altitude=OWN_ALTITUDE)
+    first = plan(*request, policy, usual, own_altitude=OWN_ALTITUDE)
+    level = request._replace(intruders=_level_or_out(request.intruders, first))
+    windows = time_plan(request, policy, usual, own_altitude=OWN_ALTITUDE)
     all_horizon = time_plan(level, policy, usual, own_altitude=OWN_ALTITUDE)
     solved = windows.answer.safe or all_horizon.answer.safe
     if not solved:
         patient = replace(usual, deadline_s=_PATIENT)
-        solved = plan(*asked, policy, patient, own_altitude=OWN_ALTITUDE).safe
-    return Asked(windows, all_horizon, solved, straight_is_clear(asked, usual, usual.last_free))
+        solved = plan(*request, policy, patient, own_altitude=OWN_ALTITUDE).safe
+    return Planned(windows, all_horizon, solved, straight_is_clear(request, usual, usual.last_free))
 
 
 def _level_or_out(
@@ -123,25 +123,25 @@ def _level_or_out(
     """Return the intruders without altitudes, but for those that an answer leaves out as above or
     below.
     """
-    out = {one.number for one in answer.excluded if one.apart is Apart.VERTICALLY}
+    out = {exclusion.number for exclusion in answer.excluded if exclusion.apart is Apart.VERTICALLY}
     return [
-        one if number in out else replace(one, altitude=None)
-        for number, one in enumerate(intruders)
-        if isinstance(one, Intruder)
+        intruder if number in out else replace(intruder, altitude=None)
+        for number, intruder in enumerate(intruders)
+        if isinstance(intruder, Intruder)
     ]
 
 
-def straight_is_clear(asked: Question, options: Options, until: float) -> bool:
+def straight_is_clear(request: Question, options: Options, until: float) -> bool:
     """Return whether the straight flight keeps every intruder away, horizontally or vertically,
     until some time, s.
     """
     times = np.arange(0.0, until, _STEP)
-    for one in asked.intruders:
-        assert isinstance(one, Intruder)
-        other, level = one.state, one.altitude
+    for intruder in request.intruders:
+        assert isinstance(intruder, Intruder)
+        state, level = intruder.state, intruder.altitude
         assert level is not None and level.vertical_speed is not None
-        x = other.x + other.speed * times * math.cos(other.heading) - asked.own.speed * times
-        y = other.y + other.speed * times * math.sin(other.heading)
+        x = state.x + state.speed * times * math.cos(state.heading) - request.own.speed * times
+        y = state.y + state.speed * times * math.sin(state.heading)
         above = level.value + level.vertical_speed * times - OWN_ALTITUDE.value
         close = np.hypot(x, y) < options.requirement.separation + options.requirement.margin
         if (close & (np.abs(above) < options.vertical_filter + level.error)).any():
@@ -149,24 +149,24 @@ def straight_is_clear(asked: Question, options: Options, until: float) -> bool:
     return True
 
 
-def figures(every: Sequence[Asked], straight_cost: float) -> dict[str, Any]:
+def figures(every: Sequence[Planned], straight_cost: float) -> dict[str, Any]:
     """Return the figures of the requests; a plan turns where it costs more than ``straight_cost``,
     m.
     """
-    solved = sum(one.solved for one in every)
-    clear = [one for one in every if one.straight_is_clear]
-    found: dict[str, Any] = {"solved": solved, "straight_flight_is_clear": len(clear)}
+    solved = sum(request.solved for request in every)
+    clear = [request for request in every if request.straight_is_clear]
+    summary: dict[str, Any] = {"solved": solved, "straight_flight_is_clear": len(clear)}
     for name in ("windows", "all_horizon"):
-        timed: list[Timed] = [getattr(one, name) for one in every]
-        in_clear: list[Timed] = [getattr(one, name) for one in clear]
-        safe = sum(one.answer.safe for one in timed)
-        found[name.replace("_", " ")] = {
+        timed: list[Timed] = [getattr(request, name) for request in every]
+        in_clear: list[Timed] = [getattr(request, name) for request in clear]
+        safe = sum(timing.answer.safe for timing in timed)
+        summary[name.replace("_", " ")] = {
             "safe": safe,
             "safe_of_solved": safe / solved if solved else None,
-            "needless_turns": sum(_turns(one.answer, straight_cost) for one in in_clear),
-            **percentiles_ms("cpu", [one.seconds for one in timed], ("median", "p99")),
+            "needless_turns": sum(_turns(timing.answer, straight_cost) for timing in in_clear),
+            **percentiles_ms("cpu", [timing.seconds for timing in timed], ("median", "p99")),
         }
-    return found
+    return summary
 
 
 def _turns(answer: Plan, straight_cost: float) -> bool:

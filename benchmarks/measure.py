@@ -163,7 +163,7 @@ def parse_names(only: str, known: Iterable[str]) -> list[str]:
     return names
 
 
-def read_done(path: Path, asked: dict[str, Any], what: str = "run") -> list[Any]:
+def read_done(path: Path, settings: dict[str, Any], what: str = "run") -> list[Any]:
     """Return the JSON lines that a run so far has written to a file, which begins with what was
     asked; a line that was cut off by an interruption is dropped. A new file is begun.
 
@@ -171,12 +171,12 @@ def read_done(path: Path, asked: dict[str, Any], what: str = "run") -> list[Any]
         ConfigError: the file is of a run that was asked for something else.
     """
     if not path.exists():
-        path.write_text(json.dumps(asked) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(settings) + "\n", encoding="utf-8")
         return []
     first, *lines = path.read_text(encoding="utf-8").split("\n")[:-1]
-    if parse_json(first) != asked:
+    if parse_json(first) != settings:
         raise ConfigError(
-            f"--out: {path} holds another {what}, {first}; expected {json.dumps(asked)}, "
+            f"--out: {path} holds another {what}, {first}; expected {json.dumps(settings)}, "
             "or another folder"
         )
     path.write_text("\n".join([first, *lines, ""]), encoding="utf-8")

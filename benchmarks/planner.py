@@ -65,9 +65,9 @@ def main() -> None:
     encounters = encounters_of_seed(
         scenario(options.scenario, PAPER), options.seed, 0, options.requests
     )
-    found = figures(measure(encounters, policy), options.requests)
-    show(found)
-    report(found, ("numpy",))
+    summary = figures(measure(encounters, policy), options.requests)
+    show(summary)
+    report(summary, ("numpy",))
 
 
 def _parser() -> Parser:
@@ -84,18 +84,18 @@ def measure(encounters: Encounter, policy: Policy) -> list[Latency]:
     products = floor_products(policy)
     with threadpool_limits(1):
         for _ in range(_WARM):
-            _measure_one(question(encounters, request, 0), policy, products)
+            _measure_request(question(encounters, request, 0), policy, products)
         return [
-            _measure_one(question(encounters, request, number), policy, products)
+            _measure_request(question(encounters, request, number), policy, products)
             for number in range(len(encounters.mask))
         ]
 
 
-def _measure_one(asked: Question, policy: Policy, products: Callable[[], None]) -> Latency:
+def _measure_request(request: Question, policy: Policy, products: Callable[[], None]) -> Latency:
     began = time.perf_counter()
     products()
     middle, busy_before = time.perf_counter(), time.process_time()
-    answer = plan(*asked, policy)
+    answer = plan(*request, policy)
     after, busy_after = time.perf_counter(), time.process_time()
     return Latency(_kind(answer), after - middle, busy_after - busy_before, middle - began)
 
@@ -140,21 +140,23 @@ def question(encounters: Encounter, request: Request, number: int) -> Question:
 
 def figures(latencies: Sequence[Latency], requests: int) -> dict[str, Any]:
     """Return the figures of the requests, by kind of answer."""
-    floor = float(np.median([one.floor for one in latencies]))
-    found: dict[str, Any] = {
+    floor = float(np.median([latency.floor for latency in latencies]))
+    summary: dict[str, Any] = {
         "benchmark": "planner",
         "requests": requests,
         "floor_median_ms": 1e3 * floor,
     }
     for kind in KINDS:
-        same = [one for one in latencies if one.kind == kind]
-        found[f"{kind}_requests"] = len(same)
+        same = [latency for latency in latencies if latency.kind == kind]
+        summary[f"{kind}_requests"] = len(same)
         if same:
-            found |= percentiles_ms(kind, [one.wall for one in same], _MARKS)
-            found |= percentiles_ms(f"{kind}_cpu", [one.processor for one in same], _MARKS)
-    by_policy = [one.wall for one in latencies if one.kind == "policy"]
-    found["policy_median_over_floor"] = float(np.median(by_policy)) / floor if by_policy else None
-    return found
+            summary |= percentiles_ms(kind, [latency.wall for latency in same], _MARKS)
+            summary |= percentiles_ms(
+                f"{kind}_cpu", [latency.processor for latency in same], _MARKS
+            )
+    by_policy = [latency.wall for latency in latencies if latency.kind == "policy"]
+    summary["policy_median_over_floor"] = float(np.median(by_policy)) / floor if by_policy else None
+    return summary
 
 
 if __name__ == "__main__":

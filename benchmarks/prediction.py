@@ -57,10 +57,10 @@ def sources(data: Path) -> Iterator[tuple[str, list[Track]]]:
     for name in ("calfire", "quickstart"):
         path = data / "adsb" / f"{name}.json.gz"
         flights = order_flights(path, _APART, repair=True, max_gap=_APART)
-        rows = [some for _, found, _ in flights for some in found if len(some) > 1]
+        rows = [some for _, reports, _ in flights for some in reports if len(some) > 1]
         yield name, [track_of(name, some, place_of(some[0])) for some in rows]
     encounters = read_lincoln(data / "lincoln_lab" / "encounters.json")
-    flown = [track for one in encounters for track in tracks_of(one)]
+    flown = [track for encounter in encounters for track in tracks_of(encounter)]
     yield "lincoln", [at_times(track, track.time[::_EVERY]) for track in flown]
 
 
@@ -70,10 +70,12 @@ def grid(tracks: list[Track]) -> Grid:
 
     def rows(values: list[np.ndarray]) -> np.ndarray:
         return np.stack(
-            [np.pad(each, (0, longest - len(each)), constant_values=np.nan) for each in values]
+            [np.pad(value, (0, longest - len(value)), constant_values=np.nan) for value in values]
         )
 
-    x, y, vx, vy = (rows([getattr(each, key) for each in tracks]) for key in ("x", "y", "vx", "vy"))
+    x, y, vx, vy = (
+        rows([getattr(track, key) for track in tracks]) for key in ("x", "y", "vx", "vy")
+    )
     time = rows([track.time - track.time[0] for track in tracks])
     state: VehicleState[Air] = VehicleState(x, y, np.arctan2(vy, vx), np.hypot(vx, vy))
     return Grid(time, state)
@@ -88,16 +90,16 @@ def believe(reports: Grid) -> Traffic:
         time: Any = np.where(there, reports.time[:, row], 0.0)  # of each flight
         unknown = Reports(take(reports.state, np.s_[:, row]), 0.0, 0.0, False)
         sightings = observe(sightings, unknown, time, there)
-        now = belief(sightings.tracks)
-        turn_rate, turn_std = carried_turn(now.turn_rate, now.turn_std, TURN_STEPS)
-        velocity_std = np.maximum(now.velocity_std, USUAL.velocity_std)
+        current = belief(sightings.tracks)
+        turn_rate, turn_std = carried_turn(current.turn_rate, current.turn_std, TURN_STEPS)
+        velocity_std = np.maximum(current.velocity_std, USUAL.velocity_std)
         believed.append(
-            Traffic.straight(now.state, there)._replace(
+            Traffic.straight(current.state, there)._replace(
                 turn_rate=turn_rate,
                 turn_time=np.where(turn_rate == 0.0, 0.0, TURN_STEPS),
-                position_std=np.maximum(now.position_std, USUAL.position_std),
+                position_std=np.maximum(current.position_std, USUAL.position_std),
                 velocity_std=np.hypot(
-                    velocity_std, turn_error(now.state.speed, turn_std, TURN_STEPS)
+                    velocity_std, turn_error(current.state.speed, turn_std, TURN_STEPS)
                 ),
             )
         )
@@ -119,9 +121,9 @@ def predictions(reports: Grid, believed: Traffic, ahead: float) -> Predictions:
     elapsed = reports.time[n, later] - reports.time
     believable = np.isfinite(believed.velocity_std)
     rows = np.nonzero((elapsed >= ahead) & (elapsed <= ahead + _LATE) & believable)
-    now, then = (rows[0], rows[1]), (rows[0], later[rows])
-    some, before = take((believed, reports.state), now)
-    true = take(reports.state, then)
+    reported, target = (rows[0], rows[1]), (rows[0], later[rows])
+    some, before = take((believed, reports.state), reported)
+    true = take(reports.state, target)
     there = predict(some, elapsed[rows])
     sigma = uncertainty(some, elapsed[rows])
     off = np.stack([there.x - true.x, there.y - true.y]) / sigma
@@ -129,17 +131,19 @@ def predictions(reports: Grid, believed: Traffic, ahead: float) -> Predictions:
     return Predictions(off, sigma, turned | (np.abs(true.speed - before.speed) > _FASTER))
 
 
-def figures(found: Predictions) -> dict[str, Any]:
+def figures(predicted: Predictions) -> dict[str, Any]:
     """Return the figures of predictions so far ahead."""
-    held = np.abs(found.off) <= _SIGMAS
+    covered = np.abs(predicted.off) <= _SIGMAS
     return {
-        "predictions": int(found.sigma.size),
-        "coverage": _share(held),
-        "sigma_median_m": float(np.median(found.sigma)),
-        "manoeuvred": _share(found.manoeuvred),
-        "coverage_manoeuvred": _share(held[:, found.manoeuvred]),
-        "coverage_flown_on": _share(held[:, ~found.manoeuvred]),
-        "misses_of_manoeuvres": _share(np.broadcast_to(found.manoeuvred, held.shape)[~held]),
+        "predictions": int(predicted.sigma.size),
+        "coverage": _share(covered),
+        "sigma_median_m": float(np.median(predicted.sigma)),
+        "manoeuvred": _share(predicted.manoeuvred),
+        "coverage_manoeuvred": _share(covered[:, predicted.manoeuvred]),
+        "coverage_flown_on": _share(covered[:, ~predicted.manoeuvred]),
+        "misses_of_manoeuvres": _share(
+            np.broadcast_to(predicted.manoeuvred, covered.shape)[~covered]
+        ),
     }
 
 
@@ -152,8 +156,8 @@ def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
     parser.add_argument("data", type=Path, metavar="DATA", help="folder of the public recordings")
-    given = parser.parse_args()
-    for name, tracks in sources(given.data):
+    options = parser.parse_args()
+    for name, tracks in sources(options.data):
         reports = grid(tracks)
         believed = believe(reports)
         for ahead in _AHEAD:

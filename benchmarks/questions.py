@@ -27,7 +27,10 @@ class Question(NamedTuple):
     @property
     def states(self) -> list[VehicleState[Ground]]:
         """Of the intruders."""
-        return [one.state if isinstance(one, Intruder) else one for one in self.intruders]
+        return [
+            intruder.state if isinstance(intruder, Intruder) else intruder
+            for intruder in self.intruders
+        ]
 
 
 class Timed(NamedTuple):

@@ -104,21 +104,21 @@ def _bounds(base: Any, ranges: Sequence[tuple[float, float]]) -> Any:
 def _states(base: Any, task: Task) -> Any:
     """Return the space of states: a place, and heading, speed and time, which are no distance."""
     wide, limits = _WIDE * task.options.aircraft.separation, task.options.limits
-    ends = [[getattr(one, axis) for one in (task.own, *task.route)] for axis in ("x", "y")]
-    place, rest = base.RealVectorStateSpace(2), base.RealVectorStateSpace(3)
+    ends = [[getattr(point, axis) for point in (task.own, *task.route)] for axis in ("x", "y")]
+    place, motion = base.RealVectorStateSpace(2), base.RealVectorStateSpace(3)
     space = base.CompoundStateSpace()
-    place.setBounds(_bounds(base, [(min(each) - wide, max(each) + wide) for each in ends]))
+    place.setBounds(_bounds(base, [(min(values) - wide, max(values) + wide) for values in ends]))
     speeds, times = (limits.speed_min, limits.speed_max), (0.0, task.options.rejoin_by)
-    rest.setBounds(_bounds(base, [(-math.pi, math.pi), speeds, times]))
+    motion.setBounds(_bounds(base, [(-math.pi, math.pi), speeds, times]))
     space.addSubspace(place, 1.0)
-    space.addSubspace(rest, 0.0)
+    space.addSubspace(motion, 0.0)
     return space
 
 
 def _write(state: Any, x: float, y: float, heading: float, speed: float, time: float) -> None:
-    place, rest = state[0], state[1]
+    place, motion = state[0], state[1]
     place[0], place[1] = x, y
-    rest[0], rest[1], rest[2] = heading, speed, time
+    motion[0], motion[1], motion[2] = heading, speed, time
 
 
 def _goal(base: Any, information: Any, task: Task) -> Any:
@@ -152,14 +152,14 @@ class _Propagator:
     def propagate(self, state: Any, control: Any, duration: float, after: Any) -> None:
         """Write into a state of OMPL what follows from another after a duration, s."""
         x, y = state[0][0], state[0][1]
-        heading, speed, now = (state[1][n] for n in range(3))
+        heading, speed, moment = (state[1][n] for n in range(3))
         rate = self._turn_rate(x, y, heading, control[0], duration)
         acceleration = self._acceleration(speed, control[1], duration)
         along = (speed + 0.5 * acceleration * duration) * duration
         halfway = heading + 0.5 * rate * duration
         x, y = x + along * math.cos(halfway), y + along * math.sin(halfway)
         heading = math.remainder(heading + rate * duration, math.tau)
-        _write(after, x, y, heading, speed + acceleration * duration, now + duration)
+        _write(after, x, y, heading, speed + acceleration * duration, moment + duration)
 
     def _turn_rate(
         self, x: float, y: float, heading: float, control: float, duration: float
@@ -185,21 +185,32 @@ def _checker(task: Task) -> Callable[[Any], bool]:
     """
     options = task.options
     required = options.requirement.separation + options.requirement.margin
-    fastest = options.limits.speed_max + max((one.speed for one in task.intruders), default=0.0)
+    fastest = options.limits.speed_max + max(
+        (intruder.speed for intruder in task.intruders), default=0.0
+    )
     required = math.hypot(required, 0.5 * fastest * options.aircraft.dt)
     others = [
-        (one.x, one.y, one.speed * math.cos(one.heading), one.speed * math.sin(one.heading))
-        for one in task.intruders
+        (
+            intruder.x,
+            intruder.y,
+            intruder.speed * math.cos(intruder.heading),
+            intruder.speed * math.sin(intruder.heading),
+        )
+        for intruder in task.intruders
     ]
-    shapes = [(_grown(one, options), one.velocity) for one in task.areas]
+    shapes = [(_grown(area, options), area.velocity) for area in task.areas]
 
     def is_valid(state: Any) -> bool:
-        x, y, now = state[0][0], state[0][1], state[1][2]
-        if now > options.rejoin_by:
+        x, y, moment = state[0][0], state[0][1], state[1][2]
+        if moment > options.rejoin_by:
             return False
-        if any(math.hypot(x - a - u * now, y - b - v * now) < required for a, b, u, v in others):
+        if any(
+            math.hypot(x - a - u * moment, y - b - v * moment) < required for a, b, u, v in others
+        ):
             return False
-        return not any(shapely.contains_xy(one, x - u * now, y - v * now) for one, (u, v) in shapes)
+        return not any(
+            shapely.contains_xy(shape, x - u * moment, y - v * moment) for shape, (u, v) in shapes
+        )
 
     return is_valid
 
@@ -225,7 +236,7 @@ def is_right(task: Task, steps: Sequence[Step]) -> bool:
     areas = sky.Sky(None, tuple(task.areas))
     return (
         _keeps_limits(flight, options.limits)
-        and all(_keeps_away(flight, one, options.requirement) for one in task.intruders)
+        and all(_keeps_away(flight, intruder, options.requirement) for intruder in task.intruders)
         and _arrives(flight, task)
         and not sky.faults(areas, flight, options, None)
     )

@@ -53,15 +53,15 @@ def _step_ours(
     rows: int,
     pool: surrogate.State,
     state: surrogate.State,
-    now: tuple[Float[Array, "2 N"], Int[Array, ""]],
+    step: tuple[Float[Array, "2 N"], Int[Array, ""]],
 ) -> tuple[surrogate.State, tuple[Any, Any]]:
-    """Begin anew what has ended, observe and step; ``now`` is the action and the step's index."""
-    action, index = now
+    """Begin anew what has ended, observe and step; ``step`` is the action and the step's index."""
+    action, index = step
     fresh = jax.tree.map(lambda field: field[index % rows], pool)
     state = surrogate.restart(state, fresh)
-    seen = surrogate.observe(state, PAPER)
+    inputs = surrogate.observe(state, PAPER)
     state, result = surrogate.step(state, (action[0], action[1]), WORLD)
-    return state, (seen, result.reward)
+    return state, (inputs, result.reward)
 
 
 def naive(count: int, steps: int) -> Advance:
@@ -91,8 +91,8 @@ def _step_naive(
     batch_of_one = jax.tree.map(lambda field: field[None], state)
     final, result = surrogate.step(batch_of_one, (action[:1], action[1:]), WORLD)
     following = surrogate.restart(final, fresh)
-    seen = surrogate.observe(following, PAPER)
-    return jax.tree.map(lambda field: field[0], following), (seen[0], result.reward[0])
+    inputs = surrogate.observe(following, PAPER)
+    return jax.tree.map(lambda field: field[0], following), (inputs[0], result.reward[0])
 
 
 def library_trigonometry() -> ExitStack:

@@ -71,28 +71,28 @@ def main() -> None:
     add("--position-std", type=real(1.0, 1e3, "m"), default=30.0, metavar="M", help=position)
     add("--velocity-std", type=real(0.3, 50.0, "m/s"), default=3.0, metavar="M/S", help=speed)
     add("--peer", action="store_true", help="beside Stone Soup; " + stone_soup.INSTALL)
-    given = parser.parse_args()
-    if given.peer:
+    options = parser.parse_args()
+    if options.peer:
         stone_soup.require()
     hold_to_one_core()
-    errors = given.position_std, given.velocity_std
-    flights = draw(given.flights, given.seconds, errors, given.seed)
-    found: dict[str, Any] = {
+    errors = options.position_std, options.velocity_std
+    flights = draw(options.flights, options.seconds, errors, options.seed)
+    summary: dict[str, Any] = {
         "benchmark": "tracking",
-        "flights": given.flights,
-        "seconds": given.seconds,
+        "flights": options.flights,
+        "seconds": options.seconds,
         "position_std_m": errors[0],
         "velocity_std_m_s": errors[1],
         **reported_errors(flights),
         **figures("ours", ours(flights), flights),
         **our_times(flights),
     }
-    if given.peer:
+    if options.peer:
         for name, make in PEERS.items():
             track, seconds = theirs(make(*errors), flights, name)
-            found |= figures(name, track, flights) | {f"{name}_report_us": 1e6 * seconds}
-    show(found)
-    report(found, ("numpy", "stonesoup") if given.peer else ("numpy",))
+            summary |= figures(name, track, flights) | {f"{name}_report_us": 1e6 * seconds}
+    show(summary)
+    report(summary, ("numpy", "stonesoup") if options.peer else ("numpy",))
 
 
 PEERS: dict[str, Callable[[float, float], stone_soup.Filter]] = {
@@ -143,7 +143,9 @@ def ours(flights: Flights) -> Track:
             covariance[second, :, axis, axis] = c.pp
             covariance[second, :, axis + 1, axis + 1] = c.vv
             covariance[second, :, axis, axis + 1] = covariance[second, :, axis + 1, axis] = c.pv
-    mean = np.stack([np.stack([one.x, one.vx, one.y, one.vy], axis=-1) for one in both])
+    mean = np.stack(
+        [np.stack([estimate.x, estimate.vx, estimate.y, estimate.vy], axis=-1) for estimate in both]
+    )
     return Track(mean, covariance, np.stack([belief(tracks).turn_rate != 0.0 for tracks in steps]))
 
 
@@ -179,8 +181,8 @@ def theirs(filter_: stone_soup.Filter, flights: Flights, name: str) -> tuple[Tra
             for second in range(seconds):
                 began = time.perf_counter()
                 if second:
-                    said = reports[second, number]
-                    known = stone_soup.extend(filter_, known, said, float(second))
+                    vector = reports[second, number]
+                    known = stone_soup.extend(filter_, known, vector, float(second))
                 answer = stone_soup.answer(filter_, known)
                 spent += time.perf_counter() - began
                 mean[second, number], covariance[second, number] = answer.mean, answer.covariance
@@ -195,11 +197,11 @@ def our_times(flights: Flights) -> dict[str, float]:
     """
     count = flights.rates.shape[1]
     chosen = np.arange(_ALL_AT_ONCE) % count
-    many = flights._replace(reports=map_leaves(lambda field: field[:, chosen], flights.reports))
+    repeated = flights._replace(reports=map_leaves(lambda field: field[:, chosen], flights.reports))
     times = []
     for _ in range(3):
         began = time.perf_counter()
-        for tracks in _steps(many):
+        for tracks in _steps(repeated):
             belief(tracks)
         times.append((time.perf_counter() - began) / len(flights.rates))
     alone = min(count, 20)
@@ -255,18 +257,18 @@ def figures(name: str, track: Track, flights: Flights) -> dict[str, float]:
     turned = np.maximum.accumulate(turning, axis=0)
     off = track.mean - vectors(flights.states)
     squared = np.einsum("tni,tnij,tnj->tn", off, np.linalg.inv(track.covariance), off)
-    found: dict[str, float] = {}
+    summary: dict[str, float] = {}
     for phase, holds in (("straight", ~turned & (seconds >= _SETTLED)), ("turn", turning)):
-        found |= {
+        summary |= {
             f"{name}_{phase}_position_m": _rms(off[holds][:, ::2]),
             f"{name}_{phase}_velocity_m_s": _rms(off[holds][:, 1::2]),
             f"{name}_{phase}_nees": _mean(squared[holds]),
         }
     delays = _delays(track.turns, turning, np.abs(flights.rates).max(axis=0) >= _SLOW)
-    seen = delays[np.isfinite(delays)]
-    return found | {
-        f"{name}_sees_median_s": float(np.median(delays)) if len(seen) else math.nan,
-        f"{name}_sees_share": len(seen) / max(len(delays), 1),
+    noticed = delays[np.isfinite(delays)]
+    return summary | {
+        f"{name}_sees_median_s": float(np.median(delays)) if len(noticed) else math.nan,
+        f"{name}_sees_share": len(noticed) / max(len(delays), 1),
         f"{name}_imagines_share": _mean(track.turns[~turned & (seconds >= _SETTLED)]),
     }
 
@@ -274,8 +276,8 @@ def figures(name: str, track: Track, flights: Flights) -> dict[str, float]:
 def _delays(turns: np.ndarray, turning: np.ndarray, fast: np.ndarray) -> np.ndarray:
     """Return how long each turn of some flights went on before it was seen, s; infinite: never."""
     begins = turning.argmax(axis=0)
-    seen = turns & turning
-    return np.where(seen.any(axis=0), seen.argmax(axis=0) - begins + 1.0, np.inf)[
+    noticed = turns & turning
+    return np.where(noticed.any(axis=0), noticed.argmax(axis=0) - begins + 1.0, np.inf)[
         fast & turning.any(axis=0)
     ]
 

@@ -51,7 +51,7 @@ class Sky(NamedTuple):
     areas: int  # on the way to the next point
 
 
-class Asked(NamedTuple):
+class Planned(NamedTuple):
     """One request, planned."""
 
     usual: Timed
@@ -62,36 +62,36 @@ class Asked(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    given = _parser().parse_args(arguments)
-    policy = Policy.load(given.policy)
-    usual = usual_options(policy, given.deadline)
-    radius, inner = 1e3 * given.radius, _APART * policy.aircraft.separation
+    options = _parser().parse_args(arguments)
+    policy = Policy.load(options.policy)
+    usual = usual_options(policy, options.deadline)
+    radius, inner = 1e3 * options.radius, _APART * policy.aircraft.separation
     if radius <= inner:
         raise ConfigError(
-            f"--radius is {given.radius:g} km; expected more than {1e-3 * inner:g} km, within "
+            f"--radius is {options.radius:g} km; expected more than {1e-3 * inner:g} km, within "
             "which no aircraft begins"
         )
-    compiled = not given.interpreted and prepare()
-    sky = Sky(given.position_std, given.velocity_std, given.wind, given.areas)
+    compiled = not options.interpreted and prepare()
+    sky = Sky(options.position_std, options.velocity_std, options.wind, options.areas)
     with threadpool_limits(1):
         # The first plan of a process makes tables.
-        _ask(given.seed, question(given.seed, 3, radius, policy.aircraft), sky, policy, usual)
+        _ask(options.seed, question(options.seed, 3, radius, policy.aircraft), sky, policy, usual)
         every = []
-        for number in range(given.seed, given.seed + given.requests):
-            asked = question(number, given.intruders, radius, policy.aircraft)
-            every.append(_ask(number, asked, sky, policy, usual))
-    found: dict[str, Any] = {
+        for number in range(options.seed, options.seed + options.requests):
+            request = question(number, options.intruders, radius, policy.aircraft)
+            every.append(_ask(number, request, sky, policy, usual))
+    summary: dict[str, Any] = {
         "benchmark": "traffic",
         "compiled": compiled,
-        "intruders": given.intruders,
-        "radius_km": given.radius,
+        "intruders": options.intruders,
+        "radius_km": options.radius,
         **sky._asdict(),
-        "requests": given.requests,
+        "requests": options.requests,
         "deadline_ms": 1e3 * usual.deadline_s,
         **figures(every),
     }
-    show(found)
-    report(found, ("numpy", "numba") if compiled else ("numpy",))
+    show(summary)
+    report(summary, ("numpy", "numba") if compiled else ("numpy",))
 
 
 def _parser() -> Parser:
@@ -129,52 +129,52 @@ def question(seed: int, count: int, radius: float, aircraft: Aircraft) -> Questi
     own: VehicleState[Ground] = VehicleState(0.0, 0.0, 0.0, 0.8 * fastest)
     route = [RoutePoint(i, (12.0 + 5.0 * i) * unit, 0.0) for i in range(_POINTS)]
     others = zip(*(field.tolist() for field in fields), strict=True)
-    return Question(own, [VehicleState(*one) for one in others], route)
+    return Question(own, [VehicleState(*state) for state in others], route)
 
 
-def _ask(number: int, asked: Question, sky: Sky, policy: Policy, usual: Options) -> Asked:
+def _ask(number: int, request: Question, sky: Sky, policy: Policy, usual: Options) -> Planned:
     """Plan a request with the usual deadline, and with five seconds where that does not solve
     it.
     """
     if sky.position_std or sky.velocity_std:
         reports = [
             Intruder(state, position_std=sky.position_std, velocity_std=sky.velocity_std)
-            for state in asked.states
+            for state in request.states
         ]
-        asked = asked._replace(intruders=reports)
-    wind, areas = _around(number, asked, sky, policy.aircraft)
-    timed = time_plan(asked, policy, usual, wind=wind, areas=areas)
+        request = request._replace(intruders=reports)
+    wind, areas = _around(number, request, sky, policy.aircraft)
+    timed = time_plan(request, policy, usual, wind=wind, areas=areas)
     solved = timed.answer.safe
     if not solved:
         patient = replace(usual, deadline_s=_PATIENT)
-        solved = time_plan(asked, policy, patient, wind=wind, areas=areas).answer.safe
-    return Asked(timed, solved)
+        solved = time_plan(request, policy, patient, wind=wind, areas=areas).answer.safe
+    return Planned(timed, solved)
 
 
 def _around(
-    number: int, asked: Question, sky: Sky, aircraft: Aircraft
+    number: int, request: Question, sky: Sky, aircraft: Aircraft
 ) -> tuple[Wind | None, tuple[Area, ...]]:
     """Return the wind of a request, and the areas on the way to its next point."""
     wind = None
     if sky.wind:
         course = np.random.default_rng([number, 1]).uniform(-math.pi, math.pi)
         wind = Wind(sky.wind * math.cos(course), sky.wind * math.sin(course))
-    goal = asked.route[0].x, asked.route[0].y
-    areas = random_areas(number, 0, sky.areas, asked.own, goal, aircraft) if sky.areas else ()
+    goal = request.route[0].x, request.route[0].y
+    areas = random_areas(number, 0, sky.areas, request.own, goal, aircraft) if sky.areas else ()
     return wind, areas
 
 
-def figures(every: Sequence[Asked]) -> dict[str, Any]:
+def figures(every: Sequence[Planned]) -> dict[str, Any]:
     """Return what the usual deadline solves of that which can be solved."""
-    solved = sum(one.solved for one in every)
-    safe = [one.usual.answer for one in every if one.usual.answer.safe]
+    solved = sum(request.solved for request in every)
+    safe = [request.usual.answer for request in every if request.usual.answer.safe]
     return {
         "solved": solved,
         "safe": len(safe),
         "safe_of_solved": len(safe) / solved if solved else None,
         "by_policy": sum(answer.source is Source.POLICY for answer in safe),
         "by_fallback": sum(answer.source is Source.FALLBACK for answer in safe),
-        **percentiles_ms("cpu", [one.usual.seconds for one in every], ("median", "p99")),
+        **percentiles_ms("cpu", [request.usual.seconds for request in every], ("median", "p99")),
     }
 
 

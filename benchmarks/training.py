@@ -126,17 +126,17 @@ def _draw_samples(
     parts: ppo.Networks,
     shape: tuple[int, int],
     actor: Any,
-    seen_key: PRNGKeyArray,
+    inputs_key: PRNGKeyArray,
     noise_key: PRNGKeyArray,
     advantage_key: PRNGKeyArray,
 ) -> ppo.Batch:
     """Return random samples ``[N, T]`` of an actor's policy, given by its variables."""
-    seen = jax.random.uniform(seen_key, (*shape, observation.SIZE), minval=-1.0, maxval=1.0)
-    mean, log_std = parts.policy(actor, seen)
+    inputs = jax.random.uniform(inputs_key, (*shape, observation.SIZE), minval=-1.0, maxval=1.0)
+    mean, log_std = parts.policy(actor, inputs)
     action = mean + jnp.exp(log_std) * jax.random.normal(noise_key, mean.shape)
     estimate = jax.random.normal(advantage_key, shape)
     log_prob = ppo.gaussian_log_prob(action, mean, log_std)
-    return ppo.Batch(seen, action, log_prob, estimate, estimate)
+    return ppo.Batch(inputs, action, log_prob, estimate, estimate)
 
 
 class Entry(NamedTuple):
@@ -185,7 +185,7 @@ def scan(config: TrainConfig, extent: Extent, threads: Sequence[int]) -> list[Gr
     """Measure the peer on the grid, each cell with some numbers of threads; the fastest comes
     first.
     """
-    found = []
+    points = []
     for count, batch in itertools.product(extent.environments, extent.batches):
         samples = max(extent.samples if batch >= 2_048 else extent.samples // 4, batch)
         cell = Cell(count, samples // count, batch, config.ppo.epochs)
@@ -194,8 +194,8 @@ def scan(config: TrainConfig, extent: Extent, threads: Sequence[int]) -> list[Gr
             entry = Entry.peer(model, cell, number)
             rate = cell.samples / min(_time_for_a_while(entry.work, extent.cell_s))
             print(f"sb3 {cell}, {number} threads: {rate:,.0f} steps/s", flush=True)
-            found.append(GridPoint(rate, entry))
-    return sorted(found, key=lambda point: -point.rate)
+            points.append(GridPoint(rate, entry))
+    return sorted(points, key=lambda point: -point.rate)
 
 
 def in_turns(works: dict[str, Work], repeats: int) -> dict[str, list[float]]:

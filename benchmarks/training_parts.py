@@ -72,12 +72,12 @@ def parts(config: TrainConfig, phase: int) -> Iterator[Part]:
     """Yield the whole update of a phase, and then its parts, on what its updates have left."""
     training = Training(config, phase)
     yield Part("whole update", training.update, config.samples)
-    given = _prepare(config, phase, training.state)
-    yield from _rollout_parts(given)
-    yield from _learning_parts(given)
+    prepared = _prepare(config, phase, training.state)
+    yield from _rollout_parts(prepared)
+    yield from _learning_parts(prepared)
 
 
-class _Given(NamedTuple):
+class _Prepared(NamedTuple):
     """What the parts of an update are computed on."""
 
     config: TrainConfig
@@ -90,12 +90,12 @@ class _Given(NamedTuple):
     key: PRNGKeyArray
 
 
-def _prepare(config: TrainConfig, phase: int, state: task.TrainState) -> _Given:
+def _prepare(config: TrainConfig, phase: int, state: task.TrainState) -> _Prepared:
     """Draw what an update needs and make its environment."""
     inside = task.context_of(config, phase=phase)
     drawn, _ = jax.jit(partial(task.draw_update, inside))(state.key)
     assert isinstance(inside.algorithm, ppo.Ppo)
-    return _Given(
+    return _Prepared(
         config=config,
         scenarios=inside.scenarios,
         algorithm=inside.algorithm,
@@ -107,31 +107,31 @@ def _prepare(config: TrainConfig, phase: int, state: task.TrainState) -> _Given:
     )
 
 
-def _compile_part(name: str, function: Callable[..., Any], steps: float, *given: Any) -> Part:
+def _compile_part(name: str, function: Callable[..., Any], steps: float, *arrays: Any) -> Part:
     """Return a part that is compiled on its own and computes on some arrays."""
     compiled = jax.jit(function)
-    return Part(name, lambda: jax.block_until_ready(compiled(*given)), steps)
+    return Part(name, lambda: jax.block_until_ready(compiled(*arrays)), steps)
 
 
-def _rollout_parts(given: _Given) -> Iterator[Part]:
+def _rollout_parts(prepared: _Prepared) -> Iterator[Part]:
     """Yield what is drawn and flown; a single step serves as many steps as there are
     environments.
     """
-    config, environment = given.config, given.environment
-    learner, flying = given.learner, given.flying
+    config, environment = prepared.config, prepared.environment
+    learner, flying = prepared.learner, prepared.flying
     samples, environments = config.samples, config.environments
-    draw = partial(starts.draw, config=config, scenarios=given.scenarios, rows=config.pool_rows)
-    yield _compile_part("draw starts", draw, samples, given.key)
-    observe, act = environment.observe, given.algorithm.act
-    yield _compile_part("inputs", observe, environments, flying, given.key)
-    seen = jax.jit(observe)(flying, given.key)
-    yield _compile_part("act", act, environments, learner, seen, given.noise[0])
-    action, _ = act(learner, seen, given.noise[0])
+    draw = partial(starts.draw, config=config, scenarios=prepared.scenarios, rows=config.pool_rows)
+    yield _compile_part("draw starts", draw, samples, prepared.key)
+    observe, act = environment.observe, prepared.algorithm.act
+    yield _compile_part("inputs", observe, environments, flying, prepared.key)
+    inputs = jax.jit(observe)(flying, prepared.key)
+    yield _compile_part("act", act, environments, learner, inputs, prepared.noise[0])
+    action, _ = act(learner, inputs, prepared.noise[0])
     yield _compile_part("world", environment.step, environments, flying, action)
     first = jnp.zeros((), jnp.int32)
     yield _compile_part("restart", environment.restart, environments, flying, first)
-    roll_out = partial(_roll_out, given.algorithm, environment)
-    whole = learner, flying, given.noise, given.key
+    roll_out = partial(_roll_out, prepared.algorithm, environment)
+    whole = learner, flying, prepared.noise, prepared.key
     yield _compile_part("rollout (the four above)", roll_out, samples, *whole)
 
 
@@ -147,27 +147,27 @@ def _roll_out(
     return collect(algorithm, learner, environment, flying, noise, key)
 
 
-def _learning_parts(given: _Given) -> Iterator[Part]:
+def _learning_parts(prepared: _Prepared) -> Iterator[Part]:
     """Yield what is learned from a rollout."""
-    config, algorithm, learner = given.config, given.algorithm, given.learner
+    config, algorithm, learner = prepared.config, prepared.algorithm, prepared.learner
     samples, rate = config.samples, jnp.float32(config.learning_rate)
-    roll_out = jax.jit(partial(_roll_out, algorithm, given.environment))
-    _, rollout, _ = roll_out(learner, given.flying, given.noise, given.key)
+    roll_out = jax.jit(partial(_roll_out, algorithm, prepared.environment))
+    _, rollout, _ = roll_out(learner, prepared.flying, prepared.noise, prepared.key)
     estimate = partial(ppo.samples, networks=algorithm.networks, settings=algorithm.settings)
     yield _compile_part("values, advantages", estimate, samples, learner, rollout)
     batch, _ = jax.jit(estimate)(learner, rollout)
     learn = partial(ppo.update, networks=algorithm.networks, settings=algorithm.settings)
-    yield _compile_part("all epochs", learn, samples, learner, batch, given.key, rate)
-    yield from _gradient_step_parts(given, batch)
+    yield _compile_part("all epochs", learn, samples, learner, batch, prepared.key, rate)
+    yield from _gradient_step_parts(prepared, batch)
 
 
-def _gradient_step_parts(given: _Given, batch: ppo.Batch) -> Iterator[Part]:
+def _gradient_step_parts(prepared: _Prepared, batch: ppo.Batch) -> Iterator[Part]:
     """Yield what a gradient step takes; every step of the environments is in one of each epoch."""
-    algorithm, learner, samples = given.algorithm, given.learner, given.config.samples
-    size, segment = given.config.ppo.minibatch, given.config.ppo.segment
-    steps = size / given.config.ppo.epochs
+    algorithm, learner, samples = prepared.algorithm, prepared.learner, prepared.config.samples
+    size, segment = prepared.config.ppo.minibatch, prepared.config.ppo.segment
+    steps = size / prepared.config.ppo.epochs
     rows = jax.tree.map(lambda a: a.reshape(-1, segment, *a.shape[2:]), batch)
-    order = jax.random.permutation(given.key, samples // segment)[: size // segment]
+    order = jax.random.permutation(prepared.key, samples // segment)[: size // segment]
     yield _compile_part("shuffle", _gather, steps, rows, order)
     minibatch = jax.jit(_gather)(rows, order)
     both = learner.actor, learner.critic
@@ -204,8 +204,8 @@ def limits(config: TrainConfig, least_s: float) -> Limits:
     of_operation = _operation_cost(least_s)
     separations = _CHORDS * _OPERATIONS * most
     return Limits(
-        Cost(*(flop * each for each in of_flop)),
-        Cost(*(separations * each for each in of_operation)),
+        Cost(*(flop * cost for cost in of_flop)),
+        Cost(*(separations * cost for cost in of_operation)),
     )
 
 

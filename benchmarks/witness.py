@@ -66,7 +66,7 @@ class Flight(NamedTuple):
     separation: Float[Array, " T"]  # smallest in each step; 1e6 after the flight
 
 
-class _Now(NamedTuple):
+class _Step(NamedTuple):
     """A step of a flight."""
 
     flying: Bool[Array, ""]
@@ -78,28 +78,28 @@ class _Now(NamedTuple):
 def fly(controls: Float[Array, "P 2"], problem: Problem) -> Flight:
     """Fly controls, one for each of :data:`PIECES` of the flight."""
     index = jnp.arange(problem.traffic.x.shape[0] - 1)
-    now = _Now(
+    stages = _Step(
         index < problem.steps,
         controls[jnp.minimum(index * PIECES // problem.steps, PIECES - 1)],
         jax.tree.map(lambda field: field[:-1], problem.traffic),
         jax.tree.map(lambda field: field[1:], problem.traffic),
     )
-    last, (lengths, apart) = jax.lax.scan(partial(_step, problem), problem.own, now)
+    last, (lengths, apart) = jax.lax.scan(partial(_step, problem), problem.own, stages)
     to_goal = distance(problem.goal[0] - last.x, problem.goal[1] - last.y, jnp)
     return Flight(jnp.sum(lengths), to_goal, apart)
 
 
 def _step(
-    problem: Problem, own: VehicleState[Air], now: _Now
+    problem: Problem, own: VehicleState[Air], step: _Step
 ) -> tuple[VehicleState[Air], tuple[Float[Array, ""], Float[Array, ""]]]:
     """Return the state after a step, its length and the smallest separation in it."""
-    acceleration, yaw_rate = commands((now.control[0], now.control[1]), SURROGATE, jnp)
+    acceleration, yaw_rate = commands((step.control[0], step.control[1]), SURROGATE, jnp)
     moved = advance(own, acceleration, yaw_rate, RULES.dt, SURROGATE, jnp)
-    apart = leg_separation(own, moved, now.traffic, now.traffic_next, RULES.dt, jnp)
+    apart = leg_separation(own, moved, step.traffic, step.traffic_next, RULES.dt, jnp)
     nearest = jnp.min(jnp.where(problem.mask, apart, 1e6))
-    length = jnp.where(now.flying, 0.5 * RULES.dt * (own.speed + moved.speed), 0.0)
-    after = jax.tree.map(lambda new, old: jnp.where(now.flying, new, old), moved, own)
-    return after, (length, jnp.where(now.flying, nearest, 1e6))
+    length = jnp.where(step.flying, 0.5 * RULES.dt * (own.speed + moved.speed), 0.0)
+    after = jax.tree.map(lambda new, old: jnp.where(step.flying, new, old), moved, own)
+    return after, (length, jnp.where(step.flying, nearest, 1e6))
 
 
 def _objective_and_constraints(flat: Float[Array, " C"], problem: Problem) -> Float[Array, " D"]:
@@ -154,9 +154,9 @@ def crude_controls(encounter: Encounter, aside: float, speed: float) -> np.ndarr
     closest approach, and goes to a speed, m/s.
     """
     own, controls = encounter.own, []
-    seen = VehicleState(*(field[None] for field in own))
+    batch = VehicleState(*(field[None] for field in own))
     until = float(
-        straight_cpa(seen, VehicleState(*(field[:1] for field in encounter.intruders)), np).time[0]
+        straight_cpa(batch, VehicleState(*(field[:1] for field in encounter.intruders)), np).time[0]
     )
     for index in range(steps(RULES)):
         if distance(encounter.goal_x - own.x, encounter.goal_y - own.y, np) <= RULES.goal_radius:
@@ -164,8 +164,8 @@ def crude_controls(encounter: Encounter, aside: float, speed: float) -> np.ndarr
         turn = bearing(own, encounter.goal_x, encounter.goal_y, np)
         if index < until:
             turn += aside
-        wanted = [2.0 * (speed - own.speed), wrap(turn, np) / SURROGATE.yaw_rate_max]
-        action = np.clip(wanted, -1.0, 1.0)
+        demand = [2.0 * (speed - own.speed), wrap(turn, np) / SURROGATE.yaw_rate_max]
+        action = np.clip(demand, -1.0, 1.0)
         acceleration, yaw_rate = commands((action[0], action[1]), SURROGATE, np)
         own = advance(own, acceleration, yaw_rate, RULES.dt, SURROGATE, np)
         controls.append(action)

@@ -42,7 +42,7 @@ class Kind(NamedTuple):
 def their_edges(intervals: Sequence[Interval], *, circle: bool) -> list[Edge]:
     """Return the edges of the program's intervals."""
     closed = [interval.region != "NONE" for interval in intervals]
-    found = [
+    edges = [
         Edge(after.low, not after_closed)
         for after, before_closed, after_closed in zip(
             intervals[1:], closed[:-1], closed[1:], strict=True
@@ -50,8 +50,8 @@ def their_edges(intervals: Sequence[Interval], *, circle: bool) -> list[Edge]:
         if before_closed != after_closed
     ]
     if circle and intervals and closed[0] != closed[-1]:
-        found.insert(0, Edge(0.0, not closed[0]))
-    return found
+        edges.insert(0, Edge(0.0, not closed[0]))
+    return edges
 
 
 def our_edges(bands: Bands, row: int, *, circle: bool) -> list[Edge]:
@@ -89,20 +89,20 @@ def matches(
         kind: of the bands.
     """
     ours = _Row.of(bands, row, kind)
-    found = []
+    matched = []
     for edge in mine:
         same = [
-            _apart(edge.place, other.place, ours.circle)
-            for other in others
-            if other.opens == edge.opens
+            _apart(edge.place, candidate.place, ours.circle)
+            for candidate in others
+            if candidate.opens == edge.opens
         ]
         away = abs(min(same, key=abs, default=np.inf))
         name = ""
         if away > kind.within:
             gap = _gap_to_next(edge, [*mine, *others], ours)
             name = "narrow" if gap <= 2.0 * kind.step else _name(edge, min(away, gap), ours)
-        found.append(Match(edge, away, name))
-    return found
+        matched.append(Match(edge, away, name))
+    return matched
 
 
 class _Row(NamedTuple):
@@ -139,7 +139,9 @@ def _apart(place: float, other: float, circle: bool) -> float:
 def _gap_to_next(edge: Edge, edges: Sequence[Edge], ours: _Row) -> float:
     """Return how far the next edge of any kind is, or the end of the range; inf: there is none."""
     gaps = [
-        abs(_apart(edge.place, other.place, ours.circle)) for other in edges if other is not edge
+        abs(_apart(edge.place, neighbour.place, ours.circle))
+        for neighbour in edges
+        if neighbour is not edge
     ]
     if not ours.circle:
         gaps += [abs(float(end) - edge.place) for end in ours.places[[0, -1]]]

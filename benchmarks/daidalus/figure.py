@@ -64,8 +64,8 @@ def _draw_bands(axes: "Axes", sides: Sides, bands: Bands, *, circle: bool) -> No
         rasterized=True,
     )
     points = [
-        (now, edge.place)
-        for now, second in zip(sides.flight.time, sides.seconds, strict=True)
+        (time, edge.place)
+        for time, second in zip(sides.flight.time, sides.seconds, strict=True)
         if second is not None
         for edge in their_edges(second.headings if circle else second.speeds, circle=circle)
     ]

@@ -70,13 +70,13 @@ class Second(NamedTuple):
     level: dict[str, int]  # of its alert
 
 
-def locate(given: str | None) -> Path:
+def locate(argument: str | None) -> Path:
     """Return the program, from an argument or the environment variable.
 
     Raises:
         InputError: it is not named, or is no program.
     """
-    name = given or os.environ.get(VARIABLE, "")
+    name = argument or os.environ.get(VARIABLE, "")
     if not name:
         raise InputError(
             f"DAIDALUS is missing: expected --program PATH of DaidalusBatch, or {VARIABLE} in the "
@@ -169,9 +169,9 @@ def scenario_text(ownship: Track, others: list[Track]) -> str:
     lines = ["NAME sx sy sz trk gs vs time", "[none] [m] [m] [m] [deg] [m/s] [m/s] [s]"]
     for number, time in enumerate(ownship.time):
         lines.append(_row("ownship", ownship, number))
-        for other in others:
-            found = np.flatnonzero(np.abs(other.time - time) < 1e-6)
-            lines += [_row(other.name, other, int(place)) for place in found]
+        for intruder in others:
+            rows = np.flatnonzero(np.abs(intruder.time - time) < 1e-6)
+            lines += [_row(intruder.name, intruder, int(place)) for place in rows]
     return "\n".join(lines) + "\n"
 
 
@@ -211,8 +211,8 @@ def answers(
     if [second.time for second in closed] != [second.time for second in alerts]:
         raise InputError(f"{program}: answers other times in two runs of one scenario")
     return [
-        one._replace(loss=other.loss, level=other.level)
-        for one, other in zip(closed, alerts, strict=True)
+        second._replace(loss=alert.loss, level=alert.level)
+        for second, alert in zip(closed, alerts, strict=True)
     ]
 
 
@@ -251,31 +251,31 @@ _LEVEL = re.compile(r"Alert Level (-?\d+) with (.+)")
 
 def read_answers(text: str) -> list[Second]:
     """Return what the program's output says, a time after the other."""
-    found: list[Second] = []
+    seconds: list[Second] = []
     into: list[Interval] | None = None
     for line in text.splitlines():
         if line.startswith("Time: "):
-            found.append(Second(float(line.split()[1]), [], [], [], [], {}, {}))
+            seconds.append(Second(float(line.split()[1]), [], [], [], [], {}, {}))
             continue
-        if not found:
+        if not seconds:
             continue
-        now, interval = found[-1], _INTERVAL.fullmatch(line)
+        second, interval = seconds[-1], _INTERVAL.fullmatch(line)
         kind = next((kind for kind in _KINDS if line.startswith(f"{kind} Bands:")), None)
         if kind is not None:
-            into = getattr(now, _KINDS[kind])
+            into = getattr(second, _KINDS[kind])
         elif interval is not None:
             if into is not None:
                 into.append(Interval(float(interval[1]), float(interval[2]), interval[3]))
         else:
             into = None
-            _read_alert(line, now)
-    return found
+            _read_alert(line, second)
+    return seconds
 
 
-def _read_alert(line: str, now: Second) -> None:
+def _read_alert(line: str, second: Second) -> None:
     """Note what a line outside the bands says of an intruder, if anything."""
     loss, level = _LOSS.match(line), _LEVEL.fullmatch(line)
     if loss is not None:
-        now.loss[loss[1]] = float(loss[2])
+        second.loss[loss[1]] = float(loss[2])
     if level is not None:
-        now.level[level[2]] = int(level[1])
+        second.level[level[2]] = int(level[1])

@@ -105,11 +105,11 @@ class Scenario(NamedTuple):
 
 def main() -> None:
     """Run the command."""
-    given = _parser().parse_args()
-    if given.out:
+    options = _parser().parse_args()
+    if options.out:
         require("--out", "matplotlib")
-    program, paths = locate(given.program), _paths(given.scenarios, given.only)
-    picture, folder = given.picture or paths[0].stem, Path(given.out) if given.out else None
+    program, paths = locate(options.program), _paths(options.scenarios, options.only)
+    picture, folder = options.picture or paths[0].stem, Path(options.out) if options.out else None
     names = [path.stem for path in paths]
     if picture not in names:
         raise InputError(f"--picture {picture}: no scenario, expected one of {', '.join(names)}")
@@ -121,14 +121,14 @@ def main() -> None:
         sides[path.stem] = fly_both(path, program, {})
         done.append(compare(path.name, sides[path.stem]))
         print(line(done[-1]), flush=True)
-    found = figures(done)
-    if given.variants:
-        found |= _compare_variants(paths, program)
-    if given.vertical:
-        found |= _compare_vertical(paths, program)
+    summary = figures(done)
+    if options.variants:
+        summary |= _compare_variants(paths, program)
+    if options.vertical:
+        summary |= _compare_vertical(paths, program)
     if folder is not None:
-        write(folder, "daidalus", found, drawing(sides[picture], picture), dpi=150)
-    report(found, ("numpy",))
+        write(folder, "daidalus", summary, drawing(sides[picture], picture), dpi=150)
+    report(summary, ("numpy",))
 
 
 def _parser() -> Parser:
@@ -150,21 +150,21 @@ def _print_head(head: Sequence[str]) -> None:
 
 def _compare_variants(paths: Sequence[Path], program: Path) -> dict[str, Any]:
     """Compare with each of DAIDALUS's own models, and print the table."""
-    found = {}
+    by_variant = {}
     print()
     _print_head(VARIANT_HEAD)
     for name, changes in VARIANTS.items():
         scenarios = [compare(path.name, fly_both(path, program, changes)) for path in paths]
-        each = figures(scenarios)
-        shares = each["edges_headings_within_2_deg"], each["edges_speeds_within_1_m_s"]
-        found[f"variant: {name}"] = shares
+        summary = figures(scenarios)
+        shares = summary["edges_headings_within_2_deg"], summary["edges_speeds_within_1_m_s"]
+        by_variant[f"variant: {name}"] = shares
         print(f"| {name} | {100.0 * shares[0]:.1f} | {100.0 * shares[1]:.1f} |", flush=True)
-    return found
+    return by_variant
 
 
 def _compare_vertical(paths: Sequence[Path], program: Path) -> dict[str, Any]:
     """Compare the bands of vertical speed and of altitude, and print the table."""
-    found = {}
+    by_change = {}
     print()
     _print_head(VERTICAL_HEAD)
     for name, change in CHANGES.items():
@@ -177,24 +177,24 @@ def _compare_vertical(paths: Sequence[Path], program: Path) -> dict[str, Any]:
             (
                 "vertical_speeds",
                 FOOT_A_MINUTE,
-                [match for one in scenarios for match in one.climbs],
+                [match for scenario in scenarios for match in scenario.climbs],
             ),
-            ("altitudes", FOOT, [match for one in scenarios for match in one.altitudes]),
+            ("altitudes", FOOT, [match for scenario in scenarios for match in scenario.altitudes]),
         ):
-            found[f"vertical: {name}: {kind}"] = len(edges), share(edges), counts(edges)
+            by_change[f"vertical: {name}: {kind}"] = len(edges), share(edges), counts(edges)
             cells += _cells(edges, unit)
         print(f"| {' | '.join(cells)} |", flush=True)
-    return found
+    return by_change
 
 
 def _paths(folder: str, only: str | None) -> list[Path]:
-    found = sorted(path for path in Path(folder).glob("*") if path.suffix in (".daa", ".xyz"))
+    paths = sorted(path for path in Path(folder).glob("*") if path.suffix in (".daa", ".xyz"))
     if only is not None:
-        found = [path for path in found if path.stem == only]
-    if not found:
-        wanted = f"{only}.daa or {only}.xyz" if only else ".daa or .xyz files"
-        raise InputError(f"{folder}: no scenario, expected {wanted} of nasa/daidalus")
-    return found
+        paths = [path for path in paths if path.stem == only]
+    if not paths:
+        expected = f"{only}.daa or {only}.xyz" if only else ".daa or .xyz files"
+        raise InputError(f"{folder}: no scenario, expected {expected} of nasa/daidalus")
+    return paths
 
 
 def ours(flight: Flight, setting: Setting, alerting: Alerting) -> Ours:
@@ -206,20 +206,20 @@ def ours(flight: Flight, setting: Setting, alerting: Alerting) -> Ours:
         setting.acceleration,
         setting.turn_rate,
     )
-    given = flight.own, flight.traffic, Requirement(setting.separation)
+    encounter = flight.own, flight.traffic, Requirement(setting.separation)
     step = np.radians(setting.step_deg)
     headings = np.arange(round(2.0 * np.pi / step)) * step - np.pi
     speeds = np.arange(setting.speed_min, setting.speed_max + 0.1, setting.step_speed)
-    loss = losses_on_course(*given, setting.look_ahead)
+    loss = losses_on_course(*encounter, setting.look_ahead)
     alerts, level = no_alerts(1, loss.shape[1], alerting), []
-    for row, now in enumerate(flight.time):
+    for row, moment in enumerate(flight.time):
         part = slice(row, row + 1)
         alerts = update(alerts, flight.time[part], loss[part], flight.traffic.mask[part], alerting)
         level.append(alerts.level[0])
-        assert alerts.time[0] == now
+        assert alerts.time[0] == moment
     return Ours(
-        heading_bands(*given, limits, setting.look_ahead, headings),
-        speed_bands(*given, limits, setting.look_ahead, speeds),
+        heading_bands(*encounter, limits, setting.look_ahead, headings),
+        speed_bands(*encounter, limits, setting.look_ahead, speeds),
         loss,
         np.array(level),
     )
@@ -238,7 +238,7 @@ def fly_both(path: Path, program: Path, changes: dict[str, str]) -> Sides:
     began = time.perf_counter()
     mine = ours(flight, SETTING, alerting)
     by_time = {round(second.time, 3): second for second in theirs}
-    seconds = [by_time.get(round(float(now), 3)) for now in flight.time]
+    seconds = [by_time.get(round(float(moment), 3)) for moment in flight.time]
     return Sides(flight, mine, seconds, program_s, time.perf_counter() - began)
 
 
@@ -289,14 +289,14 @@ def _compare_alerts(
     return np.array(errors), np.array(same), raised
 
 
-def share(found: list[Match]) -> float:
+def share(edges: list[Match]) -> float:
     """Return the share of edges that agree; 1 without any."""
-    return float(np.mean([not match.name for match in found])) if found else 1.0
+    return float(np.mean([not match.name for match in edges])) if edges else 1.0
 
 
-def counts(found: list[Match]) -> dict[str, int]:
+def counts(edges: list[Match]) -> dict[str, int]:
     """Return how many edges do not agree, by the name of the reason."""
-    names = [match.name for match in found]
+    names = [match.name for match in edges]
     return {name: names.count(name) for name in NAMES if name in names}
 
 
@@ -329,34 +329,34 @@ HEAD = (
 )
 
 
-def line(one: Scenario) -> str:
+def line(scenario: Scenario) -> str:
     """Return one scenario as a line of a table."""
-    cells = [one.name, str(one.seconds)]
-    for found in (one.headings, one.speeds):
-        cells += _cells(found, 1.0)
-    finite = one.loss_error[np.isfinite(one.loss_error)]
+    cells = [scenario.name, str(scenario.seconds)]
+    for edges in (scenario.headings, scenario.speeds):
+        cells += _cells(edges, 1.0)
+    finite = scenario.loss_error[np.isfinite(scenario.loss_error)]
     cells.append(f"{finite.max():.3f}" if finite.size else "")
-    cells.append(f"{100.0 * one.levels_same.mean():.1f}" if one.levels_same.size else "")
-    later = [abs(value) for value in one.raised]
+    cells.append(f"{100.0 * scenario.levels_same.mean():.1f}" if scenario.levels_same.size else "")
+    later = [abs(value) for value in scenario.raised]
     cells.append(f"{max(later):.0f}" if later else "")
     return f"| {' | '.join(cells)} |"
 
 
-def _cells(found: list[Match], unit: float) -> list[str]:
+def _cells(edges: list[Match], unit: float) -> list[str]:
     """Return what a table says of edges, with distances in a unit, deg, m/s or m."""
-    apart = [match.away / unit for match in found if not match.name]
+    apart = [match.away / unit for match in edges if not match.name]
     middle = f"{np.median(apart):.2f}" if apart else ""
-    why = ", ".join(f"{number} {name}" for name, number in counts(found).items())
-    return [str(len(found)), f"{100.0 * share(found):.2f}" if found else "", middle, why]
+    why = ", ".join(f"{number} {name}" for name, number in counts(edges).items())
+    return [str(len(edges)), f"{100.0 * share(edges):.2f}" if edges else "", middle, why]
 
 
 def figures(done: list[Scenario]) -> dict[str, Any]:
     """Return the figures of all scenarios together."""
-    headings = [match for one in done for match in one.headings]
-    speeds = [match for one in done for match in one.speeds]
-    errors = np.concatenate([one.loss_error for one in done])
+    headings = [match for scenario in done for match in scenario.headings]
+    speeds = [match for scenario in done for match in scenario.speeds]
+    errors = np.concatenate([scenario.loss_error for scenario in done])
     finite = errors[np.isfinite(errors)]
-    seconds = sum(one.seconds for one in done)
+    seconds = sum(scenario.seconds for scenario in done)
     return {
         "scenarios": len(done),
         "seconds": seconds,
@@ -369,8 +369,10 @@ def figures(done: list[Scenario]) -> dict[str, Any]:
         "losses": int(errors.size),
         "losses_of_one_side": int(errors.size - finite.size),
         "loss_error_max_s": float(finite.max(initial=0.0)),
-        "levels_same": float(np.concatenate([one.levels_same for one in done]).mean()),
-        "level_reached_apart_max_s": max((abs(t) for one in done for t in one.raised), default=0.0),
-        "program_ms_per_second": 1e3 * sum(one.program_s for one in done) / seconds,
-        "ours_ms_per_second": 1e3 * sum(one.ours_s for one in done) / seconds,
+        "levels_same": float(np.concatenate([scenario.levels_same for scenario in done]).mean()),
+        "level_reached_apart_max_s": max(
+            (abs(t) for scenario in done for t in scenario.raised), default=0.0
+        ),
+        "program_ms_per_second": 1e3 * sum(scenario.program_s for scenario in done) / seconds,
+        "ours_ms_per_second": 1e3 * sum(scenario.ours_s for scenario in done) / seconds,
     }

@@ -52,16 +52,20 @@ def flight_of(ownship: Track, others: list[Track]) -> Flight:
     shape = ownship.time.size, len(others)
     rows = np.zeros((6, *shape))
     mask = np.zeros(shape, dtype=bool)
-    for k, other in enumerate(others):
-        place = np.clip(np.searchsorted(other.time, ownship.time - 1e-6), 0, other.time.size - 1)
-        mask[:, k] = np.abs(other.time[place] - ownship.time) < 1e-6
-        rows[:, :, k] = np.stack([*_state(other), other.altitude, other.vertical_rate])[:, place]
+    for k, intruder in enumerate(others):
+        place = np.clip(
+            np.searchsorted(intruder.time, ownship.time - 1e-6), 0, intruder.time.size - 1
+        )
+        mask[:, k] = np.abs(intruder.time[place] - ownship.time) < 1e-6
+        rows[:, :, k] = np.stack([*_state(intruder), intruder.altitude, intruder.vertical_rate])[
+            :, place
+        ]
     state: VehicleState[Air] = VehicleState(*rows[:4])
     return Flight(
         ownship.time,
         _state(ownship),
         Traffic.straight(state, mask),
-        [other.name for other in others],
+        [intruder.name for intruder in others],
         ownship.altitude,
         ownship.vertical_rate,
         rows[4] - ownship.altitude[:, None],

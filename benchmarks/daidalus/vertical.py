@@ -52,8 +52,8 @@ def _others(up: Sequence[float], climb: Sequence[float]) -> Callable[[Flights], 
     def change(flights: Flights) -> Flights:
         own, others = flights
         return own, [
-            _moved(other, up[number % len(up)], climb[number % len(climb)])
-            for number, other in enumerate(others)
+            _moved(intruder, up[number % len(up)], climb[number % len(climb)])
+            for number, intruder in enumerate(others)
         ]
 
     return change

@@ -55,9 +55,9 @@ def _draw_mission(axes: "Axes", mission: Mission, end: float) -> None:
         if keep_out:
             axes.fill(x, y, color=VERMILION, alpha=0.3, linewidth=0.0)
     axes.plot(*np.array(mission.waypoints).T / 1e3, "k:", marker="o", label="mission")
-    for number, one in enumerate(mission.intruders):
-        length = one.speed * end
-        x = np.array([one.x, one.x + length * np.cos(one.heading)]) / 1e3
-        y = np.array([one.y, one.y + length * np.sin(one.heading)]) / 1e3
+    for number, intruder in enumerate(mission.intruders):
+        length = intruder.speed * end
+        x = np.array([intruder.x, intruder.x + length * np.cos(intruder.heading)]) / 1e3
+        y = np.array([intruder.y, intruder.y + length * np.sin(intruder.heading)]) / 1e3
         axes.plot(x, y, color=GREY, linewidth=1.0, label=None if number else "intruders")
         axes.plot(x[:1], y[:1], "o", color=GREY, markersize=4.0)

@@ -34,45 +34,47 @@ class Timed:
         self.slowest = max(self.slowest, time.process_time() - began)
 
 
-def main(given: str, output: str) -> None:
+def main(mission_file: str, output: str) -> None:
     """Fly the mission of a file."""
-    with Path(given).open(encoding="utf-8") as file:
-        asked = json.load(file)
+    with Path(mission_file).open(encoding="utf-8") as file:
+        mission = json.load(file)
     # Its search for a path can go on for ever.
-    resource.setrlimit(resource.RLIMIT_CPU, (asked["patience"], asked["patience"] + 5))
+    resource.setrlimit(resource.RLIMIT_CPU, (mission["patience"], mission["patience"] + 5))
     helper = import_module("icutils.ichelper")
-    home = asked["home"]
+    home = mission["home"]
     sim = import_module("SimEnvironment").SimEnvironment(verbose=0)
-    sim.AddWind([(asked["wind_from"], asked["wind_speed"])])
-    sim.windFrom, sim.windSpeed = asked["wind_from"], asked["wind_speed"]
-    for number, one in enumerate(asked["intruders"], 1):
-        sim.AddTraffic(number, home, *one, 0.0, transmitter="GroundTruth")
-    flown = _ownship(asked, helper, home)
-    sim.AddIcarousInstance(flown, time_limit=asked["limit"])
+    sim.AddWind([(mission["wind_from"], mission["wind_speed"])])
+    sim.windFrom, sim.windSpeed = mission["wind_from"], mission["wind_speed"]
+    for number, intruder in enumerate(mission["intruders"], 1):
+        sim.AddTraffic(number, home, *intruder, 0.0, transmitter="GroundTruth")
+    flown = _ownship(mission, helper, home)
+    sim.AddIcarousInstance(flown, time_limit=mission["limit"])
     with Path(output).open("w", encoding="utf-8") as file:
-        recorder = Recorder(flown, sim, asked, file)
+        recorder = Recorder(flown, sim, mission, file)
         flown.Run, flown.CheckMissionComplete = recorder.run, recorder.is_complete
         sim.RunSimulation()
         print(json.dumps({"slowest": flown.core.slowest}), file=file)
 
 
-def _ownship(asked: dict[str, Any], helper: Any, home: list[float]) -> Any:
+def _ownship(mission: dict[str, Any], helper: Any, home: list[float]) -> Any:
     """Return ICAROUS with the mission, its fences and the aircraft's limits."""
     flown = import_module("Icarous").Icarous(
         home,
         simtype="UAM_VTOL",
         verbose=0,
-        daaConfig=asked["parameters"],
-        icConfig=asked["parameters"],
+        daaConfig=mission["parameters"],
+        icConfig=mission["parameters"],
     )
     vehicle = flown.ownship
-    vehicle.turnRate = asked["turn_rate"]
-    vehicle.accel, vehicle.daccel = asked["acceleration"], -asked["acceleration"]
+    vehicle.turnRate = mission["turn_rate"]
+    vehicle.accel, vehicle.daccel = mission["acceleration"], -mission["acceleration"]
     points = [
-        [*helper.gps_offset(home[0], home[1], x, y), asked["altitude"], asked["cruise"]]
-        for x, y in asked["waypoints"]
+        [*helper.gps_offset(home[0], home[1], x, y), mission["altitude"], mission["cruise"]]
+        for x, y in mission["waypoints"]
     ]
-    waypoints = helper.ConstructWaypointsFromList([[*one, [0, 0, 0], [0, 0, 0]] for one in points])
+    waypoints = helper.ConstructWaypointsFromList(
+        [[*point, [0, 0, 0], [0, 0, 0]] for point in points]
+    )
     flown.InputFlightplan(waypoints, setInitialVelocity=True)
     vehicle.vel0[:] = vehicle.vel
     vehicle.pos[2] = vehicle.pos0[2]
@@ -85,29 +87,29 @@ def _ownship(asked: dict[str, Any], helper: Any, home: list[float]) -> Any:
             "numV": len(fence["places"]),
             "vertices": [helper.gps_offset(home[0], home[1], x, y) for x, y in fence["places"]],
         }
-        for number, fence in enumerate(asked["fences"])
+        for number, fence in enumerate(mission["fences"])
     ]
     flown.core.InputGeofence(fences)
     flown.core = Timed(flown.core)
-    vehicle.InputCommand = _autopilot(vehicle.InputCommand, asked)
+    vehicle.InputCommand = _autopilot(vehicle.InputCommand, mission)
     return flown
 
 
 def _autopilot(
-    command: Callable[[float, float, float], Any], asked: dict[str, Any]
+    command: Callable[[float, float, float], Any], mission: dict[str, Any]
 ) -> Callable[[float, float, float], None]:
     """Return a function that takes ICAROUS's commands, which are over the ground.
 
     The vehicle takes commands as through the air. It is given those that fly ICAROUS's in the wind,
     within its speeds.
     """
-    towards, wind = math.radians(asked["wind_from"] + 180.0), asked["wind_speed"]
+    towards, wind = math.radians(mission["wind_from"] + 180.0), mission["wind_speed"]
 
     def fly(track: float, speed: float, climb: float) -> None:
         off = towards - math.radians(track)
         along, across = wind * math.cos(off), wind * math.sin(off)
         airspeed = math.hypot(speed - along, across)
-        airspeed = min(max(airspeed, asked["speed_min"]), asked["speed_max"])
+        airspeed = min(max(airspeed, mission["speed_min"]), mission["speed_max"])
         heading = track - math.degrees(math.asin(across / airspeed))
         command(heading % 360.0, airspeed, climb)
 
@@ -124,17 +126,17 @@ class Recorder:
         file: of the samples.
     """
 
-    def __init__(self, flown: Any, sim: Any, asked: dict[str, Any], file: TextIO) -> None:
+    def __init__(self, flown: Any, sim: Any, mission: dict[str, Any], file: TextIO) -> None:
         self._flown, self._sim, self._file = flown, sim, file
         self._run, self._complete = flown.Run, flown.CheckMissionComplete
-        self._goal, self._end = asked["waypoints"][-1], asked["end"]
+        self._goal, self._end = mission["waypoints"][-1], mission["end"]
         self._steps = 0
 
     def run(self) -> Any:
         """Run one step of the simulation."""
         result = self._run()
         if self._steps % EVERY == 0:
-            places = [self._flown.ownship.pos, *(one.pos for one in self._sim.tfList)]
+            places = [self._flown.ownship.pos, *(intruder.pos for intruder in self._sim.tfList)]
             row = [self._flown.currTime, *(float(value) for at in places for value in at[:2])]
             print(json.dumps(row), file=self._file, flush=True)
         self._steps += 1

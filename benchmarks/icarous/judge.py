@@ -63,7 +63,7 @@ def judge(mission: Mission, track: Track, separation: float, radius: float) -> V
     near = away < (1.0 - TOLERANCE) * separation
     lost_at = track.time[:-1][near.any(axis=1)]
     breaches = [_breach(track, fence) for fence in mission.fences]
-    found = [when for when in breaches if math.isfinite(when)]
+    breach_times = [when for when in breaches if math.isfinite(when)]
     path = float(np.hypot(np.diff(track.x), np.diff(track.y)).sum())
     # What is left within the radius counts as flown.
     whole = path + radius if math.isfinite(arrived) else path
@@ -71,8 +71,8 @@ def judge(mission: Mission, track: Track, separation: float, radius: float) -> V
         separation=float(away.min(initial=math.inf)),
         lost=int(near.any(axis=0).sum()),
         lost_at=float(lost_at[0]) if lost_at.size else math.nan,
-        breached=len(found),
-        breached_at=min(found, default=math.nan),
+        breached=len(breach_times),
+        breached_at=min(breach_times, default=math.nan),
         arrived=arrived,
         path=path,
         excess=whole / mission.length - 1.0,

@@ -104,28 +104,28 @@ def outline(fence: Area) -> shapely.Polygon:
 
 
 def _waypoints(draw: np.random.Generator) -> tuple[Place, ...]:
-    found, course = [(0.0, 0.0)], draw.uniform(-math.pi, math.pi)
+    points, course = [(0.0, 0.0)], draw.uniform(-math.pi, math.pi)
     for _ in range(draw.integers(_LEGS[0], _LEGS[1] + 1)):
-        (x, y), length = found[-1], draw.uniform(*_LEG)
-        found.append((float(x + length * math.cos(course)), float(y + length * math.sin(course))))
+        (x, y), length = points[-1], draw.uniform(*_LEG)
+        points.append((float(x + length * math.cos(course)), float(y + length * math.sin(course))))
         course += draw.uniform(-_BEND, _BEND)
-    return tuple(found)
+    return tuple(points)
 
 
 def _fences(
     draw: np.random.Generator, waypoints: tuple[Place, ...], count: int
 ) -> tuple[Area, ...]:
-    line, found = shapely.LineString(waypoints), list[Area]()
+    line, fences = shapely.LineString(waypoints), list[Area]()
     if count and draw.random() < _KEEP_IN_SHARE:
         hull = line.buffer(draw.uniform(*_KEEP_IN), quad_segs=2).convex_hull
-        found.append(_area(hull, Keep.IN, 0))
+        fences.append(_area(hull, Keep.IN, 0))
     for _ in range(_TRIES):
-        if len(found) == count:
+        if len(fences) == count:
             break
         shape = _convex_shape(draw, line)
-        if _stands(shape, waypoints, found):
-            found.append(_area(shape, Keep.OUT, len(found)))
-    return tuple(found)
+        if _stands(shape, waypoints, fences):
+            fences.append(_area(shape, Keep.OUT, len(fences)))
+    return tuple(fences)
 
 
 def _convex_shape(
@@ -151,7 +151,7 @@ def _stands(
     free = [_FREE[1 if 0 < n < len(points) - 1 else 0] for n in range(len(points))]
     if any(shape.distance(point) < far for point, far in zip(points, free, strict=True)):
         return False
-    return all(outline(one).boundary.distance(shape) >= _BETWEEN for one in others)
+    return all(outline(fence).boundary.distance(shape) >= _BETWEEN for fence in others)
 
 
 def _area(shape: shapely.geometry.base.BaseGeometry, keep: Keep, number: int) -> Area:

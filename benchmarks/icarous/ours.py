@@ -67,10 +67,10 @@ def rules(aircraft: Aircraft, policy: Policy) -> Rules:
     )
 
 
-def fly(mission: Mission, given: Rules) -> Flight:
+def fly(mission: Mission, setting: Rules) -> Flight:
     """Fly a mission until it arrives or its time is over."""
-    resolver = _Resolver(mission, given)
-    dt, own = given.aircraft.dt, mission.start
+    resolver = _Resolver(mission, setting)
+    dt, own = setting.aircraft.dt, mission.start
     rows, slowest = [_row(0.0, own, promised=False)], 0.0
     goal = mission.waypoints[-1]
     for number in range(math.ceil(mission.limit / dt)):
@@ -79,7 +79,7 @@ def fly(mission: Mission, given: Rules) -> Flight:
         slowest = max(slowest, time.thread_time() - began)
         more, own = resolver.follow(number * dt, own)
         rows += more
-        if math.hypot(own.x - goal[0], own.y - goal[1]) < 0.5 * given.aircraft.goal_radius:
+        if math.hypot(own.x - goal[0], own.y - goal[1]) < 0.5 * setting.aircraft.goal_radius:
             break
     table = np.array(rows)
     when, x, y, promised = table.T
@@ -99,43 +99,43 @@ class _Row(NamedTuple):
 class _Resolver:
     """Decides once a time step and follows what the monitor says."""
 
-    def __init__(self, mission: Mission, given: Rules) -> None:
-        self._mission, self._given = mission, given
-        self._watch: Watch = single.begin(given.thresholds)
-        radius = given.aircraft.separation
+    def __init__(self, mission: Mission, setting: Rules) -> None:
+        self._mission, self._setting = mission, setting
+        self._watch: Watch = single.begin(setting.thresholds)
+        radius = setting.aircraft.separation
         self._route = route(mission, SPACING * radius, _HOLD * radius)
         self._last = len(self._route) - 1 - _CORNERS * _ROUNDS  # the last waypoint
         self._next = 0
         self._promised = False
 
-    def decide(self, now: float, own: VehicleState[Ground]) -> None:
+    def decide(self, moment: float, own: VehicleState[Ground]) -> None:
         """Judge what is flown, and plan where the monitor asks for it."""
         self._pass(own)
-        others = self._others(now)
+        others = self._others(moment)
         self._watch, verdict = single.step(
-            self._watch, now, own, others, areas=self._mission.fences
+            self._watch, moment, own, others, areas=self._mission.fences
         )
-        if now == 0.0:
-            made = self._plan(own, tuple(others.values()))
-            self._watch = single.activate(self._watch, made, own, others, now)
-            self._take_up(made, flown=made.safe)
+        if moment == 0.0:
+            planned = self._plan(own, tuple(others.values()))
+            self._watch = single.activate(self._watch, planned, own, others, moment)
+            self._take_up(planned, flown=planned.safe)
         elif verdict.ask is not None:
-            made = self._plan(verdict.ask.own, verdict.ask.intruders)
-            self._watch, flown = single.answer(self._watch, verdict.ask.number, made)
-            self._take_up(made, flown=flown)
+            planned = self._plan(verdict.ask.own, verdict.ask.intruders)
+            self._watch, flown = single.answer(self._watch, verdict.ask.number, planned)
+            self._take_up(planned, flown=flown)
         monitor = self._watch.monitor
         ends = float(monitor.started[0] + monitor.plan.end[0])
         on_plan = int(monitor.state[0]) in _ON_PLAN and not bool(monitor.on_backup[0])
-        self._promised = on_plan and now + self._given.aircraft.dt <= ends
+        self._promised = on_plan and moment + self._setting.aircraft.dt <= ends
 
     def follow(
-        self, now: float, own: VehicleState[Ground]
+        self, moment: float, own: VehicleState[Ground]
     ) -> tuple[list[_Row], VehicleState[Ground]]:
         """Return rows of one time step of flight after a moment, s, and the state at its end."""
-        aircraft, frame = self._given.aircraft, self._watch.air
+        aircraft, frame = self._setting.aircraft, self._watch.air
         period = PERIOD * aircraft.dt
-        through = references(self._watch.monitor, now, period, _SUBSTEPS)
-        air = frame.to_air(own, now)
+        through = references(self._watch.monitor, moment, period, _SUBSTEPS)
+        air = frame.to_air(own, moment)
         vehicle = KinematicVehicle(
             VehicleState(*(np.array([value]) for value in air)), aircraft.vehicle_limits
         )
@@ -144,45 +144,45 @@ class _Resolver:
             here, after = (VehicleState(*(f[step + i] for f in through)) for i in (0, 1))
             command = steer(here, after, vehicle.state, period, gains(aircraft.dt))
             vehicle.step(*command, period)
-            at = now + (step + 1) * period
+            at = moment + (step + 1) * period
             own = frame.to_ground(VehicleState(*(float(f[0]) for f in vehicle.state)), at)
             rows.append(_row(at, own, promised=self._promised))
         return rows, own
 
     def _pass(self, own: VehicleState[Ground]) -> None:
         """Go on to the first point of the route that is not reached."""
-        radius = self._given.aircraft.goal_radius
+        radius = self._setting.aircraft.goal_radius
         while self._next < self._last:
             point = self._route[self._next]
             if math.hypot(point.x - own.x, point.y - own.y) > radius:
                 break
             self._next += 1
 
-    def _take_up(self, made: Plan, *, flown: bool) -> None:
-        if flown and made.goal_index is not None:
-            self._next = max(self._next, min(made.goal_index, self._last))
+    def _take_up(self, planned: Plan, *, flown: bool) -> None:
+        if flown and planned.goal_index is not None:
+            self._next = max(self._next, min(planned.goal_index, self._last))
 
     def _plan(self, own: VehicleState[Ground], others: tuple[Intruder[Ground], ...]) -> Plan:
-        mission, given = self._mission, self._given
+        mission, setting = self._mission, self._setting
         wind = mission.wind if mission.wind.speed > 0.0 else None
         try:
             return plan(
                 own,
                 others,
                 self._route[self._next :],
-                given.policy,
-                given.options,
+                setting.policy,
+                setting.options,
                 wind=wind,
                 areas=mission.fences,
             )
         except RequestError:
             return reconstruct(())
 
-    def _others(self, now: float) -> dict[str, Intruder[Ground]]:
-        x, y = _intruders(self._mission, np.array([now]))
+    def _others(self, moment: float) -> dict[str, Intruder[Ground]]:
+        x, y = _intruders(self._mission, np.array([moment]))
         return {
-            f"intruder {n}": Intruder(one._replace(x=float(x[0, n]), y=float(y[0, n])))
-            for n, one in enumerate(self._mission.intruders)
+            f"intruder {n}": Intruder(state._replace(x=float(x[0, n]), y=float(y[0, n])))
+            for n, state in enumerate(self._mission.intruders)
         }
 
 
@@ -196,7 +196,7 @@ def route(mission: Mission, spacing: float, hold: float) -> list[RoutePoint]:
         shares = [(part + 1) / parts for part in range(parts)]
         places += [(x + share * (to_x - x), y + share * (to_y - y)) for share in shares]
     circles = [_circle(mission, hold, side) for side in (-1.0, 1.0)]
-    room = [min((_room(mission, place) for place in one), default=0.0) for one in circles]
+    room = [min((_room(mission, place) for place in circle), default=0.0) for circle in circles]
     places += circles[int(np.argmax(room))] * _ROUNDS
     return [RoutePoint(n, float(x), float(y)) for n, (x, y) in enumerate(places)]
 

@@ -61,13 +61,13 @@ CHOSEN = Setting()
 """What is flown; docs/reference/beside-others.md says why."""
 
 
-def locate(given: str | None) -> Path:
+def locate(argument: str | None) -> Path:
     """Return the folder, from an argument or the environment variable.
 
     Raises:
         InputError: it is not named, or something of it is missing.
     """
-    name = given or os.environ.get(VARIABLE, "")
+    name = argument or os.environ.get(VARIABLE, "")
     if not name:
         raise InputError(
             f"ICAROUS is missing: expected --icarous DIR, or {VARIABLE} in the environment; {_HOW}"
@@ -139,8 +139,8 @@ def fly(mission: Mission, aircraft: Aircraft, home: Path, setting: Setting = CHO
         shipped = (source / "data/IcarousConfig.txt").read_text(encoding="utf-8")
         text = configuration(shipped, parameters(aircraft, setting))
         (folder / "parameters.txt").write_text(text, encoding="utf-8")
-        asked = task(mission, aircraft, "parameters.txt")
-        (folder / "mission.json").write_text(json.dumps(asked), encoding="utf-8")
+        content = task(mission, aircraft, "parameters.txt")
+        (folder / "mission.json").write_text(json.dumps(content), encoding="utf-8")
         shutil.copy(inside.__file__, folder / "inside.py")
         ended = _run(folder, home, source)
         return read_flight(folder / "flight.jsonl", home, ended)
@@ -180,7 +180,7 @@ def task(mission: Mission, aircraft: Aircraft, parameters_file: str) -> dict[str
             }
             for fence in mission.fences
         ],
-        "intruders": [_intruder(one, wind) for one in mission.intruders],
+        "intruders": [_intruder(intruder, wind) for intruder in mission.intruders],
         "wind_from": _compass(-float(wind.east), -float(wind.north)),
         "wind_speed": float(wind.speed),
         "limit": mission.limit,
@@ -194,13 +194,13 @@ def task(mission: Mission, aircraft: Aircraft, parameters_file: str) -> dict[str
     }
 
 
-def _intruder(one: VehicleState[Ground], wind: Wind) -> list[float]:
+def _intruder(state: VehicleState[Ground], wind: Wind) -> list[float]:
     """Return distance and bearing of an intruder from the start, altitude, and its speed and
     heading through the air, which carries it in the simulation; m, m/s, degrees.
     """
-    east = one.speed * math.cos(one.heading) - float(wind.east)
-    north = one.speed * math.sin(one.heading) - float(wind.north)
-    place = math.hypot(one.x, one.y), _compass(one.x, one.y)
+    east = state.speed * math.cos(state.heading) - float(wind.east)
+    north = state.speed * math.sin(state.heading) - float(wind.north)
+    place = math.hypot(state.x, state.y), _compass(state.x, state.y)
     return [*place, _ALTITUDE, math.hypot(east, north), _compass(east, north)]
 
 

@@ -55,8 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     home = peer.locate(options.icarous) if "icarous" in sides else None
     options.out.mkdir(parents=True, exist_ok=True)
     vehicle = aircraft()
-    asked = {"seed": options.seed, "separation_m": vehicle.separation}
-    rows = read_done(options.out / _FILE, asked)
+    settings = {"seed": options.seed, "separation_m": vehicle.separation}
+    rows = read_done(options.out / _FILE, settings)
     flown = {(row["number"], row["side"]) for row in rows}
     missing = [
         (number, side)
@@ -72,12 +72,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 _draw(options, sides, fly, vehicle)
     except KeyboardInterrupt:
         print("interrupted; these are the figures of what was flown", file=sys.stderr)
-        rows = read_done(options.out / _FILE, asked)
+        rows = read_done(options.out / _FILE, settings)
     counted = complete([row for row in rows if row["number"] < options.missions], sides)
-    found = figures(counted, sides)
-    print(table(found))
+    summary = figures(counted, sides)
+    print(table(summary))
     report(
-        {"benchmark": "icarous", **asked, "missions": len(counted) // len(sides), "rows": found},
+        {
+            "benchmark": "icarous",
+            **settings,
+            "missions": len(counted) // len(sides),
+            "rows": summary,
+        },
         ("numpy",),
     )
     return 0
@@ -88,11 +93,11 @@ Flyer = Callable[[Mission], Flight]
 
 
 def _flyers(home: Path | None, vehicle: Aircraft) -> dict[str, Flyer]:
-    given = ours.rules(vehicle, policy_in_flight())
-    found: dict[str, Flyer] = {"ours": lambda one: ours.fly(one, given)}
+    rules = ours.rules(vehicle, policy_in_flight())
+    flyers: dict[str, Flyer] = {"ours": lambda mission: ours.fly(mission, rules)}
     if home is not None:
-        found["icarous"] = lambda one: peer.fly(one, vehicle, home)
-    return found
+        flyers["icarous"] = lambda mission: peer.fly(mission, vehicle, home)
+    return flyers
 
 
 def _fly_missing(
@@ -105,17 +110,19 @@ def _fly_missing(
     rows, progress = list[Row](), Progress("flights")
     with progress.start(len(missing)), (options.out / _FILE).open("a", encoding="utf-8") as file:
         for count, (number, side) in enumerate(missing, 1):
-            one = mission(options.seed, number, vehicle.separation)
+            drawn = mission(options.seed, number, vehicle.separation)
             began = time.perf_counter()
-            flight = fly[side](one)
-            verdict = judge(one, flight.track, vehicle.separation, vehicle.goal_radius)
-            rows.append(row_of(one, side, flight, verdict) | {"wall": time.perf_counter() - began})
+            flight = fly[side](drawn)
+            verdict = judge(drawn, flight.track, vehicle.separation, vehicle.goal_radius)
+            rows.append(
+                row_of(drawn, side, flight, verdict) | {"wall": time.perf_counter() - began}
+            )
             print(json.dumps(rows[-1]), file=file, flush=True)
             progress.show(count, f"mission {number} by {side}", rows[-1]["wall"])
     return rows
 
 
-def row_of(one: Mission, side: str, flight: Flight, verdict: Verdict) -> Row:
+def row_of(mission: Mission, side: str, flight: Flight, verdict: Verdict) -> Row:
     """Return the line of a flight; lengths in m, times in s, None for what there is not."""
     first = min(
         (when for when in (verdict.lost_at, verdict.breached_at) if math.isfinite(when)),
@@ -125,11 +132,11 @@ def row_of(one: Mission, side: str, flight: Flight, verdict: Verdict) -> Row:
     promised = bool(flight.promised[at][-1]) if at.any() else False
     numbers = {name: getattr(verdict, name) for name in Verdict._fields}
     return {
-        "number": one.number,
+        "number": mission.number,
         "side": side,
-        "intruders": len(one.intruders),
-        "fences": len(one.fences),
-        "wind": float(one.wind.speed),
+        "intruders": len(mission.intruders),
+        "fences": len(mission.fences),
+        "wind": float(mission.wind.speed),
         **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
         "solved": verdict.solved,
         "promised": promised,  # whether what was violated was violated on a plan called SAFE
@@ -142,24 +149,24 @@ def complete(rows: Sequence[Row], sides: Sequence[str]) -> list[Row]:
     """Return the flights of those missions that every side has flown, each with whether any side
     solved its mission.
     """
-    found: list[Row] = []
+    completed: list[Row] = []
     for number in sorted({row["number"] for row in rows}):
         same = [row for row in rows if row["number"] == number and row["side"] in sides]
         if len(same) == len(sides):
             solved = any(row["solved"] for row in same)
-            found += [row | {"any_solved": solved} for row in same]
-    return found
+            completed += [row | {"any_solved": solved} for row in same]
+    return completed
 
 
 def figures(rows: Sequence[Row], sides: Sequence[str]) -> list[Row]:
     """Return what each side did in each kind of missions."""
-    found: list[Row] = []
+    summary: list[Row] = []
     for kind in KINDS:
         for side in sides:
             flights = [row for row in rows if row["side"] == side and kind.holds(row)]
             if flights:
-                found.append({"kind": kind.name, "side": side} | _figures(flights))
-    return found
+                summary.append({"kind": kind.name, "side": side} | _figures(flights))
+    return summary
 
 
 def _figures(flights: Sequence[Row]) -> Row:
@@ -192,15 +199,15 @@ HEAD = (
 )
 
 
-def table(found: Sequence[Row]) -> str:
+def table(rows: Sequence[Row]) -> str:
     """Return the figures as a table."""
     lines = [f"| {' | '.join(HEAD)} |", "|---" * len(HEAD) + "|"]
-    for one in found:
-        excess = "" if one["excess"] is None else f"{100.0 * one['excess']:.1f}"
-        slowest = "" if one["slowest_s"] is None else f"{one['slowest_s']:.2f}"
-        promised = str(one["promised"]) if one["side"] == "ours" else ""
-        counts = [one[name] for name in ("missions", "losses", "breaches", "arrivals", "solved")]
-        cells = [one["kind"], one["side"], *map(str, counts), excess, slowest, promised]
+    for row in rows:
+        excess = "" if row["excess"] is None else f"{100.0 * row['excess']:.1f}"
+        slowest = "" if row["slowest_s"] is None else f"{row['slowest_s']:.2f}"
+        promised = str(row["promised"]) if row["side"] == "ours" else ""
+        counts = [row[name] for name in ("missions", "losses", "breaches", "arrivals", "solved")]
+        cells = [row["kind"], row["side"], *map(str, counts), excess, slowest, promised]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
@@ -209,9 +216,11 @@ def _draw(
     options: argparse.Namespace, sides: Sequence[str], fly: dict[str, Flyer], vehicle: Aircraft
 ) -> None:
     """Fly one mission by the sides and draw it."""
-    one = mission(options.seed, options.picture, vehicle.separation)
-    flights = {side: fly[side](one).track for side in sides}
-    save_figure(drawing(one, flights, vehicle), options.out / f"mission_{options.picture}", dpi=130)
+    drawn = mission(options.seed, options.picture, vehicle.separation)
+    flights = {side: fly[side](drawn).track for side in sides}
+    save_figure(
+        drawing(drawn, flights, vehicle), options.out / f"mission_{options.picture}", dpi=130
+    )
 
 
 def _parser() -> Parser:

@@ -84,9 +84,9 @@ class Windows:
         self._begun = Episodes(
             steps + flown.steps, returns + flown.returns, episodes + flown.episodes
         )
-        return self.rest() if self._begun.steps >= self._least else None
+        return self.finish() if self._begun.steps >= self._least else None
 
-    def rest(self) -> Point:
+    def finish(self) -> Point:
         """End the window where it is."""
         _, returns, episodes = self._begun
         self._begun = Episodes(0, 0.0, 0)
@@ -194,8 +194,8 @@ def ratio(theirs: Times, ours: Times, confidence: float = CONFIDENCE) -> Interva
     joint = spread**2 / sum(terms) if spread > 0.0 else 1.0
     if freedom == 0 or our_freedom == 0:
         joint = 0.0
-    found = _interval(mean - our_mean, math.sqrt(spread), joint, confidence)
-    return Interval(*(math.exp(x) for x in found))
+    logarithms = _interval(mean - our_mean, math.sqrt(spread), joint, confidence)
+    return Interval(*(math.exp(x) for x in logarithms))
 
 
 def _moments(values: Sequence[float]) -> tuple[float, float, int]:

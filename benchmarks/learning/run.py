@@ -141,14 +141,14 @@ def summary(seeds: Mapping[str, Sequence[Log]]) -> dict[str, Any]:
         name: {score: _times([log.curve for log in logs], score) for score in SCORES}
         for name, logs in seeds.items()
     }
-    found: dict[str, Any] = {
+    content: dict[str, Any] = {
         "equal_steps": ends["steps"],
         "equal_wall_s": ends["wall_s"],
         "learners": {
             name: _learner_figures(logs, times[name], ends) for name, logs in seeds.items()
         },
     }
-    found["ratios"] = {
+    content["ratios"] = {
         name: {
             f"time_to_{score:.0f}": _ratio(of[score], times["ours"][score], TARGETS[name])
             for score in SCORES
@@ -156,7 +156,7 @@ def summary(seeds: Mapping[str, Sequence[Log]]) -> dict[str, Any]:
         for name, of in times.items()
         if name != "ours" and "ours" in times
     }
-    return found
+    return content
 
 
 def _lasting(logs: Sequence[Log]) -> list[tuple[Point, ...]]:
@@ -215,11 +215,11 @@ def _time_figures(times: Times) -> dict[str, Any]:
 
 
 def _ratio(theirs: Times, ours: Times, target: float) -> dict[str, Any]:
-    found = ratio(theirs, ours)
-    figures = _as_json(found) | {"target": target}
-    if math.isfinite(found.low):
+    interval = ratio(theirs, ours)
+    figures = _as_json(interval) | {"target": target}
+    if math.isfinite(interval.low):
         # As with every target here: what is sure of it, not what is likely.
-        return figures | {"met": found.low >= target}
+        return figures | {"met": interval.low >= target}
     bound = (
         theirs.at_least() / ours.mean().value
         if ours.complete and theirs.seeds and not theirs.complete
@@ -293,9 +293,9 @@ def _parser() -> Parser:
 
 def _extent(options: argparse.Namespace) -> Extent:
     """Return the extent that the options ask for."""
-    given = {name: getattr(options, name) for name in asdict(QUICK)}
+    named = {name: getattr(options, name) for name in asdict(QUICK)}
     return replace(
-        QUICK if options.quick else Extent(), **{k: v for k, v in given.items() if v is not None}
+        QUICK if options.quick else Extent(), **{k: v for k, v in named.items() if v is not None}
     )
 
 
@@ -307,17 +307,17 @@ def _parse(argv: Sequence[str] | None) -> tuple[argparse.Namespace, Extent, Trai
     return options, extent, config
 
 
-def _find_learners(wanted: Sequence[str] | None) -> list[str]:
+def _find_learners(names: Sequence[str] | None) -> list[str]:
     """Return the learners that are installed, and print what is not.
 
     Raises:
         ConfigError: one that was asked for is not installed.
     """
     learners = []
-    for name in dict.fromkeys(wanted or LEARNERS):
+    for name in dict.fromkeys(names or LEARNERS):
         if available(name):
             learners.append(name)
-        elif wanted:
+        elif names:
             raise ConfigError(
                 f"--learner {name}: {LEARNERS[name]} is not installed; to have it: "
                 f"{sb3_task.INSTALL}"
@@ -429,7 +429,7 @@ def _write_curves(runs: _Runs, path: Path) -> None:
     import pyarrow.parquet as pq
 
     named = [
-        ("trial", name, [log for one in tried for log in one.logs])
+        ("trial", name, [log for trial in tried for log in trial.logs])
         for name, tried in runs.trials.items()
     ]
     named += [("seed", name, logs) for name, logs in runs.seeds.items()]

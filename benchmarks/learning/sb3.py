@@ -117,18 +117,22 @@ class _FirstScenario:
             aircraft=config.aircraft.aircraft(),
             rules=config.rules(),
         )
-        self._seen = np.zeros((count, SIZE), np.float32)
+        self._observations = np.zeros((count, SIZE), np.float32)
 
     def reset(self) -> np.ndarray:
-        self._seen = np.asarray(self._world.reset(seed=self._config.seed)[0])
-        return np.array(_inputs(self._seen, self._feature_set))
+        self._observations = np.asarray(self._world.reset(seed=self._config.seed)[0])
+        return np.array(_inputs(self._observations, self._feature_set))
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        commands = _mirror_back(actions, self._seen, self._feature_set)
-        seen, reward, terminated, truncated, _ = self._world.step(commands)
-        self._seen = np.asarray(seen)
+        commands = _mirror_back(actions, self._observations, self._feature_set)
+        observations, reward, terminated, truncated, _ = self._world.step(commands)
+        self._observations = np.asarray(observations)
         scaled = self._config.reward_scale * reward
-        return np.array(_inputs(self._seen, self._feature_set)), scaled, terminated | truncated
+        return (
+            np.array(_inputs(self._observations, self._feature_set)),
+            scaled,
+            terminated | truncated,
+        )
 
 
 def environment(config: TrainConfig, count: int) -> Any:

@@ -327,8 +327,10 @@ class TrainingFlight:
             self._redraw()
             self._row = 0
         row = self._row % self._config.pool_rows
-        seen, results = self._world.step(self._state, self._mirror_sign, actions, self._pool, row)
-        self._state, self._mirror_sign, inputs = seen
+        observed, results = self._world.step(
+            self._state, self._mirror_sign, actions, self._pool, row
+        )
+        self._state, self._mirror_sign, inputs = observed
         reward, sparse, ended = np.asarray(results).T
         done = ended > 0.0
         self.returns += float(sparse.sum(dtype=np.float64))
@@ -344,8 +346,8 @@ class TrainingFlight:
         return counted
 
     def _redraw(self) -> None:
-        self._key, now = jax.random.split(self._key)
-        self._pool = self._world.draw(now)
+        self._key, key = jax.random.split(self._key)
+        self._pool = self._world.draw(key)
 
 
 class _World(NamedTuple):
@@ -353,15 +355,15 @@ class _World(NamedTuple):
 
     draw: Callable[[PRNGKeyArray], surrogate.State]
     """Draws a pool of starts, ``[rows, N]``."""
-    begin: Callable[[surrogate.State], "_Seen"]
+    begin: Callable[[surrogate.State], "_Observed"]
     """Begins with the first row of a pool."""
-    step: Callable[..., tuple["_Seen", Float[Array, "N 3"]]]
+    step: Callable[..., tuple["_Observed", Float[Array, "N 3"]]]
     """(state, mirror signs, actions, pool, row) -> what follows; rewards for learning, sparse
     rewards, and which encounters ended.
     """
 
 
-class _Seen(NamedTuple):
+class _Observed(NamedTuple):
     """Encounters, and what is seen of them."""
 
     state: surrogate.State
@@ -384,12 +386,12 @@ def _compile(config: TrainConfig) -> _World:
     )
 
 
-def _see(config: TrainConfig, world: surrogate.World, state: surrogate.State) -> _Seen:
+def _see(config: TrainConfig, world: surrogate.World, state: surrogate.State) -> _Observed:
     inputs = derive(surrogate.observe(state, world.aircraft), config.network.feature_set)
-    return _Seen(state, inputs.mirror_sign, inputs.own)
+    return _Observed(state, inputs.mirror_sign, inputs.own)
 
 
-def _begin(config: TrainConfig, world: surrogate.World, pool: surrogate.State) -> _Seen:
+def _begin(config: TrainConfig, world: surrogate.World, pool: surrogate.State) -> _Observed:
     return _see(config, world, jax.tree.map(lambda rows: rows[0], pool))
 
 
@@ -401,7 +403,7 @@ def _step(
     action: Float[Array, "N 2"],
     pool: surrogate.State,
     row: int,
-) -> tuple[_Seen, Float[Array, "N 3"]]:
+) -> tuple[_Observed, Float[Array, "N 3"]]:
     command = action[:, 0], action[:, 1] * mirror_sign
     moved, result = surrogate.step(state, command, world)
     transition = Transition(state, moved, command, result, world.aircraft)

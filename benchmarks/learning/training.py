@@ -125,7 +125,7 @@ def _go_on(
         point = windows.add(episodes, took)
         ended = _end(done == total, spent >= seconds, point, until)
         if point is None and ended is not None and not log.points:
-            point = windows.rest()  # a curve has one point at least
+            point = windows.finish()  # a curve has one point at least
         if point is not None:
             log.add(point, spent, last=ended is not None)
         if os.getppid() != parent:

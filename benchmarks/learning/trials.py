@@ -51,18 +51,18 @@ def settings(config: TrainConfig, trials: int) -> list[Setting]:
         key: getattr(config.ppo if key in PpoConfig.model_fields else config, key)
         for key in ("learning_rate", *SPACE)
     }
-    found: list[Setting] = []
+    chosen: list[Setting] = []
     for number, setting in zip(range(_TRIED), _propose(own), strict=False):
-        if len(found) == trials:
+        if len(chosen) == trials:
             break
-        if setting not in found and (number == 0 or _valid(config, setting)):
-            found.append(setting)
-    if len(found) < trials:
+        if setting not in chosen and (number == 0 or _valid(config, setting)):
+            chosen.append(setting)
+    if len(chosen) < trials:
         raise ConfigError(
-            f"--trials is {trials}; expected at most {len(found)}, which is what this "
+            f"--trials is {trials}; expected at most {len(chosen)}, which is what this "
             "configuration takes"
         )
-    return found
+    return chosen
 
 
 def with_setting(config: TrainConfig, setting: Setting, seed: int) -> TrainConfig:
@@ -130,8 +130,8 @@ class Trial:
         """Return when the seeds came to a score, s of training; None and the whole time of one that
         never did.
         """
-        found = [time_to_score(log.curve, score, "wall_s") for log in self.logs]
-        return Times(tuple(found), tuple(float(log.header["seconds"]) for log in self.logs))
+        reached = [time_to_score(log.curve, score, "wall_s") for log in self.logs]
+        return Times(tuple(reached), tuple(float(log.header["seconds"]) for log in self.logs))
 
 
 def best(tried: Sequence[Trial], target: float | None) -> dict[str, float]:

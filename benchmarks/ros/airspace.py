@@ -58,15 +58,15 @@ _MARKS = "median", "p90", "p99", "max"
 class Sky(NamedTuple):
     """What is in the air at the beginning, and the route."""
 
-    asked: Question
+    request: Question
     areas: tuple[Area, ...]
 
     @classmethod
     def draw(cls, seed: int, count: int, radius: float, policy: Policy) -> "Sky":
         """Return a sky with so many aircraft within a radius, m."""
-        asked = question(seed, count, radius, policy.aircraft)
-        goal = asked.route[0].x, asked.route[0].y
-        return cls(asked, random_areas(seed, 0, _AREAS, asked.own, goal, policy.aircraft))
+        request = question(seed, count, radius, policy.aircraft)
+        goal = request.route[0].x, request.route[0].y
+        return cls(request, random_areas(seed, 0, _AREAS, request.own, goal, policy.aircraft))
 
 
 class Answered(NamedTuple):
@@ -116,12 +116,12 @@ class Caller:
         self._plan = self._node.create_client(GenerateTrajectory, topics.SERVICE)
         self._origin.publish(GeoReference(latitude=ORIGIN[0], longitude=ORIGIN[1]))
         self._areas.publish(areas_message(sky.areas, time.time_ns(), FRAME, "map"))
-        self._states = [sky.asked.own, *sky.asked.states]
-        far = [math.hypot(one.x, one.y) > 0.5 * radius for one in sky.asked.states]
-        self._periods = [_OWN_PERIOD] + [_FAR_PERIOD if one else _NEAR_PERIOD for one in far]
+        self._states = [sky.request.own, *sky.request.states]
+        far = [math.hypot(state.x, state.y) > 0.5 * radius for state in sky.request.states]
+        self._periods = [_OWN_PERIOD] + [_FAR_PERIOD if is_far else _NEAR_PERIOD for is_far in far]
         self._next = np.random.default_rng(0).uniform(0.0, self._periods)
         self._begin = time.time()
-        points = sky.asked.route
+        points = sky.request.route
         route = route_message([point.x for point in points], [point.y for point in points])
         # As the monitor asks: within the deadline.
         self._request = GenerateTrajectory.Request(reason=2, route=route)
@@ -163,13 +163,13 @@ class Caller:
         from ros_bridge.core.reports import Report
         from ros_bridge.transport.messages import aircraft_message
 
-        now = time.time()
-        for n in np.flatnonzero(self._next <= now - self._begin).tolist():
+        stamp = time.time()
+        for n in np.flatnonzero(self._next <= stamp - self._begin).tolist():
             message = aircraft_message(
                 Report(
                     "own" if n == 0 else f"{0x4B0000 + n:x}",
-                    round(now * 1e9),
-                    *geodetic(advance(self._states[n], now - self._begin)),
+                    round(stamp * 1e9),
+                    *geodetic(advance(self._states[n], stamp - self._begin)),
                     position_std=_POSITION_STD,
                     velocity_std=_VELOCITY_STD,
                     wind=_WIND if n == 0 else None,
@@ -219,17 +219,17 @@ def _status(answer: "GenerateTrajectory.Response") -> str:
 
 def main() -> None:
     """Measure and print."""
-    given = _parser().parse_args()
-    radius, policy = 1e3 * given.radius, Policy.load()
+    options = _parser().parse_args()
+    radius, policy = 1e3 * options.radius, Policy.load()
     skies = list[Measured]()
     with own_domain():
-        for number in range(given.skies):
-            sky = Sky.draw(given.seed + number, given.aircraft, radius, policy)
-            skies.append(measure(sky, radius, given.requests, given.deadline))
-            print(f"sky {number + 1} of {given.skies}", flush=True)
-    found = {"benchmark": "ros_airspace", **vars(given), **figures(skies)}
-    show(found)
-    report(found, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
+        for number in range(options.skies):
+            sky = Sky.draw(options.seed + number, options.aircraft, radius, policy)
+            skies.append(measure(sky, radius, options.requests, options.deadline))
+            print(f"sky {number + 1} of {options.skies}", flush=True)
+    summary = {"benchmark": "ros_airspace", **vars(options), **figures(skies)}
+    show(summary)
+    report(summary, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
 
 
 def _parser() -> Parser:
@@ -247,14 +247,14 @@ def _parser() -> Parser:
 
 def figures(skies: Sequence[Measured]) -> dict[str, Any]:
     """Return the figures of all skies together."""
-    answers = [one for sky in skies for one in sky.answers]
-    found: dict[str, Any] = {
-        **percentiles_ms("request_to_plan", [one.request_to_plan for one in answers], _MARKS),
-        **percentiles_ms("computation", [one.computation for one in answers], _MARKS),
+    answers = [answer for sky in skies for answer in sky.answers]
+    summary: dict[str, Any] = {
+        **percentiles_ms("request_to_plan", [answer.request_to_plan for answer in answers], _MARKS),
+        **percentiles_ms("computation", [answer.computation for answer in answers], _MARKS),
     }
     for name in ("runner", "monitor"):
-        found[f"{name}_core_percent"] = 100.0 * float(np.mean([sky.cores[name] for sky in skies]))
-    return found | {"answers": dict(Counter(one.status for one in answers))}
+        summary[f"{name}_core_percent"] = 100.0 * float(np.mean([sky.cores[name] for sky in skies]))
+    return summary | {"answers": dict(Counter(answer.status for answer in answers))}
 
 
 if __name__ == "__main__":

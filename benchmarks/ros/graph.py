@@ -102,7 +102,8 @@ def scheduling(process: "subprocess.Popen[Any]") -> Scheduling:
     if not times:
         return Scheduling(math.nan, math.nan)
     return Scheduling(
-        sum(int(one[0]) for one in times) * 1e-9, sum(int(one[1]) for one in times) * 1e-9
+        sum(int(fields[0]) for fields in times) * 1e-9,
+        sum(int(fields[1]) for fields in times) * 1e-9,
     )
 
 

@@ -70,7 +70,7 @@ class Scene(NamedTuple):
     """Two aircraft at the beginning of an encounter, and the route."""
 
     own: VehicleState[Ground]
-    other: VehicleState[Ground]
+    intruder: VehicleState[Ground]
     route: "list[Waypoint]"
 
     @classmethod
@@ -161,7 +161,7 @@ class Caller:
                 raise SystemExit(f"{client.service_name} did not come up within {PATIENCE:g} s")
         every = (self.fix, self.velocity, self.traffic, self.origin)
         self.spin(
-            lambda: all(one.get_subscription_count() > 0 for one in every),
+            lambda: all(publisher.get_subscription_count() > 0 for publisher in every),
             "runner and translator to subscribe",
         )
 
@@ -182,7 +182,7 @@ class Caller:
         end = time.monotonic() + SETTLE
         self.spin(lambda: time.monotonic() > end, "the scene")
 
-    def _now(self) -> "tuple[float, Time]":
+    def _times(self) -> "tuple[float, Time]":
         """Return the time since the scene began, s, and the simulated time."""
         from ros_bridge.transport.messages import time_message
 
@@ -196,11 +196,11 @@ class Caller:
 
         if self.scene is None:
             return
-        seconds, now = self._now()
+        seconds, stamp = self._times()
         where = geodetic(advance(self.scene.own, seconds))
-        self.clock.publish(Clock(clock=now))
+        self.clock.publish(Clock(clock=stamp))
         twist = TwistStamped()
-        twist.header.stamp = now
+        twist.header.stamp = stamp
         twist.twist.linear.x, twist.twist.linear.y = where.east, where.north
         self.velocity.publish(twist)
         fix = NavSatFix(
@@ -209,14 +209,14 @@ class Caller:
             longitude=where.longitude,
             altitude=2_500.0,
         )
-        fix.header.stamp = now
+        fix.header.stamp = stamp
         self.fix.publish(fix)
 
     def _publish_traffic(self) -> None:
         if self.scene is None:
             return
-        seconds, now = self._now()
-        self.traffic.publish(exact_report("other", advance(self.scene.other, seconds), now))
+        seconds, stamp = self._times()
+        self.traffic.publish(exact_report("other", advance(self.scene.intruder, seconds), stamp))
 
     def call(self, client: "Client[Any, Any]", request: Any) -> tuple[float, Any]:
         """Return the time from call to answer, s, and the answer."""
@@ -240,37 +240,37 @@ def measure(caller: Caller, first: int, calls: int) -> list[Call]:
 
     request = request_of(encounters_of_seed(scenario("circle", PAPER), 0, first, calls), PAPER)
     kinds = {Trajectory.SOURCE_POLICY: "policy", Trajectory.SOURCE_FALLBACK: "fallback"}
-    found = []
+    measured = []
     for number in range(calls):
         scene = Scene.of_request(take(request, number))
         caller.show(scene)
         empty, _ = caller.call(caller.empty, Trigger.Request())
-        asked = GenerateTrajectory.Request(reason=3, route=scene.route)
-        took, answer = caller.call(caller.plan, asked)
+        service_request = GenerateTrajectory.Request(reason=3, route=scene.route)
+        took, answer = caller.call(caller.plan, service_request)
         if answer.status not in (answer.STATUS_SAFE, answer.STATUS_UNRESOLVED):
             raise SystemExit(
                 f"encounter {first + number}: status {answer.status}: {answer.message}"
             )
         safe = answer.status == answer.STATUS_SAFE
         kind = kinds[answer.trajectory.source] if safe else "unresolved"
-        found.append(Call(kind, took, answer.computation_time, empty))
-    return found
+        measured.append(Call(kind, took, answer.computation_time, empty))
+    return measured
 
 
 def call_figures(calls: Sequence[Call]) -> dict[str, Any]:
     """Return how long calls took, by kind of plan."""
     times: dict[str, list[float]] = {
-        "empty": [one.empty for one in calls],
-        "overhead": [one.end_to_end - one.computation for one in calls],
+        "empty": [call.empty for call in calls],
+        "overhead": [call.end_to_end - call.computation for call in calls],
     }
-    for one in calls:
-        times.setdefault(f"{one.kind}_end_to_end", []).append(one.end_to_end)
-        times.setdefault(f"{one.kind}_computation", []).append(one.computation)
-    found: dict[str, Any] = {}
+    for call in calls:
+        times.setdefault(f"{call.kind}_end_to_end", []).append(call.end_to_end)
+        times.setdefault(f"{call.kind}_computation", []).append(call.computation)
+    summary: dict[str, Any] = {}
     for name, values in sorted(times.items()):
-        found[f"{name}_count"] = len(values)
-        found |= percentiles_ms(name, values, _MARKS)
-    return found
+        summary[f"{name}_count"] = len(values)
+        summary |= percentiles_ms(name, values, _MARKS)
+    return summary
 
 
 def restart(
@@ -289,15 +289,15 @@ def _time_first_plan(caller: Caller, scene: Scene, began: float) -> Restart:
     """Ask every 20 ms until a plan is SAFE; ``began``: when the runner was started, s."""
     from rlcas_msgs.srv import GenerateTrajectory
 
-    asked, answers, answered = [], [], None
+    futures, answers, answered = [], [], None
     while not any(answer.status == answer.STATUS_SAFE for answer in answers):
         # Calls to the killed one are never answered: DDS does not know at once that it has ended.
         request = GenerateTrajectory.Request(reason=3, route=scene.route)
-        asked.append(caller.plan.call_async(request))
+        futures.append(caller.plan.call_async(request))
         end = time.perf_counter() + 0.02
         while time.perf_counter() < end:
             caller.executor.spin_once(timeout_sec=0.005)
-        answers = [future.result() for future in asked if future.result() is not None]
+        answers = [future.result() for future in futures if future.result() is not None]
         if answers and answered is None:
             answered = time.perf_counter() - began
         if time.perf_counter() - began > PATIENCE:
@@ -305,7 +305,7 @@ def _time_first_plan(caller: Caller, scene: Scene, began: float) -> Restart:
             raise SystemExit(f"no SAFE plan within {PATIENCE:g} s of the runner's start: {last}")
     safe = time.perf_counter() - began
     assert answered is not None
-    for future in asked:
+    for future in futures:
         caller.plan.remove_pending_request(future)
     return Restart(answered, safe, _last_missed(answers))
 
@@ -317,13 +317,13 @@ def _last_missed(answers: "Sequence[GenerateTrajectory.Response]") -> str:
 
 def restart_figures(restarts: Sequence[Restart]) -> dict[str, Any]:
     """Return how long it took from a kill to an answer and to a SAFE plan."""
-    found: dict[str, Any] = {}
-    answered, safe = [one.answered for one in restarts], [one.safe for one in restarts]
+    summary: dict[str, Any] = {}
+    answered, safe = [trial.answered for trial in restarts], [trial.safe for trial in restarts]
     for name, times in (("answer", answered), ("safe_plan", safe)):
-        found[f"killed_to_{name}_median_s"] = float(np.median(times))
-        found[f"killed_to_{name}_max_s"] = max(times)
-    found["last_missed_before_the_plan"] = dict(Counter(one.missed for one in restarts))
-    return found
+        summary[f"killed_to_{name}_median_s"] = float(np.median(times))
+        summary[f"killed_to_{name}_max_s"] = max(times)
+    summary["last_missed_before_the_plan"] = dict(Counter(trial.missed for trial in restarts))
+    return summary
 
 
 class Start(NamedTuple):
@@ -391,8 +391,8 @@ def measure_graph(calls: int) -> dict[str, Any]:
         figures |= start_figures([time_to_active() for _ in range(RESTARTS)])
         scene, restarts = first_scene(), []
         for _ in range(RESTARTS):
-            servers[0], one = restart(caller, servers[0], scene)
-            restarts.append(one)
+            servers[0], timed = restart(caller, servers[0], scene)
+            restarts.append(timed)
         figures |= restart_figures(restarts) | end(servers[0])
     finally:
         stop(servers)
@@ -407,11 +407,11 @@ def first_scene() -> Scene:
 
 def start_figures(starts: Sequence[Start]) -> dict[str, Any]:
     """Return how long runners took to be active."""
-    wall = sorted(one.wall for one in starts)
+    wall = sorted(launch.wall for launch in starts)
     return {
         "start_to_active_median_s": float(np.median(wall)),
         "start_to_active_max_s": max(wall),
-        "starts_to_active_s": [round(one, 3) for one in wall],
+        "starts_to_active_s": [round(seconds, 3) for seconds in wall],
         "slowest_start_s": max(starts)._asdict(),
     }
 

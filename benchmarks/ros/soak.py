@@ -54,7 +54,7 @@ class Sky:
     """The aircraft and their places; advanced tick by tick."""
 
     def __init__(self, seed: int) -> None:
-        self._random, self.made = np.random.default_rng(seed), 0
+        self._random, self.created = np.random.default_rng(seed), 0
         self.others: dict[str, VehicleState[Ground]] = {}
         for _ in range(OTHERS):
             name, state = self._new()
@@ -74,11 +74,11 @@ class Sky:
                 self.others[name] = after
 
     def _new(self) -> tuple[str, VehicleState[Ground]]:
-        self.made += 1
+        self.created += 1
         bearing, offset = self._random.uniform(-math.pi, math.pi), self._random.uniform(-0.8, 0.8)
         course = float(wrap(np.asarray(bearing + math.pi + offset), np))
         speed = float(self._random.uniform(50.0, 100.0))
-        return f"{self.made:06x}", VehicleState(
+        return f"{self.created:06x}", VehicleState(
             REACH * math.cos(bearing), REACH * math.sin(bearing), course, speed
         )
 
@@ -140,7 +140,7 @@ class World:
         end = time.monotonic() + PATIENCE
         every = (self.own, self.traffic, self.origin, self.clock)
         while not self.client.service_is_ready() or any(
-            one.get_subscription_count() < 2 for one in every
+            publisher.get_subscription_count() < 2 for publisher in every
         ):
             if time.monotonic() > end:
                 raise SystemExit(f"runner and monitor did not come up within {PATIENCE:g} s")
@@ -158,12 +158,12 @@ class World:
         self.time += TICK
         self.sky.step()
         nanoseconds = round(self.time * 1e9)
-        now = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-        self.clock.publish(Clock(clock=now))
-        self.own.publish(exact_report("own", own_at(self.time), now))
+        stamp = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+        self.clock.publish(Clock(clock=stamp))
+        self.own.publish(exact_report("own", own_at(self.time), stamp))
         for number, (name, state) in enumerate(self.sky.others.items()):
             if (self.ticks + number) % 10 == 0:
-                self.traffic.publish(exact_report(name, state, now))
+                self.traffic.publish(exact_report(name, state, stamp))
         self.executor.spin_once(timeout_sec=0.0)
 
     def ask(self) -> tuple[float, int]:
@@ -197,10 +197,10 @@ def main() -> int:
     add("--seed", type=whole(0), default=0, help="seed of the traffic (default 0)")
     options = parser.parse_args()
     with own_domain():
-        found = figures(measure(options))
-    show(found)
-    report(found, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
-    return 0 if found["good"] else 1
+        summary = figures(measure(options))
+    show(summary)
+    report(summary, ("numpy", "ros-rclpy", "ros-rmw-fastrtps-cpp"))
+    return 0 if summary["good"] else 1
 
 
 class Flight(NamedTuple):
@@ -243,18 +243,18 @@ def fly(
         if tick % max(ticks // 20, 1) == 0:
             line = f"{100.0 * tick / ticks:.0f} %, {len(took)} requests"
             print(line, file=sys.stderr, flush=True)
-        rest = (tick + 1) * TICK / options.rate - (time.perf_counter() - began)
-        if rest > 0.0:
-            world.executor.spin_once(timeout_sec=rest)
+        remaining = (tick + 1) * TICK / options.rate - (time.perf_counter() - began)
+        if remaining > 0.0:
+            world.executor.spin_once(timeout_sec=remaining)
     return Flight(took, statuses, memory, ticks * TICK, time.perf_counter() - began)
 
 
 def measure(options: argparse.Namespace) -> Soak:
     """Start runner and monitor, fly and ask, and end them."""
     # An aircraft that has left the area is stale, and requests are refused, until it is forgotten.
-    given = ["--ros-args", "--log-level", "fatal"]
-    given += ["-p", "use_sim_time:=true", "-p", "forget_after:=8.0"]
-    nodes = [start("ros_bridge.runner", *given), start("ros_bridge.monitor", *given)]
+    arguments = ["--ros-args", "--log-level", "fatal"]
+    arguments += ["-p", "use_sim_time:=true", "-p", "forget_after:=8.0"]
+    nodes = [start("ros_bridge.runner", *arguments), start("ros_bridge.monitor", *arguments)]
     try:
         world = World(options.seed)
         world.wait()
@@ -269,7 +269,7 @@ def measure(options: argparse.Namespace) -> Soak:
             node.terminate()
         codes = [node.wait(PATIENCE) for node in nodes]
     judgements = sum(world.judgements.values())
-    return Soak(flight, world.answered, judgements, world.sky.made, alive, codes)
+    return Soak(flight, world.answered, judgements, world.sky.created, alive, codes)
 
 
 def figures(soak: Soak) -> dict[str, Any]:

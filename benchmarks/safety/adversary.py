@@ -40,7 +40,7 @@ __all__ = [
 MOST_INTRUDERS = 8
 MOST_POINTS = 20
 
-_OWN, _EACH_POINT, _EACH_INTRUDER = 20, 4, 20  # draws
+_OWN, _PER_POINT, _PER_INTRUDER = 20, 4, 20  # draws
 _KINDS = ("meeting", "near", "ahead", "trail", "goal", "co-located", "inside")
 
 
@@ -188,7 +188,7 @@ _TURNS = np.concatenate([np.tile(np.arange(len(VARIANTS) - 1), 7), [len(VARIANTS
 """
 
 _CYCLE = np.random.default_rng(1).permutation(
-    np.repeat(np.arange(len(FAMILIES)), [one.share for one in FAMILIES])
+    np.repeat(np.arange(len(FAMILIES)), [family.share for family in FAMILIES])
 )
 
 
@@ -234,15 +234,15 @@ class _Uniforms(NamedTuple):
     @classmethod
     def draw(cls, seed: int, first: int, count: int) -> "_Uniforms":
         """Return the draws of requests with consecutive numbers."""
-        of_points = _EACH_POINT * MOST_POINTS
-        total = _OWN + of_points + _EACH_INTRUDER * MOST_INTRUDERS
+        of_points = _PER_POINT * MOST_POINTS
+        total = _OWN + of_points + _PER_INTRUDER * MOST_INTRUDERS
         own, point, intruder = np.split(
             draws.uniforms(seed, first, count, (total,)).T, [_OWN, _OWN + of_points]
         )
         return cls(
             own,
-            point.reshape(_EACH_POINT, MOST_POINTS, count).swapaxes(1, 2),
-            intruder.reshape(_EACH_INTRUDER, MOST_INTRUDERS, count).swapaxes(1, 2),
+            point.reshape(_PER_POINT, MOST_POINTS, count).swapaxes(1, 2),
+            intruder.reshape(_PER_INTRUDER, MOST_INTRUDERS, count).swapaxes(1, 2),
         )
 
 
@@ -255,7 +255,7 @@ class _Ownships(NamedTuple):
     speed: Array
 
 
-def _each(name: str) -> Array:
+def _of_families(name: str) -> Array:
     """Return one property of all families as an array."""
     return np.array([getattr(family, name) for family in FAMILIES])
 
@@ -275,23 +275,23 @@ _EDGE = np.array([49.0, 49.5, 50.0, 50.0, 99.5, 99.6, 99.9, 100.0, 100.5, 101.0]
 
 def _ownships(family: Array, begin: Array, course: Array, u: _Uniforms) -> _Ownships:
     """Return the ownships near where their routes begin, complex m, with about their courses."""
-    at_edge = u.own[7] < _each("ends")[family]
+    at_edge = u.own[7] < _of_families("ends")[family]
     edge = _EDGE[(u.own[8] * _EDGE.size).astype(int)]
     speed = np.where(at_edge, edge, 50.0 + 50.0 * u.own[6])
     # Half of those that may be astray are, by a share of the most that grows slowly.
     share = np.where(u.own[9] < 0.5, u.own[10] ** 2, u.own[10])
-    astray = np.radians(_each("astray")[family]) * share
+    astray = np.radians(_of_families("astray")[family]) * share
     heading = course + np.where(u.own[11] < 0.5, -astray, astray)
-    off = _each("off")[family] * u.own[12] * np.exp(2j * math.pi * u.own[13])
+    off = _of_families("off")[family] * u.own[12] * np.exp(2j * math.pi * u.own[13])
     return _Ownships(begin + off, heading, speed)
 
 
 def _routes(family: Array, origin: Array, course: Array, u: _Uniforms) -> tuple[Array, Array]:
     """Return routes ``[N, MOST_POINTS]`` as complex positions, m, and how many points each has."""
-    low, high = (_each("spacing")[family][:, side] for side in (0, 1))
+    low, high = (_of_families("spacing")[family][:, side] for side in (0, 1))
     plain = low == high
     spacing = low[:, None] * (high / low)[:, None] ** u.point[1]
-    coincident = u.point[2] < _each("coincident")[family][:, None]
+    coincident = u.point[2] < _of_families("coincident")[family][:, None]
     spacing = np.where(coincident, 1.0 + 29.0 * u.point[3], spacing)
     # The first leg of straight routes is as long as an encounter's.
     spacing[:, 0] = np.where(plain, 6_000.0 + 14_000.0 * u.own[4], spacing[:, 0])
@@ -311,9 +311,9 @@ def _routes(family: Array, origin: Array, course: Array, u: _Uniforms) -> tuple[
 def _turns(family: Array, u: Array) -> Array:
     """Return the turns of routes at their points, rad, ``[N, MOST_POINTS]``; the first is none."""
     sides = np.where(np.arange(MOST_POINTS) % 2 == 0, 1.0, -1.0)
-    zigzag = _each("zigzag")[family][:, None]
+    zigzag = _of_families("zigzag")[family][:, None]
     share = np.where(zigzag, sides * (0.5 + 0.5 * u), 2.0 * u - 1.0)
-    turn = share * np.radians(_each("bend")[family])[:, None]
+    turn = share * np.radians(_of_families("bend")[family])[:, None]
     turn[:, 0] = 0.0
     return turn
 
@@ -325,7 +325,7 @@ def _traffic(
     u = uniforms.intruder
     kind = _kinds(family, u)
     speed = _speeds(kind, own.speed[:, None], u)
-    turns = u[4] < _each("turning")[family][:, None]
+    turns = u[4] < _of_families("turning")[family][:, None]
     rate = np.where(turns, np.radians(5.0) * (2.0 * u[5] - 1.0), 0.0)
     lasts = np.where(turns, 400.0 * u[6] ** 2, 0.0)
 
@@ -333,13 +333,13 @@ def _traffic(
     begin = there.course - rate * np.minimum(there.time, lasts)
     start = there.place - displacement(begin, speed, rate, lasts, there.time)
 
-    unsure = u[14] < _each("unsure")[family][:, None]
+    unsure = u[14] < _of_families("unsure")[family][:, None]
     worst = np.where(u[16] < 0.1, 400.0, 60.0)
-    fewest, most = (_each("intruders")[family][:, side] for side in (0, 1))
-    wanted = fewest + np.floor(uniforms.own[15] * (most - fewest + 1))
+    fewest, most = (_of_families("intruders")[family][:, side] for side in (0, 1))
+    count = fewest + np.floor(uniforms.own[15] * (most - fewest + 1))
     return Traffic(
         state=VehicleState(start.real.copy(), start.imag.copy(), _wrap(begin), speed),
-        mask=np.argsort(np.argsort(u[3], axis=1), axis=1) < wanted[:, None],
+        mask=np.argsort(np.argsort(u[3], axis=1), axis=1) < count[:, None],
         turn_rate=rate,
         turn_time=lasts,
         position_std=np.where(unsure & (u[15] < 0.8), worst * u[17], 0.0),
@@ -394,7 +394,7 @@ def _meetings(kind: Array, own: _Ownships, route: Array, points: Array, u: Array
     holds = [kind == name for name in named]
     fields = zip(*named.values(), strict=True)
     return _Meeting(
-        *(np.select(holds, choices, other) for choices, other in zip(fields, near, strict=True))
+        *(np.select(holds, choices, default) for choices, default in zip(fields, near, strict=True))
     )
 
 

@@ -128,14 +128,15 @@ class Tally:
     def figures(self) -> dict[str, Any]:
         """Return everything as it is printed."""
         checks: dict[str, list[int]] = {}
-        for one in self.violations:
-            checks.setdefault(one["check"], []).append(one["number"])
+        for violation in self.violations:
+            checks.setdefault(violation["check"], []).append(violation["number"])
         reflown = self.counts["reflown"]
         return {
             "requests": self.requests.total(),
             "safe": self.safe.total(),
             "families": {
-                one.name: [self.requests[one.name], self.safe[one.name]] for one in FAMILIES
+                family.name: [self.requests[family.name], self.safe[family.name]]
+                for family in FAMILIES
             },
             "through_plan": dict(sorted(self.single.items())),
             "through_plan_with": {
@@ -303,9 +304,9 @@ def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, option
     judged: list[published.AsArrays] = []
     places = []
     for row in range(len(requests.number)):
-        one = _ask(tally, seed, requests, row, policy, options)
-        if one is not None:
-            judged.append(one)
+        arrays = _ask(tally, seed, requests, row, policy, options)
+        if arrays is not None:
+            judged.append(arrays)
             places.append(row)
     if judged:
         plans: published.AsArrays = map_leaves(lambda *fields: np.stack(fields), *judged)
@@ -333,17 +334,17 @@ def _ask(
     faults = published.faults(question, answer, options)
     names = _what_stands_around(question)
     tally.counts.update(names)
-    found = None
+    arrays = None
     if answer.safe and len(answer.waypoints) == WAYPOINTS:
         tally.counts.update(f"{name}, safe" for name in names)
-        found = published.as_arrays(question, answer, options)
-        flown = fly(found.plan_states)
+        arrays = published.as_arrays(question, answer, options)
+        flown = fly(arrays.plan_states)
         faults += sky.faults(question.sky, flown, options, question.altitude)
         moved = sky.move(question.sky, np.random.default_rng([seed, number, 55]))
         faults += _certificates(tally, question, answer, flown, moved, options)
     for fault in faults:
         _blame(tally, fault, requests, row)
-    return found
+    return arrays
 
 
 def _certificates(
@@ -361,11 +362,11 @@ def _certificates(
     data = parse_json(answer.certificate)
     wrong = [] if _is_accepted(data) else ["certificate refused"]
     tally.counts["certificate right"] += 1
-    for row, one in zip(data["areas"], moved.areas, strict=True):
+    for row, area in zip(data["areas"], moved.areas, strict=True):
         row |= {
-            "clearance": one.clearance,
-            "velocity": list(one.velocity),
-            "growth": one.growth,
+            "clearance": area.clearance,
+            "velocity": list(area.velocity),
+            "growth": area.growth,
         }
     if moved.wind is not None:
         data["wind"]["std"] = moved.wind.std
@@ -392,7 +393,7 @@ def _what_stands_around(question: published.Question) -> list[str]:
         "uncertain wind": wind is not None and wind.std > 0.0,
         "areas": bool(areas),
         "windows": _has_windows(question),
-        "own separations": any(one.separation is not None for one in question.intruders),
+        "own separations": any(intruder.separation is not None for intruder in question.intruders),
     }
     holds["all of these"] = all(holds.values())
     return [name for name in _SKY if holds[name]]
@@ -401,9 +402,9 @@ def _what_stands_around(question: published.Question) -> list[str]:
 def _has_windows(question: published.Question) -> bool:
     """Return whether an intruder's altitude can be held against the ownship's."""
     own = question.altitude
-    others = [one.altitude for one in question.intruders]
+    others = [intruder.altitude for intruder in question.intruders]
     return own is not None and any(
-        one is not None and one.reference == own.reference for one in others
+        altitude is not None and altitude.reference == own.reference for altitude in others
     )
 
 

@@ -54,7 +54,7 @@ BLOCK = 400
 """Requests of a block, all for one aircraft."""
 
 
-class _Asked(NamedTuple):
+class _Plannable(NamedTuple):
     """A request that can be planned for."""
 
     number: int
@@ -78,29 +78,29 @@ def certify(seed: int, block: int) -> list[Certified]:
     aircraft = adversary.random_aircraft(rng)
     options = adversary.random_options(aircraft, rng)
     policy = adversary.policy_for(aircraft)
-    asked = _ask(seed, block, aircraft, options)
-    requests = _side_by_side([each.request for each in asked])
+    plannable = _ask(seed, block, aircraft, options)
+    requests = _side_by_side([item.request for item in plannable])
     plans = plan_many(requests, policy, in_wind(options, None)).candidates
-    found = []
+    certified = []
     for row in np.flatnonzero(plans.safe).tolist():
         rows = np.stack([field[row] for field in plans.plan_states], axis=1)[1:].tolist()
         points = [Waypoint(number, *plan_state) for number, plan_state in enumerate(rows)]
-        each = asked[row]
-        if any(points[-1].time > one.until for one in each.excluded):
+        item = plannable[row]
+        if any(points[-1].time > exclusion.until for exclusion in item.excluded):
             continue  # ``plan`` does not publish it
-        question = each.question
+        question = item.question
         evidence = Evidence(
-            question.own, question.intruders, points, each.excluded, question.altitude, options
+            question.own, question.intruders, points, item.excluded, question.altitude, options
         )
-        found.append(Certified(each.number, evidence.certificate()))
-    return found
+        certified.append(Certified(item.number, evidence.certificate()))
+    return certified
 
 
-def _ask(seed: int, block: int, aircraft: Aircraft, options: Options) -> list[_Asked]:
+def _ask(seed: int, block: int, aircraft: Aircraft, options: Options) -> list[_Plannable]:
     """Return the requests of a block that can be planned for."""
     first = block * BLOCK
     requests = adversary.scale(adversary.draw_requests(seed, first, BLOCK).request, aircraft)
-    asked = []
+    plannable = []
     for row in range(BLOCK):
         drawn = take(requests, row)
         question = published.question(seed, first + row, drawn, aircraft.separation)
@@ -116,8 +116,8 @@ def _ask(seed: int, block: int, aircraft: Aircraft, options: Options) -> list[_A
         except RequestError:
             continue
         request = request._replace(traffic=whole(request.traffic))
-        asked.append(_Asked(first + row, question, request, excluded))
-    return asked
+        plannable.append(_Plannable(first + row, question, request, excluded))
+    return plannable
 
 
 def _side_by_side(requests: list[Request]) -> Request:
@@ -172,7 +172,7 @@ def attack(seed: int, block: int) -> dict[str, Any]:
     """
     begun = time.process_time()
     with threadpool_limits(1):
-        cases = [_case(seed, one) for one in certify(seed, block)]
+        cases = [_case(seed, certified) for certified in certify(seed, block)]
         counts, failures = _judge(cases)
     return {
         "seed": seed,
@@ -185,13 +185,13 @@ def attack(seed: int, block: int) -> dict[str, Any]:
     }
 
 
-def _case(seed: int, one: Certified) -> _Case:
+def _case(seed: int, certified: Certified) -> _Case:
     began = time.process_time()
-    right = parse_json(one.file)
+    right = parse_json(certified.file)
     refusal = _refusal(right)
     seconds = time.process_time() - began
-    moved, kind = mutate(right, np.random.default_rng([seed, one.number, 1]))
-    return _Case(one.number, right, refusal, moved, kind, seconds, len(one.file))
+    moved, kind = mutate(right, np.random.default_rng([seed, certified.number, 1]))
+    return _Case(certified.number, right, refusal, moved, kind, seconds, len(certified.file))
 
 
 def _judge(cases: Sequence[_Case]) -> tuple[Counter[str], list[str]]:
@@ -242,7 +242,7 @@ def _before(path: Path, seed: int) -> list[dict[str, Any]]:
     lines = path.read_bytes().splitlines(keepends=True) if path.exists() else []
     whole = [line for line in lines if line.endswith(b"\n")]
     done = [parse_json(line) for line in whole]
-    if any(one["seed"] != seed for one in done):
+    if any(block["seed"] != seed for block in done):
         raise InputError(
             f"{path} is of seed {done[0]['seed']}; expected --seed {done[0]['seed']} or another "
             "--out"
@@ -265,7 +265,7 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted; these are the figures of what was done", file=sys.stderr)
     counts = _counts(done)
-    failures = [problem for one in done for problem in one["failures"]]
+    failures = [problem for block in done for problem in block["failures"]]
     figures = {
         "benchmark": "certificates",
         "seed": options.seed,
@@ -276,8 +276,8 @@ def main(arguments: list[str] | None = None) -> int:
         "counts": dict(sorted(counts.items())),
     }
     for name in ("slowest_check_s", "largest_certificate_bytes"):
-        figures[name] = max((one[name] for one in done), default=0)
-    report(figures | {"seconds": sum(one["seconds"] for one in done)}, ("numpy",))
+        figures[name] = max((block[name] for block in done), default=0)
+    report(figures | {"seconds": sum(block["seconds"] for block in done)}, ("numpy",))
     return 1 if failures else 0
 
 
@@ -303,20 +303,20 @@ def _check_blocks(
     """Check blocks that are not done until there are as many SAFE plans as wanted; each is appended
     to what is done, and to the file.
     """
-    known = {one["block"] for one in done}
+    known = {block["block"] for block in done}
     blocks = (block for block in count(options.first) if block not in known)
     certificates = _counts(done)["certificates"]
     if certificates >= options.plans:
         return
-    for one in _results(options.seed, blocks, options.workers):
-        done.append(one)
-        certificates += one["counts"]["certificates"]
+    for block in _results(options.seed, blocks, options.workers):
+        done.append(block)
+        certificates += block["counts"]["certificates"]
         if path is not None:
             with path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(one) + "\n")
-        bad = sum(len(each["failures"]) for each in done)
+                file.write(json.dumps(block) + "\n")
+        bad = sum(len(checked["failures"]) for checked in done)
         line = f"{certificates} certificates, {bad} failures"
-        print(line, *one["failures"], sep="\n", file=sys.stderr)
+        print(line, *block["failures"], sep="\n", file=sys.stderr)
         if certificates >= options.plans:
             return
 
@@ -324,8 +324,8 @@ def _check_blocks(
 def _counts(done: list[dict[str, Any]]) -> Counter[str]:
     """Return the sums of the counts of blocks."""
     counts: Counter[str] = Counter()
-    for one in done:
-        counts.update(one["counts"])
+    for block in done:
+        counts.update(block["counts"])
     return counts
 
 

@@ -56,8 +56,8 @@ class Flight(NamedTuple):
 def flights(certificates: list[dict[str, Any]]) -> Flight:
     """Return the plans of certificates with the same number of waypoints, ``[N, A]``."""
     points = _points(certificates)
-    given = np.array([data["controls"] for data in certificates], dtype=float)
-    rate, gain = given[..., :ARCS], given[..., ARCS:]
+    stated = np.array([data["controls"] for data in certificates], dtype=float)
+    rate, gain = stated[..., :ARCS], stated[..., ARCS:]
     step = (np.diff(points[..., 4], axis=1) / ARCS)[..., None]
     heading = points[:, :-1, 2, None] + _running_sums(rate * step)[..., :-1]
     speed = points[:, :-1, 3, None] + _running_sums(gain * step)[..., :-1]
@@ -78,32 +78,32 @@ def wrong(certificates: list[dict[str, Any]]) -> list[str]:
     """Return what is wrong with each certificate, or nothing; all have the same number of
     waypoints.
     """
-    found = [_list_faults(data) for data in certificates]
-    rows = [row for row, names in enumerate(found) if not {"negative", "times"} & set(names)]
+    faults = [_list_faults(data) for data in certificates]
+    rows = [row for row, names in enumerate(faults) if not {"negative", "times"} & set(names)]
     sound = [certificates[row] for row in rows]
     if sound:
         flight = flights(sound)
         checks = _legs(sound, flight) | {"distance": _too_close(sound, flight)}
         for name, bad in checks.items():
             for row in np.flatnonzero(bad):
-                found[rows[row]].append(name)
-    return [", ".join(names) for names in found]
+                faults[rows[row]].append(name)
+    return [", ".join(names) for names in faults]
 
 
 def _list_faults(data: dict[str, Any]) -> list[str]:
     """Return what is wrong with a certificate by its numbers alone, before anything is flown."""
-    found: list[str] = []
+    faults: list[str] = []
     times = np.array([0.0, *(point[4] for point in data["waypoints"])], dtype=float)
-    sizes = [value for one in data["intruders"] for value in (one[3], *one[6:])]
+    sizes = [value for intruder in data["intruders"] for value in (intruder[3], *intruder[6:])]
     if min([*sizes, *data["requirement"].values()], default=0.0) < 0.0:
-        found.append("negative")
+        faults.append("negative")
     if not (np.diff(times) > 0.0).all():
-        found.append("times")
-    if any(not _above_or_below(one, 0.0, times[-1]) for one in data["excluded"]):
-        found.append("excluded")
-    if any(not _above_or_below(one[3:], *one[1:3]) for one in data["apart"]):
-        found.append("apart")
-    return found
+        faults.append("times")
+    if any(not _above_or_below(row, 0.0, times[-1]) for row in data["excluded"]):
+        faults.append("excluded")
+    if any(not _above_or_below(row[3:], *row[1:3]) for row in data["apart"]):
+        faults.append("apart")
+    return faults
 
 
 def _points(certificates: list[dict[str, Any]]) -> Array:
@@ -117,7 +117,7 @@ def _legs(certificates: list[dict[str, Any]], flight: Flight) -> dict[str, Array
     """Return where curve, joints or limits are wrong, ``[N]`` each."""
     count = len(certificates)
     points = _points(certificates)
-    given = np.array([data["controls"] for data in certificates], dtype=float)
+    stated = np.array([data["controls"] for data in certificates], dtype=float)
     last = np.s_[:, ARCS - 1 :: ARCS]  # arcs of legs
     seconds = flight.length[last]
     row, arc = np.arange(count)[:, None], np.arange(flight.begin.shape[1])[ARCS - 1 :: ARCS]
@@ -134,7 +134,7 @@ def _legs(certificates: list[dict[str, Any]], flight: Flight) -> dict[str, Array
     )
     begun = points[:, :1, 3]
     checks = {
-        "controls": np.abs(given - controls(certificates)).reshape(count, -1) > _CURVE,
+        "controls": np.abs(stated - controls(certificates)).reshape(count, -1) > _CURVE,
         "joint": np.abs(ends) > _MISS + _OUR_OWN,
         "course": (np.abs(courses) > _SPEED) | (np.abs(speeds) > _SPEED),
         "speed": (after < np.minimum(limits.speed_min, begun) - _SPEED - _OUR_OWN)
@@ -149,8 +149,8 @@ def _legs(certificates: list[dict[str, Any]], flight: Flight) -> dict[str, Array
 def _above_or_below(row: list[float], begin: float, end: float) -> bool:
     own, climb, height, rise, age, apart = row
     above = height + rise * age - own
-    now, then = above + (rise - climb) * begin, above + (rise - climb) * end
-    return now * then > 0.0 and min(abs(now), abs(then)) >= apart - _OUR_OWN
+    at_begin, at_end = above + (rise - climb) * begin, above + (rise - climb) * end
+    return at_begin * at_end > 0.0 and min(abs(at_begin), abs(at_end)) >= apart - _OUR_OWN
 
 
 class _Pairs(NamedTuple):
@@ -171,7 +171,7 @@ class _Pairs(NamedTuple):
         owner = [row for row, data in enumerate(certificates) for _ in data["intruders"]]
         if not owner:
             return None
-        traffic = np.array([one for data in certificates for one in data["intruders"]]).T
+        traffic = np.array([intruder for data in certificates for intruder in data["intruders"]]).T
         claim = np.array([bound for data in certificates for bound in data["bounds"]])
         levels = _apart_times(certificates)
         needs = required_distances(certificates, flight, np.array(owner), traffic, claim, levels)
@@ -223,13 +223,13 @@ def _sample_leg(pairs: _Pairs, leg: int, bad: Array) -> _Intervals:
     pair = np.flatnonzero(~bad[owner])
     row = owner[pair, None, None]
     width = flight.length[row, arcs] / pieces
-    found = pairs.clearance(pair[:, None, None], arcs, width * np.arange(pieces + 1))
-    bad[owner[pair][(found < -_OUR_OWN).any(axis=(1, 2))]] = True
+    clearance = pairs.clearance(pair[:, None, None], arcs, width * np.arange(pieces + 1))
+    bad[owner[pair][(clearance < -_OUR_OWN).any(axis=(1, 2))]] = True
     # Nothing comes nearer between two samples than both fly in that time.
     after = flight.speed + flight.acceleration * flight.length
     quick = np.maximum(flight.speed, after)[row, arcs] + pairs.traffic[3, pair, None, None]
     closing = 0.5 * width * quick
-    which, place, piece = np.nonzero(np.minimum(found[..., 1:], found[..., :-1]) < closing)
+    which, place, piece = np.nonzero(np.minimum(clearance[..., 1:], clearance[..., :-1]) < closing)
     width = width[which, place, 0]
     return _Intervals(pair[which], arcs[place, 0], piece * width, width)
 
@@ -246,21 +246,21 @@ def _search(pairs: _Pairs, places: _Intervals, bad: Array) -> None:
             return
         seconds = begin[:, None] + width[:, None] * np.linspace(0.0, 1.0, _PIECES + 1)
         seconds = np.minimum(seconds, pairs.flight.length[owner[pair], arc][:, None])
-        found = pairs.clearance(pair[:, None], arc[:, None], seconds)
-        bad[owner[pair][(found < -_OUR_OWN).any(axis=1)]] = True
-        least = np.take_along_axis(seconds, np.argmin(found, axis=1)[:, None], 1)[:, 0]
+        clearance = pairs.clearance(pair[:, None], arc[:, None], seconds)
+        bad[owner[pair][(clearance < -_OUR_OWN).any(axis=1)]] = True
+        least = np.take_along_axis(seconds, np.argmin(clearance, axis=1)[:, None], 1)[:, 0]
         begin = np.maximum(begin, least - width / _PIECES)
         places = places._replace(begin=begin, width=width * (2.0 / _PIECES))
 
 
 def _apart_times(certificates: list[dict[str, Any]]) -> Array:
     """Return in which times, two at most, each intruder is above or below, s, ``[P, 2, 2]``."""
-    found = []
+    by_intruder = []
     for data in certificates:
         for number in range(len(data["intruders"])):
-            times = [one[1:3] for one in data["apart"] if one[0] == number]
-            found.append((times + [[np.inf, -np.inf]] * 2)[:2])
-    return np.array(found)
+            times = [row[1:3] for row in data["apart"] if row[0] == number]
+            by_intruder.append((times + [[np.inf, -np.inf]] * 2)[:2])
+    return np.array(by_intruder)
 
 
 class _Intruder(NamedTuple):
@@ -299,9 +299,9 @@ class _Needs(NamedTuple):
     def at(self, pair: Array, time: Array) -> Array:
         """Return the distance below which a plan is wrong, m, ``[...]``."""
         here = _Needs(*(field[pair] for field in self))
-        now = np.hypot(here.std, here.velocity_std * here.age)
-        then = np.hypot(here.std, here.velocity_std * (here.age + time))
-        need = here.base + here.sigmas * (then - now)
+        before = np.hypot(here.std, here.velocity_std * here.age)
+        after = np.hypot(here.std, here.velocity_std * (here.age + time))
+        need = here.base + here.sigmas * (after - before)
         return np.maximum(np.maximum(need - _MARGIN, here.separation - _BELOW), here.claim)
 
 
@@ -320,15 +320,17 @@ def required_distances(
         np.array([data["requirement"][name] for data in certificates])[owner]
         for name in ("margin", "sigmas")
     )
-    one = _Intruder(*traffic)
-    separation, age = one.separation, np.abs(one.age)
-    std = np.hypot(one.position_std, one.velocity_std * age)
+    intruders = _Intruder(*traffic)
+    separation, age = intruders.separation, np.abs(intruders.age)
+    std = np.hypot(intruders.position_std, intruders.velocity_std * age)
     zero = np.zeros(len(owner), dtype=int)
     away = apart(flight, traffic, owner, zero, 0.0 * separation)
     later = ((levels[..., 0] <= 0.0) & (levels[..., 1] > 0.0)).any(axis=-1)
     away = np.where(later, np.inf, away)
     base = np.maximum(separation, np.minimum(separation + margin + sigmas * std, away))
-    return _Needs(base, sigmas, one.position_std, one.velocity_std, age, separation, claim)
+    return _Needs(
+        base, sigmas, intruders.position_std, intruders.velocity_std, age, separation, claim
+    )
 
 
 def apart(flight: Flight, traffic: Array, row: Array, arc: Array, seconds: Array) -> Array:
@@ -340,10 +342,14 @@ def offset(flight: Flight, traffic: Array, row: Array, arc: Array, seconds: Arra
     """Return where intruders ``[10, ...]`` are from a plan some seconds into arcs, complex m,
     ``[...]``.
     """
-    one = _Intruder(*traffic)
-    time = flight.begin[row, arc] + seconds + one.age
-    rate = np.where(one.lasts > 0.0, one.rate, 0.0)
-    there = one.x + 1j * one.y + displacement(one.heading, one.speed, rate, one.lasts, time)
+    intruders = _Intruder(*traffic)
+    time = flight.begin[row, arc] + seconds + intruders.age
+    rate = np.where(intruders.lasts > 0.0, intruders.rate, 0.0)
+    there = (
+        intruders.x
+        + 1j * intruders.y
+        + displacement(intruders.heading, intruders.speed, rate, intruders.lasts, time)
+    )
     return there - flight.at(row, arc, seconds)
 
 

@@ -70,7 +70,7 @@ def _move_waypoint_and_legs(data: dict[str, Any], move: _Move) -> None:
     """Move a waypoint, and fly legs to and from where it is then, if there are any."""
     _move_waypoint(data, move)
     times = [0.0, *(row[4] for row in data["waypoints"])]
-    if all(one < two for one, two in pairwise(times)):
+    if all(earlier < later for earlier, later in pairwise(times)):
         data["controls"] = controls([data])[0].tolist()
 
 
@@ -137,7 +137,7 @@ _TRAFFIC_KINDS = ("intruder", "approach", "approach", "approach", "bound", "requ
 def approach(data: dict[str, Any], number: int, distance: float) -> None:
     """Shift an intruder to come as close as that, m, and ask for nothing but the separation."""
     data["requirement"] |= {"margin": 0.0, "sigmas": 0.0}
-    data["bounds"] = [0.001 * one[9] for one in data["intruders"]]
+    data["bounds"] = [0.001 * intruder[9] for intruder in data["intruders"]]
     flight, row = flights([data]), data["intruders"][number]
     traffic = np.array(row)[:, None, None]
     arcs = np.arange(flight.begin.shape[1])[:, None]
@@ -154,7 +154,7 @@ def approach(data: dict[str, Any], number: int, distance: float) -> None:
 def _level(data: dict[str, Any], row: list[float], apart: float) -> None:
     """Move an altitude so that the least vertical distance of the plan is that."""
     own, climb, height, rise, age, _ = row
-    now = height + rise * age - own
-    then = now + (rise - climb) * data["waypoints"][-1][4]
-    least = min(abs(now), abs(then))
-    row[2] += (apart - least) * (1.0 if now > 0.0 else -1.0)
+    at_begin = height + rise * age - own
+    at_end = at_begin + (rise - climb) * data["waypoints"][-1][4]
+    least = min(abs(at_begin), abs(at_end))
+    row[2] += (apart - least) * (1.0 if at_begin > 0.0 else -1.0)

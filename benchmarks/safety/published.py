@@ -82,7 +82,7 @@ def question(seed: int, number: int, request: Request, unit: float) -> Question:
     order = np.concatenate([members, np.flatnonzero(~traffic.mask)])
     intruders = [_draw_report(rng, take(traffic, int(k))) for k in members]
     ages = np.array(traffic.age)
-    ages[members] = [abs(one.age) for one in intruders]
+    ages[members] = [abs(intruder.age) for intruder in intruders]
     intruders, own_separations = _draw_separations(seed, number, intruders, len(order), unit)
     traffic = traffic._replace(age=ages, separation=own_separations[np.argsort(order)])
     route = _draw_route(rng, request)
@@ -91,22 +91,26 @@ def question(seed: int, number: int, request: Request, unit: float) -> Question:
     truth = request._replace(traffic=take(traffic, order))
     sky = draw_sky(seed, number, request, unit, altitude)
     reports = [
-        with_state(one, _over_ground(one.state, sky.air_velocity, -one.age), one.velocity_std)
-        for one in intruders
+        with_state(
+            intruder,
+            _over_ground(intruder.state, sky.air_velocity, -intruder.age),
+            intruder.velocity_std,
+        )
+        for intruder in intruders
     ]
     own = _over_ground(here, sky.air_velocity, 0.0)
     return Question(own, reports, route, altitude, _in_wind(truth, intruders, sky), sky)
 
 
-def _draw_report(rng: np.random.Generator, one: Traffic) -> Intruder[Air]:
+def _draw_report(rng: np.random.Generator, intruder: Traffic) -> Intruder[Air]:
     """Return a report of an intruder ``[]``, half of them some seconds old, a third with
     altitude.
     """
     age = float(rng.uniform(-0.5, 5.0)) if rng.random() < 0.5 else 0.0
-    if one.turn_rate != 0.0 and one.turn_time > 0.0:
+    if intruder.turn_rate != 0.0 and intruder.turn_time > 0.0:
         # A turn that ends before a report from the future would not be in it.
-        age = age if float(one.turn_time) + age > 0.0 else 0.0
-    state, turn_rate, turn_time = _report_before(rng, one, age)
+        age = age if float(intruder.turn_time) + age > 0.0 else 0.0
+    state, turn_rate, turn_time = _report_before(rng, intruder, age)
     altitude = None
     if rng.random() < 0.3:
         reference = "msl" if rng.random() < 0.8 else "wgs84"
@@ -117,8 +121,8 @@ def _draw_report(rng: np.random.Generator, one: Traffic) -> Intruder[Air]:
         age=age,
         turn_rate=turn_rate,
         turn_time=turn_time,
-        position_std=float(one.position_std),
-        velocity_std=float(one.velocity_std),
+        position_std=float(intruder.position_std),
+        velocity_std=float(intruder.velocity_std),
         altitude=altitude,
     )
 
@@ -151,8 +155,8 @@ def _in_wind(truth: Request, intruders: list[Intruder[Air]], sky: Sky) -> Reques
     if sky.wind is None:
         return truth
     drift = np.array(truth.traffic.velocity_std)
-    for place, one in enumerate(intruders):
-        drift[place] += sky.wind.std * min(abs(one.turn_rate) * one.turn_time, 2.0)
+    for place, intruder in enumerate(intruders):
+        drift[place] += sky.wind.std * min(abs(intruder.turn_rate) * intruder.turn_time, 2.0)
     return truth._replace(traffic=truth.traffic._replace(velocity_std=drift))
 
 
@@ -163,8 +167,8 @@ def _draw_separations(
     places, m, ``[K]``; nan: the requirement's.
     """
     rng = np.random.default_rng([seed, number, 53])
-    found, own = [], np.full(places, np.nan)
-    for place, one in enumerate(intruders):
+    changed, own = [], np.full(places, np.nan)
+    for place, intruder in enumerate(intruders):
         share, vertical = rng.choice([0.3, 0.7, 1.5, 2.5]), float(rng.choice([150.0, 900.0]))
         changes: dict[str, Any] = {}
         if rng.random() < 1.0 / 3.0:
@@ -172,21 +176,21 @@ def _draw_separations(
             changes["separation"] = float(own[place])
         if rng.random() < 1.0 / 3.0:
             changes["vertical_separation"] = vertical
-        if one.altitude is not None and rng.random() < 0.5:
+        if intruder.altitude is not None and rng.random() < 0.5:
             error = float(rng.uniform(0.0, 200.0))
-            changes["altitude"] = replace(one.altitude, error=error, climb_error=0.3)
-        found.append(replace(one, **changes))
-    return found, own
+            changes["altitude"] = replace(intruder.altitude, error=error, climb_error=0.3)
+        changed.append(replace(intruder, **changes))
+    return changed, own
 
 
 def _report_before(
-    rng: np.random.Generator, one: Traffic, age: float
+    rng: np.random.Generator, intruder: Traffic, age: float
 ) -> tuple[VehicleState[Air], float, float]:
     """Return the state, turn rate and duration of a turn in a report of some age that leads to an
     intruder ``[]``.
     """
-    x, y, heading, speed = (float(value) for value in one.state)
-    rate, lasts = float(one.turn_rate), float(one.turn_time) + age
+    x, y, heading, speed = (float(value) for value in intruder.state)
+    rate, lasts = float(intruder.turn_rate), float(intruder.turn_time) + age
     if rate == 0.0 or lasts <= max(age, 0.0):
         ended = age > 0.0 and rng.random() < 0.5
         rate, lasts = 0.0, 0.0
@@ -209,7 +213,9 @@ def faults(question: Question, answer: Plan, options: Options) -> list[str]:
         return [*wrong, "count"]
     wrong += _index_faults(question, answer, options)
     times = np.arange(0.0, answer.waypoints[-1].time, CLOSE)
-    above_or_below = [one.number for one in answer.excluded if one.apart is Apart.VERTICALLY]
+    above_or_below = [
+        exclusion.number for exclusion in answer.excluded if exclusion.apart is Apart.VERTICALLY
+    ]
     if any(_may_be_level(question, number, times, options).any() for number in above_or_below):
         wrong.append("vertical")
     return wrong
@@ -217,12 +223,16 @@ def faults(question: Question, answer: Plan, options: Options) -> list[str]:
 
 def _index_faults(question: Question, answer: Plan, options: Options) -> list[str]:
     """Return what is wrong with the indices of a plan's waypoints."""
-    given = {point.index for point in question.route}
+    route_indices = {point.index for point in question.route}
     indices = [point.index for point in answer.waypoints]
-    ends_on_route = indices[-1] in given
+    ends_on_route = indices[-1] in route_indices
     fresh = indices[:-1] if ends_on_route or not options.extend_route else indices
     wrong: list[str] = []
-    if len(set(indices)) != WAYPOINTS or given & set(fresh) or answer.goal_index not in given:
+    if (
+        len(set(indices)) != WAYPOINTS
+        or route_indices & set(fresh)
+        or answer.goal_index not in route_indices
+    ):
         wrong.append("indices")
     if not ends_on_route and not options.extend_route:
         wrong.append("last index")
@@ -273,7 +283,9 @@ def _counted(question: Question, answer: Plan, options: Options) -> Traffic:
     """
     mask = np.zeros(np.shape(question.truth.traffic.mask), dtype=bool)
     mask[: len(question.intruders)] = True
-    mask[[one.number for one in answer.excluded if one.apart is Apart.VERTICALLY]] = False
+    mask[
+        [exclusion.number for exclusion in answer.excluded if exclusion.apart is Apart.VERTICALLY]
+    ] = False
     times = np.arange(0.0, answer.waypoints[-1].time + CLOSE, CLOSE)
     begin, end = np.full((2, mask.size), np.inf)
     for k in np.flatnonzero(mask):
@@ -287,7 +299,10 @@ def _counted(question: Question, answer: Plan, options: Options) -> Traffic:
 def _plan_states(question: Question, answer: Plan) -> PlanStates[Air]:
     """Return a published plan ``[W + 1]`` as the air mass sees it."""
     rows = [(*question.own, 0.0)]
-    rows += [(one.x, one.y, one.heading, one.speed, one.time) for one in answer.waypoints]
+    rows += [
+        (waypoint.x, waypoint.y, waypoint.heading, waypoint.speed, waypoint.time)
+        for waypoint in answer.waypoints
+    ]
     x, y, heading, speed, time = np.array(rows, dtype=float).T
     wind = question.sky.air_velocity
     if wind == 0.0:

@@ -44,8 +44,8 @@ class Reflight(NamedTuple):
     """Farther from the plan than the follower's margin and 1 cm, bool."""
 
 
-class _Found(NamedTuple):
-    """What was found so far; fields ``[N]``."""
+class _Extremes(NamedTuple):
+    """What came nearest so far, and the largest error; fields ``[N]``."""
 
     separation: Array
     """Smallest distance to any intruder, m."""
@@ -90,7 +90,7 @@ def refly(
         limits: of the vehicle; a speed beyond them at the request may stay.
     """
     count = len(plan_states.time)
-    found = _Found(np.full(count, np.inf), np.full(count, np.inf), np.zeros(count))
+    extremes = _Extremes(np.full(count, np.inf), np.full(count, np.inf), np.zeros(count))
     flying, period = _begin(plan_states, request, requirement), 0
     while flying.row.size:
         time = period * PERIOD
@@ -99,7 +99,7 @@ def refly(
         moves = _displacements(flying.own, gain, rate, _PARTS)
         # Beyond its last waypoint a plan promises nothing.
         lasts = flying.end >= time + PERIOD
-        _note_distances(found, flying, moves, time, lasts)
+        _note_distances(extremes, flying, moves, time, lasts)
         own = VehicleState(
             flying.own.x + moves[:, -1].real,
             flying.own.y + moves[:, -1].imag,
@@ -107,11 +107,13 @@ def refly(
             flying.own.speed + gain * PERIOD,
         )
         off = np.where(lasts, np.hypot(own.x - after.x, own.y - after.y), 0.0)
-        found.error[flying.row] = np.maximum(found.error[flying.row], off)
+        extremes.error[flying.row] = np.maximum(extremes.error[flying.row], off)
         flying, period = flying._replace(own=own, planned=after), period + 1
         if period % _COMPRESS == 0:
             flying = take(flying, flying.end > period * PERIOD)
-    return Reflight(found.separation, found.error, found.clearance < -1e-3, found.error > _ALLOWED)
+    return Reflight(
+        extremes.separation, extremes.error, extremes.clearance < -1e-3, extremes.error > _ALLOWED
+    )
 
 
 def _begin(plan_states: PlanStates[Air], request: Request, requirement: Requirement) -> _Flying:
@@ -157,12 +159,12 @@ def _displacements(own: VehicleState[Air], gain: Array, rate: Array, time: Array
 
 
 def _note_distances(
-    found: _Found, flying: _Flying, moves: Array, time: float, lasts: Array
+    extremes: _Extremes, flying: _Flying, moves: Array, time: float, lasts: Array
 ) -> None:
     """Note how near the intruders come in a period.
 
     Args:
-        found: what is known so far.
+        extremes: so far.
         flying: plans at the beginning of the period.
         moves: their displacements in its parts, complex m, ``[n, T]``.
         time: of its beginning, s.
@@ -172,16 +174,18 @@ def _note_distances(
     others = flying.others.place(np.full((1, 1, 1), time))[..., 0]
     counts = flying.mask & lasts[:, None] & _in_window(flying.window, time)
     apart = np.where(counts, np.abs(others - place[:, None]), np.inf)
-    found.separation[row] = np.minimum(found.separation[row], np.min(apart, axis=1, initial=np.inf))
+    extremes.separation[row] = np.minimum(
+        extremes.separation[row], np.min(apart, axis=1, initial=np.inf)
+    )
     clearance = np.min(apart - flying.floor, axis=1, initial=np.inf)
-    found.clearance[row] = np.minimum(found.clearance[row], clearance)
+    extremes.clearance[row] = np.minimum(extremes.clearance[row], clearance)
     n, k = np.nonzero(apart < flying.look)
     if n.size == 0:
         return
     near = Intruders(*(field[n, k] for field in flying.others))
     closest = _closest(near.place(time + _PARTS) - (moves[n] + place[n, None]))
-    np.minimum.at(found.separation, row[n], closest)
-    np.minimum.at(found.clearance, row[n], closest - flying.floor[n, k])
+    np.minimum.at(extremes.separation, row[n], closest)
+    np.minimum.at(extremes.clearance, row[n], closest - flying.floor[n, k])
 
 
 def _in_window(window: Window | None, time: float) -> Array:

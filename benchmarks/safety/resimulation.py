@@ -118,10 +118,10 @@ def fly(plan_states: PlanStates[Air]) -> Flown:
     curves = legs(take(plan_states, None))
     parts = []
     for leg in range(curves.duration.shape[1]):
-        one = take(curves, (slice(None), slice(leg, leg + 1)))
+        curve = take(curves, (slice(None), slice(leg, leg + 1)))
         begin = take(plan_states, (None, slice(leg, leg + 1)))
-        steps = math.ceil(float(one.duration.max()) / ARCS / CLOSE)
-        samples = _integrate(begin, one, steps)
+        steps = math.ceil(float(curve.duration.max()) / ARCS / CLOSE)
+        samples = _integrate(begin, curve, steps)
         # What is flown from a sample on; the last one has that before it.
         controls = (
             np.append(field[0, 0], field[0, 0, -1])
@@ -160,17 +160,17 @@ def required_distances(own: Array, traffic: Traffic, requirement: Requirement) -
     away = np.abs(traffic.state.x + 1j * traffic.state.y - own[:, None])
     std = np.hypot(traffic.position_std, traffic.velocity_std * traffic.age)
     least = separations(traffic, requirement)
-    wanted = least + requirement.margin + requirement.sigmas * std
-    now = np.array(True) if traffic.window is None else traffic.window.begin <= 0.0
-    return np.where((away < wanted) & now, np.maximum(away, least), wanted)
+    required = least + requirement.margin + requirement.sigmas * std
+    counts = np.array(True) if traffic.window is None else traffic.window.begin <= 0.0
+    return np.where((away < required) & counts, np.maximum(away, least), required)
 
 
 def separations(traffic: Traffic, requirement: Requirement) -> Array:
     """Return the separation from each intruder, m, ``[..., K]``."""
     least = np.full(np.shape(traffic.mask), float(requirement.separation))
     if traffic.separation is not None:
-        given = np.isfinite(traffic.separation)
-        least[given] = traffic.separation[given]
+        has_own = np.isfinite(traffic.separation)
+        least[has_own] = traffic.separation[has_own]
     return least
 
 
@@ -393,17 +393,17 @@ class Intruders(NamedTuple):
 
     def uncertainty_at(self, time: Array, sigmas: float) -> Array:
         """Return what the uncertainty adds to the distance to keep, m."""
-        now, later = (
+        at_request, later = (
             np.hypot(self.position_std, self.velocity_std * (self.age + t)) for t in (0.0, time)
         )
-        return sigmas * (later - now)
+        return sigmas * (later - at_request)
 
 
 class _Pairs(NamedTuple):
     """Some plans and one intruder of each; fields ``[n]``, of the intruder ``[n, 1, 1]``."""
 
     samples: _Samples
-    other: Intruders
+    intruder: Intruders
     begin: Array
     """From when the intruder counts, s, ``[n, 1, 1]``."""
     end: Array
@@ -442,7 +442,7 @@ def _judge_distances(
         begin, end = _window(traffic, rows, k)
         pairs = _Pairs(
             samples=take(samples, rows),
-            other=Intruders(*(field[rows, k][:, None, None] for field in others)),
+            intruder=Intruders(*(field[rows, k][:, None, None] for field in others)),
             begin=begin,
             end=end,
             required=required[rows, k],
@@ -474,11 +474,11 @@ def _nearest(pairs: _Pairs, sigmas: float, longest: float) -> _Nearest:
         sigmas: of their positions that are kept.
         longest: time between two samples, s, of any plan.
     """
-    samples, other = pairs.samples, pairs.other
-    away = np.abs(other.place(samples.time) - samples.place)
+    samples, intruder = pairs.samples, pairs.intruder
+    away = np.abs(intruder.place(samples.time) - samples.place)
     counts = (samples.time >= pairs.begin) & (samples.time <= pairs.end)
     apart = np.where(counts, away, np.inf)
-    later = pairs.required[:, None, None] + other.uncertainty_at(samples.time, sigmas)
+    later = pairs.required[:, None, None] + intruder.uncertainty_at(samples.time, sigmas)
     closest = apart.min(axis=(1, 2), keepdims=True)
     near = _Nearest(
         closest[:, 0, 0],
@@ -486,7 +486,7 @@ def _nearest(pairs: _Pairs, sigmas: float, longest: float) -> _Nearest:
         closest[:, 0, 0] - pairs.separation,
     )
     # Nothing comes nearer between two samples than both fly in that time.
-    fast = np.maximum(samples.speed[..., 1:], samples.speed[..., :-1]) + other.speed
+    fast = np.maximum(samples.speed[..., 1:], samples.speed[..., :-1]) + intruder.speed
     floor = 0.5 * (away[..., 1:] + away[..., :-1] - fast * samples.seconds)
     places = np.nonzero((floor < later[..., 1:]) | (floor < closest))
     if places[0].size:
@@ -508,17 +508,17 @@ def _look_between(
     """
     pair = places[0]
     samples = _Samples(*(field[places][:, None] for field in pairs.samples))
-    other = Intruders(*(field[pair, 0] for field in pairs.other))
+    intruder = Intruders(*(field[pair, 0] for field in pairs.intruder))
     seconds = samples.seconds * np.linspace(0.0, 1.0, pieces + 1)
     moves = _displacement(
         samples.heading, samples.speed, samples.turn_rate, samples.acceleration, seconds
     )
     time = samples.time + seconds
     # Straight from sample to sample: at 20 m/s^2 that leaves the curve by 1 mm.
-    close = _chord_distances(other.place(time) - (samples.place + moves))
+    close = _chord_distances(intruder.place(time) - (samples.place + moves))
     begin, end = pairs.begin[pair, 0], pairs.end[pair, 0]
     close = np.where((time[:, :-1] >= begin) & (time[:, 1:] <= end), close, np.inf)
-    uncertainty = other.uncertainty_at(time[:, :-1], sigmas)
+    uncertainty = intruder.uncertainty_at(time[:, :-1], sigmas)
     beyond = close - pairs.required[pair, None] - uncertainty
     np.minimum.at(near.distance, pair, close.min(axis=1))
     np.minimum.at(near.beyond_required, pair, beyond.min(axis=1))

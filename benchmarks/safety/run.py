@@ -44,9 +44,9 @@ def _prepare(path: Path | None) -> None:
     _POLICY[:] = [policy_in_flight(path)]
 
 
-def _read_batches(path: Path, asked: dict[str, Any]) -> dict[Batch, Tally]:
+def _read_batches(path: Path, settings: dict[str, Any]) -> dict[Batch, Tally]:
     """Return the batches that a folder's file holds of the same attack."""
-    pairs = read_done(path, asked, "attack")
+    pairs = read_done(path, settings, "attack")
     return {Batch(batch[0], tuple(batch[1]), *batch[2:]): Tally.of(tally) for batch, tally in pairs}
 
 
@@ -83,8 +83,8 @@ def main(arguments: list[str] | None = None) -> int:
         any_aircraft=options.any_aircraft,
     )
     with _open_record(options) as record:
-        for one in record.done.values():
-            tally.add(one)
+        for batch_tally in record.done.values():
+            tally.add(batch_tally)
         batches = [batch for batch in batches if batch not in record.done]
         complete = _attack(options, batches, tally, record)
     figures = {
@@ -95,8 +95,8 @@ def main(arguments: list[str] | None = None) -> int:
         "any_aircraft": options.any_aircraft,
         "block": options.block,
     } | tally.figures()
-    for name, (asked, safe) in figures["families"].items():
-        print(f"{name:20} {asked:9} requests {safe:9} SAFE")
+    for name, (requests, safe) in figures["families"].items():
+        print(f"{name:20} {requests:9} requests {safe:9} SAFE")
     report(figures, ("numpy",))
     return 1 if tally.violations else 0
 
@@ -131,7 +131,7 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
 def _check(parser: Parser, options: argparse.Namespace) -> None:
     if options.block % HUNDRED:
         parser.error(f"--block is {options.block}, expected a multiple of {HUNDRED}")
-    families = [one.name for one in FAMILIES]
+    families = [family.name for family in FAMILIES]
     if options.family and options.family not in families:
         parser.error(f"--family is {options.family!r}, expected one of {', '.join(families)}")
 
@@ -171,9 +171,9 @@ def _attack(
     begun = time.perf_counter()
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        for batch, one in _results(batches, options.workers, options.policy):
-            tally.add(one)
-            record.add(batch, one)
+        for batch, batch_tally in _results(batches, options.workers, options.policy):
+            tally.add(batch_tally)
+            record.add(batch, batch_tally)
             count = _count(tally)
             progress.show(
                 count, _describe(tally), (count - already) / (time.perf_counter() - begun)

@@ -139,16 +139,16 @@ def move(sky: Sky, rng: np.random.Generator) -> Sky:
         return sky if wind is None else sky._replace(wind=wind._replace(std=wind.std + 1e-3 * size))
     areas = list(sky.areas)
     which = int(rng.integers(len(areas)))
-    one = areas[which]
+    area = areas[which]
     kind = int(rng.integers(3))
     if kind == 0:
-        areas[which] = replace(one, clearance=one.clearance + size)
+        areas[which] = replace(area, clearance=area.clearance + size)
     elif kind == 1:
-        east, north = one.velocity
-        areas[which] = replace(one, velocity=(east + 2e-3 * size, north - 2e-3 * size))
+        east, north = area.velocity
+        areas[which] = replace(area, velocity=(east + 2e-3 * size, north - 2e-3 * size))
     else:
         more = 2e-3 * size
-        areas[which] = replace(one, growth=one.growth + (-more if one.keep is Keep.IN else more))
+        areas[which] = replace(area, growth=area.growth + (-more if area.keep is Keep.IN else more))
     return sky._replace(areas=tuple(areas))
 
 
@@ -163,7 +163,7 @@ def faults(sky: Sky, flown: Flown, options: Options, altitude: Altitude | None) 
         altitude: of the ownship at the request.
     """
     over_ground = flown.place + sky.air_velocity * flown.time
-    keeps = [_keeps(one, flown.time, over_ground, options, altitude) for one in sky.areas]
+    keeps = [_keeps(area, flown.time, over_ground, options, altitude) for area in sky.areas]
     wrong = [] if all(keeps) else ["area"]
     if sky.wind is not None and sky.wind.std > 0.0:
         seldom = Flown(*(field[::_PIECE] for field in flown))
@@ -196,87 +196,87 @@ def _in_other_winds(flown: Flown, error: float, limits: Limits) -> list[str]:
 
 
 def _keeps(
-    one: Area, time: Array, place: Array, options: Options, altitude: Altitude | None
+    area: Area, time: Array, place: Array, options: Options, altitude: Altitude | None
 ) -> bool:
     """Return whether places over the ground keep what they must of an area while it counts."""
-    counts = _counts(one, time, options, altitude)
+    counts = _counts(area, time, options, altitude)
     if not counts.any():
         return True
-    inner = place - complex(*one.velocity) * time  # in the area's frame
-    gain = one.growth if one.keep is Keep.IN else -one.growth
-    wanted = one.clearance + options.requirement.margin
+    inner = place - complex(*area.velocity) * time  # in the area's frame
+    gain = area.growth if area.keep is Keep.IN else -area.growth
+    required = area.clearance + options.requirement.margin
     if counts[0]:
-        begun = float(_distances(one, inner[:1])[0])
-        wanted = min(wanted, max(begun - _NEARER, 0.0))
-    least = max(wanted - _PART, -_EDGE) - _TOLERANCE
+        begun = float(_distances(area, inner[:1])[0])
+        required = min(required, max(begun - _NEARER, 0.0))
+    least = max(required - _PART, -_EDGE) - _TOLERANCE
     fast = np.abs(np.diff(inner)) + abs(gain) * np.diff(time)
     starts = np.arange(0, len(time) - 1, _PIECE)
     # Nothing gets nearer than it flies from one look to the next.
-    near = _distances(one, inner[starts]) + gain * time[starts] - np.add.reduceat(fast, starts)
+    near = _distances(area, inner[starts]) + gain * time[starts] - np.add.reduceat(fast, starts)
     for first in starts[~(near > least)].tolist():
         piece = slice(first, min(first + _PIECE, len(time) - 1) + 1)  # its ends included
         if not counts[piece].any():
             continue
-        if _nearest(one, inner[piece], gain * time[piece], counts[piece]) < least:
+        if _nearest(area, inner[piece], gain * time[piece], counts[piece]) < least:
             return False
     return True
 
 
-def _nearest(one: Area, places: Array, grown: Array, counts: Array) -> float:
+def _nearest(area: Area, places: Array, grown: Array, counts: Array) -> float:
     """Return the smallest signed distance of a flight from an area while it counts, m.
 
     Args:
-        one: the area.
-        places: of the flight in the area's frame, complex m, ``[m]``.
+        area: in whose frame the places are.
+        places: of the flight, complex m, ``[m]``.
         grown: what growth adds to the distance there, m, ``[m]``.
         counts: when the area counts, bool ``[m]``.
     """
-    at = (_distances(one, places) + grown)[counts]
+    at = (_distances(area, places) + grown)[counts]
     both = counts[:-1] & counts[1:]
     ends = np.stack([places[:-1], places[1:]], axis=-1)[both]
-    between = _chords(one, ends) + grown[:-1][both] if both.any() else np.array([])
+    between = _chords(area, ends) + grown[:-1][both] if both.any() else np.array([])
     return min(float(at.min(initial=np.inf)), float(between.min(initial=np.inf)))
 
 
-def _counts(one: Area, time: Array, options: Options, altitude: Altitude | None) -> Array:
+def _counts(area: Area, time: Array, options: Options, altitude: Altitude | None) -> Array:
     """Return when an area is valid and the ownship may be level with it, bool."""
-    counts = (time >= one.valid_from) & (time <= one.valid_until)
-    if altitude is None or one.keep is Keep.IN:
+    counts = (time >= area.valid_from) & (time <= area.valid_until)
+    if altitude is None or area.keep is Keep.IN:
         return counts
     climb, off = altitude.vertical_speed, altitude.climb_error
     if climb is None:
         climb, off = 0.0, options.unknown_climb
     middle, width = altitude.value + climb * time, altitude.error + off * time
-    if one.floor is not None and one.floor.reference == altitude.reference:
-        counts &= middle + width >= one.floor.value
-    if one.ceiling is not None and one.ceiling.reference == altitude.reference:
-        counts &= middle - width <= one.ceiling.value
+    if area.floor is not None and area.floor.reference == altitude.reference:
+        counts &= middle + width >= area.floor.value
+    if area.ceiling is not None and area.ceiling.reference == altitude.reference:
+        counts &= middle - width <= area.ceiling.value
     return counts
 
 
-def _distances(one: Area, places: Array) -> Array:
+def _distances(area: Area, places: Array) -> Array:
     """Return the signed distances of places ``[m]`` in the area's frame, without growth, m."""
-    sign = -1.0 if one.keep is Keep.IN else 1.0
-    if isinstance(one.shape, Circle):
-        return sign * (np.abs(places - complex(one.shape.x, one.shape.y)) - one.shape.radius)
-    shape = shapely.Polygon(one.shape.outer, one.shape.holes)
+    sign = -1.0 if area.keep is Keep.IN else 1.0
+    if isinstance(area.shape, Circle):
+        return sign * (np.abs(places - complex(area.shape.x, area.shape.y)) - area.shape.radius)
+    shape = shapely.Polygon(area.shape.outer, area.shape.holes)
     away = shapely.distance(shape.boundary, shapely.points(places.real, places.imag))
     within = shapely.contains_xy(shape, places.real, places.imag)
     return sign * np.where(within, -away, away)
 
 
-def _chords(one: Area, ends: Array) -> Array:
+def _chords(area: Area, ends: Array) -> Array:
     """Return lower bounds of the signed distance between two places each, ``[m, 2]``, m: 0 on an
     edge.
     """
-    at = np.minimum(_distances(one, ends[:, 0]), _distances(one, ends[:, 1]))
-    if isinstance(one.shape, Circle):
-        if one.keep is Keep.IN:
+    at = np.minimum(_distances(area, ends[:, 0]), _distances(area, ends[:, 1]))
+    if isinstance(area.shape, Circle):
+        if area.keep is Keep.IN:
             return at
-        away, chord = ends[:, 0] - complex(one.shape.x, one.shape.y), ends[:, 1] - ends[:, 0]
+        away, chord = ends[:, 0] - complex(area.shape.x, area.shape.y), ends[:, 1] - ends[:, 0]
         length = np.maximum(np.abs(chord) ** 2, 1e-12)
         share = np.clip(-(away * np.conj(chord)).real / length, 0.0, 1.0)
-        return np.abs(away + share * chord) - one.shape.radius
-    shape = shapely.Polygon(one.shape.outer, one.shape.holes)
+        return np.abs(away + share * chord) - area.shape.radius
+    shape = shapely.Polygon(area.shape.outer, area.shape.holes)
     chords = shapely.linestrings(np.stack([ends.real, ends.imag], axis=-1))
     return np.where(at > 0.0, shapely.distance(shape.boundary, chords), at)

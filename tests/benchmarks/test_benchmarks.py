@@ -118,7 +118,7 @@ def test_layers_are_those_of_the_shipped_network():
 def test_deadlines_are_measured_once_and_lateness_is_counted(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ):
-    monkeypatch.setattr(deadline, "EACH", 1)
+    monkeypatch.setattr(deadline, "PER_KIND", 1)
     monkeypatch.setattr(deadline, "DEADLINES_MS", (50.0, math.inf))
     monkeypatch.setattr("sys.argv", ["deadline", "--out", str(tmp_path), "--requests", "5"])
     deadline.main()

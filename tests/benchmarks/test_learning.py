@@ -56,7 +56,7 @@ def test_windows_lose_no_step_no_second_and_no_episode(made: list[tuple[int, int
     for steps, episodes in made:
         point = windows.add(Episodes(steps, -100.0 * episodes, episodes), 0.5)
         points += [] if point is None else [point]
-    points.append(windows.rest())
+    points.append(windows.finish())
     assert points[-1].steps == sum(steps for steps, _ in made)
     assert points[-1].wall_s == 0.5 * len(made)
     assert sum(point.episodes for point in points) == sum(episodes for _, episodes in made)

@@ -9,7 +9,7 @@ import pytest
 
 from agents.planner import Options
 from benchmarks import areas, sampling_planner
-from benchmarks.areas import Asked, Sampled
+from benchmarks.areas import Planned, Sampled
 from benchmarks.sampling_planner import Step, Task, fly, is_right
 from commands.command import InputError
 from envs.aircraft import PAPER
@@ -64,7 +64,7 @@ def test_a_circle_is_flown_as_one() -> None:
 
 
 def test_figures_count_what_any_planner_solves() -> None:
-    found = [Asked(50.0, 0.01, frozenset()), Asked(math.inf, 0.05, frozenset({"area"}))] * 2
+    found = [Planned(50.0, 0.01, frozenset()), Planned(math.inf, 0.05, frozenset({"area"}))] * 2
     tried = [
         Sampled(ours=True, found=True, right=True),
         Sampled(ours=False, found=True, right=True),
