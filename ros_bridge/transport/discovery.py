@@ -70,15 +70,15 @@ def reserve_ports(skipped: int | None = None) -> Generator[list[int]]:
     """
     name = os.environ.get("ROS_DOMAIN_ID", "0")
     domain = int(name) if name.isascii() and name.isdecimal() else 0  # ROS itself refuses others
-    wanted = random.randrange(PORTS) if skipped is None else skipped
-    with ExitStack() as held:
+    count = random.randrange(PORTS) if skipped is None else skipped
+    with ExitStack() as sockets:
         ports = []
         # Ports in use are passed over, not replaced: another process that starts now must not get
         # ports further on.
-        for there in (port(domain, number) for number in range(wanted)):
-            one = held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        for there in (port(domain, number) for number in range(count)):
+            endpoint = sockets.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             try:
-                one.bind(("", there))
+                endpoint.bind(("", there))
             except (OSError, OverflowError):  # in use, or there is no such port
                 continue
             ports.append(there)

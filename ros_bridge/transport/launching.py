@@ -56,11 +56,11 @@ MANUAL = (
 _PACKAGE = "rlcas_toolkit"
 
 
-def declarations(*more: tuple[str, str, str], **other: str) -> list[DeclareLaunchArgument]:
-    """Return the arguments of a launch file: the common ones, with ``other`` defaults, and
+def declarations(*more: tuple[str, str, str], **defaults: str) -> list[DeclareLaunchArgument]:
+    """Return the arguments of a launch file: the common ones, with other ``defaults``, and
     ``more``.
     """
-    every = [(name, other.get(name, default), meaning) for name, default, meaning in ARGUMENTS]
+    every = [(name, defaults.get(name, default), meaning) for name, default, meaning in ARGUMENTS]
     return [
         DeclareLaunchArgument(name, default_value=default, description=what)
         for name, default, what in [*every, *more]
@@ -82,13 +82,13 @@ def node(
     in its life cycle (with :data:`MANUAL`), ``more`` goes to :class:`launch_ros.actions.Node`.
     """
     texts = {argument: value(context, argument) for argument, *_ in (*ARGUMENTS, *others)}
-    given: list[Any] = [{"use_sim_time": texts["use_sim_time"].lower() == "true"}]
-    for one in parameters.of(name):
-        if texts.get(one.name):
-            kind = type(one.default) if one.low is None else float
-            given[0][one.name] = kind(texts[one.name])
+    values: list[Any] = [{"use_sim_time": texts["use_sim_time"].lower() == "true"}]
+    for parameter in parameters.of(name):
+        if texts.get(parameter.name):
+            kind = type(parameter.default) if parameter.low is None else float
+            values[0][parameter.name] = kind(texts[parameter.name])
     if texts["params_file"]:
-        given.append(texts["params_file"])
+        values.append(texts["params_file"])
     how = _executable(name)
     if lifecycle and value(context, MANUAL[0]).lower() == "true":
         how["arguments"].append("--manual")
@@ -97,7 +97,7 @@ def node(
         ros_arguments=["--log-level", texts["log_level"]],
         name=f"rlcas_{name}",
         namespace=texts["namespace"],
-        parameters=given,
+        parameters=values,
         output="screen",
         **more,
     )

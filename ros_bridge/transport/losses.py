@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 _MOST = 1024  # publishers that are remembered
-_TOLD = 10.0  # s for which a loss is told
+_RECENT = 10.0  # s for which a loss is told
 
 
 class Losses:
@@ -22,7 +22,7 @@ class Losses:
         self._due: dict[tuple[str, bytes], int] = {}
         self._last: dict[str, float] = {}
 
-    def note(self, topic: str, publisher: bytes, number: int | None, now: float) -> None:
+    def note(self, topic: str, publisher: bytes, number: int | None, time: float) -> None:
         """Note a message of a publisher's number that arrives."""
         if number is None:
             return
@@ -30,17 +30,17 @@ class Losses:
         due = self._due.pop(key, number)
         if number > due:
             self.counts[topic] += number - due
-            self._last[topic] = now
+            self._last[topic] = time
         self._due[key] = max(due, number + 1)
         if len(self._due) > _MOST:
             del self._due[next(iter(self._due))]
 
-    def problem(self, now: float) -> str:
+    def problem(self, time: float) -> str:
         """Return what has been lost of late, a sentence; "": nothing."""
         return "; ".join(
-            f"{self.counts[topic]} messages of {topic} were lost, the last {now - last:.0f} s ago"
+            f"{self.counts[topic]} messages of {topic} were lost, the last {time - last:.0f} s ago"
             for topic, last in sorted(self._last.items())
-            if now - last <= _TOLD
+            if time - last <= _RECENT
         )
 
     def counting(

@@ -125,21 +125,21 @@ class McapFile:
                 self._schemas[kind] = writer.register_schema(kind, "ros2msg", definition.encode())
             return writer.register_channel(topic, "cdr", self._schemas[kind])
 
-    def write(self, channel: int, data: bytes, now: int) -> None:
+    def write(self, channel: int, data: bytes, stamp: int) -> None:
         """Add a serialized message at a time, ns; where the time steps back the recording goes on a
         second later.
         """
         if self._writer is None:
             return
-        now += self._shift
-        if now < self._latest:
-            self._shift += self._latest + _GAP - now
-            now = self._latest + _GAP
-        self._latest = now
+        stamp += self._shift
+        if stamp < self._latest:
+            self._shift += self._latest + _GAP - stamp
+            stamp = self._latest + _GAP
+        self._latest = stamp
         number = self._counts[channel]
         self._counts[channel] += 1
         self._writer.add_message(
-            channel, log_time=now, publish_time=now, sequence=number, data=bytes(data)
+            channel, log_time=stamp, publish_time=stamp, sequence=number, data=bytes(data)
         )
         if time.monotonic() - self._settled > _SETTLE:
             self.flush()
@@ -177,6 +177,6 @@ class McapFile:
                 for number in itertools.count()
             )
             self.path = self.path.replace(
-                next(one for one in map(self.path.with_name, names) if not one.exists())
+                next(path for path in map(self.path.with_name, names) if not path.exists())
             )
             raise

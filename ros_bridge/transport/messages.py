@@ -63,8 +63,8 @@ def trajectory_message(
     is none of.
     """
     none = {"min_separation": -1.0, "time_of_min_separation": -1.0, "rejoin_index": -1}
-    given: dict[str, Any] = {"id": identity(uuid.uuid4())} | none | more
-    return Trajectory(header=header(time, frame), status=status, revision=revision, **given)
+    fields: dict[str, Any] = {"id": identity(uuid.uuid4())} | none | more
+    return Trajectory(header=header(time, frame), status=status, revision=revision, **fields)
 
 
 def plan_message(
@@ -73,7 +73,7 @@ def plan_message(
     """Return a plan as a trajectory, UNRESOLVED unless it is safe; ``certified`` with the
     certificate of a SAFE one.
     """
-    out = {one.number for one in plan.excluded}
+    out = {exclusion.number for exclusion in plan.excluded}
     proof = None
     if certified:
         proof = plan.certificate_with(task.time, (task.frame.latitude, task.frame.longitude))

@@ -93,16 +93,16 @@ class ListeningNode(ClockGuard, LifecycleNode):
         )
         self._latest = self._settled = 0
         self._forgotten: tuple[str, ...] = ()  # and not logged yet
-        self._told_forgotten = -math.inf  # when that was logged last, s of real time
+        self._logged_forgotten = -math.inf  # when that was logged last, s of real time
 
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value if self.has_parameter(name) else None
 
-    def _check_parameters(self, wanted: list[Any]) -> SetParametersResult:
+    def _check_parameters(self, parameters: list[Any]) -> SetParametersResult:
         """Refuse values that contradict each other or those that stay."""
-        given = {one.name: one.value for one in wanted}
+        values = {parameter.name: parameter.value for parameter in parameters}
         try:
-            planning_options(lambda name: given.get(name, self._value(name)), self._aircraft)
+            planning_options(lambda name: values.get(name, self._value(name)), self._aircraft)
         except ValueError as problem:
             return SetParametersResult(successful=False, reason=str(problem))
         return SetParametersResult(successful=True)
@@ -138,11 +138,11 @@ class ListeningNode(ClockGuard, LifecycleNode):
     def _subscribe(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         says = "a publisher offers less {} than asked for; nothing of it is received"
         events = SubscriptionEventCallbacks(incompatible_qos=self._misfit(topic, says))
-        counted = any(topic.name in (one.name, one.private.name) for one in _COUNTED)
+        counted = any(topic.name in (known.name, known.private.name) for known in _COUNTED)
         heard: Callable[..., Any] = partial(self._protect, topic.name, callback)
         heard = self._losses.counting(topic.name, heard, time.monotonic) if counted else heard
-        made = topic.subscribe(self, heard, event_callbacks=events)
-        self._entities.append(lambda: self.destroy_subscription(made))
+        subscription = topic.subscribe(self, heard, event_callbacks=events)
+        self._entities.append(lambda: self.destroy_subscription(subscription))
 
     def _advertise(self, topic: Topic) -> Any:
         says = "a subscriber asks for more {} than offered; it receives nothing"
@@ -150,9 +150,9 @@ class ListeningNode(ClockGuard, LifecycleNode):
         # Diagnostics are published by the inactive node too.
         always = topic is topics.DIAGNOSTICS
         make = self.create_publisher if always else self.create_lifecycle_publisher
-        made = make(*topic, event_callbacks=events)
-        self._entities.append(lambda: self.destroy_publisher(made))
-        return made
+        publisher = make(*topic, event_callbacks=events)
+        self._entities.append(lambda: self.destroy_publisher(publisher))
+        return publisher
 
     def _misfit(self, topic: Topic, says: str) -> Callable[[Any], None]:
         """Return what notes that a quality of service does not fit: ``says``, with its name."""
@@ -168,7 +168,9 @@ class ListeningNode(ClockGuard, LifecycleNode):
     def _problems_of_graph(self) -> list[str]:
         """Return what is wrong with the publishers and subscribers that there are."""
         self._qos_problems = {
-            name: held for name, held in self._qos_problems.items() if not self._all_fit(held[0])
+            name: misfit
+            for name, misfit in self._qos_problems.items()
+            if not self._all_fit(misfit[0])
         }
         problems = [problem for _, problem in self._qos_problems.values()]
         name = self.resolve_topic_name(self.sign)
@@ -184,18 +186,19 @@ class ListeningNode(ClockGuard, LifecycleNode):
         """Return whether what publishes and subscribes to a topic fits this node's side of it."""
         name, mine = self.resolve_topic_name(topic.name), (self.get_namespace(), self.get_name())
         return not any(
-            qos_check_compatible(offered.qos_profile, asked.qos_profile)[0]
+            qos_check_compatible(offered.qos_profile, requested.qos_profile)[0]
             == QoSCompatibility.ERROR
             for offered in self.get_publishers_info_by_topic(name)
-            for asked in self.get_subscriptions_info_by_topic(name)
-            if mine in [(one.node_namespace, one.node_name) for one in (offered, asked)]
+            for requested in self.get_subscriptions_info_by_topic(name)
+            if mine
+            in [(endpoint.node_namespace, endpoint.node_name) for endpoint in (offered, requested)]
         )
 
-    def _protect(self, what: str, work: Callable[..., Any], *given: Any) -> bool:
+    def _protect(self, what: str, work: Callable[..., Any], *arguments: Any) -> bool:
         """Do a part of what is promised, and return whether it went well; if not, the node goes on
         and says so (:attr:`_protecting`).
         """
-        return self._attempt(self._protecting, what, partial(work, *given))
+        return self._attempt(self._protecting, what, partial(work, *arguments))
 
     def _show(self, what: str, work: Callable[[], Any]) -> bool:
         """Do what only shows, and return whether it went well."""
@@ -229,8 +232,8 @@ class ListeningNode(ClockGuard, LifecycleNode):
         ):
             self._subscribe(topic.private if private else topic, partial(self._take_in, update))
         self._health = self._advertise(topics.DIAGNOSTICS)
-        told = partial(self._tell_health, health)
-        for timer in call_in_any_time(self, self._value("diagnostics_period"), told):
+        report = partial(self._tell_health, health)
+        for timer in call_in_any_time(self, self._value("diagnostics_period"), report):
             self._entities.append(partial(self.destroy_timer, timer))
 
     def _tell_health(self, health: Callable[[], None]) -> None:
@@ -243,18 +246,18 @@ class ListeningNode(ClockGuard, LifecycleNode):
         """Take a message into the situation, and log an origin, a route or areas that cannot be
         used.
         """
-        now, rules = self._now(), report_rules(self._value)  # may reset the situation
-        if now < self._settled and _is_ahead(update, message, now + rules.future * SECOND):
+        moment, rules = self._now(), report_rules(self._value)  # may reset the situation
+        if moment < self._settled and _is_ahead(update, message, moment + rules.future * SECOND):
             # Just after the clock has stepped back, what is ahead of it was sent before that.
             return
         before = self._situation
-        self._situation = after = update(before, message, now, rules)
-        for held, new in (
+        self._situation = after = update(before, message, moment, rules)
+        for previous, new in (
             (before.origin, after.origin),
             (before.route, after.route),
             (before.areas, after.areas),
         ):
-            if new is not held and new.fault is not None:
+            if new is not previous and new.fault is not None:
                 self.get_logger().error(new.fault.message)
         if after.origin.value is not None and after.origin.value != before.origin.value:
             self._tell_areas(after.origin.value.frame)
@@ -305,32 +308,32 @@ class ListeningNode(ClockGuard, LifecycleNode):
         if rclpy.ok(context=self.context):
             self._health.publish(views.diagnostics(self, level, message, values))
 
-    def _forget(self, now: int) -> None:
+    def _forget(self, moment: int) -> None:
         """Forget the aircraft that have fallen silent."""
         after = freshness_of(self._value).silence
-        traffic, silent = forget_silent(self._situation.traffic, now, after)
+        traffic, silent = forget_silent(self._situation.traffic, moment, after)
         if silent:
             self._situation = replace(self._situation, traffic=traffic)
             self._forgotten += silent
-        if self._forgotten and time.monotonic() - self._told_forgotten > _FORGOTTEN_EVERY:
-            told, self._forgotten = self._forgotten, ()
-            self._told_forgotten = time.monotonic()
-            self.get_logger().info(f"silent, and forgotten: {listed(told)}")
+        if self._forgotten and time.monotonic() - self._logged_forgotten > _FORGOTTEN_EVERY:
+            forgotten, self._forgotten = self._forgotten, ()
+            self._logged_forgotten = time.monotonic()
+            self.get_logger().info(f"silent, and forgotten: {listed(forgotten)}")
 
     def _now(self) -> int:
         """Return the node's time, ns; when it has stepped back, everything received belongs to
         another time.
         """
-        now = self.get_clock().now().nanoseconds
-        if now < self._latest - _BACKWARD:
-            back = (self._latest - now) / SECOND
+        moment = self.get_clock().now().nanoseconds
+        if moment < self._latest - _BACKWARD:
+            back = (self._latest - moment) / SECOND
             self.get_logger().warning(
                 f"the clock stepped back by {back:.1f} s: all that was received is forgotten"
             )
             self._forget_time()
-            self._latest, self._settled = now, now + _IN_FLIGHT
-        self._latest = max(self._latest, now)
-        return now
+            self._latest, self._settled = moment, moment + _IN_FLIGHT
+        self._latest = max(self._latest, moment)
+        return moment
 
     def _forget_time(self) -> None:
         """Forget what belongs to another time."""

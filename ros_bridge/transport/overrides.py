@@ -48,7 +48,7 @@ def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None
         for name in sections:
             # A second node of a kind is called after it, such as rlcas_translator_2.
             if name.startswith(_OURS) and not any(
-                f"{name}_".startswith(f"{one}_") for one in known
+                f"{name}_".startswith(f"{node}_") for node in known
             ):
                 raise ValueError(
                     f"{where} has parameters for {name}, which is no node{_near(name, known)}"

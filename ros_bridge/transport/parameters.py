@@ -633,16 +633,17 @@ PARAMETERS = (
 
 def of(node: str) -> Iterator[Parameter]:
     """Yield the parameters of a node."""
-    return (one for one in PARAMETERS if node in one.nodes.split())
+    return (parameter for parameter in PARAMETERS if node in parameter.nodes.split())
 
 
 def help_text(node: str) -> str:
     """Return a node's parameters for ``--help``; D, V and T are explained where they are used."""
     lines = [
-        f"  {one.name:20} {_format_default(one)} {one.unit}{_range(one)}: {one.help}"
-        for one in of(node)
+        f"  {parameter.name:20} {_format_default(parameter)} {parameter.unit}"
+        f"{_range(parameter)}: {parameter.help}"
+        for parameter in of(node)
     ]
-    if any(one.unit in _UNITS for one in of(node)):
+    if any(parameter.unit in _UNITS for parameter in of(node)):
         lines.append("D, V, T: separation, greatest speed and time step of the aircraft")
     return "\n".join(lines)
 
@@ -654,29 +655,39 @@ def reference() -> str:
     parts: list[str] = []
     known: set[Parameter] = set()
     for node in NODES:
-        again = [f"`{one.name}`" for one in of(node) if one in known]
+        again = [f"`{parameter.name}`" for parameter in of(node) if parameter in known]
         parts += [f"**{node}**", *([f"As above: {', '.join(again)}."] if again else [])]
         rows = ["| parameter | default | range | unit | meaning |", "|---|---|---|---|---|"]
-        for one in of(node):
-            if one not in known:
-                cells = f"`{one.name}`", _format_default(one), _range(one)[2:-1], one.unit, one.help
+        for parameter in of(node):
+            if parameter not in known:
+                cells = (
+                    f"`{parameter.name}`",
+                    _format_default(parameter),
+                    _range(parameter)[2:-1],
+                    parameter.unit,
+                    parameter.help,
+                )
                 rows.append(f"| {' | '.join(cells)} |")
         known.update(of(node))
         parts += ["\n".join(rows)] if len(rows) > 2 else []
     return "\n\n".join(parts) + "\n"
 
 
-def _range(one: Parameter) -> str:
-    return "" if one.low is None else f" ({one.low:g} to {one.high:g})"
+def _range(parameter: Parameter) -> str:
+    return "" if parameter.low is None else f" ({parameter.low:g} to {parameter.high:g})"
 
 
-def _format_default(one: Parameter) -> str:
-    if one.default in Freshness._fields:
-        return f"{getattr(USUAL_FRESHNESS, one.default):g}"
-    if isinstance(one.default, str):
-        text = one.default or '""'
-        return f"`{text}`" if one.low is None else "the aircraft's"
-    return str(one.default).lower() if isinstance(one.default, bool) else f"{one.default:g}"
+def _format_default(parameter: Parameter) -> str:
+    if parameter.default in Freshness._fields:
+        return f"{getattr(USUAL_FRESHNESS, parameter.default):g}"
+    if isinstance(parameter.default, str):
+        text = parameter.default or '""'
+        return f"`{text}`" if parameter.low is None else "the aircraft's"
+    return (
+        str(parameter.default).lower()
+        if isinstance(parameter.default, bool)
+        else f"{parameter.default:g}"
+    )
 
 
 def main() -> None:

@@ -52,13 +52,13 @@ def main(
 
 def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> int:
     parser = Parser(prog=f"python -m ros_bridge.{name}", description=text)
-    given = [parser.prog, *(sys.argv[1:] if arguments is None else arguments)]
+    command_line = [parser.prog, *(sys.argv[1:] if arguments is None else arguments)]
     parser.add_argument(FLAG, action="store_true", help="end when standard input is closed")
     if issubclass(make, LifecycleNode):
         parser.add_argument(
             "--manual", action="store_true", help="wait to be configured and activated by others"
         )
-    options, node = _begin(make, parser, given)
+    options, node = _begin(make, parser, command_line)
     note_start()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
@@ -82,18 +82,18 @@ def _run(make: Any, name: str, text: str, arguments: Sequence[str] | None) -> in
         rclpy.try_shutdown()
 
 
-def _begin(make: Any, parser: Parser, given: list[str]) -> tuple[argparse.Namespace, Node]:
+def _begin(make: Any, parser: Parser, command_line: list[str]) -> tuple[argparse.Namespace, Node]:
     """Return our options, and the node in a context of the arguments; InputError: they cannot be
     used.
     """
     try:
         # Before ROS looks at the files, whose errors name its own lines.
-        refuse_unknown_nodes(given, [f"rlcas_{one}" for one in parameters.NODES])
-        options = parser.parse_args(remove_ros_args(given)[1:])
+        refuse_unknown_nodes(command_line, [f"rlcas_{node}" for node in parameters.NODES])
+        options = parser.parse_args(remove_ros_args(command_line)[1:])
         if options.end_with_parent:
             end_with_parent()
         configure_dds()
-        rclpy.init(args=given)
+        rclpy.init(args=command_line)
         with reserve_ports():
             return options, make()
     except InvalidParameterTypeException as error:

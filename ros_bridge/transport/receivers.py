@@ -191,7 +191,7 @@ class Receiver(threading.Thread):
         with socket.create_connection((parts.hostname or "", port), 5.0) as connection:
             connection.settimeout(1.0)
             self.problem = ""
-            rest, silent = b"", 0.0
+            unfinished, silent = b"", 0.0
             while not self._ends():
                 try:
                     more = connection.recv(65_536)
@@ -202,11 +202,11 @@ class Receiver(threading.Thread):
                     continue
                 if not more:
                     return
-                *lines, rest = (rest + more).split(b"\n")
-                if len(rest) > _LONGEST:
+                *lines, unfinished = (unfinished + more).split(b"\n")
+                if len(unfinished) > _LONGEST:
                     raise ValueError(
-                        f"it sends no lines but {rest[:20]!r}, expected {self.format.name}'s (port "
-                        f"{self.format.port})"
+                        f"it sends no lines but {unfinished[:20]!r}, expected {self.format.name}'s "
+                        f"(port {self.format.port})"
                     )
                 silent = 0.0
                 yield from (line.decode("ascii", "replace") for line in lines)
@@ -250,18 +250,18 @@ class _Feed:
                 continue
             self._heard, content = item
             try:
-                for found in self._reader.reports_of(content, self._heard):
-                    yield found, self._heard
+                for report in self._reader.reports_of(content, self._heard):
+                    yield report, self._heard
             except TimeoutError as late:
                 self.receiver.restart()
                 self._late = str(late)
 
-    def begin_anew(self, now: int) -> None:
+    def begin_anew(self, stamp: int) -> None:
         """Forget all that hangs on the clock, which has stepped back to a time, ns."""
         for _ in range(self.receiver.heard.qsize()):
             self.receiver.heard.get_nowait()
         self._reader.begin_anew()
-        self._heard = now
+        self._heard = stamp
 
     def take_problem(self) -> str:
         """Return what is wrong with it, a sentence, or what was since the last time; "":
@@ -342,11 +342,11 @@ class LiveReports:
         """Yield what has come since the last time, without waiting: a report, or why one cannot be
         used, and when it arrived, ns. Where the clock has stepped back, what has come is dropped.
         """
-        now = self._clock()
-        if now < self._latest - _BACKWARD:
+        stamp = self._clock()
+        if stamp < self._latest - _BACKWARD:
             for feed in self._feeds:
-                feed.begin_anew(now)
-        self._latest = now
+                feed.begin_anew(stamp)
+        self._latest = stamp
         for feed in self._feeds:
             yield from feed.take()
 

@@ -29,8 +29,8 @@ class Recorder:
         now: the time to be written beside each message, ns.
     """
 
-    def __init__(self, node: Node, path: Path, now: Callable[[], int]) -> None:
-        self._file, self._now = McapFile(path), now
+    def __init__(self, node: Node, path: Path, clock: Callable[[], int]) -> None:
+        self._file, self._clock = McapFile(path), clock
         channels = []
         for topic in topics.EVERY:
             kind = f"{topic.kind.__module__.split('.')[0]}/msg/{topic.kind.__name__}"
@@ -41,7 +41,7 @@ class Recorder:
             topic.undemanding.subscribe(node, partial(self._write, channel), raw=True)
 
     def _write(self, channel: int, data: bytes) -> None:
-        self._file.write(channel, data, self._now())
+        self._file.write(channel, data, self._clock())
 
     def close(self) -> None:
         """Finish the file, or raise OSError."""
@@ -55,18 +55,20 @@ def definition(name: str) -> str:
     texts: dict[str, str] = {}
     waiting = [name]
     while waiting:
-        one = waiting.pop(0)
-        package, folder, kind = one.split("/")
-        if one in texts:
+        message = waiting.pop(0)
+        package, folder, kind = message.split("/")
+        if message in texts:
             continue
         file = _file(package, folder, kind)
-        texts[one] = file.read_text(encoding="utf-8")
+        texts[message] = file.read_text(encoding="utf-8")
         types = [field.type for field in parse_message_file(package, str(file)).fields]
         waiting += [f"{part.pkg_name}/msg/{part.type}" for part in types if part.pkg_name]
-    rest = (
-        f"MSG: {one.replace('/msg/', '/')}\n{text}" for one, text in texts.items() if one != name
+    parts = (
+        f"MSG: {message.replace('/msg/', '/')}\n{text}"
+        for message, text in texts.items()
+        if message != name
     )
-    return f"\n{'=' * 80}\n".join([texts[name], *rest])
+    return f"\n{'=' * 80}\n".join([texts[name], *parts])
 
 
 def _file(package: str, folder: str, kind: str) -> Path:

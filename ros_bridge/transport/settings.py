@@ -65,15 +65,17 @@ def declare(node: Node, kind: str) -> Aircraft | None:
     if mine[0].name == "aircraft":
         # The numbers follow from it.
         first = mine[:3]
-        for one in first:
-            node.declare_parameter(one.name, one.default, _descriptor(one))
-        file, policy_file, extensions = (node.get_parameter(one.name).value for one in first)
+        for parameter in first:
+            node.declare_parameter(parameter.name, parameter.default, _descriptor(parameter))
+        file, policy_file, extensions = (
+            node.get_parameter(parameter.name).value for parameter in first
+        )
         load_extensions(extensions)
         aircraft = aircraft_of(file, policy_file)
-    for one in parameters_of(kind, aircraft):
-        if not node.has_parameter(one.name):
-            node.declare_parameter(one.name, one.default, _descriptor(one))
-    refuse_unknown_parameters(node, [one.name for one in mine])
+    for parameter in parameters_of(kind, aircraft):
+        if not node.has_parameter(parameter.name):
+            node.declare_parameter(parameter.name, parameter.default, _descriptor(parameter))
+    refuse_unknown_parameters(node, [parameter.name for parameter in mine])
     return aircraft
 
 
@@ -87,19 +89,25 @@ def parameters_of(kind: str, aircraft: Aircraft | None) -> Iterator[Parameter]:
         vertical = aircraft.vertical
         known["vertical_margin"] = 0.0 if vertical is None else default_vertical_margin(vertical)
         known |= Freshness.for_aircraft(aircraft)._asdict()
-    return (one.in_si(aircraft, known) for one in of(kind))
+    return (parameter.in_si(aircraft, known) for parameter in of(kind))
 
 
-def _descriptor(one: Parameter) -> ParameterDescriptor:
-    text = f"{one.help}, {one.unit}" if one.unit else one.help
-    made = ParameterDescriptor(description=text, read_only=one.fixed)
-    if one.low is not None and one.high is not None and isinstance(one.default, int):
-        made.integer_range = [IntegerRange(from_value=int(one.low), to_value=int(one.high), step=1)]
-    elif one.low is not None and one.high is not None:
-        made.floating_point_range = [
-            FloatingPointRange(from_value=float(one.low), to_value=float(one.high))
+def _descriptor(parameter: Parameter) -> ParameterDescriptor:
+    text = f"{parameter.help}, {parameter.unit}" if parameter.unit else parameter.help
+    descriptor = ParameterDescriptor(description=text, read_only=parameter.fixed)
+    if (
+        parameter.low is not None
+        and parameter.high is not None
+        and isinstance(parameter.default, int)
+    ):
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(parameter.low), to_value=int(parameter.high), step=1)
         ]
-    return made
+    elif parameter.low is not None and parameter.high is not None:
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(parameter.low), to_value=float(parameter.high))
+        ]
+    return descriptor
 
 
 def limits_of(value: Callable[[str], Any]) -> Limits:
@@ -117,7 +125,7 @@ _APART = {"aircraft", "policy_file", "extensions", "areas_file", "map_frame", "d
 
 def agreed_text(value: Callable[[str], Any]) -> str:
     """Return the parameters that runner and monitor must have alike, ``name=value`` with blanks."""
-    names = [one.name for one in of("runner") if "monitor" in one.nodes.split()]
+    names = [parameter.name for parameter in of("runner") if "monitor" in parameter.nodes.split()]
     return " ".join(f"{name}={_plain(value(name))}" for name in names if name not in _APART)
 
 
@@ -142,11 +150,11 @@ def disagreements(mine: str, others: str) -> list[str]:
 
 def aircraft_text(options: Options) -> str:
     """Return the aircraft that plans are made for, and what it keeps from others, as a text."""
-    limits, wanted = options.limits, options.requirement
+    limits, requirement = options.limits, options.requirement
     return (
         f"{limits.speed_min:g} to {limits.speed_max:g} m/s, {limits.acceleration_min:g} to "
         f"{limits.acceleration_max:g} m/s^2, {math.degrees(limits.yaw_rate_max):g} deg/s; "
-        f"separation {wanted.separation:g} m, margin {wanted.margin:g} m"
+        f"separation {requirement.separation:g} m, margin {requirement.margin:g} m"
     )
 
 
@@ -160,13 +168,15 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
     legs = limits_of(value)
     separations_by_category(value)  # refused here, where a node looks at all of its values
     freshness_of(value)  # the same
-    given = {name: value(parameter) for name, parameter in _OPTIONS.items()}
+    fields = {name: value(parameter) for name, parameter in _OPTIONS.items()}
     # A false "rejoin_by" or what a node does not have leaves the usual value.
-    given = {
-        name: one for name, one in given.items() if one is not None and (name != "rejoin_by" or one)
+    fields = {
+        name: setting
+        for name, setting in fields.items()
+        if setting is not None and (name != "rejoin_by" or setting)
     }
-    given |= _altitudes(value)
-    given["requirement"] = Requirement(value("separation"), value("margin"), value("sigmas"))
+    fields |= _altitudes(value)
+    fields["requirement"] = Requirement(value("separation"), value("margin"), value("sigmas"))
     if not 0.0 < value("goal_radius") <= value("separation"):
         raise ValueError(
             f"goal_radius is {value('goal_radius'):g} m, expected at most the separation, "
@@ -179,7 +189,7 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
         )
     try:
         options = Options.for_aircraft(
-            aircraft._replace(goal_radius=value("goal_radius")), legs, **given
+            aircraft._replace(goal_radius=value("goal_radius")), legs, **fields
         )
         check(options)
     except RequestError as problem:
@@ -194,18 +204,18 @@ def planning_options(value: Callable[[str], Any], aircraft: Aircraft) -> Options
 
 def _altitudes(value: Callable[[str], Any]) -> dict[str, Any]:
     """Return the options of plans that may climb, from a node's parameters."""
-    kinds, kind = [one.value for one in Maneuvers], value("maneuvers")
+    kinds, kind = [manoeuvre.value for manoeuvre in Maneuvers], value("maneuvers")
     if kind not in kinds:
         raise ValueError(f"maneuvers is {kind!r}, expected one of {', '.join(kinds)}")
     above = value("own_altitude_reference")
     if above not in ALTITUDE_CODES.values():
         known = ", ".join(ALTITUDE_CODES.values())
         raise ValueError(f"own_altitude_reference is {above!r}, expected one of {known}")
-    given: dict[str, Any] = {"maneuvers": Maneuvers(kind)}
+    fields: dict[str, Any] = {"maneuvers": Maneuvers(kind)}
     for name in ("floor", "ceiling"):
         height = value(f"{name}_m")
-        given[name] = None if math.isnan(height) else Level(height, above)
-    return given
+        fields[name] = None if math.isnan(height) else Level(height, above)
+    return fields
 
 
 def planning_settings(value: Callable[[str], Any], aircraft: Aircraft) -> Settings:
@@ -252,14 +262,14 @@ def freshness_of(value: Callable[[str], Any]) -> Freshness:
         ValueError: an aircraft would be forgotten while it counts; the message begins with a
             parameter's name.
     """
-    given = {name: value(parameter) for name, parameter in _FRESHNESS.items()}
-    found = Freshness(**{name: one for name, one in given.items() if one is not None})
-    if found.silence < found.intruder:
+    ages = {name: value(parameter) for name, parameter in _FRESHNESS.items()}
+    freshness = Freshness(**{name: age for name, age in ages.items() if age is not None})
+    if freshness.silence < freshness.intruder:
         raise ValueError(
-            f"forget_after is {found.silence:g} s, expected at least intruder_max_age, "
-            f"{found.intruder:g} s: no aircraft may be forgotten while it counts"
+            f"forget_after is {freshness.silence:g} s, expected at least intruder_max_age, "
+            f"{freshness.intruder:g} s: no aircraft may be forgotten while it counts"
         )
-    return found
+    return freshness
 
 
 def unknown_spread(value: Callable[[str], Any]) -> Unknown:

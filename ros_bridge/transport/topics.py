@@ -42,12 +42,12 @@ class Topic(NamedTuple):
     @property
     def undemanding(self) -> "Topic":
         """The topic for who only looks: what offers no deadline or liveliness is taken, too."""
-        asked = QoSProfile(
+        quality = QoSProfile(
             depth=self.quality.depth,
             reliability=self.quality.reliability,
             durability=self.quality.durability,
         )
-        return self._replace(quality=asked)
+        return self._replace(quality=quality)
 
     def subscribe(
         self, node: Node, callback: Callable[..., Any], **more: Any

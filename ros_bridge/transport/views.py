@@ -126,8 +126,8 @@ def _draw_traffic(drawing: _Drawing, task: PlanTask, unit: float, *, in_height: 
     """Draw a disc as wide as the distance to keep around each intruder, and its name."""
     colour, faint = _colour(_TRAFFIC), _colour(_TRAFFIC, 0.35)
     for name, intruder in zip(task.identifiers, task.intruders, strict=True):
-        now = advance_reports(*arrays_of_reports([report_in_air(intruder, None)])).state
-        x, y = float(now.x[0, 0]), float(now.y[0, 0])
+        state = advance_reports(*arrays_of_reports([report_in_air(intruder, None)])).state
+        x, y = float(state.x[0, 0]), float(state.y[0, 0])
         usual, own = task.options.requirement.separation, intruder.separation
         width = 2.0 * (usual if own is None else own)
         z = _above(intruder, task) if in_height else 0.0
