@@ -89,18 +89,18 @@ def _own(config: TrainConfig, setup: Setup) -> Algorithm:
     except InputError as problem:
         raise ConfigError(f"algorithm: {problem}; ppo ships") from None
     try:
-        made = make(setup, **config.algorithm_settings)
+        algorithm = make(setup, **config.algorithm_settings)
     except Exception as problem:
         raise ConfigError(f"algorithm {name}: {failure(problem, JAX)}") from problem
-    missing = [part for part in ("init", "act", "update") if not hasattr(made, part)]
+    missing = [part for part in ("init", "act", "update") if not hasattr(algorithm, part)]
     if missing:
         raise ConfigError(
             f"algorithm {name}: has no {', '.join(missing)}; expected init, act and update "
             "(agents.learning.algorithm.Algorithm)"
         )
-    if setup.axis is not None and not getattr(made, "several_devices", False):
+    if setup.axis is not None and not getattr(algorithm, "several_devices", False):
         raise ConfigError(
             f"algorithm {name}: does not say several_devices; expected one device, or an algorithm "
             "that averages its gradients over setup.axis"
         )
-    return made
+    return algorithm

@@ -37,11 +37,11 @@ def check_algorithm(config: TrainConfig, tasks: Sequence[CompiledTask]) -> None:
         except Exception as problem:
             raise ConfigError(f"{name}: {failure(problem, JAX)}") from problem
         shapes += [_shapes(before.learner), _shapes(after.learner)]
-    for number, other in enumerate(shapes):
-        if other != shapes[0]:
+    for number, shape in enumerate(shapes):
+        if shape != shapes[0]:
             where = f"an update of phase {number // 2}" if number % 2 else f"phase {number // 2}"
             raise ConfigError(
-                f"{name}: {where} changes its state from {shapes[0]:.200} to {other:.200}; "
+                f"{name}: {where} changes its state from {shapes[0]:.200} to {shape:.200}; "
                 "expected the same structure, shapes and dtypes"
             )
 

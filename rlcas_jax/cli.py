@@ -67,29 +67,29 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
 
     The moment ``now`` stands in the default name of the directory.
     """
-    given = _parser().parse_args(argv)
-    processes = _processes(given.coordinator, given.processes, given.process)
-    if given.resume is not None:
+    arguments = _parser().parse_args(argv)
+    processes = _processes(arguments.coordinator, arguments.processes, arguments.process)
+    if arguments.resume is not None:
         for name in ("config", "set", "steps", "seeds", "out"):
-            if getattr(given, name):
+            if getattr(arguments, name):
                 hint = "leave it out, or start a new run without --resume"
                 raise ConfigError(f"--{name} cannot change a run that is resumed; {hint}")
-        directory, jobs = given.resume, resumed_jobs(given.resume)
+        directory, jobs = arguments.resume, resumed_jobs(arguments.resume)
     else:
-        check_named(given)
-        overrides = overrides_of(given)
-        config = load(TrainConfig, given.config, overrides)
+        check_named(arguments)
+        overrides = overrides_of(arguments)
+        config = load(TrainConfig, arguments.config, overrides)
         _check_effective(config, overrides)
-        seeds = _seeds(config, given.seeds)
-        directory = _new_directory(config, given.out, processes, now)
+        seeds = _seeds(config, arguments.seeds)
+        directory = _new_directory(config, arguments.out, processes, now)
         jobs = _new_jobs(config, directory, seeds)
-    resumed = given.resume is not None
-    return Options(directory, jobs, given.quiet, resumed, given.devices, processes)
+    resumed = arguments.resume is not None
+    return Options(directory, jobs, arguments.quiet, resumed, arguments.devices, processes)
 
 
-def _seeds(config: TrainConfig, given: int | None) -> int:
+def _seeds(config: TrainConfig, count: int | None) -> int:
     """Return how many seeds are trained."""
-    seeds = 1 if given is None else given
+    seeds = 1 if count is None else count
     if seeds > SEED_END - config.seed:
         raise ConfigError(
             f"--seeds is {seeds}; expected 1 to {SEED_END - config.seed} (seeds are below "
@@ -99,13 +99,13 @@ def _seeds(config: TrainConfig, given: int | None) -> int:
 
 
 def _new_directory(
-    config: TrainConfig, given: Path | None, processes: Processes | None, now: datetime | None
+    config: TrainConfig, out: Path | None, processes: Processes | None, now: datetime | None
 ) -> Path:
     """Return the directory of a new run."""
-    if processes is not None and given is None:
+    if processes is not None and out is None:
         raise ConfigError("--coordinator needs --out, the same directory for all processes")
     moment = datetime.now(UTC) if now is None else now
-    directory = given or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
+    directory = out or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
     # Another process may have begun to fill it.
     if (processes is None or processes.number == 0) and not is_unused(directory):
         raise ConfigError(
@@ -169,9 +169,9 @@ def _processes(coordinator: str | None, count: int | None, number: int | None) -
                 "auto"
             )
         if count is None or number is None or not 0 <= number < count:
-            said = f"--process is {number} of --processes {count}"
+            numbers = f"--process is {number} of --processes {count}"
             raise ConfigError(
-                f"{said}; expected both with --coordinator HOST:PORT, 0 to one less than their "
+                f"{numbers}; expected both with --coordinator HOST:PORT, 0 to one less than their "
                 "number"
             )
     return Processes(coordinator, count, number)
@@ -182,11 +182,13 @@ def resumed_jobs(directory: Path) -> tuple[Job, ...]:
     ConfigError where it is no run.
     """
     single = directory / "config.yaml"
-    many = [
+    of_seeds = [
         file for file in directory.glob("seed-*/config.yaml") if file.parent.name[5:].isdecimal()
     ]
     files = (
-        [single] if single.is_file() else sorted(many, key=lambda file: int(file.parent.name[5:]))
+        [single]
+        if single.is_file()
+        else sorted(of_seeds, key=lambda file: int(file.parent.name[5:]))
     )
     if not files:
         what = (
@@ -223,20 +225,20 @@ def add_configuration(parser: Parser) -> None:
     add("--quiet", action="store_true", help="show no progress")
 
 
-def is_named(given: Namespace) -> bool:
+def is_named(arguments: Namespace) -> bool:
     """Return whether a command line says what is trained."""
-    return given.config is not None or bool(given.set) or given.steps is not None
+    return arguments.config is not None or bool(arguments.set) or arguments.steps is not None
 
 
-def check_named(given: Namespace) -> None:
+def check_named(arguments: Namespace) -> None:
     """Refuse a command line that does not say what is trained."""
-    if not is_named(given):
+    if not is_named(arguments):
         raise ConfigError(f"--config is missing; expected a YAML file, or one that ships: {NAMES}")
 
 
-def overrides_of(given: Namespace) -> list[str]:
+def overrides_of(arguments: Namespace) -> list[str]:
     """Return what ``--set`` and ``--steps`` change."""
-    overrides = given.set + ([] if given.steps is None else [f"steps={given.steps}"])
+    overrides = arguments.set + ([] if arguments.steps is None else [f"steps={arguments.steps}"])
     check_once(overrides)
     return overrides
 

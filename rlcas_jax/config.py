@@ -400,10 +400,10 @@ class TrainConfig(Strict):
     def _check(self) -> "TrainConfig":
         if all(is_loaded(entry.name) for entry in self.scenarios):  # others are not loaded yet
             self._scenarios()
-        other = (
+        beyond_paper = (
             self.aircraft.aircraft()._replace(t_max=PAPER.t_max) != PAPER or self.family.share > 0.0
         )
-        if self.network.feature_set != "set" and other:
+        if self.network.feature_set != "set" and beyond_paper:
             raise ConfigError(
                 f"network.feature_set is {self.network.feature_set}, for the paper's aircraft "
                 "alone; expected set "

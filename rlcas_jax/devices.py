@@ -65,8 +65,8 @@ def compiler_options() -> dict[str, bool | int] | None:
     """
     if jax.default_backend() != "gpu":
         return None
-    given = os.environ.get("XLA_FLAGS", "")
-    return {name: value for name, value in _GPU_OPTIONS.items() if name not in given}
+    flags = os.environ.get("XLA_FLAGS", "")
+    return {name: value for name, value in _GPU_OPTIONS.items() if name not in flags}
 
 
 def connect(devices: int | None = None, processes: Processes | None = None) -> Devices:
@@ -108,13 +108,13 @@ def connect(devices: int | None = None, processes: Processes | None = None) -> D
 def _join(processes: Processes) -> None:
     """Wait until all processes that train together have begun, and say so."""
     jax.config.update("jax_cpu_collectives_implementation", "gloo")
-    given = None if processes.coordinator == "auto" else processes.coordinator
+    address = None if processes.coordinator == "auto" else processes.coordinator
     others = "the others" if processes.count is None else f"{processes.count - 1} others"
     where = f"--coordinator {processes.coordinator}: waiting for {others}"
     # Both wait for the others: the greeting, and the first look at all devices.
     with _says_that_it_waits(where):
         try:
-            jax.distributed.initialize(given, processes.count, processes.number)
+            jax.distributed.initialize(address, processes.count, processes.number)
             jax.devices()
         except (RuntimeError, ValueError) as problem:
             reason = str(problem).strip().splitlines()[0]

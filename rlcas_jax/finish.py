@@ -167,7 +167,7 @@ def _line_of_seeds(summaries: Sequence[Mapping[str, Any]]) -> str:
     scores = [
         summary["training_score"] for summary in summaries if summary["training_score"] is not None
     ]
-    given = [summary["evaluation"]["success_given_resolvable"] for summary in summaries]
+    success_rates = [summary["evaluation"]["success_given_resolvable"] for summary in summaries]
     reached = f"training score {min(scores):+.1f} to {max(scores):+.1f}, " if scores else ""
-    resolved = f"resolved of the resolvable {min(given):.2%} to {max(given):.2%}"
+    resolved = f"resolved of the resolvable {min(success_rates):.2%} to {max(success_rates):.2%}"
     return f"{len(summaries)} seeds: {reached}{resolved}"

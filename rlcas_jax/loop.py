@@ -293,11 +293,11 @@ class _Runner:
                 f"{checkpoint.latest(self._training.directory / 'checkpoints')}"
             )
         self._interrupt.waits_for("the end of this update")
-        now = time.monotonic()
+        moment = time.monotonic()
         row = {"step": update.step, "update": update.number} | row
         row |= {
-            "wall_s": now - self._began,
-            "steps_per_s": task.steps_per_update / (now - self._tick),
+            "wall_s": moment - self._began,
+            "steps_per_s": task.steps_per_update / (moment - self._tick),
         }
         if self._log is not None:
             if state is not None:

@@ -137,7 +137,7 @@ def train_all(
             write_configurations(options)
         summaries: list[dict[str, Any]] = []
         for job in options.jobs:
-            summaries.append(_train_one(job, options, devices, callback, interrupt))
+            summaries.append(_train_seed(job, options, devices, callback, interrupt))
             if not summaries[-1]["finished"]:
                 break
         if first() and len(options.jobs) > 1:
@@ -146,7 +146,7 @@ def train_all(
     return summaries
 
 
-def _train_one(
+def _train_seed(
     job: Job,
     options: Options,
     devices: Devices,

@@ -68,22 +68,24 @@ def parse(argv: Sequence[str] | None = None) -> Options:
     """Read the command line, that of the process by default; raises a ConfigError, and writes
     nothing.
     """
-    given = _parser().parse_args(argv)
-    _check_complete(given)
-    directory: Path = given.out
-    if given.resume:
+    arguments = _parser().parse_args(argv)
+    _check_complete(arguments)
+    directory: Path = arguments.out
+    if arguments.resume:
         for name in ("config", "space", "set", "steps", "seeds"):
-            if getattr(given, name):
+            if getattr(arguments, name):
                 raise ConfigError(f"--{name} cannot change a sweep that is resumed; leave it out")
         file, source, overrides = directory / CONFIG, directory / SETTINGS, []
-        settings = load(SweepConfig, source, [f"trials={given.trials}"] if given.trials else [])
+        settings = load(
+            SweepConfig, source, [f"trials={arguments.trials}"] if arguments.trials else []
+        )
     else:
         if not is_unused(directory):
             raise ConfigError(
                 f"--out {directory} exists and is not empty; name another, or add --resume to go on"
             )
-        file, source, overrides = given.config, given.space, overrides_of(given)
-        settings = _new_settings(given)
+        file, source, overrides = arguments.config, arguments.space, overrides_of(arguments)
+        settings = _new_settings(arguments)
     base = load(TrainConfig, file, overrides)
     if base.phases:
         raise ConfigError(
@@ -93,27 +95,27 @@ def parse(argv: Sequence[str] | None = None) -> Options:
     check(space, source, lambda texts: load(TrainConfig, file, [*overrides, *texts]))
     if settings.seeds > SEED_END - base.seed:
         raise ConfigError(f"--seeds is {settings.seeds}; expected 1 to {SEED_END - base.seed}")
-    return Options(directory, base, settings, space, given.resume, given.quiet)
+    return Options(directory, base, settings, space, arguments.resume, arguments.quiet)
 
 
-def _new_settings(given: Namespace) -> SweepConfig:
+def _new_settings(arguments: Namespace) -> SweepConfig:
     """Return the settings of a search that begins."""
     try:
-        values = {"trials": given.trials, "space": read(file_of(given.space))}
+        values = {"trials": arguments.trials, "space": read(file_of(arguments.space))}
     except YamlError as problem:
         raise ConfigError(str(problem)) from None
-    seeds = {} if given.seeds is None else {"seeds": given.seeds}
+    seeds = {} if arguments.seeds is None else {"seeds": arguments.seeds}
     return validate(SweepConfig, values | seeds)
 
 
-def _check_complete(given: Namespace) -> None:
+def _check_complete(arguments: Namespace) -> None:
     """Refuse a command line without what a search needs; all that is missing in one sentence."""
-    needed = {"--out DIR": given.out is not None}
-    if not given.resume:
+    needed = {"--out DIR": arguments.out is not None}
+    if not arguments.resume:
         needed = {
-            f"--config FILE (or {_CONFIGS})": is_named(given),
-            f"--space FILE (or {_SPACE})": given.space is not None,
-            "--trials N": given.trials is not None,
+            f"--config FILE (or {_CONFIGS})": is_named(arguments),
+            f"--space FILE (or {_SPACE})": arguments.space is not None,
+            "--trials N": arguments.trials is not None,
             **needed,
         }
     missing = [name for name, is_given in needed.items() if not is_given]

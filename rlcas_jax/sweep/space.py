@@ -63,9 +63,9 @@ def check(space: Space, source: Path | str, load: Callable[[list[str]], TrainCon
     for key, value in (
         (key, value) for key, distribution in space.items() for value in _ends(distribution)
     ):
-        others, problems = [other for other in space if other != key], []
+        others, problems = [name for name in space if name != key], []
         for tried in range(_TRIED if others else 1):
-            some = {other: draw.choice(_ends(space[other])) for other in others if tried > 0}
+            some = {name: draw.choice(_ends(space[name])) for name in others if tried > 0}
             try:
                 load(overrides(some | {key: value}))
                 break
