@@ -75,8 +75,8 @@ def check_altitudes(certificate: Certificate, lines: list[Line], work: Work) -> 
         as_reported = heights.age == certificate.reports[number].age
         demand(as_reported, f"the age of {name} in apart is not that in intruders")
         # What is said of the ownship differs from line to line.
-        other = heights._replace(own=0.0, own_climb=0.0)
-        same = sides.setdefault((number, side), other) == other
+        reported = heights._replace(own=0.0, own_climb=0.0)
+        same = sides.setdefault((number, side), reported) == reported
         demand(same, f"{name} has more than one altitude in apart")
     check_both_sides(sides)
 

@@ -38,9 +38,9 @@ def main(arguments: list[str] | None = None) -> int:
 def check(arguments: list[str] | None) -> int:
     """Check a file and print what it proves, or why it is refused; return the exit status."""
     options = parse(arguments)
-    given = {"vertical": options.vertical_separation, "sigmas": options.sigmas}
+    changes = {"vertical": options.vertical_separation, "sigmas": options.sigmas}
     standard = STANDARD._replace(
-        **{name: value for name, value in given.items() if value is not None}
+        **{name: value for name, value in changes.items() if value is not None}
     )
     path = reading = options.file
     name = str(path).encode(errors="replace").decode()  # it may hold bytes that are no text

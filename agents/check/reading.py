@@ -143,24 +143,24 @@ def check_profile_ranges(certificate: Certificate) -> None:
     demand(same, "profile has another climb at the request than levels")
 
 
-def read_levels(given: Any) -> Levels | None:
+def read_levels(data: Any) -> Levels | None:
     """Return the levels of the ownship; None where they are unknown."""
-    if given is None:
+    if data is None:
         return None
-    return Levels(*table("levels", [given], len(Levels._fields))[0])
+    return Levels(*table("levels", [data], len(Levels._fields))[0])
 
 
-def read_profile(given: Any) -> Profile | None:
+def read_profile(data: Any) -> Profile | None:
     """Return the profile of a plan that climbs; None where it is one in the plane."""
-    if given is None:
+    if data is None:
         return None
-    right = isinstance(given, dict) and set(given) == set(Profile._fields)
+    right = isinstance(data, dict) and set(data) == set(Profile._fields)
     demand(right, "profile has other fields than expected")
-    altitudes = as_list("profile.altitudes", given["altitudes"])
-    levels = {name: given[name] for name in ("floor", "ceiling")}
+    altitudes = as_list("profile.altitudes", data["altitudes"])
+    levels = {name: data[name] for name in ("floor", "ceiling")}
     table("profile", [[level] for level in levels.values() if level is not None], 1)
     plain = [name for name in Profile._fields if name != "altitudes" and name not in levels]
-    stated = table("profile", [[given[name] for name in plain]], len(plain))[0]
+    stated = table("profile", [[data[name] for name in plain]], len(plain))[0]
     return Profile(
         altitudes=table("profile.altitudes", [altitudes], len(altitudes))[0],
         **dict(zip(plain, stated, strict=True)),
@@ -168,55 +168,55 @@ def read_profile(given: Any) -> Profile | None:
     )
 
 
-def read_areas(given: Any) -> list[Area]:
+def read_areas(data: Any) -> list[Area]:
     """Return the areas of a certificate."""
-    return [read_area(f"areas[{n}]", area) for n, area in enumerate(as_list("areas", given))]
+    return [read_area(f"areas[{n}]", area) for n, area in enumerate(as_list("areas", data))]
 
 
-def read_area(name: str, given: Any) -> Area:
+def read_area(name: str, data: Any) -> Area:
     """Return an area; refuse one that is none."""
-    right = isinstance(given, dict) and set(given) == set(Area._fields)
+    right = isinstance(data, dict) and set(data) == set(Area._fields)
     demand(right, f"{name} has other fields than expected")
-    demand(given["keep"] in ("out", "in"), f"{name}.keep is neither out nor in")
+    demand(data["keep"] in ("out", "in"), f"{name}.keep is neither out nor in")
     for field in ("valid", "heights"):
-        pair = given[field]
+        pair = data[field]
         demand(isinstance(pair, list) and len(pair) == 2, f"{name}.{field} is no pair")
         table(f"{name}.{field}", [[value] for value in pair if value is not None], 1)
-    circle, rings = read_shape(name, given["circle"], given["rings"])
-    growth, clearance = table(name, [[given["growth"], given["clearance"]]], 2)[0]
-    velocity = table(name, [given["velocity"]], 2)[0]
+    circle, rings = read_shape(name, data["circle"], data["rings"])
+    growth, clearance = table(name, [[data["growth"], data["clearance"]]], 2)[0]
+    velocity = table(name, [data["velocity"]], 2)[0]
     demand(clearance >= 0.0, f"{name} has a negative clearance")
     return Area(
-        keep=given["keep"],
+        keep=data["keep"],
         circle=circle,
         rings=rings,
         velocity=velocity,
         growth=growth,
         clearance=clearance,
-        valid=given["valid"],
-        heights=given["heights"],
+        valid=data["valid"],
+        heights=data["heights"],
     )
 
 
 def read_shape(
-    name: str, given_circle: Any, given_rings: Any
+    name: str, circle_data: Any, ring_data: Any
 ) -> tuple[list[float], list[list[list[float]]]]:
     """Return circle and rings of an area, of which one is empty."""
-    rings = [table(f"{name}.rings", ring, 2) for ring in as_list(f"{name}.rings", given_rings)]
-    if given_circle == []:
+    rings = [table(f"{name}.rings", ring, 2) for ring in as_list(f"{name}.rings", ring_data)]
+    if circle_data == []:
         demand(bool(rings) and min(map(len, rings)) >= 3, f"{name} has no rings of 3 points")
         return [], rings
     demand(not rings, f"{name} is both a circle and a polygon")
-    circle = table(f"{name}.circle", [given_circle], 3)[0]
+    circle = table(f"{name}.circle", [circle_data], 3)[0]
     demand(circle[2] > 0.0, f"{name} has no radius")
     return circle, rings
 
 
-def read_origin(given: Any) -> Origin:
+def read_origin(data: Any) -> Origin:
     """Return which flight a certificate says that it belongs to."""
-    right = isinstance(given, dict) and set(given) == set(Origin._fields)
+    right = isinstance(data, dict) and set(data) == set(Origin._fields)
     demand(right, "request has other fields than expected")
-    origin = Origin(**given)
+    origin = Origin(**data)
     digest = origin.policy is None or (
         type(origin.policy) is str and re.fullmatch("[0-9a-f]{64}", origin.policy) is not None
     )
@@ -233,10 +233,10 @@ def read_origin(given: Any) -> Origin:
     return origin
 
 
-def as_list(name: str, given: Any) -> list[Any]:
+def as_list(name: str, data: Any) -> list[Any]:
     """Return a list."""
-    demand(isinstance(given, list), f"{name} is no list")
-    return list(given)
+    demand(isinstance(data, list), f"{name} is no list")
+    return list(data)
 
 
 def numbers(name: str, group: Any, fields: tuple[str, ...]) -> list[float]:

@@ -180,8 +180,8 @@ def _bounds(metadata: Iterable[Any]) -> str:
         for item in metadata
         for part in (item.metadata if isinstance(item, FieldInfo) else [item])
     ]
-    given = [(text, getattr(part, name, None)) for part in flat for name, text in _BOUNDS.items()]
-    return " and ".join(text.format(f"{value:.10g}") for text, value in given if value is not None)
+    bounds = [(text, getattr(part, name, None)) for part in flat for name, text in _BOUNDS.items()]
+    return " and ".join(text.format(f"{value:.10g}") for text, value in bounds if value is not None)
 
 
 def nested_model(annotation: Any) -> tuple[type[BaseModel] | None, bool]:

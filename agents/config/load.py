@@ -88,12 +88,12 @@ def check_once(overrides: Sequence[str]) -> None:
     Raises:
         ConfigError: it names the key and both values.
     """
-    given: dict[str, str] = {}
+    values: dict[str, str] = {}
     for text in overrides:
         key, _, value = text.partition("=")
-        if key in given and given[key] != value:
-            raise ConfigError(f"{key} is given as {given[key]} and as {value}; expected it once")
-        given[key] = value
+        if key in values and values[key] != value:
+            raise ConfigError(f"{key} is given as {values[key]} and as {value}; expected it once")
+        values[key] = value
 
 
 def load(model: type[Model], path: Path | None = None, overrides: Sequence[str] = ()) -> Model:

@@ -86,11 +86,11 @@ class VehicleConfig(Strict):
         """Return what a file or a name that ships states; raise a ConfigError where one of the
         numbers that say which aircraft it is is missing.
         """
-        made = load(cls, file_of(path, cls.KIND))
-        missing = [name for name in cls.STATED if name not in made.model_fields_set]
+        vehicle = load(cls, file_of(path, cls.KIND))
+        missing = [name for name in cls.STATED if name not in vehicle.model_fields_set]
         if missing:
             raise ConfigError(f"{path}: {missing[0]} is missing; expected {', '.join(cls.STATED)}")
-        return made
+        return vehicle
 
     @model_validator(mode="after")
     def _check(self) -> "VehicleConfig":
@@ -251,7 +251,7 @@ _UNITS: dict[str, Callable[[Aircraft], float]] = {
 """What a number of a scenario is multiplied by where its ``units`` are the aircraft's."""
 
 
-def _each(function: Callable[[float], float], value: Any) -> Any:
+def _map_values(function: Callable[[float], float], value: Any) -> Any:
     return tuple(map(function, value)) if isinstance(value, tuple) else function(value)
 
 
@@ -341,10 +341,12 @@ class ScenarioConfig(Strict):
         changes: dict[str, Any] = {}
         for key, value in self.model_dump(exclude={"name", "weight", "units"}).items():
             if key in _DEGREES:
-                changes[key.removesuffix("_s").removesuffix("_deg")] = _each(math.radians, value)
+                changes[key.removesuffix("_s").removesuffix("_deg")] = _map_values(
+                    math.radians, value
+                )
             elif self.units == "aircraft" and key in _UNITS:
                 unit = _UNITS[key](aircraft)
-                changes[key] = _each(lambda number, unit=unit: number * unit, value)
+                changes[key] = _map_values(lambda number, unit=unit: number * unit, value)
             else:
                 changes[key] = value
         try:

@@ -84,13 +84,13 @@ def model(content: PolicyFile, inputs: Sequence[Input] = ()) -> Any:
     ):  # the one warns of every shape that it leaves out, the other of unused plugins
         logging.getLogger(logger).setLevel(logging.ERROR)
     names = {"input_names": list(inputs_of(content)), "output_names": ["action"]}
-    made = converter.to_onnx(function, shapes, model_name="rlcas_policy", opset=OPSET, **names)
+    proto = converter.to_onnx(function, shapes, model_name="rlcas_policy", opset=OPSET, **names)
     # The converter's shapes of what lies between are those of one batch; runtimes find them again.
-    del made.graph.value_info[:]
-    made.producer_name, made.producer_version = "rlcas-toolkit", versions()["rlcas-toolkit"]
-    onnx.helper.set_model_props(made, _properties(content))
-    onnx.checker.check_model(made, full_check=True)
-    return made
+    del proto.graph.value_info[:]
+    proto.producer_name, proto.producer_version = "rlcas-toolkit", versions()["rlcas-toolkit"]
+    onnx.helper.set_model_props(proto, _properties(content))
+    onnx.checker.check_model(proto, full_check=True)
+    return proto
 
 
 class _Layers:
@@ -139,12 +139,12 @@ def network_part(policy: Policy) -> Any:
             for name, value in layers.values.items()
         ],
     )
-    made = onnx.helper.make_model(
+    proto = onnx.helper.make_model(
         graph, opset_imports=[onnx.helper.make_opsetid("", OPSET)], ir_version=_IR
     )
-    onnx.helper.set_model_props(made, {"policy_sha256": policy.sha256})
-    onnx.checker.check_model(made, full_check=True)
-    return made
+    onnx.helper.set_model_props(proto, {"policy_sha256": policy.sha256})
+    onnx.checker.check_model(proto, full_check=True)
+    return proto
 
 
 def _layers_of(policy: Policy, make_node: Callable[..., Any]) -> _Layers:
@@ -200,11 +200,11 @@ def export(
         raise ExportError(
             f"{target}: is the policy file itself; expected another file for the model"
         )
-    made = model(content, inputs)
-    evaluator = importlib.import_module("onnx.reference").ReferenceEvaluator(made)
+    proto = model(content, inputs)
+    evaluator = importlib.import_module("onnx.reference").ReferenceEvaluator(proto)
     difference = 0.0
-    for kind, asked, expected in _known_actions(content, inputs):
-        (actions,) = evaluator.run(None, asked)
+    for kind, feed, expected in _known_actions(content, inputs):
+        (actions,) = evaluator.run(None, feed)
         largest = float(np.abs(actions - expected).max())
         # Inverted, so that NaN is refused.
         if not largest <= _TOLERANCE:
@@ -214,7 +214,7 @@ def export(
             )
         difference = max(difference, largest)
     try:
-        write_file(target, made.SerializeToString(deterministic=True))
+        write_file(target, proto.SerializeToString(deterministic=True))
     except OSError as problem:
         raise ExportError(f"{target}: cannot be written: {problem.strerror}") from None
     return difference

@@ -60,7 +60,7 @@ _PIECES = _CURVED + len(_LATER)
 # turn; half the angle over which it is bent, in shares of the turn.
 _STRAIGHT = np.zeros(len(_LATER))
 _OF_TURN = np.concatenate([(np.arange(_CURVED) + 1.0) / _CURVED, np.ones(len(_LATER))])
-_OF_REST = np.concatenate([np.zeros(_CURVED), _LATER])
+_OF_REMAINDER = np.concatenate([np.zeros(_CURVED), _LATER])
 _MIDDLE = np.concatenate([(np.arange(_CURVED) + 0.5) / _CURVED, np.ones(len(_LATER))])
 _HALF_ANGLE = np.concatenate([np.full(_CURVED, 0.5 / _CURVED), _STRAIGHT])
 _LONGEST = 0.9 * HORIZON
@@ -102,8 +102,8 @@ def paths(scene: Scene, xp: ArrayModule) -> Paths:
     turns = xp.concatenate([fixed_turns, xp.stack([bearing] * _TO_GOAL)])
 
     turning = xp.minimum(xp.abs(turns) * ratios.turn_radius, _LONGEST)  # [M, ...]
-    of_turn, of_rest = table(_OF_TURN)[None], table(_OF_REST)[None]
-    times = turning[:, None] * of_turn + (HORIZON - turning)[:, None] * of_rest
+    of_turn, of_remainder = table(_OF_TURN)[None], table(_OF_REMAINDER)[None]
+    times = turning[:, None] * of_turn + (HORIZON - turning)[:, None] * of_remainder
     started = xp.concatenate([xp.zeros_like(times[:, :1]), times[:, :-1]], axis=1)
     spans = times - started  # [M, P, ...]
 
@@ -197,7 +197,7 @@ def _chords(turn: float, radius: float) -> _Chords:
     """Return the chords of a turn (rad, left positive) on a circle of a radius (D)."""
     turning = min(abs(turn) * radius, _LONGEST)
     middle, half_angle = turn * _MIDDLE, turn * _HALF_ANGLE
-    times = turning * _OF_TURN + (HORIZON - turning) * _OF_REST
+    times = turning * _OF_TURN + (HORIZON - turning) * _OF_REMAINDER
     shortening = 0.5 * (1.0 - half_angle * half_angle * (1.0 / 6.0))
     return _Chords(times, np.cos(middle), np.sin(middle), shortening)
 
@@ -257,7 +257,7 @@ def min_separations_of_one(
     """Return what :class:`MinSeparationOfOne` does, in loops to be compiled.
 
     Args:
-        seen: scene of plain floats, the intruders' fields arrays.
+        scene: of plain floats, the intruders' fields arrays.
         distance_scale: of each intruder, ``[K]``.
         fixed: chords of the manoeuvres of an aircraft, and
         acceleration: theirs; attributes of that class.

@@ -128,10 +128,10 @@ def departures(
     furthest.
     """
     outside = []
-    for name, given in values.items():
-        if len(given) == 0:
+    for name, sample in values.items():
+        if len(sample) == 0:
             continue
-        (low, high), numbers = allowed[name], np.asarray(given, float)
+        (low, high), numbers = allowed[name], np.asarray(sample, float)
         beyond = excess((low, high), numbers)
         if beyond.any():
             worst, unit = numbers[np.argmax(beyond)], _UNITS.get(name, " m/s")

@@ -40,19 +40,19 @@ class EightNetwork:
         """Return the network with observations scaled by another aircraft, alike to the one it was
         trained for.
         """
-        other, trained, limits = copy(self), self._trained, PAPER.limits
+        scaled, trained, limits = copy(self), self._trained, PAPER.limits
         length, speed = (
             aircraft.separation / trained.separation,
             aircraft.limits.speed_max / trained.limits.speed_max,
         )
-        other._scales = PAPER._replace(
+        scaled._scales = PAPER._replace(
             limits=limits._replace(
                 speed_min=speed * limits.speed_min, speed_max=speed * limits.speed_max
             ),
             separation=length * PAPER.separation,
             traffic_speed_max=speed * PAPER.traffic_speed_max,
         )
-        return other
+        return scaled
 
     def of_observations(self, observation: np.ndarray) -> np.ndarray:
         """Return the actions ``[N, 2]`` for observations ``[N, 8]``, in the precision of the
@@ -104,14 +104,14 @@ class EightNetwork:
                 for pair in zip(intruders, distance_scale, strict=True)
             ]
         if len(intruders) == 1:
-            other = intruders[0]
+            intruder = intruders[0]
         elif intruders:
-            other = min(
+            intruder = min(
                 intruders, key=lambda intruder: criticality(own, intruder, self._scales, FLOATS)
             )
         else:
-            other = _absent(own, self._scales, FLOATS)
-        values = observe(own, other, goal_x, goal_y, self._scales, FLOATS)
+            intruder = _absent(own, self._scales, FLOATS)
+        values = observe(own, intruder, goal_x, goal_y, self._scales, FLOATS)
         x = np.array(features(values, self._feature_set, FLOATS), self._dtype)
         throttle, steering = one_through(x, self.layers)
         return throttle, steering * mirror_sign(values, self._feature_set, FLOATS)

@@ -111,14 +111,14 @@ class Policy:
         """
         if outside not in ("refuse", "allow"):
             raise ValueError(f"outside is {outside!r}, expected 'refuse' or 'allow'")
-        other = copy(self)
+        policy = copy(self)
         departure = unlike(self._content, aircraft)
         if departure is not None and outside == "refuse":
             raise OutsideDomainError(str(departure))
-        other._outside, other._unlike = outside, [] if departure is None else [departure]
-        other.aircraft, other.limits = aircraft, aircraft.limits
-        other._resolver = self._resolver.for_aircraft(aircraft)
-        return other
+        policy._outside, policy._unlike = outside, [] if departure is None else [departure]
+        policy.aircraft, policy.limits = aircraft, aircraft.limits
+        policy._resolver = self._resolver.for_aircraft(aircraft)
+        return policy
 
     def __repr__(self) -> str:
         """Return in a line which policy this is, and for what."""
@@ -367,9 +367,9 @@ def input_table(
     if not content.extensions:
         return TABLE
     # One that is given counts before a registered one of its name.
-    given = (*inputs, *INPUTS.own.values())
+    known = (*inputs, *INPUTS.own.values())
     try:
-        return table(extension_for(contract, given) for contract in content.extensions)
+        return table(extension_for(contract, known) for contract in content.extensions)
     except InputError as problem:
         raise PolicyFileError(f"{source}: {problem}") from None
 

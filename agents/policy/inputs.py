@@ -110,14 +110,14 @@ def _find(name: str) -> Input:
     return entry if name in INPUTS else register(entry._replace(code=name))
 
 
-def extension_for(contract: Mapping[str, Any], given: Iterable[Input]) -> Input:
+def extension_for(contract: Mapping[str, Any], inputs: Iterable[Input]) -> Input:
     """Return the input that a policy file needs, of those that are given.
 
     Raises:
         InputError: it is not among them, or has other numbers than in training.
     """
     name, code = contract["name"], contract["code"]
-    for entry in given:
+    for entry in inputs:
         if entry.name == name:
             here = entry.contract()
             if any(here[key] != contract[key] for key in ("of", "numbers")):

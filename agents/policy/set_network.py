@@ -57,10 +57,10 @@ class SetNetwork:
 
     def for_aircraft(self, aircraft: Aircraft) -> "SetNetwork":
         """Return the network for states of another aircraft."""
-        other = copy(self)
-        other._aircraft, other._min_separation = aircraft, _min_separation(aircraft)
-        other.decider = other._decider_in_flight()
-        return other
+        network = copy(self)
+        network._aircraft, network._min_separation = aircraft, _min_separation(aircraft)
+        network.decider = network._decider_in_flight()
+        return network
 
     def of_parity(self, rows: np.ndarray) -> np.ndarray:
         """Return the actions ``[P, 2]`` for a file's parity vectors
@@ -208,9 +208,9 @@ def rows_through(rows: Array, layers: Layers, xp: ArrayModule) -> Array:
     """Return the outputs ``[N, out]`` of layers with tanh between them, for rows ``[N, in]``."""
     x = rows[:, None, :]
     *before, (kernel, bias) = layers
-    for each_kernel, each_bias in before:
-        x = x @ each_kernel
-        x += each_bias
+    for layer_kernel, layer_bias in before:
+        x = x @ layer_kernel
+        x += layer_bias
         x = xp.tanh(x)
     return (x @ kernel + bias)[:, 0, :]
 
@@ -218,8 +218,8 @@ def rows_through(rows: Array, layers: Layers, xp: ArrayModule) -> Array:
 def one_through(x: np.ndarray, layers: Layers) -> list[float]:
     """Return the same for one vector ``[in]``."""
     *before, (kernel, bias) = layers
-    for each_kernel, each_bias in before:
-        x = x.dot(each_kernel)  # the method: a tenth faster than the function for so little work
-        x += each_bias
+    for layer_kernel, layer_bias in before:
+        x = x.dot(layer_kernel)  # the method: a tenth faster than the function for so little work
+        x += layer_bias
         np.tanh(x, x)
     return (x.dot(kernel) + bias).tolist()

@@ -66,7 +66,7 @@ _READING = (
     ("last is None or first < last", "last is None or first <= last"),
     ('("valid", area.valid), ', ""),
     ("demand(whole, ", "demand(True, "),
-    ('given["keep"] in ("out", "in")', "True"),
+    ('data["keep"] in ("out", "in")', "True"),
     (" and len(pair) == 2", ""),
     ("for value in pair if value is not None], 1)", "for value in pair[:1] if value], 1)"),
     ("bool(rings) and min(map(len, rings)) >= 3", "bool(rings) and min(map(len, rings)) >= 2"),
