@@ -61,9 +61,41 @@ class Profile(NamedTuple):
                 yield Corner(time, change)
 
 
+class Height(NamedTuple):
+    """Where an aircraft is up and down; floats, or arrays of one shape."""
+
+    altitude: Array  # m
+    climb: Array  # m/s, positive upwards
+
+
 def level(altitude: float) -> Profile:
     """Return level flight at an altitude, m."""
     return Profile(np.array([0.0, 1.0]), np.full(2, altitude))
+
+
+def levelling(height: Height, acceleration: float) -> Profile:
+    """Return the profile of an aircraft that levels off at once, with an acceleration, m/s^2."""
+    altitude, climb = height
+    corner = first_corner(climb, acceleration)
+    reached = altitude + rise_to_level(climb, acceleration)
+    return Profile(
+        np.array([-1.0, corner, corner + 1.0]), np.array([altitude - climb, reached, reached])
+    )
+
+
+def flown(profile: Profile, acceleration: float, time: Array) -> Height:
+    """Return where a profile is flown at times, s after its request, ``[...]``, with climbs that
+    change at an acceleration, m/s^2: round its corners.
+    """
+    altitude, climb = profile.at(time), profile.climbs[0] + np.zeros(np.shape(time))
+    for corner in profile.corners():
+        half = first_corner(corner.change, acceleration)
+        since = np.clip(time - corner.time + half, 0.0, 2.0 * half)
+        climb = climb + corner.change * since / (2.0 * half)
+        # A parabola, less what the lines have of it; nothing after the change.
+        risen = since * since / (4.0 * half) - np.maximum(since - half, 0.0)
+        altitude = altitude + corner.change * risen
+    return Height(altitude, climb)
 
 
 def first_corner(change: float, acceleration: float) -> float:

@@ -17,7 +17,7 @@ from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder, times_of
 from envs.arrays import Array
 from envs.frames import F
-from envs.profile import Profile, first_corner, rise_to_level
+from envs.profile import Height, Profile, levelling, rise_to_level
 from envs.trees import map_leaves
 from envs.waypoints import Waypoint
 
@@ -113,12 +113,10 @@ def level_off(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:
     if own is None or own.vertical_speed is None:
         return steady(own)
     acceleration, climb = options.vertical.acceleration, own.vertical_speed
-    corner, rise = first_corner(climb, acceleration), rise_to_level(climb, acceleration)
     # Whose climb is off by some more takes as much more to level off.
-    farther = rise_to_level(abs(climb) + own.climb_error, acceleration) - abs(rise)
-    reached = own.value + rise
-    altitude = np.array([own.value - climb, reached, reached])
-    profile = Profile(np.array([-1.0, corner, corner + 1.0]), altitude)
+    farther = rise_to_level(abs(climb) + own.climb_error, acceleration)
+    farther -= abs(rise_to_level(climb, acceleration))
+    profile = levelling(Height(own.value, climb), acceleration)
     return lines(profile, replace(own, error=own.error + farther), options.vertical_margin)
 
 

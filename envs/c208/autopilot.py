@@ -79,6 +79,8 @@ class Autopilot:
     ) -> None:
         self.altitude = altitude
         """Held, m; it may move."""
+        self.climb = 0.0
+        """Flown beside what leads back to the altitude, m/s."""
         self._alpha, self._elevator, self._thrust = map(
             level_curve, ("alpha", "elevator", "thrust")
         )
@@ -206,7 +208,7 @@ class Autopilot:
     ) -> float:
         """Return the demanded elevator, rad, that holds the altitude."""
         height = self.altitude - m.altitude
-        climb = _clamp(0.35 * height, CLIMB_MAX)
+        climb = _clamp(self.climb + 0.35 * height, CLIMB_MAX)
         floor = _FLOOR * stall * math.sqrt(load)
         if m.steady_airspeed < floor:
             climb = min(climb, -1.5 * (floor - m.steady_airspeed))

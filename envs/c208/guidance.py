@@ -1,13 +1,15 @@
 """Flies the legs between published waypoints on the true aircraft, in position and in time.
 
 The generic follower of :mod:`envs.follower` commands what the plan does now; an aircraft that rolls
-does it most of a second later. Here the plan's curvature and acceleration are looked up as far
-ahead as the aircraft lags, and only what is left is fed back.
+does it most of a second later. Here the plan's curvature, acceleration and climb are looked up as
+far ahead as the aircraft lags, and only what is left is fed back.
 """
 
 import bisect
 import math
 from typing import NamedTuple
+
+import numpy as np
 
 from envs.angles import wrap
 from envs.backend import FLOATS
@@ -15,6 +17,7 @@ from envs.c208.autopilot import ROLL_DELAY
 from envs.follower import PERIOD, Vehicle
 from envs.frames import Air, Ground
 from envs.kinematics import Limits, VehicleState, advance
+from envs.profile import Height, Profile, flown
 from envs.waypoints import Legs
 from envs.wind import NO_WIND, Wind, over_ground
 
@@ -27,6 +30,7 @@ class Lookahead(NamedTuple):
 
     turn: float = ROLL_DELAY
     speed: float = 0.5
+    climb: float = 1.1
     across: float = 0.30  # lateral acceleration per distance to the left, 1/s^2
     heading: float = 1.1  # turn rate per heading error, 1/s
     along: float = 0.25  # acceleration per distance ahead, 1/s^2
@@ -106,6 +110,17 @@ class Guide:
         acceleration = (speeds[1] - speeds[0]) / dt
         acceleration -= gains.along * ahead + gains.along_rate * (state.speed - planned.speed)
         return acceleration, turn
+
+
+def height_to_hold(
+    profile: Profile, acceleration: float, time: float, gains: Lookahead = LOOKAHEAD
+) -> Height:
+    """Return the altitude of a profile at a time of its clock, s, and the climb as long after that
+    as the aircraft lags; the climb changes with an acceleration, m/s^2.
+    """
+    soon = np.array([time, time + gains.climb])
+    altitude, climb = flown(profile, acceleration, soon)
+    return Height(float(altitude[0]), float(climb[1]))
 
 
 def follow(

@@ -21,6 +21,7 @@ from envs.c208.propulsion import Curve, density_at, idle_thrust, maximum_thrust
 from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, level_curve
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.profile import Height
 from envs.wind import NO_WIND, Wind
 
 
@@ -41,7 +42,7 @@ class PointMassVehicle:
     :class:`envs.follower.Vehicle`.
 
     It begins in a state, at ``start_altitude`` (None: the one to hold), and holds
-    ``altitude``, m.
+    ``altitude``, m, until :meth:`hold` says another.
 
     Raises:
         ValueError: the state is not finite, or the variant unknown.
@@ -58,7 +59,7 @@ class PointMassVehicle:
         if variant not in VARIANTS:
             raise ValueError(f"variant is {variant!r}; expected one of {', '.join(VARIANTS)}")
         check_state(state)
-        self._wind, self._held = wind, altitude
+        self._wind, self._held = wind, Height(altitude, 0.0)
         self.altitude = altitude if start_altitude is None else start_altitude
         self.climb = self.bank = self._along = 0.0
         self._x, self._y = float(state.x), float(state.y)
@@ -81,6 +82,15 @@ class PointMassVehicle:
         east = level * math.cos(self._course) + self._wind.east
         north = level * math.sin(self._course) + self._wind.north
         return VehicleState(self._x, self._y, math.atan2(north, east), math.hypot(east, north))
+
+    def hold(self, height: Height) -> None:
+        """Hold an altitude from now on, and fly a climb beside what leads back to it."""
+        self._held = height
+
+    @property
+    def height(self) -> Height:
+        """Altitude above the sea, and climb."""
+        return Height(self.altitude, self.climb)
 
     def step(self, acceleration: Array, yaw_rate: Array, dt: float) -> None:
         """Fly on under an acceleration along the track (m/s^2) and its turn rate (rad/s, positive
@@ -118,7 +128,8 @@ class PointMassVehicle:
         state = self.state
         along, left = air_demands(state, acceleration, yaw_rate, self._wind, (low, high))
         bank = min(max(math.atan(left / GRAVITY), -BANK_MAX), BANK_MAX)
-        climb = min(max(0.35 * (self._held - self.altitude), -CLIMB_MAX), CLIMB_MAX)
+        climb = self._held.climb + 0.35 * (self._held.altitude - self.altitude)
+        climb = min(max(climb, -CLIMB_MAX), CLIMB_MAX)
         before = _Lagged(self.bank, self._along, self.climb)
         demanded = _Lagged(bank, min(max(along, low), high), climb)
         # Exact over the step for a constant command.

@@ -19,11 +19,13 @@ from envs.c208.autopilot import TICK
 from envs.c208.conditions import NOMINAL, Loading
 from envs.c208.facts import FOOT, GRAVITY, POINTS, POUND, SLUG_PER_FT3, VARIANTS, Point
 from envs.c208.fdm import STEP, Fdm
+from envs.c208.guidance import LOOKAHEAD, Lookahead, height_to_hold
 from envs.c208.point_mass import PointMassVehicle
 from envs.c208.propulsion import DENSITY_0, HORSEPOWER, idle_thrust, maximum_thrust, thrust
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve
 from envs.c208.vehicle import C208Vehicle
 from envs.kinematics import VehicleState
+from envs.profile import Profile, flown
 
 KNOT = 0.514444  # m/s
 
@@ -31,6 +33,8 @@ _SPEEDS = (55.0, 75.0, 90.0)  # true, at which climbs are measured, m/s
 _ALTITUDES = (500.0, REFERENCE_ALTITUDE, 4_000.0)  # m
 _TURN = math.radians(5.0)  # rate of the sharpest turn that plans fly, rad/s
 _RISE = 7.0  # m; moved so far, the altitude held has the autopilot demand 2.5 m/s
+# Of plans (configs/aircraft/c208.yaml): m/s, m/s and m/s^2.
+_CLIMB, _DESCENT, _CHANGE = 2.5, 3.0, 0.5
 
 
 class Comparison(NamedTuple):
@@ -287,6 +291,29 @@ def climb_acceleration(speed: float, rise: float, yaw_rate: float = 0.0) -> floa
     return float(np.max(np.sign(rise) * np.subtract(climbs[second:], climbs[:-second])))
 
 
+def profile_error(speed: float, yaw_rate: float = 0.0, gains: Lookahead = LOOKAHEAD) -> float:
+    """Return how far the aircraft leaves a profile at most, m, that climbs and descends as plans
+    may, and turns from the one to the other.
+
+    Args:
+        speed: true airspeed, m/s.
+        yaw_rate: of the turn that is flown, rad/s.
+        gains: how far ahead the climb is looked up.
+    """
+    vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, speed))
+    vehicle.step(0.0, yaw_rate, 10.0)
+    top = REFERENCE_ALTITUDE + 40.0 * _CLIMB
+    altitudes = REFERENCE_ALTITUDE, REFERENCE_ALTITUDE, top, top - 40.0 * _DESCENT
+    profile = Profile(np.array([0.0, 10.0, 50.0, 90.0]), np.array(altitudes))
+    errors = []
+    for period in range(round(90.0 / TICK)):
+        time = period * TICK
+        vehicle.hold(height_to_hold(profile, _CHANGE, time, gains))
+        vehicle.step(0.0, yaw_rate, TICK)
+        errors.append(vehicle.height.altitude - flown(profile, _CHANGE, time + TICK).altitude)
+    return float(np.max(np.abs(errors)))
+
+
 def _climbs() -> Iterator[Comparison]:
     flights = [(speed, altitude, 0.0) for altitude in _ALTITUDES for speed in _SPEEDS]
     flights += [(speed, REFERENCE_ALTITUDE, _TURN) for speed in _SPEEDS]
@@ -299,6 +326,10 @@ def _climbs() -> Iterator[Comparison]:
         for rise, way in ((_RISE, "up"), (-_RISE, "down")):
             figure = climb_acceleration(speed, rise, _TURN)
             yield Comparison(f"acceleration {way}: {speed:.0f} m/s, in a turn", figure, "m/s2")
+    for speed in _SPEEDS:
+        for yaw_rate, where in ((0.0, ""), (_TURN, ", in a turn")):
+            figure = profile_error(speed, yaw_rate)
+            yield Comparison(f"off a profile: {speed:.0f} m/s{where}", figure, "m")
 
 
 def _spool() -> Iterator[Comparison]:

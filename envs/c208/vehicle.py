@@ -22,6 +22,7 @@ from envs.c208.flightgear import FlightGear
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve, surfaces
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.profile import Height
 from envs.wind import Wind
 
 _EQUATOR = 6_378_137.0  # radius of curvature along the equator, m (WGS 84)
@@ -113,7 +114,8 @@ class C208Vehicle:
     Commands over the ground are reached with the lags of engine and roll, for which
     :mod:`envs.c208.guidance` looks ahead. ``state`` is that over the ground now, ``measured`` what
     the autopilot sees. Before the given state 20 s are flown, which are not part of the flight.
-    ``altitude`` is held, m above the sea; a viewer shows the flight from its start on.
+    ``altitude`` is held, m above the sea, until :meth:`hold` says another; a viewer shows the
+    flight from its start on.
 
     Raises:
         StartError: the aircraft cannot fly so slowly or so fast at the start.
@@ -249,6 +251,15 @@ class C208Vehicle:
             )
         for _ in range(ticks):
             self._tick(acceleration, yaw_rate)
+
+    def hold(self, height: Height) -> None:
+        """Hold an altitude from now on, and fly a climb beside what leads back to it."""
+        self.autopilot.altitude, self.autopilot.climb = height
+
+    @property
+    def height(self) -> Height:
+        """Altitude above the sea, and climb."""
+        return Height(self.measured.altitude, self.measured.climb)
 
     def log(self) -> np.ndarray:
         """Return the flight so far, a row a period of the autopilot, columns :data:`LOG_COLUMNS`,

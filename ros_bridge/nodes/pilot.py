@@ -30,14 +30,14 @@ from rlcas_msgs.msg import AircraftState, AssuranceStatus, Trajectory
 
 from envs.follower import PERIOD, guidance
 from envs.formats.local_frame import LocalFrame
-from envs.profile import Profile
+from envs.profile import Height, Profile
 from ros_bridge.core import updates
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.motion import to_local
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import Rules
-from ros_bridge.sim.climbing import Height, follow
+from ros_bridge.sim.climbing import follow
 from ros_bridge.sim.guidance import Flying, Guidance, curve
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.clock import ClockGuard

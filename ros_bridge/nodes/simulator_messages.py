@@ -7,10 +7,10 @@ from rlcas_msgs.msg import AircraftState, Trajectory, Waypoint
 
 from agents.planner.request.request import Altitude
 from envs.formats.local_frame import LocalFrame
+from envs.profile import Height
 from envs.wind import over_ground
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import Report
-from ros_bridge.sim.climbing import Height
 from ros_bridge.sim.receivers import Quality, Received
 from ros_bridge.sim.world import ALTITUDE, OWN, EncounterFlight
 from ros_bridge.transport.messages import aircraft_message

@@ -1,40 +1,13 @@
 """How an ownship climbs and descends: along the profile of a plan, or level.
 
-A profile is lines between corners, but no climb changes at once: its change about a corner begins
-before it and ends as long after it (:mod:`envs.profile`). Feed-forward of that, and feedback of the
-altitude, within what the aircraft can do.
+Feed-forward of the profile as it is flown (:mod:`envs.profile`), and feedback of the altitude,
+within what the aircraft can do.
 """
 
-from typing import NamedTuple
-
-import numpy as np
-
 from envs.aircraft import Vertical
-from envs.profile import Profile, first_corner
+from envs.profile import Height, Profile, flown
 
 _GAIN = 0.5  # climb per error of altitude, 1/s
-
-
-class Height(NamedTuple):
-    """Where an aircraft is up and down."""
-
-    altitude: float  # m
-    climb: float  # m/s, positive upwards
-
-
-def flown(profile: Profile, acceleration: float, time: float) -> Height:
-    """Return where a profile is flown at a time, s after its request, with climbs that change at an
-    acceleration, m/s^2.
-    """
-    altitude, climb = float(profile.at(np.float64(time))), float(profile.climbs[0])
-    for corner in profile.corners():
-        half = first_corner(corner.change, acceleration)
-        since = min(max(time - corner.time + half, 0.0), 2.0 * half)
-        climb += corner.change * since / (2.0 * half)
-        # A parabola, less what the lines have of it; nothing after the change.
-        risen = since * since / (4.0 * half) - max(since - half, 0.0)
-        altitude += corner.change * risen
-    return Height(altitude, climb)
 
 
 def follow(

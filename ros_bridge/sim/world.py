@@ -21,12 +21,12 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD, KinematicVehicle, Vehicle, guidance
 from envs.frames import Air, Ground
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, velocity
-from envs.profile import Profile
+from envs.profile import Height, Profile, flown, levelling
 from envs.relative import leg_separation, straight_cpa
 from envs.trees import take
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind, over_ground
-from ros_bridge.sim.climbing import Height, follow
+from ros_bridge.sim.climbing import follow
 from ros_bridge.sim.plan_flight import PlanFlight
 
 if TYPE_CHECKING:
@@ -145,6 +145,7 @@ class EncounterFlight:
         self._goal_radius, self._response = aircraft.goal_radius, aircraft.dt
         self._separation, self._vertical = float(aircraft.separation), aircraft.vertical
         self._heights = [Height(ALTITUDE, 0.0)]  # of the ownship, every period
+        self._profile: Profile | None = None
         self.time = 0.0  # s since the beginning
         self.plans: list[PlanFlight] = []  # that were flown
         self.wind, self.areas = wind, areas
@@ -181,12 +182,9 @@ class EncounterFlight:
     ) -> None:
         """Fly other legs ``[L]`` from now on, whose clock was 0 at ``began`` (s), on a profile of
         that clock, or level; errors from a plan count.
-
-        Raises:
-            SimulationError: the vehicle does not climb.
         """
-        if profile is not None and self._lags:
-            raise SimulationError("the plan climbs, and only the kinematic vehicle does")
+        if self._lags and profile is None:
+            profile = self._levelling(began)
         self._curves, self._began, self._on_plan = curves, began, plan
         self._profile = profile
         if plan:
@@ -222,6 +220,7 @@ class EncounterFlight:
         """Fly on by one period, or raise :class:`envs.c208.vehicle.FlightError`."""
         before, others = self.own, self._intruders.vehicle
         if self._guide is not None:
+            self._hold_height()
             self.vehicle.step(
                 *self._guide.commands(over_ground(before, NO_WIND, 0.0), self.time), PERIOD
             )
@@ -246,12 +245,32 @@ class EncounterFlight:
         self._note_place(over_ground(after, self.wind, self.time))
 
     def _climb(self) -> None:
-        """Fly on up or down by one period."""
+        """Fly on up or down by one period, or see where the vehicle has flown."""
         height = self._heights[-1]
-        if self._vertical is not None:
+        if self._lags:
+            height = self.vehicle.height
+        elif self._vertical is not None:
             time = self.time - self._began
             height = follow(height, self._profile, time, self._vertical, PERIOD)
         self._heights.append(height)
+
+    def _hold_height(self) -> None:
+        """Command the height of the profile to a vehicle that holds one."""
+        if self._profile is not None and self._vertical is not None:
+            from envs.c208.guidance import height_to_hold
+
+            time, acceleration = self.time - self._began, self._vertical.acceleration
+            self.vehicle.hold(height_to_hold(self._profile, acceleration, time))
+
+    def _levelling(self, began: float) -> Profile | None:
+        """Return the profile of a clock that was 0 at ``began``, s, on which the ownship levels off
+        from the one that it flies; None where it flies none.
+        """
+        if self._profile is None or self._vertical is None:
+            return None
+        acceleration = self._vertical.acceleration
+        height = flown(self._profile, acceleration, np.float64(self.time - self._began))
+        return levelling(height, acceleration).since(began - self.time)
 
     def _nearest_level(self, distance: float) -> float:
         """Return the distance from the nearest intruder over the ground, m, if it counts: inf where

@@ -7,13 +7,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from envs.profile import Profile, climbing, corner_error, first_change, first_corner, profile_of
+from envs.profile import (
+    Height,
+    Profile,
+    climbing,
+    corner_error,
+    first_change,
+    first_corner,
+    flown,
+    levelling,
+    profile_of,
+)
 from envs.waypoints import Waypoint
 
 STEP = 0.01  # s
 
 
-def flown(profile: Profile, acceleration: float, until: float) -> tuple[np.ndarray, np.ndarray]:
+def add_up(profile: Profile, acceleration: float, until: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the times, s, and the altitudes, m, of an aircraft on a profile: its climb, added up
     from small steps, changes evenly about each corner.
     """
@@ -55,7 +65,7 @@ def test_an_aircraft_leaves_a_profile_by_what_its_corners_say(
     altitudes = (1_000.0 + np.cumsum(rises)).tolist()
     profile = climbing(1_000.0, climb, times, altitudes, acceleration=acceleration)
     assert profile.at(np.array(times)) == pytest.approx(altitudes, abs=1e-6)
-    seconds, height = flown(profile, acceleration, times[-1])
+    seconds, height = add_up(profile, acceleration, times[-1])
     changes = [abs(corner.change) for corner in profile.corners()]
     most = max((corner_error(change, acceleration) for change in changes), default=0.0)
     off = np.abs(height - profile.at(seconds))
@@ -65,6 +75,27 @@ def test_an_aircraft_leaves_a_profile_by_what_its_corners_say(
     for corner, half in zip(profile.corners(), halves, strict=True):
         near |= np.abs(seconds - corner.time) <= half + STEP
     assert off[~near].max(initial=0.0) <= 0.02
+
+
+def test_a_profile_is_flown_as_small_steps_of_its_climb_add_up() -> None:
+    profile = climbing(
+        1_000.0, 1.5, [20.0, 40.0, 60.0], [1_080.0, 1_080.0, 1_000.0], acceleration=1.0
+    )
+    times, altitudes = add_up(profile, 1.0, 60.0)
+    height = flown(profile, 1.0, times)
+    assert height.altitude == pytest.approx(altitudes, abs=0.05)
+    assert height.climb[:-1] == pytest.approx(np.diff(altitudes) / STEP, abs=0.02)
+    # One time alone, as several.
+    assert flown(profile, 1.0, times[700]) == (height.altitude[700], height.climb[700])
+
+
+@pytest.mark.parametrize("climb", [-4.0, 0.0, 2.5])
+def test_an_aircraft_levels_off_at_once_and_evenly(climb: float) -> None:
+    times = np.array([0.0, 0.5 * abs(climb), abs(climb), 60.0])
+    height = flown(levelling(Height(1_000.0, climb), 1.0), 1.0, times)
+    assert height.climb == pytest.approx([climb, 0.5 * climb, 0.0, 0.0], abs=1e-9)
+    assert height.altitude[0] == pytest.approx(1_000.0, abs=1e-9)
+    assert height.altitude[2:] == pytest.approx(1_000.0 + 0.5 * climb * abs(climb), abs=1e-9)
 
 
 def test_a_profile_is_the_same_seen_from_its_waypoints_and_later() -> None:

@@ -14,11 +14,12 @@ from agents.planner.answer import Plan, RequestError, Source
 from agents.planner.request.options import Maneuvers, Options
 from agents.policy.inference import Policy
 from envs.areas import Level
+from envs.follower import PERIOD
 from envs.formats.local_frame import LocalFrame
-from envs.profile import climbing
+from envs.profile import Height, climbing, flown, rise_to_level
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
-from envs.waypoints import legs, plan_states
+from envs.waypoints import Waypoint, legs, plan_states
 from ros_bridge.core import conversions, updates
 from ros_bridge.core.aircraft import aircraft_of
 from ros_bridge.core.assurance import activate, backup, initial, step_monitor
@@ -33,10 +34,9 @@ from ros_bridge.core.situation import Situation
 from ros_bridge.core.tasks import PlanTask, Settings, refusal_of, task
 from ros_bridge.display.heights import Heights
 from ros_bridge.display.shapes import draw_plan
-from ros_bridge.sim.climbing import Height, flown, follow
+from ros_bridge.sim.climbing import follow
 from ros_bridge.sim.guidance import Flying
-from ros_bridge.sim.world import ALTITUDE, EncounterFlight, SimulationError
-from tests.envs import test_profile as oracle
+from ros_bridge.sim.world import ALTITUDE, EncounterFlight
 from tests.ros_bridge.scenes import (
     EXACT,
     FRAME,
@@ -327,15 +327,6 @@ def test_a_plan_in_the_plane_has_no_climb_at_any_waypoint():
 # In flight.
 
 
-def test_a_profile_is_flown_as_small_steps_of_its_climb_add_up():
-    profile = climbing(
-        1_000.0, 1.5, [20.0, 40.0, 60.0], [1_080.0, 1_080.0, 1_000.0], acceleration=1.0
-    )
-    times, altitudes = oracle.flown(profile, 1.0, 60.0)
-    for time, altitude in zip(times[::50].tolist(), altitudes[::50].tolist(), strict=True):
-        assert flown(profile, 1.0, time).altitude == pytest.approx(altitude, abs=0.05)
-
-
 def test_an_ownship_follows_a_profile_within_its_limits_and_then_levels_off():
     profile = climbing(1_000.0, 0.0, [20.0, 40.0], [1_080.0, 1_080.0], acceleration=1.0)
     height, period = Height(1_000.0, 0.0), 0.1
@@ -387,11 +378,32 @@ def test_a_flight_keeps_the_separation_in_height():
         flying.profile(None)
 
 
-def test_a_vehicle_that_holds_its_altitude_flies_no_climb():
+@pytest.mark.parametrize("vehicle", ["point_mass", "c208"])
+def test_a_vehicle_with_lags_flies_a_climb_and_levels_off(vehicle: str):
     pytest.importorskip("jsbsim", reason="JSBSim is not installed")
     c208 = aircraft_of("c208", "")
+    assert c208.vertical is not None
     encounter = encounters_of_seed(scenario("head_on", c208), 0, 0, 1)
-    flight = EncounterFlight(encounter, c208, c208.vehicle_limits, "point_mass")
-    profile = climbing(ALTITUDE, 0.0, [60.0], [2_600.0], acceleration=1.0)
-    with pytest.raises(SimulationError, match="only the kinematic vehicle does"):
-        flight.fly(legs(plan_states(flight.own, [])), 0.0, plan=True, profile=profile)
+    flight = EncounterFlight(encounter, c208, c208.vehicle_limits, vehicle)
+    top = ALTITUDE + 100.0
+    profile = climbing(
+        ALTITUDE, 0.0, [60.0, 100.0], [top, top - 100.0], acceleration=c208.vertical.acceleration
+    )
+    own = flight.own
+    x = own.x + 200.0 * own.speed * math.cos(own.heading)
+    y = own.y + 200.0 * own.speed * math.sin(own.heading)
+    end = Waypoint(0, x, y, own.heading, own.speed, 200.0)
+    curves = legs(plan_states(own, [end]))
+    flight.fly(curves, 0.0, plan=True, profile=profile)
+    for number in range(1, 801):
+        flight.step()
+        planned = flown(profile, c208.vertical.acceleration, number * PERIOD)
+        assert flight.height_at(flight.time).altitude == pytest.approx(planned.altitude, abs=1.0)
+    flight.fly(curves, 0.0, plan=False)
+    for _ in range(200):
+        flight.step()
+    # It levels off where the descent of 2.5 m/s ends.
+    height = flight.height_at(flight.time)
+    assert height.climb == pytest.approx(0.0, abs=0.1)
+    level = top - 50.0 + rise_to_level(-2.5, c208.vertical.acceleration)
+    assert height.altitude == pytest.approx(level, abs=1.0)

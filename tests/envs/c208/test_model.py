@@ -20,7 +20,7 @@ from envs.c208 import validate
 from envs.c208.conditions import Conditions, Loading
 from envs.c208.facts import DATA, FACTS, POINTS, VARIANTS
 from envs.c208.fdm import Fdm, FdmError
-from envs.c208.guidance import Guide, follow
+from envs.c208.guidance import LOOKAHEAD, Guide, follow
 from envs.c208.guidance import Path as Track
 from envs.c208.model import aircraft, engine, files, lift_curve
 from envs.c208.point_mass import PointMassVehicle
@@ -255,6 +255,18 @@ def test_the_autopilot_changes_a_climb_faster_than_is_published() -> None:
         for rise in (7.0, -7.0):
             reached = validate.climb_acceleration(speed, rise, CLIMBS.limits.yaw_rate_max)
             assert reached > 2.0 * CLIMBS.vertical.acceleration
+
+
+@pytest.mark.parametrize("speed", [57.0, 88.0])
+def test_a_profile_is_flown_closest_with_the_lookahead_of_the_climb(speed: float) -> None:
+    assert CLIMBS.vertical is not None
+    usual = validate.profile_error(speed)
+    assert usual < 0.5
+    for more in (-0.6, 0.6):
+        other = LOOKAHEAD._replace(climb=LOOKAHEAD.climb + more)
+        assert validate.profile_error(speed, gains=other) > usual
+    # In the sharpest turn, which the aircraft enters at the same time.
+    assert validate.profile_error(speed, CLIMBS.limits.yaw_rate_max) < 1.0
 
 
 def test_a_turn_takes_climb() -> None:
