@@ -12,10 +12,12 @@ from agents.config.load import ConfigError, Strict, validate
 from agents.config.world import AircraftConfig, ScenarioConfig, VehicleConfig, known_scenario
 from agents.kernel.traffic import Requirement
 from agents.planner.answer import RequestError
-from agents.planner.request.options import Options, check
+from agents.planner.request.options import HIGHEST, LOWEST, Maneuvers, Options, check
 from agents.policy.inference import Policy
 from commands.command import require
 from envs.aircraft import Aircraft
+from envs.altitudes import REFERENCE
+from envs.areas import Level
 from envs.encounters import EncounterError, Scenario
 from envs.random_areas import MOST
 from envs.scenarios import MODIFIERS, expected, is_loaded, sampler_of
@@ -55,6 +57,17 @@ class PlannerConfig(Strict):
     """
     exhaustive: bool = True
     """Whether the slow refinement is tried before a request is given up."""
+    maneuvers: Literal["horizontal", "vertical", "both"] = "horizontal"
+    """What plans may do: horizontal (turns, speeds), vertical (climbs and descents along the route)
+    or both; the last two need an aircraft that states how it climbs, in modes plan and assured."""
+    floor_m: float | None = Field(default=None, ge=LOWEST, le=HIGHEST)
+    """Least altitude of plans that may climb, m, above that which the encounters' altitudes are
+    measured from; null: any."""
+    ceiling_m: float | None = Field(default=None, ge=LOWEST, le=HIGHEST)
+    """Greatest altitude of plans that may climb, likewise."""
+    vertical_margin_m: float | None = Field(default=None, ge=0.0, le=5_000.0)
+    """Added to the vertical separation of plans that may climb, m; null: what a change of climb
+    takes at most."""
     vehicle: VehicleConfig | None = Field(
         default=None,
         json_schema_extra={
@@ -71,6 +84,12 @@ class PlannerConfig(Strict):
         """
         names = {"direct", "goals", "exhaustive", "rejoin_by", "fallback_cost_threshold"}
         changes: dict[str, Any] = self.model_dump(include=names, exclude_none=True)
+        changes["maneuvers"] = Maneuvers(self.maneuvers)
+        for name, level in (("floor", self.floor_m), ("ceiling", self.ceiling_m)):
+            if level is not None:
+                changes[name] = Level(level, REFERENCE)
+        if self.vertical_margin_m is not None:
+            changes["vertical_margin"] = self.vertical_margin_m
         if self.margin is not None:
             changes["requirement"] = Requirement(aircraft.separation, self.margin)
         radius = aircraft.goal_radius if self.goal_radius is None else self.goal_radius
@@ -309,6 +328,8 @@ class ChunksConfig(EncountersConfig):
 class MonteCarloConfig(PolicyConfig, ChunksConfig):
     """An evaluation; the defaults fly the shipped policy through the paper's circle encounters."""
 
+    climbs: ClassVar[bool] = False
+    """Whether plans may climb and descend."""
     mode: Literal["policy", "plan", "assured"] = "policy"
     """What decides: policy, the network alone, once a second; plan, the planner once at the start,
     then the plan is followed; assured, the same under a monitor that asks for new plans and falls
@@ -381,6 +402,10 @@ class MonteCarloConfig(PolicyConfig, ChunksConfig):
             raise ConfigError(
                 "backend is 'jax'; expected auto or numpy where not the policy alone decides"
             )
+        maneuvers = self.planner.maneuvers
+        if maneuvers != "horizontal" and not (self.climbs and self.mode in ("plan", "assured")):
+            why = f"in mode {self.mode}" if self.climbs else "here, where nobody climbs"
+            raise ConfigError(f"planner.maneuvers is {maneuvers!r}; expected horizontal {why}")
         low, high = self.wind_mps
         if not 0.0 <= low <= high <= _STRONGEST:
             raise ConfigError(

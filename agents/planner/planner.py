@@ -87,8 +87,8 @@ def plan(
         check(options)
     options = options or Options.for_aircraft(policy.aircraft)
     budget = Budget(options.deadline_s)
-    given = _Given(own, intruders, route, own_altitude, wind, areas)
-    search = _search_in_space if options.climbs else _search_in_plane
+    given = Given(own, intruders, route, own_altitude, wind, areas)
+    search = search_in_space if options.climbs else _search_in_plane
     posed, plans = search(given, policy, in_wind(options, wind), budget)
     request, excluded, in_air = posed.request, posed.excluded, posed.options
     start: VehicleState[Air] = VehicleState(*(float(field[0]) for field in request.own))
@@ -126,7 +126,7 @@ def plan(
     )
 
 
-class _Given(NamedTuple):
+class Given(NamedTuple):
     """A request as it was given."""
 
     own: VehicleState[Ground]
@@ -138,7 +138,7 @@ class _Given(NamedTuple):
 
 
 def _search_in_plane(
-    given: _Given, policy: Policy, options: Options[Narrowed], budget: Budget
+    given: Given, policy: Policy, options: Options[Narrowed], budget: Budget
 ) -> tuple[Posed, Plans]:
     """Return a request as it is searched, and the best plan in the plane."""
     own, intruders, route, own_altitude, wind, areas = given
@@ -149,10 +149,15 @@ def _search_in_plane(
     return Posed(request, excluded, counted, options, notes), plans
 
 
-def _search_in_space(
-    given: _Given, policy: Policy, options: Options[Narrowed], budget: Budget
+def search_in_space(
+    given: Given, policy: Policy, options: Options[Narrowed], budget: Budget
 ) -> tuple[Posed, Plans]:
-    """Return a request as it is searched, and the best plan that may climb and descend."""
+    """Return a request as it is searched, with the profile, and the best plan ``[1]`` that may
+    climb and descend.
+
+    Raises:
+        RequestError: as :func:`plan` does.
+    """
     own, intruders, route, own_altitude, wind, _ = given
     areas = check_areas(given.areas)
     # Who is above or below depends on the plan.

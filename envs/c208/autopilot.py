@@ -21,7 +21,7 @@ from envs.c208.propulsion import DENSITIES, DENSITY_0, SPEEDS, Curve, density_at
 from envs.c208.trim import REFERENCE_ALTITUDE, REFERENCE_WEIGHT, Trim, level_curve
 
 TICK = 0.05  # period, s
-BANK_MAX, CLIMB_MAX = math.radians(45.0), 5.0  # rad and m/s
+BANK_MAX, CLIMB_MAX = math.radians(45.0), 5.0  # rad, and m/s back to the altitude
 _SLUG_FT2 = 1.35581795  # kg m^2
 
 # Roll: the bank follows its demand as an oscillator of this frequency (rad/s) and damping does.
@@ -208,7 +208,7 @@ class Autopilot:
     ) -> float:
         """Return the demanded elevator, rad, that holds the altitude."""
         height = self.altitude - m.altitude
-        climb = _clamp(self.climb + 0.35 * height, CLIMB_MAX)
+        climb = self.climb + _clamp(0.35 * height, CLIMB_MAX)
         floor = _FLOOR * stall * math.sqrt(load)
         if m.steady_airspeed < floor:
             climb = min(climb, -1.5 * (floor - m.steady_airspeed))

@@ -76,7 +76,7 @@ class FlightGear(NamedTuple):
         self,
         latitude: np.ndarray,
         longitude: np.ndarray,
-        altitude: float,
+        altitude: np.ndarray | float,
         others: VehicleState[Ground],
     ) -> None:
         """Show intruders ``[K]``, wings level: their places, rad, altitude, m, headings and

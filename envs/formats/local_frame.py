@@ -128,7 +128,9 @@ def fly_straight(
     return float(latitude), float(longitude)
 
 
-def geocentric(latitude: np.ndarray, longitude: np.ndarray, altitude: float = 0.0) -> np.ndarray:
+def geocentric(
+    latitude: np.ndarray, longitude: np.ndarray, altitude: np.ndarray | float = 0.0
+) -> np.ndarray:
     """Return points (rad, m above the ellipsoid) in Cartesian coordinates about the Earth's centre,
     m, ``[..., 3]``.
     """

@@ -22,7 +22,7 @@ from eval.flights.in_wind import drift_of
 from eval.flights.plan_flight import SUBSTEPS, Active, PlanFlights, Tally, fly_step
 from eval.flights.trajectories import TrajectoryRecorder
 
-SOURCES = ("none", "policy", "fallback")  # names of a plan's sources by their codes
+SOURCES = ("none", "policy", "fallback", "vertical")  # names of a plan's sources by their codes
 STATUSES = ("unresolved", "safe")  # names of a plan's statuses by whether it is safe
 
 

@@ -5,17 +5,25 @@ and vehicle.
 import math
 from typing import Any, ClassVar, Literal, NamedTuple
 
+import numpy as np
 from pydantic import Field, model_serializer, model_validator
 
 from agents.config.load import ConfigError, Strict
 from envs import draws
 from envs.c208.conditions import TURBULENCE, Conditions, Loading
+from envs.encounters import Encounter
+from envs.frames import Air
+from envs.kinematics import VehicleState
+from envs.profile import Height
+from envs.relative import straight_cpa
 from envs.wind import Wind
 from eval.config import FILE, MonteCarloConfig
 
 _CHUNK = 8
 _FACTORS = ("inertia_factor", "drag_factor", "lift_slope_factor")
 _STREAM = 1 << 40  # of the draws; the lower ones belong to starts and to the sensors' noise by step
+
+_ABOVE, _CLIMB = 5_000.0, 50.0  # m and m/s, of intruders at most
 
 _Range = tuple[float, float]
 _WIND: dict[str, Any] = {"wind_mps": (0.0, 15.0)}
@@ -131,6 +139,7 @@ class HifiConfig(MonteCarloConfig):
 
     # Recorded intruders fly over the ground, and here all aircraft fly in the air mass.
     files: ClassVar[tuple[str, ...]] = (FILE,)
+    climbs: ClassVar[bool] = True
 
     mode: Literal["plan", "closed", "assured"] = "plan"  # pyright: ignore[reportIncompatibleVariableOverride]
     """What decides: plan, the planner once at the start, then the plan is followed; closed, the
@@ -141,6 +150,32 @@ class HifiConfig(MonteCarloConfig):
     surrogate.
     """
     condition: ConditionConfig = ConditionConfig()
+    above_m: _Range = (0.0, 0.0)
+    """Range of the intruders' height above the ownship, m, where they would be closest if all flew
+    straight on; where plans may climb."""
+    climb_mps: _Range = (0.0, 0.0)
+    """Range of the vertical speed of every other intruder, m/s; the others fly level."""
+
+    @model_validator(mode="after")
+    def _check_levels(self) -> "HifiConfig":
+        if self.planner.maneuvers != "horizontal" and self.mode != "plan":
+            raise ConfigError(
+                f"planner.maneuvers is {self.planner.maneuvers!r}; expected horizontal in mode "
+                f"{self.mode}, which holds its altitude"
+            )
+        for key, most in (("above_m", _ABOVE), ("climb_mps", _CLIMB)):
+            low, high = getattr(self, key)
+            if not -most <= low <= high <= most:
+                raise ConfigError(
+                    f"{key} is [{low:g}, {high:g}]; expected [low, high] within {-most:g} to "
+                    f"{most:g}"
+                )
+            if (low, high) != (0.0, 0.0) and self.planner.maneuvers == "horizontal":
+                raise ConfigError(
+                    f"{key} is [{low:g}, {high:g}]; expected [0, 0] with planner.maneuvers "
+                    "horizontal, whose flights are at one level"
+                )
+        return self
 
     @model_validator(mode="after")
     def _whole(self) -> "HifiConfig":
@@ -172,6 +207,13 @@ class HifiConfig(MonteCarloConfig):
     def chunk_for(self, encounters: int, workers: int) -> int:
         """Return the size of the chunks: small, so that an interruption loses little."""
         return self.chunk or max(1, min(_CHUNK, -(-encounters // workers)))
+
+
+class LevelRanges(NamedTuple):
+    """Ranges from which heights of intruders are drawn."""
+
+    above: _Range  # the ownship, m, where they would be closest if all flew straight on
+    climb: _Range  # of every other one, m/s
 
 
 class Drawn(NamedTuple):
@@ -209,6 +251,26 @@ def draw_conditions(
     return Drawn(
         conditions, _between(family.altitude_m, u[9]), believed, _between(family.latency, u[10])
     )
+
+
+def draw_heights(
+    encounter: Encounter, levels: LevelRanges, altitude: float, seed: int, number: int
+) -> Height:
+    """Return where intruders begin up and down, which then climb evenly, ``[1, K]``.
+
+    Args:
+        encounter: number ``number`` of a seed, ``[1]``.
+        levels: ranges of the draws.
+        altitude: of the ownship, m.
+        seed: of the draws.
+        number: of the flight.
+    """
+    u = draws.uniforms(seed, number, 1, (3, encounter.mask.shape[-1]), stream=_STREAM + 3)
+    above, climb = (low + (high - low) * u[:, row] for row, (low, high) in enumerate(levels))
+    climb = np.where(u[:, 2] < 0.5, climb, 0.0)
+    own: VehicleState[Air] = VehicleState(*(field[:, None] for field in encounter.own))
+    closest = np.maximum(straight_cpa(own, encounter.intruders, np).time, 0.0)
+    return Height(altitude + above - climb * closest, climb)
 
 
 def _between(bounds: tuple[float, float], draw: float) -> float:

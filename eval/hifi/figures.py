@@ -25,6 +25,7 @@ from eval.flights.recorded import Track
 from eval.hifi.errors import Errors
 from eval.hifi.flight import Flight
 from eval.hifi.flights import Campaign, FlightRecord, fly_one, prepare
+from eval.hifi.rows import planned_altitude
 from eval.plots.encounters import separation_histogram
 from eval.plots.flight_sheet import area_sample, draw, explain
 from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION, sample, tidy
@@ -41,6 +42,7 @@ _ERRORS = {
     "separation_loss_m": ("separation lost against the plan", VERMILION),
 }
 """What the errors are called, and their colours, by the columns of their largest values."""
+_ABOVE = 200.0  # m about the own altitudes that are shown
 _WAYPOINT: dict[str, Any] = {
     "linestyle": "",
     "marker": "o",
@@ -124,6 +126,9 @@ def sheet(flights: Sequence[tuple[str, FlightRecord]], rules: Rules) -> Figure:
     any.
     """
     rows = ["separation, km"]
+    if any(one.scene.levels is not None for _, one in flights):
+        rows.append("altitude, m")
+    before = len(rows)  # the errors
     if any(one.errors is not None for _, one in flights):
         rows += ["cross-track, m", "along-track, m", "arrival, s late", "accumulated, m s"]
     count = len(flights)
@@ -140,13 +145,15 @@ def sheet(flights: Sequence[tuple[str, FlightRecord]], rules: Rules) -> Figure:
             below = figure.add_subplot(grid[row, i])
             if row == 1:
                 _draw_separation(below, one, rules)
+            elif row <= before:
+                _draw_altitudes(below, one)
             elif one.errors is not None:
-                _draw_error(below, row - 2, one.errors)
+                _draw_error(below, row - before - 1, one.errors)
             below.set_ylabel(label if i == 0 else "", fontsize=8)
             below.tick_params(labelsize=7)
             below.grid(color="#EBEBEB", linewidth=0.5)
             below.set_xlabel("time, s" if row == len(rows) else "", fontsize=8)
-    more = [sample("waypoints", **_WAYPOINT)] if len(rows) > 1 else []
+    more = [sample("waypoints", **_WAYPOINT)] if len(rows) > before else []
     more += [area_sample()] if any(one.scene.areas for _, one in flights) else []
     own_separations = any(one.scene.distance_scale is not None for _, one in flights)
     explain(figure, rules, *more, own_separations=own_separations)
@@ -191,6 +198,22 @@ def _draw_separation(axes: Axes, one: FlightRecord, rules: Rules) -> None:
         axes.plot(np.arange(1, apart.size + 1), apart / _KM, color=BLUE, linewidth=1.0)
         axes.set_ylim(0.0, min(6.0, 1.05 * float(apart.max()) / _KM))
     axes.axhline(rules.separation / _KM, color=VERMILION, linewidth=0.8, linestyle="--")
+
+
+def _draw_altitudes(axes: Axes, one: FlightRecord) -> None:
+    """Draw the altitudes of a flight, of its plan, and of the intruders."""
+    flight, levels = one.flight, one.scene.levels
+    if flight is None or levels is None:
+        return
+    clock = PERIOD * np.arange(flight.altitude.size)
+    others = levels.altitudes(clock)[:, one.scene.encounter.mask[0]]
+    axes.plot(clock, others, color=VERMILION, linewidth=0.8, linestyle="--")
+    planned = planned_altitude(one, clock.size)
+    axes.plot(clock, planned, color="black", linewidth=0.7, linestyle=":")
+    axes.plot(clock, flight.altitude, color=BLUE, linewidth=1.0)
+    # Intruders come from afar: the ownship's altitudes decide what is shown.
+    own = np.concatenate([planned, flight.altitude])
+    axes.set_ylim(own.min() - _ABOVE, own.max() + _ABOVE)
 
 
 def _draw_error(axes: Axes, number: int, errors: Errors) -> None:

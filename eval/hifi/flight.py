@@ -19,6 +19,7 @@ from envs.follower import PERIOD
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState, advance
 from envs.outcome import Rules
+from envs.profile import Height
 from envs.relative import leg_separation
 from envs.trees import take
 from envs.wind import Wind, over_ground
@@ -48,6 +49,12 @@ class Pilot(Protocol):
         """Return acceleration (m/s^2) and turn rate (rad/s) of the track for the coming period."""
         ...
 
+    def height(self, time: float) -> Height | None:
+        """Return the altitude to hold in the coming period, and the climb; None: the one that is
+        held.
+        """
+        ...
+
 
 class Flight(NamedTuple):
     """What happened; T periods, S whole seconds. Positions over the ground."""
@@ -57,11 +64,37 @@ class Flight(NamedTuple):
     late: np.ndarray  # as the guidance had it, s, [T + 1]
     intruders: VehicleState[Ground]  # at the start and after every second, [S + 1, K]
     # smallest distance to any intruder in each second, m, [S]; to one with a separation of its own
-    # in shares of it, times the aircraft's
+    # in shares of it, times the aircraft's; in space the cylindrical one
     separation: np.ndarray
     distance: np.ndarray  # the same in metres to each of them, [S]
     goal_distance: np.ndarray  # at the start and after every period, m, [T + 1]
     failure: str | None  # why the flight could not go on; None: it could
+
+
+class Levels(NamedTuple):
+    """Intruders up and down, which climb evenly; ``[1, K]``."""
+
+    start: Height
+    flatness: np.ndarray
+    """What heights count as in the plane: the horizontal separation over the vertical one. The
+    cylindrical distance is the greater of the horizontal one and the vertical one times this."""
+
+    def altitudes(self, time: np.ndarray) -> np.ndarray:
+        """Return the altitudes at times, s, ``[P]``: m, ``[P, K]``."""
+        return self.start.altitude + self.start.climb * time[:, None]
+
+    def heights(self, own: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Return how near the ownship is above or below in each period at the least, as that counts
+        in the plane, m, ``[P, K]``.
+
+        Args:
+            own: its altitudes at the beginning and after every period, m, ``[P + 1]``.
+            time: of these, s, ``[P + 1]``.
+        """
+        above = self.altitudes(time) - own[:, None]
+        first, last = above[:-1], above[1:]
+        near = np.minimum(np.abs(first), np.abs(last))
+        return self.flatness * np.where(first * last <= 0.0, 0.0, near)
 
 
 class Traffic:
@@ -69,8 +102,9 @@ class Traffic:
     reports.
 
     The noise of the sensors is by second, ``[4, 1, K]``; None for perfect knowledge. ``watch`` is
-    called after every period with the intruders that exist, ``mask [1, K]``. Distances to them
-    count at the scales of :func:`envs.world.distance_scales`, ``[1, K]``.
+    called after every period with the intruders that exist, ``mask [1, K]``, and their altitudes.
+    Distances to them count at the scales of :func:`envs.world.distance_scales`, ``[1, K]``; without
+    levels all are at the ownship's.
     """
 
     def __init__(
@@ -78,11 +112,12 @@ class Traffic:
         encounter: Encounter,
         wind: Wind,
         noise: Callable[[int], np.ndarray] | None = None,
-        watch: Callable[[VehicleState[Ground]], None] | None = None,
+        watch: Callable[[VehicleState[Ground], np.ndarray | None], None] | None = None,
         distance_scale: np.ndarray | None = None,
+        levels: Levels | None = None,
     ) -> None:
         self._state, self.mask = begin(encounter, np, history_dt=1.0), encounter.mask
-        self.distance_scale = distance_scale
+        self.distance_scale, self.levels = distance_scale, levels
         self._wind, self._noise, self._watch, self._clock = wind, noise, watch, 0
 
     def ground(self) -> VehicleState[Ground]:
@@ -117,22 +152,27 @@ class Traffic:
         return over_ground(whole, self._wind, clock + times)
 
     def show(self, whole: VehicleState[Ground], period: int) -> None:
-        """Let the watch see a period of what :meth:`second` returned."""
-        if self._watch is not None:
-            self._watch(take(whole, (period, self.mask[0])))
+        """Let the watch see a period of what :meth:`second` returned last."""
+        if self._watch is None:
+            return
+        altitudes = None
+        if self.levels is not None:
+            time = np.array([self._clock - 1 + period * PERIOD])
+            altitudes = self.levels.altitudes(time)[0, self.mask[0]]
+        self._watch(take(whole, (period, self.mask[0])), altitudes)
 
 
 class _Log:
     """What is known of a flight so far."""
 
     def __init__(self, vehicle: Airborne, traffic: Traffic) -> None:
-        self.states, self.altitudes, self.lates = [vehicle.state], [vehicle.altitude], [0.0]
+        self.states, self.altitudes, self.lates = [vehicle.state], [vehicle.height.altitude], [0.0]
         self.intruders = [traffic.ground()]
         self.separations, self.distances = list[float](), list[float]()
 
     def add_period(self, vehicle: Airborne, late: float) -> None:
         self.states.append(vehicle.state)
-        self.altitudes.append(vehicle.altitude)
+        self.altitudes.append(vehicle.height.altitude)
         self.lates.append(late)
 
     def add_second(self, whole: VehicleState[Ground], traffic: Traffic) -> None:
@@ -142,6 +182,11 @@ class _Log:
         self.intruders.append(take(whole, slice(-1, None)))
         own = _stack(self.states[-SUBSTEPS - 1 :])
         apart = _apart_by_period(own, whole, traffic.mask)
+        if traffic.levels is not None:
+            altitudes = np.array(self.altitudes[-SUBSTEPS - 1 :], dtype=float)
+            began = len(self.states) - SUBSTEPS - 1
+            times = PERIOD * np.arange(began, began + SUBSTEPS + 1)
+            apart = np.maximum(apart, traffic.levels.heights(altitudes, times))
         self.distances.append(float(apart.min(initial=np.inf)))
         self.separations.append(float(_nearest(apart, traffic.distance_scale).min(initial=np.inf)))
 
@@ -200,8 +245,11 @@ def fly(
 
 def _fly_period(vehicle: Airborne, pilot: Pilot, navigation: Navigation, time: float) -> None:
     """Fly a period from a time, s, on; ``FlightError``: the aircraft is lost in it."""
+    height = pilot.height(time)
+    if height is not None:
+        vehicle.hold(height)
     vehicle.step(*pilot.commands(navigation.believe(vehicle.state, time), time), PERIOD)
-    if not math.isfinite(sum(vehicle.state) + vehicle.altitude):
+    if not math.isfinite(sum(vehicle.state) + vehicle.height.altitude):
         raise FlightError(f"the state is not finite at {time + PERIOD:.2f} s")
 
 
@@ -211,12 +259,13 @@ def straight_separation(
     mask: np.ndarray,
     seconds: int,
     distance_scale: np.ndarray | None = None,
+    levels: Levels | None = None,
 ) -> np.ndarray:
     """Return how near the aircraft would have come to intruders that fly straight on, m, ``[S]``.
 
     The aircraft flies as it did. The intruders are states at its start,
     ``[1, K]``; the result is the smallest distance to any of them in each of the first seconds,
-    counted at the scales ``[1, K]``.
+    counted at the scales ``[1, K]``, and on their levels.
     """
     periods = SUBSTEPS * seconds + 1
     own = take(flight.own, slice(periods))
@@ -227,7 +276,11 @@ def straight_separation(
         intruders.heading + 0.0 * times,
         intruders.speed + 0.0 * times,
     )
-    apart = _nearest(_apart_by_period(own, straight, mask), distance_scale)
+    every = _apart_by_period(own, straight, mask)
+    if levels is not None:
+        altitudes = flight.altitude[: own.x.size]
+        every = np.maximum(every, levels.heights(altitudes, times[:, 0]))
+    apart = _nearest(every, distance_scale)
     whole = apart.size // SUBSTEPS
     return apart[: whole * SUBSTEPS].reshape(whole, SUBSTEPS).min(axis=1)
 

@@ -10,13 +10,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.assurance.thresholds import Thresholds
+from agents.kernel.levels import Altitude
 from agents.kernel.traffic import Traffic as Known
 from agents.planner.planner import Plans
 from agents.planner.request.encounters import request_of
 from agents.planner.request.options import Options
+from agents.planner.request.reports import Intruder
 from agents.planner.search.candidates import empty
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
+from envs.altitudes import REFERENCE
 from envs.areas import Area
 from envs.c208.flightgear import FlightGear
 from envs.c208.guidance import Path as Track
@@ -25,6 +28,7 @@ from envs.encounters import Encounter
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
+from envs.profile import Height
 from envs.trees import take
 from envs.waypoints import Legs, legs
 from envs.wind import Wind, over_ground, through_air
@@ -34,12 +38,18 @@ from eval.flights.among_areas import areas_of
 from eval.flights.plan_mode import SOURCES, perceive_at_start
 from eval.flights.simulate import sensor_noise
 from eval.flights.sources import Source
-from eval.hifi.config import ConditionConfig, Drawn, draw_conditions
+from eval.hifi.config import (
+    ConditionConfig,
+    Drawn,
+    LevelRanges,
+    draw_conditions,
+    draw_heights,
+)
 from eval.hifi.errors import Errors, against, roll_out
-from eval.hifi.flight import Flight, Pilot, Traffic, fly
-from eval.hifi.pilots import Assured, Closed, Follower, Reckoning
+from eval.hifi.flight import Flight, Levels, Pilot, Traffic, fly
+from eval.hifi.pilots import Ascent, Assured, Closed, Follower, Reckoning
 from eval.hifi.vehicle import Navigation, begin, lookahead_of, reach_of, takeoff_weight
-from eval.hifi.wind import Made, Route, options_in, plan_for, unflyable
+from eval.hifi.wind import Made, Route, options_in, plan_for, plan_in_space, unflyable
 
 
 class Campaign(NamedTuple):
@@ -55,6 +65,8 @@ class Campaign(NamedTuple):
     condition: ConditionConfig  # from which each flight's conditions are drawn
     viewer: FlightGear | None = None  # of vehicles in JSBSim
     areas: int = 0  # of an encounter at most
+    # of the intruders, where plans may climb
+    levels: LevelRanges = LevelRanges((0.0, 0.0), (0.0, 0.0))
 
 
 class Beginning(NamedTuple):
@@ -70,6 +82,7 @@ class Beginning(NamedTuple):
     areas: tuple[Area, ...] = ()  # over the ground, as they are at the start
     # at which the distance to each intruder counts, [1, K]
     distance_scale: np.ndarray | None = None
+    levels: Levels | None = None  # of the intruders; None: all are at the ownship's
 
 
 class FlightRecord(NamedTuple):
@@ -123,7 +136,21 @@ def scene_of(campaign: Campaign, number: int) -> Beginning:
         noise=noise,
         areas=() if amid is None else amid[0],
         distance_scale=distance_scales(one, campaign.aircraft, np),
+        levels=_levels(campaign, one, met.altitude, number),
     )
+
+
+def _levels(
+    campaign: Campaign, encounter: Encounter, altitude: float, number: int
+) -> Levels | None:
+    """Return the levels of the intruders of an encounter ``[1]``; None where plans stay at one."""
+    if not campaign.options.climbs:
+        return None
+    start = draw_heights(encounter, campaign.levels, altitude, campaign.seed, number)
+    separation = encounter.separation
+    if separation is None:
+        separation = np.full(encounter.mask.shape, campaign.aircraft.separation)
+    return Levels(start, separation / campaign.options.vertical.separation)
 
 
 def fly_one(campaign: Campaign, policy: Policy, number: int) -> FlightRecord:
@@ -167,7 +194,10 @@ def _follow(
     """Return a record with the flight along its plan to the end, and the errors against it."""
     scene, made = record.scene, record.made
     assert made is not None
-    pilot = Follower(Track(curves, scene.frame), lookahead_of(campaign.vehicle))
+    ascent = None
+    if made.profile is not None:
+        ascent = Ascent(made.profile, campaign.options.vertical.acceleration)
+    pilot = Follower(Track(curves, scene.frame), lookahead_of(campaign.vehicle), ascent)
     until = math.ceil(float(curves.time[-1] + curves.duration[-1]))
     flight, problem = _fly(campaign, scene, number, pilot, until, ())
     record = record._replace(flight=flight, problem=problem, pilot=pilot)
@@ -193,11 +223,30 @@ def _initial_plan(campaign: Campaign, scene: Beginning, policy: Policy) -> tuple
     reported = report_at_start(campaign, scene)
     known = Known.straight(through_air(reported, scene.frame, 0.0), scene.encounter.mask)
     known = known._replace(separation=scene.encounter.separation)
+    if scene.levels is not None:
+        intruders = _reports(scene, reported, scene.levels.start)
+        given = scene.route, scene.drawn.altitude, scene.frame, policy, campaign.options
+        return plan_in_space(scene.own, intruders, *given, scene.areas), known
     own = through_air(scene.own, scene.frame, 0.0)
     made = plan_for(
         own, known, scene.route, 0.0, scene.frame, policy, campaign.options, scene.areas
     )
     return made, known
+
+
+def _reports(
+    scene: Beginning, reported: VehicleState[Ground], start: Height
+) -> list[Intruder[Ground]]:
+    """Return the intruders as reported, ``[1, K]``, with their altitudes and vertical speeds."""
+    separation = scene.encounter.separation
+    return [
+        Intruder(
+            VehicleState(*(float(field[0, k]) for field in reported)),
+            altitude=Altitude(float(start.altitude[0, k]), REFERENCE, float(start.climb[0, k])),
+            separation=None if separation is None else float(separation[0, k]),
+        )
+        for k in np.flatnonzero(scene.encounter.mask[0])
+    ]
 
 
 def _assured_pilot(
@@ -241,7 +290,9 @@ def _fly(
     navigation = Navigation(campaign.condition.own_position_std, campaign.seed, number)
     goal = float(scene.route.x[1]), float(scene.route.y[1])
     watch = None if campaign.viewer is None else vehicle.show
-    traffic = Traffic(scene.encounter, scene.wind, scene.noise, watch, scene.distance_scale)
+    traffic = Traffic(
+        scene.encounter, scene.wind, scene.noise, watch, scene.distance_scale, scene.levels
+    )
     return fly(
         vehicle, pilot, navigation, traffic, goal, campaign.aircraft.rules(), until, ends
     ), None

@@ -23,11 +23,12 @@ from agents.planner.search.candidates import Candidates, empty
 from agents.policy.inference import Policy
 from envs.areas import Area
 from envs.c208.air_mass import ground_commands
-from envs.c208.guidance import Guide, Lookahead, Path
+from envs.c208.guidance import Guide, Lookahead, Path, height_to_hold
 from envs.frames import Air, Ground
 from envs.kinematics import Limits, VehicleState, commands
 from envs.outcome import Rules
 from envs.perception import Sensor, declared_errors
+from envs.profile import Height, Profile
 from envs.tracking.tracker import Reports, Sightings, observe
 from envs.trees import take
 from envs.wind import Wind, through_air
@@ -37,8 +38,31 @@ from eval.flights.static_obstacles import as_intruders
 from eval.hifi.wind import Route, plan_for
 
 
+class _Level:
+    """Holds the altitude of the start."""
+
+    def height(self, time: float) -> Height | None:
+        """Return None: the altitude that is held."""
+        return None
+
+
+class Ascent(NamedTuple):
+    """How a plan climbs and descends."""
+
+    profile: Profile
+    acceleration: float  # with which its climb changes, m/s^2
+
+
 class Follower(Guide):
-    """Follows the path of a plan that was made at the start."""
+    """Follows the path of a plan that was made at the start, and its altitudes where it has any."""
+
+    def __init__(self, path: Path, gains: Lookahead, ascent: Ascent | None = None) -> None:
+        super().__init__(path, gains)
+        self._ascent = ascent
+
+    def height(self, time: float) -> Height | None:
+        """Return the altitude of the plan and the climb ahead."""
+        return None if self._ascent is None else height_to_hold(*self._ascent, time, self._gains)
 
     def decide(
         self, clock: int, own: VehicleState[Ground], intruders: VehicleState[Ground]
@@ -46,7 +70,7 @@ class Follower(Guide):
         """Do nothing: the plan is decided."""
 
 
-class Closed:
+class Closed(_Level):
     """The network, once a second, in the frame of a wind; what it commands is held in the
     air mass.
 
@@ -118,7 +142,7 @@ class _Flown(NamedTuple):
     course: float  # of the backup, rad
 
 
-class Assured:
+class Assured(_Level):
     """A plan ``[1]``, in the air mass, under the run-time monitor, which asks for new plans and
     falls back to a backup.
 

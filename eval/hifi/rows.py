@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.kernel.trajectory import straight
+from agents.planner.search.climbs import climbed
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict, classify
 from envs.follower import PERIOD
@@ -45,6 +46,13 @@ class PlanErrors(NamedTuple):
     altitude_error_max_m: float = _NAN
 
 
+class UpAndDown(NamedTuple):
+    """What plans that may climb are up and down, by the names of columns."""
+
+    plan_climbed_m: float  # metres climbed and descended
+    altitude_deviation_m: float  # largest distance of the flight from the altitude of its start
+
+
 class PlanLoss(NamedTuple):
     """Whether a SAFE plan that lost the separation had promised it, by the names of columns."""
 
@@ -77,6 +85,8 @@ def row_of(campaign: Campaign, number: int, one: FlightRecord) -> dict[str, Any]
         row |= _among_areas(one, row, campaign.aircraft.rules())
     row |= _plan(campaign, one)
     row |= _errors(one)._asdict()
+    if campaign.options.climbs:
+        row |= _up_and_down(one)._asdict()
     if campaign.mode == "plan":
         lost = row["outcome"] == "violation" and row["plan_status"] == "safe"
         row |= (_loss(campaign, one) if lost else _NO_LOSS)._asdict()
@@ -175,7 +185,8 @@ def _plan(campaign: Campaign, one: FlightRecord) -> dict[str, Any]:
     whole, distance = _NAN, _NAN
     if one.flight is not None and one.errors is not None:
         whole = float(one.flight.separation.min(initial=np.inf))
-        distance = float(one.flight.distance.min(initial=np.inf))
+        if one.scene.levels is None:  # else the planned one is of those that may be level
+            distance = float(one.flight.distance.min(initial=np.inf))
     return {
         "plan_status": "none" if made is None else STATUSES[int(made.plans.candidates.safe[0])],
         "plan_source": "none" if made is None else SOURCES[int(made.plans.source[0])],
@@ -199,7 +210,8 @@ def _loss(campaign: Campaign, one: FlightRecord) -> PlanLoss:
     reported = report_at_start(campaign, one.scene)
     seconds = round(rules.t_max)
     mask, distance_scale = one.scene.encounter.mask, one.scene.distance_scale
-    apart = straight_separation(flight, reported, mask, seconds, distance_scale)
+    levels = one.scene.levels
+    apart = straight_separation(flight, reported, mask, seconds, distance_scale, levels)
     promised = float(apart.min(initial=np.inf))
     kind = "not_promised" if promised >= rules.separation else "broken"
     return PlanLoss(kind, promised)
@@ -207,7 +219,7 @@ def _loss(campaign: Campaign, one: FlightRecord) -> PlanLoss:
 
 def _separability(campaign: Campaign, one: FlightRecord) -> str:
     """Say whether the separation that the plan must keep can be kept at all, within the limits of
-    its legs.
+    its legs; where plans climb nothing is proven unresolvable.
     """
     options = campaign.options
     required = options.requirement.separation + options.requirement.margin
@@ -217,6 +229,8 @@ def _separability(campaign: Campaign, one: FlightRecord) -> str:
     begins = limits.speed_min <= float(one.scene.encounter.own.speed[0]) <= limits.speed_max
     if not begins and not solved:
         return "outside"
+    if options.climbs:
+        return (Verdict.RESOLVABLE if solved else Verdict.UNDECIDED).name.lower()
     encounter = one.scene.encounter
     if encounter.separation is not None:
         each = encounter.separation + options.requirement.margin
@@ -238,7 +252,7 @@ def _errors(one: FlightRecord) -> PlanErrors:
     position = errors.position[planned]
     cross, along = np.abs(errors.cross_track[planned]), np.abs(errors.along_track[planned])
     late = np.abs(errors.late[planned])
-    altitude = np.abs(flight.altitude - one.scene.drawn.altitude)
+    altitude = np.abs(flight.altitude - planned_altitude(one, flight.altitude.size))
     assert one.made is not None
     rejoin = float(one.made.plans.candidates.rejoin_time[0])
     to_goal = position[: int(rejoin / PERIOD) + 1] if math.isfinite(rejoin) else np.empty(0)
@@ -253,6 +267,25 @@ def _errors(one: FlightRecord) -> PlanErrors:
         path_definition_max_m=_largest(errors.definition),
         total_error_max_m=_largest(errors.total),
         altitude_error_max_m=float(altitude.max()),
+    )
+
+
+def planned_altitude(one: FlightRecord, count: int) -> np.ndarray:
+    """Return the altitude of a flight's plan at the start and after every period, m, ``[count]``;
+    without a profile that of the start.
+    """
+    if one.made is None or one.made.profile is None:
+        return np.full(count, one.scene.drawn.altitude)
+    return one.made.profile.at(PERIOD * np.arange(count))
+
+
+def _up_and_down(one: FlightRecord) -> UpAndDown:
+    """Return what a plan and its flight are up and down; nan where there is none."""
+    profile, flight = None if one.made is None else one.made.profile, one.flight
+    off = None if flight is None else flight.altitude - one.scene.drawn.altitude
+    return UpAndDown(
+        plan_climbed_m=_NAN if profile is None else climbed(profile),
+        altitude_deviation_m=_NAN if off is None else float(np.abs(off).max()),
     )
 
 

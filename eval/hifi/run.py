@@ -14,7 +14,7 @@ from commands.progress import group_digits
 from envs.c208.flightgear import flightgear_at
 from envs.wind import Wind
 from eval.config import FILE
-from eval.hifi.config import HifiConfig
+from eval.hifi.config import HifiConfig, LevelRanges
 from eval.hifi.flights import Campaign, prepare
 from eval.hifi.rows import HifiFolder, columns
 from eval.hifi.summary import error_rows, rate_rows, summarise
@@ -98,6 +98,7 @@ def campaign_of(config: HifiConfig) -> tuple[Campaign, HifiConfig]:
         vehicle=config.vehicle,
         condition=config.condition,
         areas=config.areas,
+        levels=LevelRanges(config.above_m, config.climb_mps),
     )
     return campaign, config.model_copy(update=resolved)
 
@@ -161,14 +162,19 @@ def _show(summary: Mapping[str, Any]) -> None:
 
 
 def _about_margin(summary: Mapping[str, Any]) -> list[str]:
-    margin = summary["margin"]
-    if margin["margin_m"] is None:
-        return []
     return [
-        f"Margin for 99 % of flights: {margin['bound_m']:.1f} m; plan with it: "
-        f"--set planner.margin={margin['margin_m']:g}"
+        f"{what} for 99 % of flights: {summary[name]['bound_m']:.1f} m; plan with it: "
+        f"--set planner.{key}={summary[name]['margin_m']:g}"
+        for name, key, what in _MARGINS
+        if name in summary and summary[name]["margin_m"] is not None
     ]
 
+
+_MARGINS = (
+    ("margin", "margin", "Margin"),
+    ("vertical_margin", "vertical_margin_m", "Vertical margin"),
+)
+"""What stands in a summary, the key of a configuration that takes it, and its name."""
 
 _KEYS = {
     "mode": "mode",

@@ -30,6 +30,7 @@ _RATES = {
     "success_of_safe": "success of SAFE plans",
     "breach_of_safe": "breaches of areas by SAFE plans",
     "violation_of_safe": "SAFE plans that lost the separation, for either reason",
+    "plan_climbs_rate": "SAFE plans that climb or descend",
     "backup_used_rate": "flights that used the backup",
 }
 """What the rates are called in the table."""
@@ -68,6 +69,12 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
         "margin": margin(table, confidence),
         "reasons": dict(reasons.most_common()),
     }
+    if "altitude_deviation_m" in table:
+        summary["vertical_margin"] = margin(table, confidence, "altitude_error_max_m")
+        deviation = table["altitude_deviation_m"][safe]
+        summary["altitude_deviation_m_of_safe"] = quantiles(deviation, _SHARES)
+        climbing = np.count_nonzero(safe & (table["plan_climbed_m"] > 0.0))
+        summary["plan_climbs_rate"] = share(climbing, np.count_nonzero(safe), confidence)
     if "plan_loss" in table:
         for key, kind in _LOSSES.items():
             summary[key] = int(np.count_nonzero(table["plan_loss"] == kind))
@@ -139,16 +146,18 @@ def _metres(value: float | None) -> str:
     return "-" if value is None else f"{value:.1f} m"
 
 
-def margin(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, Any]:
+def margin(
+    table: Mapping[str, np.ndarray], confidence: float, distance: str = "position_error_max_m"
+) -> dict[str, Any]:
     """Return a bound of the distance from their SAFE plans that 99 % of flights keep, and the
-    margin that covers it.
+    margin that covers it; the distance is a column of the table, over the ground or up and down.
 
     The distance between two aircraft differs from the planned one by no more than the own distance
     from the plan at that time, so that such a margin keeps what was planned, whatever the geometry.
     The bound is an order statistic: nothing is assumed of the distribution. An aircraft that was
     lost counts as infinitely far away.
     """
-    safe, off = table["plan_status"] == "safe", table["position_error_max_m"]
+    safe, off = table["plan_status"] == "safe", table[distance]
     lost = safe & (table["outcome"] == "failed")
     bound = upper_bound(
         np.where(lost, np.inf, off)[lost | (safe & np.isfinite(off))], _COVERED, confidence

@@ -19,6 +19,7 @@ from envs.c208.vehicle import C208Vehicle
 from envs.follower import KinematicVehicle, Vehicle
 from envs.frames import Ground
 from envs.kinematics import Limits, VehicleState
+from envs.profile import Height
 from envs.wind import Wind, over_ground, through_air
 from eval.hifi.config import Drawn
 
@@ -28,7 +29,7 @@ VARIANT_OF = {
     "point_mass": "ex",
     "surrogate": "ex",
 }  # Cessna behind each vehicle
-PROMPT = Lookahead(turn=0.0, speed=0.0)  # guidance of a vehicle without lags
+PROMPT = Lookahead(turn=0.0, speed=0.0, climb=0.0)  # guidance of a vehicle without lags
 
 _KNOT = 0.514444  # m/s
 _STREAM = (1 << 40) + 2  # of the navigation's errors
@@ -40,15 +41,13 @@ class Airborne(Vehicle[Ground], Protocol):
     """A vehicle in flight over the ground, its state in plain floats."""
 
     @property
-    def altitude(self) -> float:
-        """Above the sea, m."""
+    def height(self) -> Height:
+        """Altitude above the sea, and climb."""
         ...
 
-
-class _Cessna(C208Vehicle):
-    @property
-    def altitude(self) -> float:
-        return self.measured.altitude
+    def hold(self, height: Height) -> None:
+        """Hold an altitude from now on, and fly a climb beside what leads back to it."""
+        ...
 
 
 class _Kinematic:
@@ -58,14 +57,19 @@ class _Kinematic:
         self, own: VehicleState[Ground], limits: Limits, wind: Wind, altitude: float
     ) -> None:
         self._vehicle = KinematicVehicle(through_air(own, wind, 0.0), limits)
-        self._wind, self._time, self.altitude = wind, 0.0, altitude
+        self._wind, self._time, self.height = wind, 0.0, Height(altitude, 0.0)
 
     @property
     def state(self) -> VehicleState[Ground]:
         air = self._vehicle.state
         return over_ground(VehicleState(*(float(field) for field in air)), self._wind, self._time)
 
+    def hold(self, height: Height) -> None:
+        self.height = height
+
     def step(self, acceleration: Any, yaw_rate: Any, dt: float) -> None:
+        altitude, climb = self.height
+        self.height = Height(altitude + climb * dt, climb)
         self._vehicle.step(
             *air_commands(self.state, float(acceleration), float(yaw_rate), self._wind), dt
         )
@@ -118,7 +122,7 @@ def begin(
         return _Kinematic(own, limits, wind, drawn.altitude)
     if kind == "point_mass":
         return PointMassVehicle(own, VARIANT_OF[kind], wind, drawn.altitude)
-    return _Cessna(own, VARIANT_OF[kind], drawn.air, drawn.altitude, viewer)
+    return C208Vehicle(own, VARIANT_OF[kind], drawn.air, drawn.altitude, viewer)
 
 
 def reach_of(kind: str, limits: Limits, drawn: Drawn) -> tuple[float, float]:

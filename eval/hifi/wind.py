@@ -1,20 +1,26 @@
 """Plans from the middle of a flight in a wind, and whether the vehicle can fly them."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.kernel.levels import Altitude
 from agents.kernel.traffic import Traffic
 from agents.planner.answer import RequestError
-from agents.planner.planner import Plans, plan_among, plan_many
+from agents.planner.planner import Given, Plans, plan_among, plan_many, search_in_space
 from agents.planner.request.options import Narrowed, Options, speed_range
+from agents.planner.request.reports import Intruder
 from agents.planner.request.request import Request, in_wind
+from agents.planner.search.budget import Budget
 from agents.planner.search.candidates import empty
 from agents.policy.inference import Policy
+from envs.altitudes import REFERENCE
 from envs.areas import Area
-from envs.frames import Air
+from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
-from envs.waypoints import Legs
+from envs.profile import Profile
+from envs.waypoints import Legs, RoutePoint
 from envs.wind import NO_WIND, Wind
 from eval.flights.among_areas import as_row, in_air_mass
 
@@ -32,6 +38,7 @@ class Made(NamedTuple):
     plans: Plans  # [1], in the air mass
     request: Request | None  # that it answers, [1]; None where none could be made
     problem: str | None  # why the planner was not asked; None: it was
+    profile: Profile | None = None  # of its altitudes; None: a plan in the plane
 
 
 def options_in(wind: Wind, options: Options) -> Options[Narrowed]:
@@ -55,15 +62,13 @@ def plan_for(
     ``[1, K]`` are; areas as they are over the ground at the start.
     """
     low, high = speed_range(options.aircraft.limits)
-    none = Plans(empty(1, options.waypoints), np.zeros(1, dtype=np.int8), np.zeros(1, dtype=bool))
     if not low <= own.speed <= high:
-        return Made(
-            none, None, f"own air speed is {own.speed:.1f} m/s, expected {low:g} to {high:g} m/s"
-        )
+        what = f"own air speed is {own.speed:.1f} m/s, expected {low:g} to {high:g} m/s"
+        return Made(_none(options), None, what)
     try:
         in_air = options_in(wind, options)
     except RequestError as problem:
-        return Made(none, None, str(problem))
+        return Made(_none(options), None, str(problem))
     one: VehicleState[Air] = VehicleState(*(np.array([float(field)]) for field in own))
     drift = None if wind == NO_WIND else (np.array([-wind.east]), np.array([-wind.north]))
     x, y = route.x - wind.east * clock, route.y - wind.north * clock
@@ -72,6 +77,41 @@ def plan_for(
         return Made(plan_many(request, policy, in_air, floats=True), request, None)
     amid = as_row(in_air_mass(areas, wind, clock))
     return Made(plan_among(request, amid, policy, in_air, floats=True), request, None)
+
+
+def plan_in_space(
+    own: VehicleState[Ground],
+    intruders: Sequence[Intruder[Ground]],
+    route: Route,
+    altitude: float,
+    wind: Wind,
+    policy: Policy,
+    options: Options[Any],
+    areas: tuple[Area, ...] = (),
+) -> Made:
+    """Plan a request at the start that may climb and descend; everything is over the ground.
+
+    The ownship flies level at an altitude, m above the sea, which is that of the route.
+    """
+    points = zip(route.x.tolist(), route.y.tolist(), strict=True)
+    given = Given(
+        own,
+        intruders,
+        [RoutePoint(number, x, y) for number, (x, y) in enumerate(points)],
+        Altitude(altitude, REFERENCE, 0.0),
+        wind,
+        areas,
+    )
+    try:
+        posed, plans = search_in_space(given, policy, options_in(wind, options), Budget())
+    except RequestError as problem:
+        return Made(_none(options), None, str(problem))
+    return Made(plans, posed.request, None, posed.profile)
+
+
+def _none(options: Options[Any]) -> Plans:
+    """Return that there is no plan, ``[1]``."""
+    return Plans(empty(1, options.waypoints), np.zeros(1, dtype=np.int8), np.zeros(1, dtype=bool))
 
 
 def unflyable(legs: Legs[Air], reach: tuple[float, float]) -> str | None:

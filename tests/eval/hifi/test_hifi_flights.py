@@ -16,10 +16,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from agents.config.load import load, validate
 from agents.kernel.traffic import Traffic as Known
+from agents.planner.request.options import Maneuvers
 from agents.planner.request.request import Options
 from agents.policy.inference import Policy
 from commands.command import ConfigError
@@ -32,6 +34,8 @@ from envs.follower import PERIOD
 from envs.formats.local_frame import geocentric
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.outcome import RULES
+from envs.profile import Height
+from envs.relative import straight_cpa
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import take
@@ -40,10 +44,17 @@ from envs.wind import NO_WIND, Wind, narrow, over_ground, through_air
 from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi import flights as hifi_flights
 from eval.hifi import pilots as hifi_pilots
-from eval.hifi.config import CONDITIONS, ConditionConfig, Drawn, HifiConfig, draw_conditions
+from eval.hifi.config import (
+    CONDITIONS,
+    ConditionConfig,
+    Drawn,
+    HifiConfig,
+    LevelRanges,
+    draw_conditions,
+)
 from eval.hifi.errors import against
-from eval.hifi.figures import distributions
-from eval.hifi.flight import Flight, Traffic
+from eval.hifi.figures import distributions, sheet
+from eval.hifi.flight import Flight, Levels, Traffic
 from eval.hifi.flight import fly as follow
 from eval.hifi.flights import Beginning, Campaign, FlightRecord, fly_one, prepare, scene_of
 from eval.hifi.pilots import Follower
@@ -54,6 +65,7 @@ from eval.hifi.vehicle import Navigation, begin, lookahead_of
 from eval.hifi.wind import Made, Route, plan_for, unflyable
 from ros_bridge.sim.world import EncounterFlight
 
+ROOT = Path(__file__).resolve().parents[3]
 SEPARATIONS = "envs.own_separations:separations"
 OPTIONS = Options.for_aircraft(PAPER)
 STATES = PlanStates(
@@ -207,7 +219,7 @@ def test_the_assured_loop_plans_anew_for_an_intruder_that_turns() -> None:
 class _Lost:
     """Flies straight east for two seconds, then is lost."""
 
-    altitude = 2500.0
+    height = Height(2500.0, 0.0)
 
     def __init__(self, own: VehicleState, nan: bool) -> None:
         self.state, self._nan, self._time = own, nan, 0.0
@@ -235,7 +247,7 @@ def test_an_aircraft_that_is_lost_is_a_failed_flight(
 class _Straight:
     """Flies straight on whatever is commanded."""
 
-    altitude = 2500.0
+    height = Height(2500.0, 0.0)
 
     def __init__(self, own: VehicleState) -> None:
         self.state = own
@@ -689,3 +701,164 @@ def test_a_flight_in_closed_loop_is_judged_against_areas() -> None:
         one, row = fly(flying, number)
         assert one.scene.areas and row["areas"] == len(one.scene.areas)
         assert (row["outcome"] == "breach") == (row["duration_s"] == row["area_breach_s"])
+
+
+# In space: plans that climb and descend, among intruders at levels of their own.
+
+
+def climbing_campaign(*overrides: str) -> Campaign:
+    usual = "aircraft=c208", "allow_outside_domain=true", "changes.own_speed=[65,80]"
+    return campaign(*usual, *overrides)
+
+
+@pytest.mark.parametrize("vehicle", ["c208_ex", "point_mass", "surrogate"])
+def test_a_climb_along_the_route_passes_a_head_on_intruder(vehicle: str) -> None:
+    vertical = "planner.maneuvers=vertical", "planner.vertical_margin_m=3"
+    far = "scenario=head_on", "changes.radius=[8000,9000]"  # time enough to climb
+    flying = climbing_campaign(f"vehicle={vehicle}", *far, *vertical)
+    one, row = fly(flying, 0)
+    assert row["plan_status"] == "safe" and row["plan_source"] == "vertical"
+    assert row["outcome"] == "reached" and row["verdict"] == "resolvable"
+    # It stays on its route, and is above or below where the other one passes.
+    assert row["cross_track_max_m"] < 1.0
+    assert one.flight is not None
+    apart = np.abs(one.flight.altitude - 2_500.0)
+    assert row["altitude_deviation_m"] == apart.max() > flying.options.vertical.separation
+    assert row["plan_climbed_m"] == pytest.approx(2.0 * apart.max(), abs=5.0)
+    assert apart[-1] < 1.0
+    assert row["min_separation_m"] >= 1_000.0
+    # At the corners of its profile it is rounded by 1.56 m.
+    assert row["altitude_error_max_m"] < (1.57 if vehicle == "surrogate" else 2.5)
+
+
+@pytest.mark.slow
+def test_plans_in_space_keep_both_separations_from_intruders_that_climb() -> None:
+    levels = "above_m=[-200,200]", "climb_mps=[-5,5]"
+    both = "planner.maneuvers=both", "planner.vertical_margin_m=40", "planner.margin=100"
+    flying = climbing_campaign(*both, *levels, "condition.name=moderate")
+    climbed = 0
+    for number in range(6):
+        one, row = fly(flying, number)
+        assert row["outcome"] == "reached" and row["plan_status"] == "safe"
+        climbed += row["plan_climbed_m"] > 0.0
+        flight, levels = one.flight, one.scene.levels
+        assert flight is not None and levels is not None
+        # Second by second, without the program's own distances.
+        own = take(flight.own, slice(None, None, SUBSTEPS))
+        away = np.hypot(own.x[:, None] - flight.intruders.x, own.y[:, None] - flight.intruders.y)
+        height = levels.start.altitude + levels.start.climb * np.arange(own.x.size)[:, None]
+        above = np.abs(height - flight.altitude[::SUBSTEPS, None])
+        mask = one.scene.encounter.mask[0]
+        lost = (away < PAPER.separation) & (above < flying.options.vertical.separation)
+        assert not lost[:, mask].any()
+    assert climbed
+
+
+@given(
+    st.lists(st.floats(-300.0, 300.0), min_size=3, max_size=3),
+    st.floats(-200.0, 200.0),
+    st.floats(-10.0, 10.0),
+)
+def test_heights_of_a_period_are_the_least_of_its_moments(
+    own: list[float], start: float, climb: float
+) -> None:
+    flatness = 1_000.0 / 137.2
+    levels = Levels(Height(np.array([[start]]), np.array([[climb]])), np.array([[flatness]]))
+    time = np.array([0.0, PERIOD, 2.0 * PERIOD])
+    found = levels.heights(np.array(own), time)[:, 0]
+    for period in range(2):
+        moments = np.linspace(time[period], time[period + 1], 1_001)
+        above = start + climb * moments - np.interp(moments, time, own)
+        assert found[period] == pytest.approx(flatness * np.abs(above).min(), abs=5.0)
+        assert found[period] <= flatness * np.abs(above).min() + 1e-9
+
+
+def test_a_loss_is_one_of_both_separations() -> None:
+    over = climbing_campaign("vehicle=surrogate", "scenario=head_on", "planner.maneuvers=both")
+    level = replace(over.options, maneuvers=Maneuvers.HORIZONTAL)
+    outcomes = []
+    for above in (130.0, 140.0):
+        flying = over._replace(levels=LevelRanges((above, above), (0.0, 0.0)))
+        scene = scene_of(flying, 0)
+        nobody = scene.encounter._replace(mask=np.zeros_like(scene.encounter.mask))
+        alone = flying._replace(source=nobody, options=level)
+        straight, _ = fly(alone, 0)
+        assert straight.legs is not None and scene.levels is not None
+        vehicle = begin("surrogate", scene.own, scene.drawn, flying.options.limits)
+        traffic = Traffic(scene.encounter, NO_WIND, levels=scene.levels)
+        pilot = Follower(Track(straight.legs), lookahead_of("surrogate"))
+        steered = vehicle, pilot, Navigation(0.0, 0, 0), traffic, (1e6, 0.0)
+        flight = follow(*steered, flying.aircraft.rules(), 200)
+        outcomes.append(bool(flight.separation.min() < flying.aircraft.separation))
+    assert outcomes == [True, False]
+
+
+def test_an_intruder_is_drawn_where_it_is_met() -> None:
+    flying = climbing_campaign(
+        "planner.maneuvers=both", "above_m=[50,50]", "climb_mps=[4,4]", "scenario=head_on"
+    )
+    climbs = set()
+    for number in range(8):
+        scene = scene_of(flying, number)
+        assert scene.levels is not None
+        start, other = scene.levels.start, take(scene.encounter.intruders, (0, slice(None)))
+        own = take(scene.encounter.own, 0)
+        closest = straight_cpa(own, other, np).time
+        met = start.altitude[0] + start.climb[0] * closest
+        np.testing.assert_allclose(met, 2_550.0, atol=1e-6)
+        climbs |= set(start.climb[0].tolist())
+    assert climbs == {0.0, 4.0}
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (["planner.maneuvers=both"], r'maneuvers is "both", expected "horizontal"'),
+        (["planner.maneuvers=up"], "planner.maneuvers"),
+        (
+            ["aircraft=c208", "planner.maneuvers=both", "mode=assured"],
+            "planner.maneuvers is 'both'; expected horizontal in mode assured",
+        ),
+        (["aircraft=c208", "mode=closed", "planner.maneuvers=both"], "expected horizontal"),
+        (["above_m=[0,100]"], r"above_m is \[0, 100\]; expected \[0, 0\] with planner.maneuvers"),
+        (
+            ["aircraft=c208", "planner.maneuvers=both", "climb_mps=[5,-5]"],
+            r"climb_mps is \[5, -5\]; expected \[low, high\] within -50 to 50",
+        ),
+        (
+            [
+                "aircraft=c208",
+                "allow_outside_domain=true",
+                "planner.maneuvers=both",
+                "planner.floor_m=3000",
+                "planner.ceiling_m=2000",
+            ],
+            "ceiling",
+        ),
+    ],
+)
+def test_climbs_that_cannot_be_are_refused(given: list[str], says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        campaign(*given)
+
+
+def test_a_floor_above_the_flight_is_a_reason_not_to_fly() -> None:
+    flying = climbing_campaign("planner.maneuvers=both", "planner.floor_m=2600")
+    _, row = fly(flying, 0)
+    assert row["outcome"] == "refused"
+    assert "2500 m, expected the floor, 2600 m, or more" in row["reason"]
+
+
+def test_what_climbs_is_said_and_documented() -> None:
+    flying = climbing_campaign("vehicle=surrogate", "planner.maneuvers=both")
+    rows = [fly(flying, number)[1] for number in range(2)]
+    table = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    summary = summarise(table, 0.95)
+    assert summary["plan_climbs_rate"]["total"] == 2
+    text = (ROOT / "docs" / "reference" / "evaluation-files.md").read_text(encoding="utf-8")
+    assert [name for name in (*table, *summary) if f"`{name}`" not in text] == []
+    assert "altitude, m" in str([axes.get_ylabel() for axes in sheet_of(flying, 0).axes])
+
+
+def sheet_of(flying: Campaign, number: int) -> Figure:
+    return sheet([("", fly(flying, number)[0])], flying.aircraft.rules())
