@@ -4,10 +4,12 @@ policy.
 It flies the policy from the moment BlueSky detects a conflict until the closest approach of its
 last conflict is past, and its autopilot otherwise; climbs and descents stay with the autopilot
 (docs/howto/bluesky.md). With ``RLCASPLAN ON`` it flies the planner's plans instead, where they are
-SAFE, and with ``RLCASAREAS ON`` these keep out of BlueSky's areas.
+SAFE, with ``RLCASMANEUVERS`` these climb and descend, too, and with ``RLCASAREAS ON`` they keep out
+of BlueSky's areas.
 """
 
 import math
+from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -15,14 +17,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.inference import Policy
-from agents.planner import RequestError, plan
-from agents.planner.request.options import Options
+from agents.planner import Intruder, RequestError, plan
+from agents.planner.request.options import Maneuvers, Options
 from agents.planner.request.request import Altitude
 from commands.command import InputError
-from envs.aircraft import new_aircraft
+from envs.aircraft import GREATEST_VERTICAL, LEAST_VERTICAL, Aircraft, Vertical, new_aircraft
 from envs.areas import Area, AreaError, Circle, Level, Polygon
 from envs.frames import Air, Ground
 from envs.kinematics import Limits, VehicleState, commands
+from envs.profile import Profile, corner_error, profile_of
+from envs.profile import flown as flown_height
 from envs.trees import map_leaves, take
 from envs.waypoints import Legs, RoutePoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind, aim_point, over_ground, through_air
@@ -43,6 +47,10 @@ _MILE, _LIMITLESS = 1_852.0, 9e8  # m; limits of heights beyond this are none
 _AHEAD = 20.0  # required separations; where the goal of an aircraft without a waypoint lies
 # required separations, beyond which an aircraft that has waited long leaves the way to the other
 _APART = 1.5
+_CHANGE = 1.5  # m/s^2; with which BlueSky changes a climb: 300 ft/min in a second
+_MORE = 0.01  # m/s beyond which no rate is, for rounding's sake
+_OFF = 1.0  # m by which BlueSky leaves an altitude beside what the corners of a profile take
+_AWAY = 1e4  # m; so far up or down the altitude is set towards which BlueSky is to climb
 _ACCELERATION = 0.5  # m/s^2; the least that BlueSky grants every aircraft in flight
 _SHARPEST = 0.11  # required separations; a tighter turn takes more than 1 rad in a time step
 _REFERENCE = "pressure"  # of heights
@@ -68,6 +76,23 @@ def _speeds(index: int) -> tuple[float, float]:
         return max(float(performance.vmin[index]), 0.0), float(performance.vmax[index])
     slowest, fastest = (float(limit[index]) for limit in performance.currentlimits()[:2])
     return slowest, fastest
+
+
+def _vertical(index: int, separation: float) -> Vertical:
+    """Return what an aircraft does up and down, with a vertical separation, m: the autopilot's
+    usual rate, or what its model has, if that is less; what it does now, if that is more.
+    """
+    performance, usual = bs.traf.perf, abs(float(bs.traf.ap.vsdef[index]))
+    lift = getattr(performance, "lifttype", None)  # of OpenAP alone, as the limits below
+    up = down = usual
+    if lift is not None:
+        up = min(usual, abs(float(performance.vsmax[index])))
+        # The least climb of a fixed wing's model is none of a descent.
+        down = min(usual, abs(float(performance.vsmin[index]))) if lift[index] == _ROTOR else up
+    climb = float(bs.traf.vs[index])
+    up, down = max(up, climb) + _MORE, max(down, -climb) + _MORE
+    separation = min(max(separation, LEAST_VERTICAL.separation), GREATEST_VERTICAL.separation)
+    return Vertical(up, down, _CHANGE, separation)
 
 
 def _wind_at(flown: np.ndarray) -> Wind | None:
@@ -101,12 +126,34 @@ def area_of(shape: Any, own_lat: float, own_lon: float) -> Area:
     return Area(Polygon(tuple(zip(x.tolist(), y.tolist(), strict=True))), name=shape.name, **limits)
 
 
+class _Plan(NamedTuple):
+    """A plan in flight."""
+
+    made: float  # when, s
+    legs: Legs[Air] | None  # None: it was not SAFE
+    wind: Wind | None  # that it is flown in
+    profile: Profile | None = None  # of its altitudes; None: they are the autopilot's
+
+
+_NO_PLAN = _Plan(-np.inf, None, None)
+
+
+class _Asked(NamedTuple):
+    """What an aircraft is planned for."""
+
+    own: VehicleState[Ground]
+    others: list[Intruder[Ground]]
+    goal: complex  # m
+    wind: Wind | None
+
+
 class _Scene(NamedTuple):
     """What aircraft ``[N]`` decide by, over the ground, each in a frame about its own place."""
 
     own: VehicleState[Ground]  # [N]
     others: VehicleState[Ground]  # [N, K]
     mask: np.ndarray  # [N, K]: which of the others count
+    any_level: np.ndarray  # [N, K]: the same, whether they come to the ownship's level or not
     goal_x: np.ndarray  # m, [N]
     goal_y: np.ndarray
     wind: Wind | None  # None: still air
@@ -171,16 +218,20 @@ class RLCAS(_Resolution):
 
     def _begin(self) -> None:
         self.outside, self.planning, self.among_areas = "refuse", False, False
+        self.maneuvers, self.floor, self.ceiling = Maneuvers.HORIZONTAL, -np.inf, np.inf
         self._known: dict[tuple[float, ...], Policy | str] = {}
         self._said: set[str] = set()
         self._lasting: dict[str, float] = {}  # s, for how long an aircraft has been in conflict
-        # When it was planned, the plan if SAFE, and the wind that it is flown in.
-        self.plans: dict[str, tuple[float, Legs[Air] | None, Wind | None]] = {}
+        self.plans: dict[str, _Plan] = {}
+        self.climbing: set[str] = set()  # aircraft whose altitudes are those of their plans
 
     @property
     def altactive(self) -> np.ndarray:
-        """Altitude and vertical speed are the autopilot's."""
-        return np.zeros_like(self.active)
+        """Altitude and vertical speed are the autopilot's, but where a plan has some."""
+        climbing = np.zeros_like(self.active)
+        for index in np.flatnonzero(self.active) if self.climbing else ():
+            climbing[index] = bs.traf.id[index] in self.climbing
+        return climbing
 
     vsactive = altactive
 
@@ -225,6 +276,33 @@ class RLCAS(_Resolution):
         state = "ON" if self.among_areas else "OFF"
         return True, f"RLCASAREAS is {state}: plans {kept}{needs}"
 
+    @_command(name="RLCASMANEUVERS")
+    def setmaneuvers(self, maneuvers: str = "") -> tuple[bool, str]:
+        """Set what plans may do: HORIZONTAL, VERTICAL (climb and descend along the route) or BOTH;
+        without an argument say it.
+        """
+        kinds = {kind.name: kind for kind in Maneuvers}
+        if maneuvers and maneuvers.upper() not in kinds:
+            return False, f"{maneuvers} is no kind of plan; expected {', '.join(kinds)}"
+        if maneuvers:
+            self.maneuvers = kinds[maneuvers.upper()]
+            self.plans.clear()
+        climbs = self.maneuvers is not Maneuvers.HORIZONTAL
+        needs = " (RLCASPLAN is OFF: none are made)" if climbs and not self.planning else ""
+        return True, f"RLCASMANEUVERS is {self.maneuvers.name}{needs}"
+
+    @_command(name="RLCASLEVELS", annotations="alt,alt")
+    def setlevels(self, floor: float | None = None, ceiling: float | None = None) -> Any:
+        """Set between which altitudes plans climb and descend, the floor first; without an argument
+        say it.
+        """
+        if floor is not None and ceiling is not None:
+            if not floor < ceiling:
+                return False, f"the floor is {floor:.0f} m; expected less than {ceiling:.0f} m"
+            self.floor, self.ceiling = floor, ceiling
+            self.plans.clear()
+        return True, f"RLCASLEVELS are {self.floor:.0f} to {self.ceiling:.0f} m"
+
     def update(self, conf: Any, ownship: Any, intruder: Any) -> None:
         """Decide which aircraft resolve a conflict, as every method of BlueSky does, and what each
         of them does.
@@ -238,6 +316,7 @@ class RLCAS(_Resolution):
             name: self._lasting.get(name, 0.0) + float(bs.traf.asastimer.dt_act) for name in names
         }
         self.plans = {name: made for name, made in self.plans.items() if name in self._lasting}
+        self.climbing.clear()
         groups: dict[Policy, list[int]] = {}
         for index in np.flatnonzero(self.active).tolist():
             policy = self._policy_of(index, conf)
@@ -309,7 +388,7 @@ class RLCAS(_Resolution):
             speed, track = later.speed, (90.0 - np.degrees(later.heading)) % 360.0
         self.trk[flown], self.tas[flown] = track, speed
         if self.planning:
-            self._follow_plans(policy, flown, [ownship.id[index] for index in flown], scene, dt)
+            self._follow_plans(policy, flown, scene, dt)
 
     def _scene(
         self, separation: float, flown: np.ndarray, conf: Any, ownship: Any, intruder: Any
@@ -329,42 +408,61 @@ class RLCAS(_Resolution):
             x, y, course, np.broadcast_to(intruder.gs, x.shape)
         )
 
-        mask = _meets_level(flown, conf, ownship, intruder)
-        mask &= ~self.noresoac & (np.arange(ownship.ntraf) != flown[:, None])
+        any_level = ~self.noresoac & (np.arange(ownship.ntraf) != flown[:, None])
         lasting = np.array([self._lasting[ownship.id[index]] for index in flown])
         waits = (lasting > conf.dtlookahead[flown])[:, None] & self.active
-        mask &= ~(waits & _gives_way(own, others, _APART * separation))
+        any_level &= ~(waits & _gives_way(own, others, _APART * separation))
+        mask = any_level & _meets_level(flown, conf, ownship, intruder)
 
         ahead, bearing = _AHEAD * separation, np.radians(90.0 - bs.traf.ap.trk[flown])
         waypoint = east_north(bs.traf.actwp.lat[flown, None], bs.traf.actwp.lon[flown, None])
         follows = np.asarray(bs.traf.swlnav[flown], bool)
         goal_x = np.where(follows, waypoint[0][:, 0], ahead * np.cos(bearing))
         goal_y = np.where(follows, waypoint[1][:, 0], ahead * np.sin(bearing))
-        return _Scene(own, others, mask, goal_x, goal_y, _wind_at(flown))
+        return _Scene(own, others, mask, any_level, goal_x, goal_y, _wind_at(flown))
 
-    def _follow_plans(
-        self, policy: Policy, flown: np.ndarray, names: list[str], scene: _Scene, dt: float
-    ) -> None:
-        """Set track and speed of those of the aircraft ``[N]`` that have a SAFE plan."""
-        for row, (index, name) in enumerate(zip(flown, names, strict=True)):
-            mask = scene.mask[row]
-            traffic: list[VehicleState[Ground]] = [
-                VehicleState(*each)
-                for each in zip(*(field[row, mask] for field in scene.others), strict=True)
-            ]
-            goal = complex(scene.goal_x[row], scene.goal_y[row])
-            wind = None if scene.wind is None else take(scene.wind, row)
-            request = take(scene.own, row), traffic, goal, wind
-            planned = self._planned_state(name, policy, request, dt)
-            if planned is not None:
-                self.trk[index] = (90.0 - np.degrees(planned.heading)) % 360.0
-                self.tas[index] = planned.speed
-
-    def _areas(self, name: str) -> tuple[list[Area], Altitude]:
-        """Return the areas that an aircraft keeps out of, and its altitude; what cannot be used is
-        said once.
+    def _follow_plans(self, policy: Policy, flown: np.ndarray, scene: _Scene, dt: float) -> None:
+        """Set track and speed, and where a plan climbs altitude and vertical speed, of those of the
+        aircraft ``[N]`` that have a SAFE plan.
         """
-        index, traffic, found = bs.traf.id.index(name), bs.traf, list[Area]()
+        now, traffic = float(bs.sim.simt), bs.traf
+        for row, index in enumerate(flown.tolist()):
+            name = traffic.id[index]
+            made = self.plans.get(name, _NO_PLAN)
+            if now - made.made >= _PLANNED:
+                made = self.plans[name] = self._plan(index, policy, self._asked(row, scene))
+            if made.legs is None:
+                continue
+            planned = at(made.legs, np.float64(now + dt - made.made), made.wind)
+            self.trk[index] = (90.0 - np.degrees(planned.heading)) % 360.0
+            self.tas[index] = planned.speed
+            if made.profile is not None:
+                later = np.float64(now + dt - made.made)
+                height = float(flown_height(made.profile, _CHANGE, later).altitude)
+                climb = (height - float(traffic.alt[index])) / dt
+                # BlueSky climbs with this rate towards an altitude, and holds what it reaches.
+                self.vs[index] = abs(climb)
+                self.alt[index] = traffic.alt[index] + np.sign(climb) * _AWAY
+                self.climbing.add(name)
+
+    def _asked(self, row: int, scene: _Scene) -> _Asked:
+        """Return what one of the aircraft ``[N]`` of a scene is planned for."""
+        climbs = self.maneuvers is not Maneuvers.HORIZONTAL
+        numbers = np.flatnonzero((scene.any_level if climbs else scene.mask)[row])
+        others = list[Intruder[Ground]]()
+        for number in numbers.tolist():
+            there: VehicleState[Ground] = VehicleState(
+                *(field[row, number] for field in scene.others)
+            )
+            altitude = _altitude_seen(number) if climbs else None
+            others.append(Intruder(there, altitude=altitude))
+        goal = complex(scene.goal_x[row], scene.goal_y[row])
+        wind = None if scene.wind is None else take(scene.wind, row)
+        return _Asked(take(scene.own, row), others, goal, wind)
+
+    def _areas(self, index: int) -> list[Area]:
+        """Return the areas that an aircraft keeps out of; what cannot be used is said once."""
+        traffic, found = bs.traf, list[Area]()
         for shape in list(_SHAPES.values()) if self.among_areas else ():
             if shape.kind() not in ("BOX", "CIRCLE", "POLY"):
                 continue
@@ -372,41 +470,100 @@ class RLCAS(_Resolution):
                 found.append(area_of(shape, float(traffic.lat[index]), float(traffic.lon[index])))
             except AreaError as problem:
                 self._say(f"{shape.name} area", f"{shape.name} is no area for plans: {problem}")
-        climb = float(traffic.vs[index])
-        return found, Altitude(float(traffic.alt[index]), _REFERENCE, climb)
+        return found
 
-    def _planned_state(
-        self,
-        name: str,
-        policy: Policy,
-        request: tuple[VehicleState[Ground], list[VehicleState[Ground]], complex, Wind | None],
-        dt: float,
-    ) -> VehicleState[Ground] | None:
-        """Return where an aircraft's plan has it after the next ``dt`` seconds, over the ground;
-        None: it has no safe one. A request is own state, others, goal and wind.
+    def _plan(self, index: int, policy: Policy, asked: _Asked) -> _Plan:
+        """Return the plan of an aircraft; where it cannot be made, that is said once."""
+        name, now, far = bs.traf.id[index], float(bs.sim.simt), _AHEAD * policy.aircraft.separation
+        own, others, goal, wind = asked
+        goal *= min(1.0, far / max(abs(goal), 1.0))
+        climbs = self.maneuvers is not Maneuvers.HORIZONTAL
+        altitude = _altitude(index)
+        target = float(bs.traf.ap.alt[index]) if climbs else None  # that of its own flight
+        route = [
+            RoutePoint(100 + i, point.real, point.imag, target)
+            for i, point in enumerate((goal, 2.0 * goal))
+        ]
+        areas = self._areas(index)
+        known: dict[str, Any] = {"own_altitude": altitude} if areas or climbs else {}
+        try:
+            options = self._options(index, policy.aircraft)
+            answer = plan(own, others, route, policy, options, wind=wind, areas=areas, **known)
+        except RequestError as problem:
+            self._say(
+                f"{name} plan",
+                f"{name} flies the policy's decisions until it can be planned for: {problem}",
+            )
+            return _Plan(now, None, wind)
+        if not answer.safe:
+            return _Plan(now, None, wind)
+        curves = legs(plan_states(own, answer.waypoints, wind=wind))
+        rate = altitude.climb(0.0)[0]
+        return _Plan(now, curves, wind, profile_of(altitude.value, rate, answer.waypoints, _CHANGE))
+
+    def _options(self, index: int, aircraft: Aircraft) -> Options:
+        """Return how an aircraft is planned for."""
+        if self.maneuvers is Maneuvers.HORIZONTAL:
+            return Options.for_aircraft(aircraft, extend_route=True, **_SEARCH)
+        zones = bs.traf.cd.hpz
+        height = zones[index] if bs.traf.cd.global_hpz else zones.max()
+        vertical = _vertical(index, float(height) * self.resofacv)
+        # A plan may begin in a climb and have to descend.
+        most = vertical.climb_max + vertical.descent_max
+        margin = corner_error(most, _CHANGE) + _OFF
+        # BlueSky's airspeeds are those over the horizon.
+        fastest = aircraft.limits.speed_max
+        legs_of = aircraft.limits._replace(speed_max=math.hypot(fastest, most))
+        return Options.for_aircraft(
+            aircraft._replace(vertical=vertical),
+            legs_of,
+            extend_route=True,
+            maneuvers=self.maneuvers,
+            vertical_margin=margin,
+            **self._levels(index, margin),
+            **_SEARCH,
+        )
+
+    def _levels(self, index: int, margin: float) -> dict[str, Level]:
+        """Return floor and ceiling of an aircraft's plans, which they keep a margin from, m.
+
+        Of aircraft that resolve, those that are in conflict with each other would all climb, as
+        the cheapest: of two the one that BlueSky has had longer does not descend, and the other
+        does not climb.
         """
-        now, far = float(bs.sim.simt), _AHEAD * policy.aircraft.separation
-        own, traffic, goal, wind = request
-        made, curves, flown_in = self.plans.get(name, (-np.inf, None, None))
-        if now - made >= _PLANNED:
-            goal *= min(1.0, far / max(abs(goal), 1.0))
-            route = [
-                RoutePoint(100 + i, point.real, point.imag)
-                for i, point in enumerate((goal, 2.0 * goal))
-            ]
-            options = Options.for_aircraft(policy.aircraft, extend_route=True, **_SEARCH)
-            try:
-                areas, height = self._areas(name)
-                among: dict[str, Any] = {"areas": areas, "own_altitude": height} if areas else {}
-                answer = plan(own, traffic, route, policy, options, wind=wind, **among)
-            except RequestError as problem:
-                self._say(
-                    f"{name} plan",
-                    f"{name} flies the policy's decisions until it can be planned for: {problem}",
-                )
-                curves = None
-            else:
-                there = plan_states(own, answer.waypoints, wind=wind)
-                curves = legs(there) if answer.safe else None
-            made, flown_in, self.plans[name] = now, wind, (now, curves, wind)
-        return None if curves is None else at(curves, now + dt - made, flown_in)
+        traffic = bs.traf
+        here, target = float(traffic.alt[index]), float(traffic.ap.alt[index])
+        floor, ceiling, near = self.floor, self.ceiling, margin + _OFF
+        greatest = getattr(traffic.perf, "hmax", None)
+        if greatest is not None:
+            ceiling = min(ceiling, max(float(greatest[index]), here + near, target + near))
+        for pair in self.resopairs:
+            if traffic.id[index] not in pair:
+                continue
+            other = next(traffic.id2idx(name) for name in pair if name != traffic.id[index])
+            if other >= 0 and self.active[other]:
+                if index < other:
+                    floor = max(floor, min(here, target) - near)
+                else:
+                    ceiling = min(ceiling, max(here, target) + near)
+        levels = {"floor": floor, "ceiling": ceiling}
+        return {
+            name: Level(value, _REFERENCE) for name, value in levels.items() if np.isfinite(value)
+        }
+
+
+def _altitude_seen(index: int) -> Altitude:
+    """Return the altitude of an aircraft as others know it: it may level off at any time.
+
+    Two that avoid each other, one up and one down, would else count on the other's going on, and
+    both come back at once.
+    """
+    own = _altitude(index)
+    half = 0.5 * own.climb(0.0)[0]
+    return replace(own, vertical_speed=half, climb_error=abs(half))
+
+
+def _altitude(index: int) -> Altitude:
+    """Return an aircraft's altitude."""
+    value, climb = (float(field[index]) for field in (bs.traf.alt, bs.traf.vs))
+    return Altitude(value, _REFERENCE, climb)

@@ -54,7 +54,7 @@ def fly(method, kind, seconds=700, more="OP", crowd=0, crossing=0.9, wind=None):
         y, x = (np.radians(each[:3]) * 6_371_000 for each in (bs.traf.lat, bs.traf.lon))
         least = min(least, np.hypot(x[:, None] - x, y[:, None] - y)[np.triu_indices(3, 1)].min() / 1852)
         resolving = max(resolving, int(bs.traf.cr.active.sum()))
-        planned = max(planned, sum(curves is not None for _, curves, _ in getattr(bs.traf.cr, "plans", {}).values()))
+        planned = max(planned, sum(one.legs is not None for one in getattr(bs.traf.cr, "plans", {}).values()))
         turned = max(turned, abs(bs.traf.hdg[3] - 90.0))
         level_off = max(level_off, np.abs(bs.traf.vs).max())
     return {"least": float(least), "turned_below": float(turned), "climb": float(level_off), "said": list(said),
@@ -131,6 +131,54 @@ found["areas"] = []
 for word in ("", " ON", "", " maybe", " OFF", ""):
     texts, *_ = switch(f"RLCASAREAS{word}")
     found["areas"].append((texts[0] if texts else "", bs.traf.cr.among_areas))
+print(json.dumps(found))
+"""
+
+CLIMBS = """
+import json
+from pathlib import Path
+
+import bluesky as bs
+import numpy as np
+from bluesky.stack import simstack
+
+Path("plugins").mkdir()
+Path("plugins/rlcas.py").symlink_to(SOURCE)
+bs.init(mode="sim", detached=True, workdir=".")
+said = []
+bs.stack.echo = simstack.echo = lambda text="", flags=0: said.append(text)
+BEGIN = "DT 1", "PLUGIN LOAD RLCAS", "ASAS ON", "RESO RLCAS", "RLCASPLAN ON"
+
+
+def meet(*commands, seconds=700, low=0.0, after=()):
+    bs.sim.reset()
+    said.clear()
+    for command in (*BEGIN, *commands):
+        bs.stack.stack(command)
+    bs.traf.cre("WEST", "A320", 0.0, 0.0, 90.0, 30_000 * 0.3048, 0.75)
+    bs.traf.cre("EAST", "A320", 0.0, 1.9, 270.0, (30_000 - low) * 0.3048, 0.75)
+    for command in after:
+        bs.stack.stack(command)
+    rows = []
+    for _ in range(seconds):
+        bs.sim.step()
+        x, y = (np.radians(each) * 6_371_000 / 1852 for each in (bs.traf.lon, bs.traf.lat))
+        rows.append((float(np.hypot(x[1] - x[0], y[1] - y[0])), *(bs.traf.alt / 0.3048).tolist(), *y.tolist(),
+                     *bs.traf.vs.tolist()))
+    return {"rows": rows, "course": bs.traf.hdg.tolist(), "said": list(said)}
+
+
+found = {
+    "both": meet("RLCASMANEUVERS BOTH"),
+    "levels": meet("RLCASMANEUVERS VERTICAL", "RLCASLEVELS FL250 FL302"),
+    "climber": meet("RLCASMANEUVERS BOTH", low=4_000.0, after=("ALT EAST FL330 800", "RESOOFF EAST")),
+}
+found["switches"] = []
+for line in ("RLCASMANEUVERS", "RLCASMANEUVERS UP", "RLCASLEVELS", "RLCASLEVELS FL300 FL200", "RLCASMANEUVERS both"):
+    said.clear()
+    bs.stack.stack(line)
+    bs.sim.step()
+    found["switches"].append((line, " ".join(said), bs.traf.cr.maneuvers.name))
 print(json.dumps(found))
 """
 
@@ -240,6 +288,37 @@ def test_aircraft_in_bluesky_keep_the_separation_by_the_policy(tmp_path: Path):
     assert "outside_domain" in outside[0], "for a zone of 1 NM an A320 is too sluggish"
     assert found["outside"]["resolving"] == 0
     assert found["allowed"]["resolving"] == 2
+
+
+def both_lost(rows: list[list[float]]) -> list[list[float]]:
+    """Return the rows in which two aircraft are nearer than 5 NM and 1000 ft."""
+    return [row for row in rows if row[0] < 5.0 and abs(row[1] - row[2]) < 1_000.0]
+
+
+def test_aircraft_in_bluesky_climb_and_descend_out_of_a_conflict(tmp_path: Path):
+    found = run(CLIMBS, tmp_path)
+    for name in ("both", "levels", "climber"):
+        rows = found[name]["rows"]
+        assert not both_lost(rows), name
+        assert not [text for text in found[name]["said"] if text.startswith("RLCAS:")]
+        # They come back to their altitudes and courses.
+        assert abs(rows[-1][1] - 30_000.0) < 1.0
+        assert found[name]["course"] == pytest.approx([90.0, 270.0], abs=1.0)
+    both = found["both"]["rows"]
+    assert max(abs(row[3]) + abs(row[4]) for row in both) < 0.1, "they stay on their routes"
+    assert min(row[0] for row in both) < 0.1
+    assert 1_000.0 < max(abs(row[1] - row[2]) for row in both) < 5_000.0
+    assert max(row[1] for row in both) > 30_300.0, "of two the first one climbs"
+    assert max(row[1] for row in found["levels"]["rows"]) <= 30_200.0, "not above the ceiling"
+    assert abs(found["climber"]["rows"][-1][2] - 33_000.0) < 1.0, "it does not avoid anybody"
+
+    by_line = {line: (text, state) for line, text, state in found["switches"]}
+    assert by_line["RLCASMANEUVERS"] == ("RLCASMANEUVERS is BOTH", "BOTH")
+    text, state = by_line["RLCASMANEUVERS UP"]
+    assert "expected HORIZONTAL, VERTICAL, BOTH" in text and state == "BOTH"
+    assert by_line["RLCASLEVELS"][0] == "RLCASLEVELS are -inf to inf m"
+    assert "expected less than 6096 m" in by_line["RLCASLEVELS FL300 FL200"][0]
+    assert by_line["RLCASMANEUVERS both"][1] == "BOTH"
 
 
 def test_the_pilot_flies_the_environment_of_bluesky_gym(tmp_path: Path):
