@@ -162,6 +162,7 @@ def test_the_aircraft_in_flight_is_that_of_the_evaluations():
     assert runner == monitor
     config = load(HifiConfig, PACKAGE.parent / "configs" / "flight_c208.yaml")
     assert runner["margin"] == config.planner.margin
+    assert runner["vertical_margin_m"] == config.planner.vertical_margin_m
     vehicle = config.planner.options(PAPER).limits
     for options in (
         planning_settings(values_of("runner", **runner), PAPER).options,
