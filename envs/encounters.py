@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from commands.command import InputError
 from envs.aircraft import Aircraft
+from envs.altitudes import Altitudes
 from envs.arrays import Array, ArrayModule
 from envs.frames import Air
 from envs.intruder import Intent
@@ -50,6 +51,8 @@ class Encounter(NamedTuple):
     areas: Array | None = None
     """Tuples of :class:`envs.areas.Area` over the ground, object ``[...]``, of evaluations alone;
     None: none of their own."""
+    altitudes: Altitudes | None = None
+    """Of ownship and intruders, of evaluations alone; None: all are at one level."""
 
 
 MOST_INTRUDERS = 64
@@ -148,6 +151,10 @@ class Scenario:
     position_std: float = 0.0  # noise of reported positions, one sigma per axis, m
     velocity_std: float = 0.0  # noise of reported velocities, one sigma per axis, m/s
     latency: tuple[float, float] = (0.0, 0.0)  # age of the reports, s
+    vertical_miss: float = 0.0
+    """Greatest vertical distance at the closest approach, m, of modifier ``layered``."""
+    vertical_rate: tuple[float, float] = (0.0, 0.0)
+    """Of its intruders that climb or descend, m/s."""
     attempts: int = 8  # how many draws an encounter has to meet the conditions
     modifiers: tuple[Modifier, ...] = ()
     """In the order of :data:`envs.scenarios.MODIFIERS`; their draws follow the sampler's."""

@@ -11,6 +11,7 @@ from numpy.typing import DTypeLike
 
 from envs import draws
 from envs.aircraft import Aircraft
+from envs.altitudes import Altitudes
 from envs.areas import Area
 from envs.arrays import Array
 from envs.encounters import MOST_INTRUDERS, Encounter, EncounterError, Scenario
@@ -29,6 +30,7 @@ _OPTIONAL = {
     "mode policy",
     "wind": "a wind of its own; expected eval.monte_carlo in mode plan or assured",
     "areas": "areas of its own; expected eval.monte_carlo",
+    "altitudes": "altitudes; expected eval.monte_carlo",
 }
 """What an encounter has by its optional fields, and who heeds them."""
 
@@ -173,6 +175,23 @@ def check_encounter(
         reaction=optional("reaction"),
         wind=None if encounter.wind is None else part("wind", batch),
         areas=None if encounter.areas is None else _areas(encounter.areas, batch),
+        altitudes=None
+        if encounter.altitudes is None
+        else _altitudes(encounter.altitudes, batch, wide),
+    )
+
+
+def _altitudes(given: Altitudes, batch: tuple[int, ...], wide: tuple[int, ...]) -> Altitudes:
+    """Return altitudes, of intruders in two rows or more."""
+    rows = np.shape(given.intruders)[-1:]
+    if not rows or rows[0] < 2:
+        raise EncounterError(
+            f"altitudes.intruders has shape {np.shape(given.intruders)}; expected "
+            f"{(*wide, 'T + 1')} with T of 1 or more"
+        )
+    return Altitudes(
+        _part("altitudes.own", given.own, batch, {}),
+        _part("altitudes.intruders", given.intruders, (*wide, *rows), {}),
     )
 
 

@@ -11,16 +11,17 @@ from typing import Any, NamedTuple, TypeAlias
 
 from envs import intruder, observation, outcome
 from envs.aircraft import Aircraft
+from envs.altitudes import Altitudes, at_step
 from envs.arrays import Array, ArrayModule
 from envs.backend import FloatNamespace
-from envs.encounters import Encounter
+from envs.encounters import Encounter, EncounterError
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance, commands
 from envs.observation import SetObservation, Vehicles, beside
 from envs.outcome import Outcome, Rules
 from envs.perception import Coverage, Sensor, carry_back, perceive, report
 from envs.reaction import Reaction, answer
-from envs.relative import at_distance_scale, distance, leg_separation
+from envs.relative import at_distance_scale, distance, leg_separation, leg_separation_in_space
 
 Intruders: TypeAlias = Any
 """An `IntruderState` of arrays ``[..., K]``, or a tuple of K of floats."""
@@ -62,6 +63,7 @@ class State(NamedTuple):
     """To be kept from each intruder, m, ``[..., K]``; None: that of the rules, from all. Distances
     to an intruder count in it: twice as near where twice as much must be kept."""
     reaction: Reaction | None = None  # [..., K]; None: no intruder takes notice of the ownship
+    altitudes: Altitudes | None = None  # numpy; None: all are at one level
 
 
 class StepResult(NamedTuple):
@@ -71,7 +73,7 @@ class StepResult(NamedTuple):
     reward: Array
     separations: Array
     """Smallest distance to each intruder during the step, m, ``[..., K]``; to one with a separation
-    of its own in shares of it, times the aircraft's."""
+    of its own in shares of it, times the aircraft's. In space the cylindrical distance."""
     separation: Array  # smallest distance to any intruder during the step, m
     goal_distance: Array  # at the end of the step, m
 
@@ -112,6 +114,7 @@ def begin(
         coverage=encounter.coverage,
         separation=encounter.separation,
         reaction=encounter.reaction,
+        altitudes=encounter.altitudes,
     )
 
 
@@ -136,7 +139,34 @@ def step(
     own = advance(state.own, acceleration, yaw_rate, world.rules.dt, world.limits, xp)
 
     # Evaluate the state: conflict, termination, score.
-    return evaluate(state, own, intruders, world.rules, xp, usual=world.aircraft.separation)
+    return evaluate(
+        state,
+        own,
+        intruders,
+        world.rules,
+        xp,
+        usual=world.aircraft.separation,
+        flatness=flatness_of(state, world.aircraft),
+    )
+
+
+def flatness_of(state: State | Encounter, aircraft: Aircraft) -> Array | None:
+    """Return what vertical distances to intruders count as in the plane, ``[..., K]`` or one for
+    all: the horizontal separation from each over the aircraft's vertical one; None where all are at
+    one level.
+
+    Raises:
+        EncounterError: the aircraft states no vertical separation.
+    """
+    if state.altitudes is None:
+        return None
+    if aircraft.vertical is None:
+        raise EncounterError(
+            "encounters with altitudes are for an aircraft that states a vertical separation; "
+            "expected one with climb_max_mps and what belongs to it, such as c208"
+        )
+    separation = aircraft.separation if state.separation is None else state.separation
+    return separation / aircraft.vertical.separation
 
 
 def move_intruders(state: State, dt: float, xp: ArrayModule) -> Intruders:
@@ -161,6 +191,7 @@ def evaluate(
     xp: ArrayModule,
     *,
     usual: Array | None = None,
+    flatness: Array | None = None,
 ) -> tuple[State, StepResult]:
     """Return the state after a step that has moved the vehicles, and the evaluation of the step.
 
@@ -170,17 +201,24 @@ def evaluate(
         intruders: after it, ``[..., K]``.
         usual: the aircraft's separation, m; the distance to an intruder with a separation of its
             own counts in shares of that one, times the usual one. None: that of the rules.
+        flatness: of encounters in space (:func:`flatness_of`), in which the ownship is level;
+            numpy.
     """
     usual = rules.separation if usual is None else usual
     if state.required_separation is not None:
         rules = rules._replace(separation=state.required_separation)
     begin, end, dt = beside((state.own, own, rules.dt))
-    separations = _each(
-        lambda old, new: leg_separation(begin, end, old.vehicle, new.vehicle, dt, xp),
-        xp,
-        state.intruders,
-        intruders,
-    )
+    if flatness is None:
+        separations = _each(
+            lambda old, new: leg_separation(begin, end, old.vehicle, new.vehicle, dt, xp),
+            xp,
+            state.intruders,
+            intruders,
+        )
+    else:
+        vehicles = state.intruders.vehicle, intruders.vehicle
+        above = above_own(state, 0.0), above_own(state, 1.0)
+        separations = leg_separation_in_space((begin, end), vehicles, above, flatness, dt)
     if state.separation is not None:
         distance_scale = _distance_scales(state.separation, usual, xp)
         separations = _each(lambda apart, times: apart * times, xp, separations, distance_scale)
@@ -198,6 +236,15 @@ def evaluate(
         own=own, intruders=intruders, previous=previous, steps=steps, ended=judged.ended(xp)
     )
     return after, result
+
+
+def above_own(state: State, later: float, own: Array | None = None) -> Array:
+    """Return how far intruders are above the ownship some time steps later, m, ``[..., K]``, of
+    encounters in space; the altitude of the ownship then is ``[...]``, None: as at the start.
+    """
+    assert state.altitudes is not None
+    intruders = at_step(state.altitudes.intruders, (state.steps + later)[..., None])
+    return intruders - (state.altitudes.own if own is None else own)[..., None]
 
 
 def perceive_intruders(state: State, noise: Array | None, dt: Array, xp: ArrayModule) -> Vehicles:

@@ -121,6 +121,9 @@ class TracksConfig(Strict):
     """Aircraft of ADS-B reports that come this near each other, m, are an encounter."""
     vertical: float = Field(default=300.0, gt=0.0, le=20_000.0)
     """Largest difference of their altitudes at that time, m."""
+    altitudes: bool = False
+    """Whether intruders fly at their recorded altitudes, and the ownship begins at its own; else
+    all are at one level."""
     lead: float = Field(default=120.0, ge=30.0, le=600.0)
     """Seconds before their closest approach at which that encounter begins."""
 
@@ -138,6 +141,9 @@ class TrafficConfig(Strict):
     """Range of the time of the closest approach without a resolver, s."""
     miss: float | None = Field(default=None, gt=0.0, le=50_000.0)
     """Largest distance there, m; null: the required separation."""
+    vertical_miss: float | None = Field(default=None, ge=0.0, le=20_000.0)
+    """Largest vertical distance there, m, of an intruder that climbs and descends as the model
+    does; null: all are at one level."""
     min_initial_separation: float | None = Field(default=None, ge=0.0, le=50_000.0)
     """Starts closer than this, m, are drawn again; null: the required separation."""
     ahead: float = Field(default=220.0, ge=10.0, le=400.0)
@@ -328,7 +334,7 @@ class ChunksConfig(EncountersConfig):
 class MonteCarloConfig(PolicyConfig, ChunksConfig):
     """An evaluation; the defaults fly the shipped policy through the paper's circle encounters."""
 
-    climbs: ClassVar[bool] = False
+    climbs: ClassVar[bool] = True
     """Whether plans may climb and descend."""
     mode: Literal["policy", "plan", "assured"] = "policy"
     """What decides: policy, the network alone, once a second; plan, the planner once at the start,

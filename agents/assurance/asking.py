@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from agents.assurance.climbs import Met
 from agents.assurance.monitor import Decision, Monitor, Thresholds, activate, answer
 from agents.planner.request.options import Narrowed, Options
 from agents.planner.search.candidates import Candidates, empty
@@ -23,6 +24,9 @@ route.
 
 Planner = Callable[[Array, Options[Narrowed], int], Candidates]
 """Makes plans for some rows, numbers ``[m]``, with options, of a kind."""
+
+Meets = Callable[[Array, Candidates], Met]
+"""What plans of some rows, numbers ``[m]``, that climb or descend meet from now on."""
 
 _SPARE = 0.5  # separations that a wide plan keeps beyond what is required
 _LEFT = 0.25  # of these, what must be left
@@ -56,17 +60,22 @@ def renew(
     left: float,
     make: Planner,
     thresholds: Thresholds[Narrowed],
-) -> tuple[Monitor, Array, Array]:
+    meets: Meets | None = None,
+) -> tuple[Monitor, Array, Array, Array | None]:
     """Plan where the monitor asks for it, and where a better kind of plan may be had than the one
     that is flown.
 
     Args:
         short: whether the plan that is flown passes over the goal, or gets there too late, ``[N]``.
         reached: whether the goal was reached, ``[N]``; ``left``: seconds until it is missed.
+        meets: of plans that may climb and descend; None: they are in the plane.
 
     Returns:
-        The monitors, ``short`` of what they fly now, and which have asked for a plan, ``[N]``.
+        The monitors, ``short`` of what they fly now, which have asked for a plan, ``[N]``, and the
+        profiles of the plans that were taken up now, object ``[N]``, None where none was. None:
+        they are in the plane.
     """
+    taken_up = None if meets is None else np.full(short.size, None, dtype=object)
     options, unit = tries(thresholds.options, left), thresholds.options.aircraft
     short, asked = np.array(short), np.array(decision.replan)
     rows = np.flatnonzero(asked)
@@ -80,8 +89,11 @@ def renew(
             candidates.plan_states,
             candidates.safe,
             thresholds,
+            None if meets is None else meets(rows, candidates),
         )
         short[rows[taken]] = kind[taken] == ALONG
+        if taken_up is not None and candidates.profile is not None:
+            taken_up[rows[taken]] = candidates.profile[taken]
 
     narrow = decision.separation < (1.0 + _LEFT) * unit.separation
     due = np.rint(monitor.memory.time / unit.dt) % _AGAIN == 0.0
@@ -90,13 +102,15 @@ def renew(
         candidates, _ = _plan(
             make, options, rows, np.full(rows.size, WIDE), np.where(short[rows], IN_TIME, WIDE)
         )
-        rows, plan = rows[candidates.safe], take(candidates.plan_states, candidates.safe)
+        rows, made = rows[candidates.safe], take(candidates, candidates.safe)
         traffic, when = take((decision.traffic, monitor.memory.time), rows)
-        monitor = activate(
-            monitor, rows, plan, np.ones(rows.size, dtype=bool), when, traffic, thresholds
-        )
+        if meets is not None:
+            traffic = traffic._replace(window=meets(rows, made).all_times)
+        monitor = activate(monitor, rows, made.plan_states, made.safe, when, traffic, thresholds)
         short[rows], asked[rows] = False, True
-    return monitor, short, asked
+        if taken_up is not None and made.profile is not None:
+            taken_up[rows] = made.profile
+    return monitor, short, asked, taken_up
 
 
 def _plan(
@@ -105,7 +119,8 @@ def _plan(
     """Try one kind of plan after the other, of each row from its first to its last, until one is
     SAFE, ``[m]``.
     """
-    best, kind = empty(rows.size, options[0].waypoints), np.array(last)
+    best = empty(rows.size, options[0].waypoints, in_space=options[0].climbs)
+    kind = np.array(last)
     for number, kind_options in enumerate(options):
         some = np.flatnonzero(~best.safe & (first <= number) & (number <= last))
         if some.size:

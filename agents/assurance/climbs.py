@@ -42,8 +42,8 @@ class Met(NamedTuple):
 
     def columns(self, traffic: Traffic) -> Traffic:
         """Return intruders ``[N, K]`` once for each of their times, ``[N, K * T]``."""
-        count = len(traffic.mask)
-        begin, end = (field.reshape(count, -1) for field in self.window)
+        count, others = traffic.mask.shape
+        begin, end = (field.reshape(count, others * self.times) for field in self.window)
         spread = map_leaves(self.each, traffic._replace(window=None))
         return spread._replace(mask=spread.mask & (begin <= end), window=Window(begin, end))
 

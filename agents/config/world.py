@@ -317,6 +317,12 @@ class ScenarioConfig(Strict):
     """Noise of reported velocities, one sigma per axis, m/s."""
     latency: _Range | None = None
     """Range of the age of the reports, s, up to two time steps."""
+    vertical_miss: float | None = Field(default=None, ge=0.0)
+    """Greatest vertical distance at the closest approach, m, with modifier layered; null: two
+    vertical separations."""
+    vertical_rate: _Range | None = None
+    """Range of the vertical speed of its intruders that climb or descend, m/s; null: 2.54 to 7.62
+    (500 to 1500 ft/min)."""
     attempts: int | None = Field(default=None, ge=1, le=1000)
     """How many draws an encounter has to meet the conditions, where encounters are numbered;
     training instead fills its pool with starts that do."""

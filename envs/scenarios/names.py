@@ -192,6 +192,7 @@ def _check(chosen: Scenario) -> None:
         ("course_difference", -whole, whole, "radians"),
         ("intruders", 1, MOST_INTRUDERS, "that an encounter can have"),
         ("latency", 0.0, 2.0 * aircraft.dt, "two time steps of the aircraft"),
+        ("vertical_rate", 0.0, 100.0, "vertical speeds of aircraft"),
     ):
         first, last = getattr(chosen, name)
         if not low <= first <= last <= high:
@@ -211,6 +212,7 @@ def _check(chosen: Scenario) -> None:
         ("heading_change", math.pi),
         ("position_std", math.inf),
         ("velocity_std", math.inf),
+        ("vertical_miss", 20_000.0),
     ):
         value = getattr(chosen, name)
         if not 0.0 <= value <= high:

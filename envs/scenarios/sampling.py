@@ -96,6 +96,8 @@ def _attempt(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encount
         # The conditions of the toolkit's geometry say nothing of intruders that are elsewhere now.
         accepted = fits if ours and modifier.moves else xp.logical_and(accepted, fits)
         encounter, first = changed, last
+    if xp.__name__ != "numpy":
+        _check_training(scenario, encounter)
     return encounter, accepted
 
 
@@ -103,7 +105,7 @@ def _check_apart(
     scenario: Scenario, modifier: Modifier, before: Encounter, after: Encounter
 ) -> None:
     """Refuse a modifier that sets what the sampler has set already."""
-    for name in ("coverage", "separation", "reaction"):
+    for name in ("coverage", "separation", "reaction", "altitudes"):
         given = getattr(before, name)
         if given is not None and getattr(after, name) is not given:
             raise EncounterError(
@@ -138,12 +140,16 @@ def _own_encounters(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[
             f"scenario {scenario.name!r}: its sampler {failure(problem)}"
         ) from problem
     _check_shapes(scenario, made, draws.shape[0])
-    if xp.__name__ != "numpy" and not (made[0].wind is None and made[0].areas is None):
-        raise EncounterError(
-            f"scenario {scenario.name!r} has a wind or areas of its own; expected an evaluation "
-            "that heeds them (eval.monte_carlo)"
-        )
     return made
+
+
+def _check_training(scenario: Scenario, encounter: Encounter) -> None:
+    """Refuse encounters with what only evaluations know."""
+    if any(getattr(encounter, name) is not None for name in ("wind", "areas", "altitudes")):
+        raise EncounterError(
+            f"scenario {scenario.name!r} has a wind, areas or altitudes of its own; expected an "
+            "evaluation that heeds them (eval.monte_carlo)"
+        )
 
 
 def _check_shapes(scenario: Scenario, made: object, count: int) -> None:
@@ -168,6 +174,11 @@ def _check_shapes(scenario: Scenario, made: object, count: int) -> None:
     for name in ("wind", "areas"):
         if getattr(encounter, name) is not None:
             _check_shape(f"{where} {name}", getattr(encounter, name), (count,))
+    if encounter.altitudes is not None:
+        own, intruders = encounter.altitudes
+        _check_shape(f"{where} altitudes.own", own, (count,))
+        rows = max(2, *getattr(intruders, "shape", ())[-1:])
+        _check_shape(f"{where} altitudes.intruders", intruders, (*wide, rows))
 
 
 def _check_shape(where: str, tree: Any, expected: tuple[int, ...]) -> None:

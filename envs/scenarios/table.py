@@ -10,6 +10,7 @@ from envs.aircraft import Aircraft
 from envs.arrays import Array
 from envs.encounters import Encounter, Modifier, Sampler
 from envs.scenarios.geometry import conflict_point
+from envs.scenarios.layered import layered
 from envs.scenarios.own_separations import own_separations
 from envs.scenarios.partly_seen import partly_seen
 from envs.scenarios.reacting import giving_way, reacting, turning_into
@@ -58,6 +59,7 @@ MODIFIERS: dict[str, Modifier] = {
         giving_way,
         turning_into,
         reacting,
+        layered,
     )
 }
 """The modifiers, by name, in the order in which they change encounters: what moves intruders before

@@ -43,6 +43,9 @@ from envs.encounters import EncounterError
 SPEED, ACCELERATION, CLIMB, TURN = "v", r"\dot v", r"\dot h", r"\dot \psi"
 """Names of the variables that make a track."""
 
+LAYER = "L"
+"""Name of the altitude layer, ft above ground."""
+
 _BLOCKS = (
     "labels_initial",
     "G_initial",

@@ -7,8 +7,7 @@ network draws the bins anew, and a value changes where its bin does or, with the
 ``resample_rates``, inside its bin. A configuration of parents that was never seen has counts of 0
 alone: all bins are then equally likely at first, and later on the bin stays.
 
-Airspeed is taken for ground speed (no wind) and for its horizontal part; the vertical rate is
-drawn, because the others depend on it, and is not flown: co-altitude is assumed. The speed stays
+Airspeed is taken for ground speed (no wind) and for its horizontal part. The speed stays
 inside the edges of the model's own bins and below the traffic's greatest, where it is held.
 """
 

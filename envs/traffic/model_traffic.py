@@ -1,10 +1,11 @@
 """Encounters with traffic of an encounter model, and what each of them weighs.
 
 The distribution that results, *weighted*, is this: intruders whose tracks are the model's fill the
-plane evenly, in number and in course, all at the ownship's height; the ownship, its speed uniform,
+plane evenly, in number and in course, all at the ownship's level; the ownship, its speed uniform,
 flies straight along its route without a resolver; of all these intruders it is those whose closest
 approach of the whole flight falls into a window of time and below a miss distance, that are not too
-near at the start and not too fast at first.
+near at the start and not too fast at first. In space they fill it evenly in height too, and of them
+those count that are also nearer above or below at that closest approach than a vertical distance.
 
 An encounter is drawn by its closest approach: time and signed miss distance are uniform, the
 intruder's course is uniform, and its track is shifted so that there, at that moment, it stands
@@ -17,6 +18,11 @@ with the relative speed |v|, the signed miss distance m and the rate f at which 
 velocity turns. That is the encounter's weight, m/s. Where it is not positive the distance has no
 minimum there; where the distance is smaller at another moment the encounter belongs to that one:
 both are drawn again, so that each encounter counts once.
+
+In space the vertical distance at the closest approach is uniform, which is even in height, so that
+the weight stays. The ownship flies level, at an altitude that is uniform in the layer of which the
+intruder was drawn, by whose part in traffic layers come; the intruder's vertical rate is the
+model's, second by second. Neither the layer nor the ground holds it.
 """
 
 import math
@@ -27,6 +33,7 @@ import numpy as np
 
 from envs import draws as numbers
 from envs.aircraft import Aircraft
+from envs.altitudes import Altitudes, at_step
 from envs.angles import wrap
 from envs.encounters import Encounter, EncounterError, between
 from envs.frames import Air
@@ -34,12 +41,14 @@ from envs.intruder import KnownFlight
 from envs.kinematics import FASTEST, VehicleState, advance
 from envs.relative import distance, leg_separation
 from envs.starts import check_number
-from envs.traffic.encounter_model import EncounterModel
-from envs.traffic.encounter_model_sampler import dimensions, fly_tracks, sample_model
+from envs.traffic.encounter_model import LAYER, EncounterModel
+from envs.traffic.encounter_model_sampler import Sampled, dimensions, fly_tracks, sample_model
 from envs.traffic.replay import encounters_of
+from envs.traffic.track_units import FOOT
 from envs.trees import scatter, take
 
 _OWN_DRAWS = 5
+_DRAWS_OF_HEIGHT = 2  # the last ones: of the own altitude and of the vertical distance
 _STREAM = 1 << 32  # of the first attempt's draws: beyond those of starts and reports (envs.starts)
 _FREE = FASTEST._replace(speed_min=0.0)
 _SAME = 0.5  # the closest approach counts as found again within this, m
@@ -59,6 +68,8 @@ class ModelTraffic:
     min_initial_separation: float  # starts closer than this, m, are drawn again
     ahead: float  # the goal lies so many seconds ahead at the own speed, s
     attempts: int = 200  # how many draws an encounter has to meet the conditions
+    # greatest vertical distance at the closest approach, m; None: all are at one level
+    vertical_miss: float | None = None
 
     @property
     def duration(self) -> int:
@@ -72,6 +83,7 @@ class _Drawn(NamedTuple):
     own: VehicleState[Air]
     recording: VehicleState[Air]  # [M, T + 1]
     weight: np.ndarray  # m/s
+    altitudes: Altitudes | None  # with a row a second, [M, 1, T + 1]
     accepted: np.ndarray  # whether they meet the conditions, bool
 
 
@@ -86,7 +98,8 @@ def encounters_with(
         EncounterError: seed or number are out of range, or the conditions are never met.
     """
     check_number(seed, first)
-    size = dimensions(traffic.model, traffic.duration) + _OWN_DRAWS
+    wanted = dimensions(traffic.model, traffic.duration) + _OWN_DRAWS
+    wanted += 0 if traffic.vertical_miss is None else _DRAWS_OF_HEIGHT
     whole: _Drawn | None = None
     left = np.arange(count)
     for attempt in range(traffic.attempts):
@@ -110,16 +123,21 @@ def encounters_with(
         *(field[:, None] for field in _at_steps(whole.recording, traffic.aircraft.dt))
     )
     encounters = encounters_of(whole.own, recording, np.ones((count, 1), bool), traffic.ahead)
+    altitudes = whole.altitudes
+    if altitudes is not None:
+        rows = _rows_at_steps(altitudes.intruders, traffic.aircraft.dt)
+        encounters = encounters._replace(altitudes=altitudes._replace(intruders=rows))
     return encounters, whole.weight
 
 
 def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     """Return one attempt at the encounters of draws ``[M, D]``: own speed, both courses, time and
-    miss distance of the closest approach, then the model's.
+    miss distance of the closest approach, then the model's, and in space those of the heights.
     """
     rows = np.arange(len(uniform))
     most = traffic.aircraft.traffic_speed_max
-    sampled = sample_model(traffic.model, uniform[:, _OWN_DRAWS:], traffic.duration)
+    last = _OWN_DRAWS + dimensions(traffic.model, traffic.duration)
+    sampled = sample_model(traffic.model, uniform[:, _OWN_DRAWS:last], traffic.duration)
     track = fly_tracks(traffic.model, sampled, most)
     speed = between(traffic.own_speed, uniform[:, 0])
     course, turned = (wrap(2.0 * np.pi * uniform[:, i], np) for i in (1, 2))
@@ -150,7 +168,41 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
         & (distance(recording.x[:, 0], recording.y[:, 0], np) >= traffic.min_initial_separation)
         & (np.abs(_closest(own, recording, traffic.ahead) - np.abs(miss)) <= _SAME)
     )
-    return _Drawn(own, recording, passing.weight, accepted)
+    altitudes = None
+    if traffic.vertical_miss is not None:
+        altitudes = _altitudes(traffic, sampled, time, uniform[:, -_DRAWS_OF_HEIGHT:])
+    return _Drawn(own, recording, passing.weight, altitudes, accepted)
+
+
+def _altitudes(
+    traffic: ModelTraffic, sampled: Sampled, time: np.ndarray, draws: np.ndarray
+) -> Altitudes:
+    """Return altitudes with a row a second, of intruders ``[M, 1, T + 1]``, by draws ``[M, 2]``.
+
+    Args:
+        sampled: of the model.
+        time: of the closest approach, s, ``[M]``.
+        draws: of the own altitude and of the vertical distance.
+    """
+    model, miss = traffic.model, traffic.vertical_miss
+    assert miss is not None
+    place = model.place(LAYER)
+    edges = model.boundaries[place]
+    assert edges is not None  # the reader of the configuration refuses it
+    layer = sampled.bins[:, place]
+    own = FOOT * (edges[layer] + (edges[layer + 1] - edges[layer]) * draws[:, 0])
+    risen = np.concatenate([np.zeros((len(own), 1)), np.cumsum(sampled.climb, axis=1)], axis=1)
+    there = at_step(risen[:, None], time[:, None])
+    at_cpa = own + between((-miss, miss), draws[:, 1])
+    return Altitudes(own, (at_cpa[:, None] - there)[..., None] + risen[:, None])
+
+
+def _rows_at_steps(rows: np.ndarray, dt: float) -> np.ndarray:
+    """Return altitudes with a row a second, ``[M, 1, T + 1]``, with a row a time step (s)."""
+    if dt == 1.0:
+        return rows
+    steps = np.arange(math.floor((rows.shape[-1] - 1) / dt) + 1) * dt
+    return np.stack([at_step(rows, np.float64(second)) for second in steps], axis=-1)
 
 
 class _Passing(NamedTuple):

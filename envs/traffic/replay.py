@@ -1,8 +1,8 @@
 """Recorded tracks as encounters: the ownship begins where its track does and has a goal ahead, the
 others are replayed.
 
-Tracks are taken in the horizontal plane: co-altitude is assumed. An intruder flies on straight
-where its track ends.
+Tracks are taken in the horizontal plane, all at one level, unless their altitudes are asked for.
+An intruder flies on straight where its track ends, and level.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from envs.aircraft import Aircraft
+from envs.altitudes import Altitudes
 from envs.angles import wrap
 from envs.encounters import Encounter
 from envs.frames import Air
@@ -42,12 +43,14 @@ def replay(
     *,
     weights: Mapping[str, float] | None = None,
     repairs: Repairs = Repairs(),  # noqa: B008  immutable
+    altitudes: bool = False,
 ) -> Replay:
     """Return recorded encounters as the evaluation flies them.
 
     Each is a name, the ownship's track and those of its intruders, at least a second long; the goal
     lies ``ahead`` seconds ahead on the ownship's first course. Those outside the speeds of the
-    aircraft or its traffic are left out, with the reason. Weights are by name; None: 1 each.
+    aircraft or its traffic are left out, with the reason. Weights are by name; None: 1 each. With
+    altitudes the ownship flies level at that of its start, the intruders at theirs.
 
     Raises:
         TrackError: none of the encounters can be flown.
@@ -63,7 +66,10 @@ def replay(
         raise TrackError(
             f"no encounter can be flown; the first: {left_out[0] if left_out else 'there is none'}"
         )
-    starts = _starts([(own, others) for _, own, others in fit], aircraft, ahead)
+    pairs = [(own, others) for _, own, others in fit]
+    starts = _starts(pairs, aircraft, ahead)
+    if altitudes:
+        starts = starts._replace(altitudes=_altitudes(pairs, starts.mask.shape[1], aircraft))
     names = tuple(name for name, _, _ in fit)
     importance = np.ones(len(fit))
     if weights is not None:
@@ -89,6 +95,20 @@ def _starts(
             states[:, i, k] = _states(intruder, mine.time[0], steps, aircraft.dt)
         mask[i, : len(others)] = True
     return encounters_of(VehicleState(*own), KnownFlight(*states), mask, ahead)
+
+
+def _altitudes(
+    pairs: Sequence[tuple[Track, Sequence[Track]]], most: int, aircraft: Aircraft
+) -> Altitudes:
+    """Return the altitudes of encounters of ownships and their intruders, ``most`` places each."""
+    steps = round(horizon(aircraft) / aircraft.dt)
+    rows = np.zeros((len(pairs), most, steps + 1))
+    for i, (mine, others) in enumerate(pairs):
+        times = mine.time[0] + aircraft.dt * np.arange(steps + 1)
+        for k in range(most):
+            other = others[k if k < len(others) else 0]
+            rows[i, k] = np.interp(times, other.time, other.altitude)
+    return Altitudes(np.array([float(mine.altitude[0]) for mine, _ in pairs]), rows)
 
 
 def encounters_of(

@@ -5,7 +5,8 @@ from typing import Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from eval.config import ChunksConfig, locate
+from agents.config.world import AircraftConfig
+from eval.config import ChunksConfig, PlannerConfig, locate
 
 _DEFAULT_ENCOUNTERS = 1_000
 _LARGEST_CHUNK, _LARGEST_OF_WITNESSES = 500, 100  # progress is to be seen while they are searched
@@ -26,6 +27,15 @@ class CompareConfig(ChunksConfig):
     modes: tuple[Literal["plan", "assured"], ...] = ()
     """Other ways in which each policy is flown too: its plans, made once; its plans under the
     run-time monitor."""
+    aircraft: AircraftConfig | None = Field(
+        default=None,
+        json_schema_extra={
+            "expected": "null, the path of a YAML file, a name that ships, or a group of keys"
+        },
+    )
+    """The ownship and its task; null: the aircraft of the policies."""
+    planner: PlannerConfig = PlannerConfig()
+    """Of the modes."""
     baselines: tuple[str, ...] = ()
     """Baselines: none, rules, mvp, mvp_speed, witness; none of them: all but witness."""
 

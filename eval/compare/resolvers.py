@@ -58,7 +58,20 @@ class Comparison(NamedTuple):
     """All that the result of a comparison follows from."""
 
     entries: tuple[Entry, ...]
-    evaluation: Evaluation  # source, seed and aircraft; nothing else of it counts
+    evaluation: Evaluation  # source, seed, aircraft and options; nothing else of it counts
+
+    def starts(self, first: int, count: int) -> tuple[Encounter, np.ndarray]:
+        """Return encounters from the first on, so many, and their weights.
+
+        Raises:
+            EncounterError: they cannot be drawn, or not be flown.
+        """
+        evaluation = self.evaluation
+        source, seed = evaluation.source, evaluation.seed
+        starts, weights = draw(source, seed, first, count, heeds=("altitudes",))
+        planned = any(isinstance(entry.resolver, Plans) for entry in self.entries)
+        flown = evaluation._replace(mode="plan") if planned else evaluation
+        return flown.in_space(starts, np.arange(first, first + count)), weights
 
 
 def policy_entries(
@@ -71,7 +84,7 @@ def policy_entries(
     """
     if path is not None and path.suffix == ".nnet":
         return (Entry(name, "nnet", load_logic(path, aircraft)),)
-    policy = Policy.load(path)
+    policy = Policy.load(path).for_aircraft(aircraft)
     resolvers = {
         name: ByPolicy(policy),
         **{f"{name}, {mode}": Plans(policy, mode) for mode in modes},
@@ -121,8 +134,11 @@ def policy_names(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def aircraft_of_all(policies: Sequence[Path], digests: Sequence[str]) -> Aircraft:
-    """Return the aircraft that the policies were trained for, on which they must agree.
+def aircraft_of_all(
+    policies: Sequence[Path], digests: Sequence[str], given: Aircraft | None = None
+) -> Aircraft:
+    """Return the aircraft that is given, None: the one that the policies were trained for, on which
+    they must agree.
 
     The digests, SHA-256, are those of each policy but the ``.nnet`` files, or none.
     """
@@ -138,10 +154,10 @@ def aircraft_of_all(policies: Sequence[Path], digests: Sequence[str]) -> Aircraf
         policy = Policy.load(path)
         check_digest(path, policy.sha256, digest, "--policy-sha256")
         first = first or policy.aircraft
-        if policy.aircraft != first:
+        if given is None and policy.aircraft != first:
             trained = f"{path} was trained for {policy.aircraft}, {files[0]} for {first}"
             raise ConfigError(f"--policy: {trained}; expected policies of the same aircraft")
-    return first or PAPER
+    return given or first or PAPER
 
 
 def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndarray]:
@@ -153,7 +169,7 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
     """
     evaluation = comparison.evaluation
     aircraft = evaluation.aircraft
-    starts, weights = draw(evaluation.source, evaluation.seed, first, count)
+    starts, weights = comparison.starts(first, count)
     noise = noise_of(evaluation, starts, first)
     table: dict[str, np.ndarray] = {"encounter": np.arange(first, first + count), "weight": weights}
     flown_within = []
@@ -166,11 +182,10 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
             OUTCOMES.index("violation"),
             flights.outcome,
         )
-        limits = limits_of(entry.resolver, aircraft)
+        limits = limits_of(entry.resolver, aircraft, evaluation.options)
         flown_within.append(Flown(limits, outcome == OUTCOMES.index("reached")))
-        made = _columns(outcome, flights, flown, starts.mask) | costs(
-            starts, flights, flown, aircraft
-        )
+        made = _columns(outcome, flights, flown, starts.mask, aircraft.dt)
+        made |= costs(starts, flights, flown, aircraft)
         table |= {f"{entry.name}.{name}": values for name, values in made.items()}
     lost = {
         limits: verdict_within(starts, aircraft, limits, flown_within).verdict
@@ -182,12 +197,12 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
     return table
 
 
-def limits_of(resolver: Resolver, aircraft: Aircraft) -> Limits:
+def limits_of(resolver: Resolver, aircraft: Aircraft, options: Options) -> Limits:
     """Return the limits within which something flies, and within which its encounters are judged:
-    plans are followed within those of the vehicle.
+    plans, made with options, are followed within those of the vehicle.
     """
     if isinstance(resolver, Plans):
-        return Options.for_aircraft(aircraft).limits
+        return options.limits
     return aircraft.limits
 
 
@@ -212,9 +227,9 @@ def _fly_on(
 
 
 def _columns(
-    outcome: np.ndarray, flights: Flights, flown: Trajectories[Air], mask: np.ndarray
+    outcome: np.ndarray, flights: Flights, flown: Trajectories[Air], mask: np.ndarray, dt: float
 ) -> dict[str, np.ndarray]:
-    """Return the columns of one entry but for the costs."""
+    """Return the columns of one entry, with time steps of dt, s, but for the costs."""
     seen = relative(flown)
     # After the end of a flight everything is nan; no number there, no loss.
     with np.errstate(invalid="ignore"):
@@ -227,5 +242,5 @@ def _columns(
         "duration_s": flights.duration,
         "heading_reversals": flights.reversals,
         "severity": penetration.max(axis=(0, 2)),
-        **{f"lost_{name}": losses(each, flown, mask) for name, each in VOLUMES.items()},
+        **{f"lost_{name}": losses(each, flown, mask, dt) for name, each in VOLUMES.items()},
     }

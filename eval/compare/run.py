@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.config.load import Parser
+from agents.config.load import ConfigError, Parser
 from commands.command import whole
 from commands.figures import save_figure
 from commands.installation import versions
@@ -169,7 +169,8 @@ def _with_lists(options: argparse.Namespace) -> argparse.Namespace:
 
 def _resolve(config: CompareConfig, _: argparse.Namespace) -> Resolved:
     """Return what a configuration names, ready to be flown, and the configuration as resolved."""
-    aircraft = aircraft_of_all(config.policies, config.policies_sha256)
+    given = None if config.aircraft is None else config.aircraft.aircraft()
+    aircraft = aircraft_of_all(config.policies, config.policies_sha256, given)
     entries = entries_of(config.policies, config.modes, config.baselines, aircraft)
     source, names, resolved = named_source(config, aircraft)
     learned = [entry.resolver for entry in entries if isinstance(entry.resolver, ByPolicy)]
@@ -181,11 +182,16 @@ def _resolve(config: CompareConfig, _: argparse.Namespace) -> Resolved:
         "baselines": tuple(entry.name for entry in entries if entry.kind in (BASELINE, WITNESS)),
     }
     say(source)
-    evaluation = Evaluation(None, source, names, config.seed, aircraft)
+    if config.planner.maneuvers != "horizontal" and not config.modes:
+        raise ConfigError(
+            f"planner.maneuvers is {config.planner.maneuvers!r}; expected horizontal without modes"
+        )
+    options = config.planner.options(aircraft)
+    evaluation = Evaluation(None, source, names, config.seed, aircraft, given=options)
+    comparison = Comparison(entries, evaluation)
+    comparison.starts(0, 1)
     row_bytes = 600 * len(entries)
-    return Resolved(
-        Comparison(entries, evaluation), config.model_copy(update=resolved), (), row_bytes
-    )
+    return Resolved(comparison, config.model_copy(update=resolved), (), row_bytes)
 
 
 def _prepare(comparison: Comparison, _: None) -> Comparison:
@@ -205,7 +211,14 @@ def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dic
     weighted = bool((table["weight"] != 1.0).any())
     weights = table["weight"] if weighted else None
     found = Statistics(
-        table, weights, config.confidence, config.resamples, config.seed, evaluation.aircraft
+        table,
+        weights,
+        config.confidence,
+        config.resamples,
+        config.seed,
+        evaluation.aircraft,
+        evaluation.options,
+        in_space=comparison.starts(0, 1)[0].altitudes is not None,
     )
     keys = ("scenario", "changes", "seed", "confidence", "resamples")
     return {

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from agents.planner.request.options import Options
 from envs.aircraft import Aircraft
 from envs.kinematics import Limits
 from eval.compare.resolvers import REFERENCE, WITNESS, Entry, limits_of
@@ -25,6 +26,10 @@ SCHEMA_VERSION = 2
 _RATES = ("success_rate", "success_given_resolvable", "violation_rate", "timeout_rate")
 
 
+_IN_SPACE = "flown: a volume is lost where both of its parts are, at the same time"
+_IN_PLANE = "co-altitude is assumed: every loss is given that the altitudes do not separate"
+
+
 class Statistics(NamedTuple):
     """The table of :func:`eval.compare.resolvers.columns`, N >= 1, and how its intervals are
     made.
@@ -36,6 +41,8 @@ class Statistics(NamedTuple):
     resamples: int
     seed: int
     aircraft: Aircraft
+    options: Options  # of plans
+    in_space: bool = False  # whether the encounters have altitudes
 
     def summary(self, entries: Sequence[Entry]) -> dict[str, Any]:
         """Return the statistics in JSON types; what cannot be said is None. The others are compared
@@ -55,9 +62,7 @@ class Statistics(NamedTuple):
         return {
             "encounters": total,
             "volumes": {name: volume._asdict() for name, volume in VOLUMES.items()},
-            "altitude": (
-                "co-altitude is assumed: every loss is given that the altitudes do not separate"
-            ),
+            "altitude": _IN_SPACE if self.in_space else _IN_PLANE,
             "entries": rows,
         }
 
@@ -79,7 +84,7 @@ class Statistics(NamedTuple):
         means |= {"cross_track_max_mean_m": "cross_track_m"}
         return {
             **{key: getattr(entry, key) for key in ("name", "kind", "sha256")},
-            "limits": limits_of(entry.resolver, self.aircraft)._asdict(),
+            "limits": limits_of(entry.resolver, self.aircraft, self.options)._asdict(),
             "resolvable_rate": share(possible, total, self.confidence),
             "success_rate": share(np.count_nonzero(reached), total, self.confidence),
             "success_given_resolvable": share(np.count_nonzero(reached), possible, self.confidence),

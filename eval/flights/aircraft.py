@@ -8,7 +8,7 @@ from typing import Any
 
 from agents.policy.inference import OutsideDomainError, Policy
 from commands.command import ConfigError
-from envs.aircraft import Aircraft, new_aircraft
+from envs.aircraft import Aircraft, Vertical, new_aircraft
 from envs.kinematics import Limits
 
 _TASK = ("separation", "goal_radius", "traffic_speed_max", "dt", "t_max")
@@ -36,13 +36,17 @@ def aircraft_of(summary: Mapping[str, Any]) -> Aircraft:
     """Return the aircraft that a summary describes; ``ConfigError``: it describes none."""
     found = summary.get("aircraft")
     names = {*Limits._fields, *_TASK, "vehicle"}
-    if not isinstance(found, dict) or found.keys() != names:
+    # Of earlier versions, which said nothing of climbs.
+    if not isinstance(found, dict) or found.keys() - {"vertical"} != names:
         raise ConfigError(
             f"aircraft is {found!r}; expected an object with {', '.join(sorted(names))}"
         )
     limits, vehicle = _limits(found), _limits(found["vehicle"])
     task = {name: found[name] for name in _TASK}
-    return new_aircraft(limits, **task, vehicle=None if vehicle == limits else vehicle)
+    said = found.get("vertical")
+    vertical = None if said is None else Vertical(**said)
+    vehicle = None if vehicle == limits else vehicle
+    return new_aircraft(limits, **task, vehicle=vehicle, vertical=vertical)
 
 
 def _limits(found: Mapping[str, float]) -> Limits:
@@ -57,11 +61,17 @@ def lines_about(summary: Mapping[str, Any]) -> list[str]:
 
 def _plain(aircraft: Aircraft) -> dict[str, Any]:
     others = {name: getattr(aircraft, name) for name in _TASK}
-    return aircraft.limits._asdict() | others | {"vehicle": aircraft.vehicle_limits._asdict()}
+    vertical = None if aircraft.vertical is None else aircraft.vertical._asdict()
+    vehicle = aircraft.vehicle_limits._asdict()
+    return aircraft.limits._asdict() | others | {"vehicle": vehicle, "vertical": vertical}
 
 
 def _line(aircraft: Aircraft) -> str:
-    return f"{format_limits(aircraft.limits)}, separation {aircraft.separation:g} m"
+    line = f"{format_limits(aircraft.limits)}, separation {aircraft.separation:g} m"
+    if aircraft.vertical is None:
+        return line
+    up, down, _, separation = aircraft.vertical
+    return f"{line}; up {up:g} m/s, down {down:g} m/s, vertical separation {separation:g} m"
 
 
 def format_limits(limits: Limits) -> str:

@@ -3,34 +3,52 @@ hand.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents import assurance
 from agents.assurance.areas import may_be_met
-from agents.assurance.asking import ALONG, Planner, renew
+from agents.assurance.asking import ALONG, renew
+from agents.assurance.climbs import Met
 from agents.assurance.inputs import believed
 from agents.assurance.monitor import Decision, Thresholds
 from agents.assurance.state import Monitor
+from agents.kernel.levels import Altitude
 from agents.kernel.traffic import Traffic
 from agents.planner.planner import Plans, plan_among, plan_many
 from agents.planner.request.encounters import request_of, route_of
-from agents.planner.request.options import Narrowed, Options
+from agents.planner.request.options import L, Narrowed, Options
+from agents.planner.request.reports import Intruder
 from agents.planner.request.request import Request, drift_points
 from agents.planner.search.candidates import Candidates
+from agents.planner.search.in_space import plan_each_in_space
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.frames import Air
-from envs.kinematics import Limits, VehicleState
+from envs.kinematics import VehicleState
 from envs.perception import declared_errors
+from envs.profile import Height, levelling
+from envs.profile import level as straight_on
 from envs.tracking.tracker import Reports, Sightings, observe
 from envs.trees import take
 from envs.wind import NO_WIND, Wind
 from envs.world import State, begin, perceive_intruders
 from eval.flights.among_areas import in_air_at
+from eval.flights.in_space import (
+    climbers,
+    heights_at,
+    met_levelling,
+    met_on_profiles,
+    met_steadily,
+    on_profiles,
+    own_altitudes,
+    reports,
+    who_counts,
+)
 from eval.flights.in_wind import drift_of
 from eval.flights.plan_flight import SUBSTEPS, Active, PlanFlights, Step, Tally, fly_step
 from eval.flights.trajectories import TrajectoryRecorder
@@ -56,6 +74,10 @@ class _Flights(NamedTuple):
     sightings: Sightings[Air] | None  # of the intruders; None: there was none yet
     short: np.ndarray  # whether what is flown passes over the goal, or gets there too late
     reached: np.ndarray  # whether the goal was reached
+    # of altitude, what is flown: envs.profile.Profile, its times s after the start, object; None:
+    # encounters in the plane
+    profile: np.ndarray | None = None
+    levelling: np.ndarray | None = None  # whether that levels off, bool
 
 
 def fly_assured(  # noqa: PLR0913 - all that a flight needs
@@ -77,7 +99,8 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
     Monitor and planner see what the tracker makes of the reports, with the noise of the sensors by
     step, ``[4, N, K]``. The limits of the options are those of the vehicle. A recorder takes the
     trajectories; endless flights lose nothing. In a wind all of it is in its air mass, through
-    which goals and routes drift. Areas are over the ground, object ``[N]``; None: none.
+    which goals and routes drift. Areas are over the ground, object ``[N]``; None: none. In space
+    an aircraft on its backup levels off, and there are no areas.
     """
     count, dt = len(encounters.goal_x), aircraft.dt
     # The wind is known exactly, and takes nothing off the limits.
@@ -91,16 +114,20 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
         time, rows = number * dt, flights.rows
         draws = None if noise is None else noise(number)[:, rows]
         amid = None if areas is None else in_air_at(areas[rows], take(wind, rows), time)
-        flights, decision = _watch(flights, draws, amid, time, dt, thresholds)
-        make = _MidFlightPlanner(flights, decision, amid, time, policy, aircraft)
+        in_space = flights.profile is not None
+        heights = _heights(flights, time, aircraft, options) if in_space else None
+        flights, decision = _watch(flights, draws, amid, heights, time, dt, thresholds)
+        make = _MidFlightPlanner(flights, decision, amid, heights, time, policy, aircraft)
         flights, asked = _plan_anew(flights, decision, make, aircraft.t_max - time, thresholds)
         replans[rows] += asked
         backup[rows] += flights.monitor.on_backup
-        flights, step = _fly_on(flights, time, aircraft, options.limits)
+        flights, step, altitudes = _fly_on(flights, time, aircraft, options)
         tally.add(rows, step, number + 1)
         if recorder is not None:
-            state = flights.air.state
-            recorder.append(rows, state.own, state.intruders.vehicle, step.separation)
+            state, reached = flights.air.state, None if altitudes is None else altitudes[-1]
+            recorder.append(
+                rows, state.own, state.intruders.vehicle, step.separation, own_altitude=reached
+            )
         on = step.separation >= required
         if not on.all():
             flights = take(flights, on)
@@ -128,6 +155,14 @@ def _begin(
     traffic = Traffic.straight(reported, encounters.mask)
     traffic = traffic._replace(separation=encounters.separation)
     rows, made = np.arange(count), plans.candidates
+    in_space: dict[str, Any] = {}
+    if encounters.altitudes is not None:
+        profiles = _first_profiles(encounters.altitudes.own, made.profile)
+        in_space = {"profile": profiles, "levelling": np.zeros(count, dtype=bool)}
+        own = own_altitudes(_at_moment(profiles, 0.0, thresholds.options))
+        known = reports(encounters.altitudes, 0, aircraft.dt)
+        met = met_on_profiles(profiles, own, known, 0.0, thresholds.options)
+        traffic = traffic._replace(window=met.all_times)
     monitor = assurance.start(count, encounters.mask.shape[1], thresholds)
     monitor = assurance.activate(
         monitor, rows, made.plan_states, made.safe, 0.0, traffic, thresholds
@@ -140,13 +175,67 @@ def _begin(
         sightings=None,
         short=made.goal > _GOAL,
         reached=np.zeros(count, dtype=bool),
+        **in_space,
     )
+
+
+def _first_profiles(level: np.ndarray, made: np.ndarray | None) -> np.ndarray:
+    """Return the profiles of plans, object ``[N]``; level flight at altitudes, m, ``[N]``, where
+    there is none.
+    """
+    profiles = np.full(level.size, None, dtype=object)
+    for n, altitude in enumerate(level.tolist()):
+        planned = None if made is None else made[n]
+        profiles[n] = straight_on(altitude) if planned is None else planned
+    return profiles
+
+
+class _Heights(NamedTuple):
+    """Where flights ``[M]`` in space and their intruders are up and down now."""
+
+    own: list[Altitude]
+    known: list[list[Intruder[Air]]]  # of each flight's K intruders
+    level: np.ndarray  # altitudes of the routes, m
+
+    def of(self, rows: np.ndarray) -> "_Heights":
+        """Return those of some flights."""
+        numbers = rows.tolist()
+        return _Heights(
+            [self.own[n] for n in numbers], [self.known[n] for n in numbers], self.level[rows]
+        )
+
+
+def _heights(flights: _Flights, time: float, aircraft: Aircraft, options: Options) -> _Heights:
+    """Return where flights in space are up and down at a time, s."""
+    altitudes, profiles = flights.air.state.altitudes, flights.profile
+    assert altitudes is not None and profiles is not None
+    own = _at_moment(profiles, time, options)
+    step = round(time / aircraft.dt)
+    return _Heights(own_altitudes(own), reports(altitudes, step, aircraft.dt), altitudes.own)
+
+
+def _at_moment(profiles: np.ndarray, time: float, options: Options[L]) -> Height:
+    """Return where profiles, object ``[M]``, are flown at a time, s, ``[M]``."""
+    return take(heights_at(profiles, np.array([time]), options.vertical.acceleration), 0)
+
+
+def _meetings(
+    flights: _Flights, heights: _Heights, time: float, options: Options[L]
+) -> dict[str, Any]:
+    """Return when intruders count for the monitors at a time, s, as they are given it."""
+    own, known = heights.own, heights.known
+    given: dict[str, Any] = {"window": met_steadily(own, known, options).all_times}
+    if options.climbs and flights.profile is not None:
+        given["levelling"] = met_levelling(own, known, options)
+        given["on_profile"] = on_profiles(flights.profile, own, known, time, options)
+    return given
 
 
 def _watch(
     flights: _Flights,
     draws: np.ndarray | None,
     areas: np.ndarray | None,
+    heights: _Heights | None,
     time: float,
     dt: float,
     thresholds: Thresholds[Narrowed],
@@ -161,6 +250,8 @@ def _watch(
     known: dict[str, Any] = {"separation": state.separation}
     if areas is not None:
         known["areas"] = _areas_met(areas, state, flights.monitor, time, thresholds)
+    if heights is not None:
+        known |= _meetings(flights, heights, time, thresholds.options)
     given = believed(time, state.own, sightings, state.mask, thresholds.turn_time, **known)
     monitor, decision = assurance.step(flights.monitor, given, thresholds)
     return flights._replace(monitor=monitor, sightings=sightings), decision
@@ -183,29 +274,59 @@ def _areas_met(
 def _plan_anew(
     flights: _Flights,
     decision: Decision,
-    make: Planner,
+    make: "_MidFlightPlanner",
     left: float,
     thresholds: Thresholds[Narrowed],
 ) -> tuple[_Flights, np.ndarray]:
     """Plan where the monitors ask for it, or where a better plan may be had, with ``left`` seconds
     until the time limit; return also which flights asked, bool ``[M]``.
     """
-    monitor, short, asked = renew(
-        flights.monitor, decision, flights.short, flights.reached, left, make, thresholds
+    options = thresholds.options
+    meets = partial(make.meets, options) if options.climbs else None
+    monitor, short, asked, taken = renew(
+        flights.monitor, decision, flights.short, flights.reached, left, make, thresholds, meets
     )
-    return flights._replace(monitor=monitor, short=short), asked
+    flights = flights._replace(monitor=monitor, short=short)
+    if make.heights is None or taken is None:
+        return flights, asked
+    acceleration = options.vertical.acceleration
+    return _change_profiles(flights, taken, make.heights, make.time, acceleration), asked
+
+
+def _change_profiles(
+    flights: _Flights, taken: np.ndarray, heights: _Heights, time: float, acceleration: float
+) -> _Flights:
+    """Return flights that fly the profiles of plans that were taken up at a time, s, object
+    ``[M]``, None: none was; and level off, with an acceleration, m/s^2, where the backup begins.
+    """
+    assert flights.profile is not None and flights.levelling is not None
+    profiles, levels = flights.profile.copy(), flights.levelling.copy()
+    for n, profile in enumerate(taken):
+        own = heights.own[n]
+        on_backup = bool(flights.monitor.on_backup[n])
+        if profile is not None and not on_backup:
+            profiles[n], levels[n] = profile.since(-time), False
+        elif on_backup and not levels[n]:
+            off = levelling(Height(own.value, own.climb(0.0)[0]), acceleration)
+            profiles[n], levels[n] = off.since(-time), True
+    return flights._replace(profile=profiles, levelling=levels)
 
 
 def _fly_on(
-    flights: _Flights, time: float, aircraft: Aircraft, limits: Limits
-) -> tuple[_Flights, Step]:
-    """Fly a time step from a time, s, on, along what the monitors have decided; the limits are the
-    vehicle's.
+    flights: _Flights, time: float, aircraft: Aircraft, options: Options
+) -> tuple[_Flights, Step, np.ndarray | None]:
+    """Fly a time step from a time, s, on, along what the monitors have decided; return also the own
+    altitudes at its beginning and after every period, m, None: in the plane.
     """
-    references = assurance.references(flights.monitor, time, PERIOD * aircraft.dt, SUBSTEPS)
-    air, step = fly_step(flights.air, references, aircraft, limits)
+    period, altitudes = PERIOD * aircraft.dt, None
+    references = assurance.references(flights.monitor, time, period, SUBSTEPS)
+    if flights.profile is not None:
+        times = time + np.arange(SUBSTEPS + 1) * period
+        acceleration = options.vertical.acceleration
+        altitudes = heights_at(flights.profile, times, acceleration).altitude
+    air, step = fly_step(flights.air, references, aircraft, options.limits, altitudes)
     reached = flights.reached | ~np.isnan(step.reached)
-    return flights._replace(air=air, reached=reached), step
+    return flights._replace(air=air, reached=reached), step, altitudes
 
 
 class _MidFlightPlanner(NamedTuple):
@@ -216,6 +337,7 @@ class _MidFlightPlanner(NamedTuple):
     flights: _Flights
     decision: Decision
     areas: np.ndarray | None  # in the air masses, as they are now, object [M]
+    heights: _Heights | None  # None: in the plane
     time: float  # now, s after the start
     policy: Policy
     aircraft: Aircraft
@@ -234,7 +356,20 @@ class _MidFlightPlanner(NamedTuple):
             goal_x, goal_y = drift_points(goal, asked.drift, self.time)
             route = route_of(own, goal_x, goal_y, self.aircraft)
             request = Request(own, traffic, *route, asked.drift)
+        if self.heights is not None and options.climbs:
+            own, known, level = self.heights.of(rows)
+            told = climbers(own, level, known)
+            return plan_each_in_space(request, told, self.policy, options).candidates
+        if self.heights is not None and traffic.window is not None:
+            request = request._replace(traffic=who_counts(traffic, traffic.window))
         if self.areas is None:
             return plan_many(request, self.policy, options, floats=True).candidates
         amid = self.areas[rows]
         return plan_among(request, amid, self.policy, options, floats=True).candidates
+
+    def meets(self, options: Options[Narrowed], rows: np.ndarray, made: Candidates) -> Met:
+        """Return what plans of some flights that climb or descend meet from now on."""
+        assert self.heights is not None
+        own, known, level = self.heights.of(rows)
+        profiles = _first_profiles(level, made.profile)
+        return met_on_profiles(profiles, own, known, 0.0, options)

@@ -24,11 +24,18 @@ from envs.encounters import Encounter, EncounterError, Scenario
 from envs.kinematics import Limits
 from envs.starts import OF_INTRUDERS, join
 from envs.wind import Wind
+from envs.world import flatness_of
 from eval.flights.among_areas import areas_of, judge, together, with_breaches
 from eval.flights.areas_seen import what_stands_in_each
 from eval.flights.assured_mode import fly_assured
 from eval.flights.compiled import Compiled
 from eval.flights.conditions import Flown, conditions, verdict_within
+from eval.flights.in_space import (
+    at_one_level,
+    check_levels,
+    columns_in_space,
+    conditions_in_space,
+)
 from eval.flights.in_wind import carry, stand, winds
 from eval.flights.plan_mode import SOURCES, STATUSES, fly_once, plan_at_start, promised_separation
 from eval.flights.simulate import (
@@ -90,8 +97,30 @@ class Evaluation(NamedTuple):
         that are missing nor of intruders that answer it, the policy of no wind.
         """
         if self.mode == "policy":
-            return *OF_INTRUDERS, "areas"
-        return "separation", "wind", "areas"
+            return *OF_INTRUDERS, "areas", "altitudes"
+        return "separation", "wind", "areas", "altitudes"
+
+    def in_space(self, starts: Encounter, numbers: np.ndarray) -> Encounter:
+        """Return encounters with these numbers as they are flown: with everybody at one level where
+        they have no altitudes and plans may climb and descend.
+
+        Raises:
+            EncounterError: they have altitudes and areas, the aircraft states no vertical
+                separation, or an ownship begins beyond the floor or the ceiling.
+        """
+        climbs = self.mode != "policy" and self.options.climbs
+        flown = at_one_level(starts) if climbs else starts
+        if flown.altitudes is None:
+            return flown
+        flatness_of(flown, self.aircraft)
+        if self.areas or self.given_areas or flown.areas is not None:
+            raise EncounterError(
+                "encounters with altitudes, or plans that may climb, have areas; expected none: "
+                "flights are judged against areas in the plane alone"
+            )
+        if climbs:
+            check_levels(flown, numbers, self.options)
+        return flown
 
     @property
     def limits(self) -> Limits:
@@ -135,7 +164,9 @@ def pick(evaluation: Evaluation, numbers: Iterable[int]) -> Encounter:
     :func:`eval.flights.sources.draw`.
     """
     source, seed, heeds = evaluation.source, evaluation.seed, evaluation.heeds
-    return reduce(join, (draw(source, seed, int(n), 1, heeds=heeds)[0] for n in numbers))
+    numbers = list(numbers)
+    drawn = reduce(join, (draw(source, seed, int(n), 1, heeds=heeds)[0] for n in numbers))
+    return evaluation.in_space(drawn, np.asarray(numbers))
 
 
 def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndarray]:
@@ -146,6 +177,7 @@ def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndar
     aircraft, plans = evaluation.aircraft, evaluation.mode != "policy"
     number = np.arange(first, first + count)
     starts, weights = draw(evaluation.source, evaluation.seed, first, count, heeds=evaluation.heeds)
+    starts = evaluation.in_space(starts, number)
     noise = noise_of(evaluation, starts, first)
     beside = {"baseline": fly(starts, Unmitigated(aircraft), aircraft)}
     if plans:
@@ -163,6 +195,8 @@ def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndar
         alone = verdict_within(starts, aircraft, aircraft.limits, [own.but(other), *still])
         more["policy_verdict"] = _names(Verdict)[alone.verdict]
     begun = conditions(starts, aircraft)
+    if starts.altitudes is not None:
+        begun |= conditions_in_space(starts, aircraft)
     names = evaluation.names or ()
     return {
         "encounter": number,
@@ -222,8 +256,9 @@ class Conditioned(NamedTuple):
     areas: np.ndarray | None = None  # over the ground, object [N]
 
     def recorder(self) -> TrajectoryRecorder | None:
-        """Return what records flights that must be judged against areas."""
-        return None if self.areas is None else TrajectoryRecorder(self.starts)
+        """Return what records flights that must be judged against areas, or are in space."""
+        plain = self.areas is None and self.starts.altitudes is None
+        return None if plain else TrajectoryRecorder(self.starts)
 
 
 def conditions_of(
@@ -263,10 +298,10 @@ def fly_resolver(
 
 
 def _decide(ready: ReadyEvaluation, given: Conditioned) -> tuple[Flights, dict[str, np.ndarray]]:
-    """Return the flights of mode policy, and the columns of areas."""
+    """Return the flights of mode policy, and the columns of areas or of altitudes."""
     recorder = given.recorder()
     flights = fly_resolver(ready, given, recorder)
-    return _judge_areas(flights, recorder, given, ready.evaluation.aircraft)
+    return _judge_recorded(flights, recorder, given, ready.evaluation.aircraft)
 
 
 def _plan(ready: ReadyEvaluation, given: Conditioned) -> tuple[Flights, dict[str, np.ndarray]]:
@@ -277,7 +312,7 @@ def _plan(ready: ReadyEvaluation, given: Conditioned) -> tuple[Flights, dict[str
     plans = plan_at_start(starts, ready.policy, aircraft, options, first, wind=wind, areas=areas)
     recorder = given.recorder()
     flown = fly_once(starts, plans, aircraft, options, recorder, wind=wind)
-    flights, among = _judge_areas(flown.flights, recorder, given, aircraft)
+    flights, among = _judge_recorded(flown.flights, recorder, given, aircraft)
     more = _plan_columns(plans)
     more |= _broken_promises(starts, plans, flights, evaluation, first)
     more |= {
@@ -303,7 +338,7 @@ def _plan(ready: ReadyEvaluation, given: Conditioned) -> tuple[Flights, dict[str
         areas=areas,
     )
     more |= beside | {"replans": assured.replans, "backup_s": assured.backup}
-    flights, among = _judge_areas(assured.flown.flights, recorder, given, aircraft)
+    flights, among = _judge_recorded(assured.flown.flights, recorder, given, aircraft)
     return flights, more | among
 
 
@@ -339,15 +374,19 @@ def _broken_promises(
     return {"plan_loss": loss, "promised_min_separation_m": promised}
 
 
-def _judge_areas(
+def _judge_recorded(
     flights: Flights,
     recorder: TrajectoryRecorder | None,
     given: Conditioned,
     aircraft: Aircraft,
 ) -> tuple[Flights, dict[str, np.ndarray]]:
-    """Return flights with their breaches of areas, and the columns that tell of areas."""
-    if recorder is None or given.areas is None:
+    """Return flights with their breaches of areas, and the columns that tell of areas or of
+    altitudes.
+    """
+    if recorder is None:
         return flights, {}
+    if given.areas is None:
+        return flights, columns_in_space(given.starts, recorder.stack(), aircraft)
     among = judge(recorder.stack(), given.areas, given.wind, aircraft.dt)
     return with_breaches(flights, among, aircraft.rules()), {
         "areas": np.array([len(some) for some in given.areas], dtype=np.int32),

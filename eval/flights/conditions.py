@@ -63,7 +63,8 @@ def verdicts(
     A proof that looks between the seconds holds only for a recording that keeps to arcs there:
     where it is farther off than :data:`LARGEST_OFF`, such an encounter is undecided. So is, where
     nothing has solved it, what is flown as another conflict, what begins beyond the limits' speeds,
-    and what answers the ownship: proofs know of none of them.
+    and what answers the ownship: proofs know of none of them. In space a flight that keeps the
+    horizontal separation resolves an encounter, but a proof that there is none says nothing.
     """
     intent = encounters.intent
     reserve = LARGEST_OFF if isinstance(intent, KnownFlight) else 0.0
@@ -73,6 +74,8 @@ def verdicts(
     unknown = (speed < limits.speed_min - 1e-3) | (speed > limits.speed_max + 1e-3)
     unknown |= encounters.reaction is not None
     unknown = (unknown if other is None else unknown | other) & ~solved
+    if encounters.altitudes is not None:
+        unknown |= found.verdict == Verdict.UNRESOLVABLE
     if isinstance(intent, KnownFlight):
         between = np.isin(found.method, (Method.CONTAINMENT, Method.SPLITTING))
         off = off_arcs(intent, encounters.mask, aircraft.dt)

@@ -70,4 +70,4 @@ def to_ground(flown: Trajectories[Air], wind: Wind | None, dt: float) -> Traject
     each = blows if wind is None else Wind(wind.east[:, None], wind.north[:, None])
     own = over_ground(flown.own, blows, time)
     others = over_ground(flown.intruders, each, time[..., None])
-    return Trajectories(own, others, flown.action, flown.separation)
+    return Trajectories(own, others, flown.action, flown.separation, flown.altitudes)

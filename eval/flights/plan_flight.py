@@ -16,9 +16,9 @@ from envs.angles import wrap
 from envs.follower import PERIOD, gains, offset, steer
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState, advance
-from envs.relative import distance, leg_separation
+from envs.relative import distance, leg_separation, leg_separation_in_space
 from envs.trees import column, take
-from envs.world import State, distance_scales, move_intruders
+from envs.world import State, above_own, distance_scales, flatness_of, move_intruders
 from eval.flights.simulate import OUTCOMES, Flights, last_turn, reversal_rate
 
 SUBSTEPS = round(1.0 / PERIOD)  # periods of the follower in a time step
@@ -47,7 +47,7 @@ class Step(NamedTuple):
     """What one time step of flight along legs brought; fields ``[M]``."""
 
     # smallest distance to any intruder, m, inf without one; to one with a separation of its own in
-    # shares of it, times the aircraft's
+    # shares of it, times the aircraft's; in space the cylindrical one
     separation: np.ndarray
     nearest: np.ndarray  # smallest distance to the goal, m
     # time since the beginning of the step at which the goal's radius was entered, s; nan if it was
@@ -65,18 +65,23 @@ class Step(NamedTuple):
 
 
 def fly_step(
-    air: Active, references: VehicleState[Air], aircraft: Aircraft, limits: Limits
+    air: Active,
+    references: VehicleState[Air],
+    aircraft: Aircraft,
+    limits: Limits,
+    altitudes: np.ndarray | None = None,
 ) -> tuple[Active, Step]:
     """Fly one time step through ``references`` at its beginning and after every period, ``[SUBSTEPS
     + 1, M]``.
 
-    The limits are those of the vehicle that follows, not those of the ownship's decisions.
+    The limits are those of the vehicle that follows, not those of the ownship's decisions. The own
+    altitudes at the same times, m, are those of encounters in space; None: as at the start.
     """
     state, dt = air.state, aircraft.dt
     own, other, following = state.own, state.intruders.vehicle, move_intruders(state, dt, np)
     # Over a step the intruder's controller holds its yaw rate.
     turn_rate = wrap(following.vehicle.heading - other.heading, np) / dt
-    distance_scale = distance_scales(state, aircraft, np)
+    distance_scale, flatness = distance_scales(state, aircraft, np), flatness_of(state, aircraft)
     side, step = air.side, Step.blank(own.x.size)
     for number in range(SUBSTEPS):
         now, after = (take(references, number + i) for i in (0, 1))
@@ -86,7 +91,15 @@ def fly_step(
         other_moved = advance(other, coasting, turn_rate, PERIOD * dt, intruder.COASTING, np)
         clock = (state.steps + (number + 1) * PERIOD) * dt
         judged = state.mask & (clock <= air.ends + 1e-6)[:, None]
-        apart = leg_separation(column(own), column(moved), other, other_moved, PERIOD * dt, np)
+        if flatness is None:
+            apart = leg_separation(column(own), column(moved), other, other_moved, PERIOD * dt, np)
+        else:
+            above = (
+                above_own(state, n * PERIOD, None if altitudes is None else altitudes[n])
+                for n in (number, number + 1)
+            )
+            states = (column(own), column(moved)), (other, other_moved)
+            apart = leg_separation_in_space(*states, tuple(above), flatness, PERIOD * dt)
         apart = apart if distance_scale is None else apart * distance_scale
         least = np.min(np.where(judged, apart, np.inf), axis=-1, initial=np.inf)
         goal_x, goal_y = drift_points((state.goal_x, state.goal_y), air.drift, clock)

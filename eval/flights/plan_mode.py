@@ -6,6 +6,7 @@ from agents.planner.planner import Plans, plan_among, plan_many
 from agents.planner.request.encounters import request_of
 from agents.planner.request.options import Options
 from agents.planner.request.request import in_wind
+from agents.planner.search.in_space import plan_each_in_space
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
@@ -13,11 +14,20 @@ from envs.follower import PERIOD
 from envs.frames import Air
 from envs.intruder import Intent
 from envs.kinematics import VehicleState
+from envs.profile import Height
 from envs.trees import take
 from envs.waypoints import at, legs
 from envs.wind import Wind
 from envs.world import begin, perceive_intruders
 from eval.flights.among_areas import in_air_at
+from eval.flights.in_space import (
+    climbers,
+    heights_at,
+    met_steadily,
+    own_altitudes,
+    reports,
+    who_counts,
+)
 from eval.flights.in_wind import drift_of
 from eval.flights.plan_flight import SUBSTEPS, Active, PlanFlights, Tally, fly_step
 from eval.flights.trajectories import TrajectoryRecorder
@@ -46,11 +56,20 @@ def plan_at_start(
     areas: np.ndarray | None = None,
 ) -> Plans:
     """Plan at the start of encounters ``[N]``, in a wind in its air mass, among areas over the
-    ground, object ``[N]``; noise as of :func:`perceive_at_start`.
+    ground, object ``[N]``; noise as of :func:`perceive_at_start`. Encounters in space have no
+    areas; plans that do not climb leave out who stays above or below.
     """
     seen = perceive_at_start(encounters, aircraft.dt, noise)
     request = request_of(encounters, aircraft, seen)._replace(drift=drift_of(wind))
     in_air = in_wind(options, None)  # the wind is known exactly, and takes nothing off the limits
+    if encounters.altitudes is not None:
+        level = encounters.altitudes.own
+        own = own_altitudes(Height(level, np.zeros_like(level)))
+        known = reports(encounters.altitudes, 0, aircraft.dt)
+        if options.climbs:
+            return plan_each_in_space(request, climbers(own, level, known), policy, in_air)
+        window = met_steadily(own, known, options).all_times
+        request = request._replace(traffic=who_counts(request.traffic, window))
     if areas is None:
         return plan_many(request, policy, in_air)
     return plan_among(request, in_air_at(areas, wind, 0.0), policy, in_air)
@@ -79,17 +98,26 @@ def fly_once(
     begun, plan_states = take((encounters, plans.candidates.plan_states), rows)
     drift, curves = take(drift_of(wind), rows), legs(plan_states)
     air = Active(begin(begun, np), np.zeros(rows.size), plan_states.time[:, -1], drift)
+    profiles = take(plans.candidates.profile, rows)
     while rows.size:
         periods = (count + np.arange(SUBSTEPS + 1)[:, None] * PERIOD) * dt
+        altitudes = None
+        if profiles is not None:
+            change = options.vertical.acceleration
+            altitudes = heights_at(profiles, periods[:, 0], change).altitude
         references: VehicleState[Air] = at(curves, periods)
-        air, flown = fly_step(air, references, aircraft, options.limits)
+        air, flown = fly_step(air, references, aircraft, options.limits, altitudes)
         count += 1
         tally.add(rows, flown, count)
         if recorder is not None and count <= tally.steps:
-            recorder.append(rows, air.state.own, air.state.intruders.vehicle, flown.separation)
+            reached = None if altitudes is None else altitudes[-1]
+            state = air.state
+            recorder.append(
+                rows, state.own, state.intruders.vehicle, flown.separation, own_altitude=reached
+            )
         on = air.ends > count * dt
         if not on.all():
-            rows, air, curves = take((rows, air, curves), on)
+            rows, air, curves, profiles = take((rows, air, curves, profiles), on)
     whole = tally.judge(plans.candidates.safe)
     for separation in (whole.flights.min_separation, whole.whole_separation):
         separation[plans.candidates.last < 0] = np.nan
@@ -106,9 +134,10 @@ def promised_separation(
 ) -> np.ndarray:
     """Return how near the flights of lost plans would have come to the intruders as reported, m.
 
-    What SAFE promises is a separation from intruders that go on straight from the report that the
-    plan was made with. Where that one is kept and the separation was lost all the same, an intruder
-    left its reported motion (or its report was wrong), which no plan promises to survive.
+    What SAFE promises is a separation from intruders that go on straight, and climb evenly, from
+    the report that the plan was made with. Where that one is kept and the separation was lost all
+    the same, an intruder left its reported motion (or its report was wrong), which no plan promises
+    to survive.
 
     Args:
         lost: which plans are meant, bool ``[N]``; nan for the others.
@@ -120,6 +149,9 @@ def promised_separation(
         seen = take(perceive_at_start(encounters, aircraft.dt, noise), rows)
         straight = Intent(*(np.zeros(seen.x.shape) for _ in Intent._fields))
         asked = take(encounters, rows)._replace(intruders=seen, intent=straight)
+        if asked.altitudes is not None:
+            evenly = asked.altitudes.intruders[..., :2]
+            asked = asked._replace(altitudes=asked.altitudes._replace(intruders=evenly))
         flown = fly_once(asked, take(plans, rows), aircraft, options)
         result[rows] = flown.flights.min_separation
     return result

@@ -39,6 +39,14 @@ class Track(NamedTuple):
     areas: tuple[Area, ...] = ()  # as they are at the start
     # what must be kept from each intruder, m, [K]; None: the rules' separation from all
     required: np.ndarray | None = None
+    altitudes: "TrackAltitudes | None" = None  # None: all are at one level
+
+
+class TrackAltitudes(NamedTuple):
+    """Altitudes of one flight, m."""
+
+    own: np.ndarray  # [T + 1]
+    intruders: np.ndarray  # [K, T + 1]
 
 
 class Recorded(NamedTuple):
@@ -53,7 +61,7 @@ class Recorded(NamedTuple):
 
     def track(self, row: int) -> Track:
         """Return one of the flights."""
-        own, others, _, separation = self.trajectories
+        own, others, _, separation, altitudes = self.trajectories
         end, members = int(np.count_nonzero(np.isfinite(own.x[:, row]))), self.starts.mask[row]
         every = self.starts.separation
         return Track(
@@ -65,6 +73,11 @@ class Recorded(NamedTuple):
             goal=(float(self.starts.goal_x[row]), float(self.starts.goal_y[row])),
             areas=() if self.areas is None else self.areas[row],
             required=None if every is None else every[row, members],
+            altitudes=None
+            if altitudes is None
+            else TrackAltitudes(
+                altitudes.own[:end, row], altitudes.intruders[:end, row, members].T
+            ),
         )
 
 

@@ -27,8 +27,10 @@ from envs.world import (
     State,
     StepResult,
     World,
+    above_own,
     begin,
     distance_scales,
+    flatness_of,
     known_intruders,
     perceive_intruders,
     smallest,
@@ -88,7 +90,8 @@ class Flights(NamedTuple):
     outcome: np.ndarray  # code, an index into OUTCOMES, int8
     score: np.ndarray  # sum of the sparse reward
     duration: np.ndarray  # s until the end
-    min_separation: np.ndarray  # smallest distance to any intruder, m, between the steps too
+    # smallest distance to any intruder, m, between the steps too; in space the cylindrical one
+    min_separation: np.ndarray
     time_of_min_separation: np.ndarray  # end of the step in which that happened, s after the start
     path_length: np.ndarray
     """Length flown, m (mean speed of each step; at most 0.1 m off where a speed limit is met inside
@@ -276,6 +279,9 @@ def _takeoff(encounters: Encounter, aircraft: Aircraft, *, history_dt: float | N
         distance_scales(state, aircraft, np),
     )
     apart = distance(vehicles.x - own.x[:, None], vehicles.y - own.y[:, None], np)
+    flatness = flatness_of(state, aircraft)
+    if flatness is not None:
+        apart = np.maximum(apart, flatness * np.abs(above_own(state, 0.0)))
     apart = apart if distance_scale is None else apart * distance_scale
     return _Air(
         state=state,

@@ -19,7 +19,7 @@ from envs.formats.adsb_pairs import Nearby, adsb_pairs
 from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
 from envs.starts import encounters_of_seed
-from envs.traffic.encounter_model import read_model
+from envs.traffic.encounter_model import CLIMB, LAYER, read_model
 from envs.traffic.model_traffic import ModelTraffic, encounters_with
 from envs.traffic.replay import Replay, replay
 from envs.traffic.tracks import Repairs, TrackError, sum_of_repairs
@@ -78,7 +78,15 @@ def read_model_traffic(path: Path, how: TrafficConfig, aircraft: Aircraft) -> Mo
         raise EncounterError(
             f"own_speed is [{low:g}, {high:g}] m/s; expected a range within {reach}"
         )
-    return ModelTraffic(read_model(path), aircraft, **numbers)
+    model = read_model(path)
+    if how.vertical_miss is not None:
+        names = [variable.name for variable in model.initial]
+        for name in (LAYER, CLIMB):
+            if name not in names or model.boundaries[names.index(name)] is None:
+                raise EncounterError(
+                    f"{path} has no {name!r} with edges of its bins; expected vertical_miss null"
+                )
+    return ModelTraffic(model, aircraft, **numbers)
 
 
 def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
@@ -111,7 +119,14 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
             encounters = [(name, own, [other]) for name, (own, other) in flown]
     else:
         raise TrackError(f"{path} ends in {path.suffix!r}; expected .json, .json.gz, .daa or .xyz")
-    recorded = replay(encounters, aircraft, how.ahead, weights=weights, repairs=repairs)
+    recorded = replay(
+        encounters,
+        aircraft,
+        how.ahead,
+        weights=weights,
+        repairs=repairs,
+        altitudes=how.altitudes,
+    )
     if not grounded:
         return recorded
     what = f"{grounded.total()} reports of {len(grounded)} aircraft on the ground"

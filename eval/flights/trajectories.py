@@ -4,6 +4,7 @@ from typing import Generic, NamedTuple
 
 import numpy as np
 
+from envs.altitudes import at_step
 from envs.encounters import Encounter
 from envs.frames import Air, F
 from envs.kinematics import VehicleState
@@ -17,6 +18,14 @@ class Trajectories(NamedTuple, Generic[F]):
     intruders: VehicleState[F]  # fields [T + 1, N, K]
     action: np.ndarray  # [T, N, 2]; NaN where no action decides
     separation: np.ndarray  # smallest distance to any intruder during each step, m, [T, N]
+    altitudes: "FlownAltitudes | None" = None  # None: all are at one level
+
+
+class FlownAltitudes(NamedTuple):
+    """Altitudes at the same times, m."""
+
+    own: np.ndarray  # [T + 1, N]
+    intruders: np.ndarray  # [T + 1, N, K]
 
 
 def until(flown: Trajectories[F], end: np.ndarray, dt: float) -> Trajectories[F]:
@@ -41,6 +50,8 @@ class TrajectoryRecorder:
         self._own = [np.stack(encounters.own, axis=-1)]
         self._intruders = [np.stack(encounters.intruders, axis=-1)]
         self._steps: list[list[np.ndarray]] = []
+        self._altitudes = encounters.altitudes
+        self._own_altitude = [] if encounters.altitudes is None else [encounters.altitudes.own]
 
     def append(
         self,
@@ -49,17 +60,22 @@ class TrajectoryRecorder:
         intruders: VehicleState[Air],
         separation: np.ndarray,
         action: np.ndarray | None = None,
+        own_altitude: np.ndarray | None = None,
     ) -> None:
         """Add a step of the flights in progress, by their numbers ``[M]``: states ``[M]`` and ``[M,
         K]`` at its end.
 
         The separation is the smallest to any intruder during the step, m, ``[M]``; no action where
-        none decides.
+        none decides. An own altitude that is not given is that of the start.
         """
         action = np.full((rows.size, 2), np.nan) if action is None else action
         self._own.append(self._all(rows, np.stack(own, axis=-1)))
         self._intruders.append(self._all(rows, np.stack(intruders, axis=-1)))
         self._steps.append([self._all(rows, values) for values in (action, separation)])
+        if self._altitudes is not None:
+            level = self._altitudes.own[rows]
+            altitude = level if own_altitude is None else own_altitude
+            self._own_altitude.append(self._all(rows, altitude))
 
     def stack(self) -> Trajectories[Air]:
         """Return everything recorded; one empty step if nothing was."""
@@ -74,7 +90,17 @@ class TrajectoryRecorder:
             VehicleState(*np.moveaxis(own, -1, 0)),
             VehicleState(*np.moveaxis(traffic, -1, 0)),
             *(np.stack(parts) for parts in zip(*self._steps, strict=True)),
+            altitudes=self._flown_altitudes(),
         )
+
+    def _flown_altitudes(self) -> FlownAltitudes | None:
+        """Return the altitudes of everything recorded; None: all are at one level."""
+        if self._altitudes is None:
+            return None
+        own = np.stack(self._own_altitude)
+        rows = self._altitudes.intruders
+        intruders = np.stack([at_step(rows, np.full((1, 1), float(t))) for t in range(len(own))])
+        return FlownAltitudes(own, np.where(np.isfinite(own)[..., None], intruders, np.nan))
 
     def _all(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
         every = np.full((self._count, *values.shape[1:]), np.nan, values.dtype)

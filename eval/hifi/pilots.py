@@ -198,7 +198,7 @@ class Assured(_Level):
         self._reached |= math.hypot(goal_x - own.x, goal_y - own.y) <= self._rules.goal_radius
         began, left = monitor.started, self._rules.t_max - clock
         make = partial(self._plan, clock, own, decision)
-        self._monitor, self._short, asked = renew(
+        self._monitor, self._short, asked, _ = renew(
             monitor, decision, self._short, self._reached, left, make, self._thresholds
         )
         self.replans += int(asked[0])

@@ -27,8 +27,10 @@ _RATES = (
     ("plan flown once: violations", "plan_violation_rate"),
     ("plans called SAFE, of those not proven unresolvable", "plan_safe_given_resolvable"),
     ("flights that used the backup", "backup_used_rate"),
+    ("flights that climbed or descended", "climbed_rate"),
 )
 _AREA = "min_area_clearance_m_quantiles"
+_DEVIATION = "altitude_deviation_m_quantiles"
 
 
 class _Form(NamedTuple):
@@ -60,6 +62,8 @@ _QUANTILES = (
     ("its 1 % quantile", "min_separation_m_quantiles", "0.01", ".1f"),
     ("its median", "min_separation_m_quantiles", "0.5", ".1f"),
     ("smallest distance beyond the clearance of an area", _AREA, "0", ".1f"),
+    ("largest deviation from the altitude at the start", _DEVIATION, "1", ".1f"),
+    ("its 95 % quantile", _DEVIATION, "0.95", ".1f"),
     ("largest error of the follower of SAFE plans", "follower_error_m_quantiles", "1", ".4f"),
 )
 BROKEN = "SAFE plans that broke their promise (must be 0)"
@@ -119,6 +123,9 @@ def summarise(
         summary["replans_mean"] = float(np.mean(table["replans"]))
     if "areas" in table:
         summary |= _among_areas(table)
+    if "climbs" in table:
+        summary["climbs_mean"] = float(np.mean(table["climbs"]))
+        summary[_DEVIATION] = quantiles(table["altitude_deviation_m"], (0.5, 0.95, 1.0))
     if "plan_status" in table:
         summary |= _safe_plans(table)
     return summary
@@ -128,7 +135,8 @@ def _safe_plans(table: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """Return what became of the plans called SAFE, flown once."""
     safe = table["plan_status"] == "safe"
     once = table["plan_outcome" if "plan_outcome" in table else "outcome"]
-    sources = {name: safe & (table["plan_source"] == name) for name in ("policy", "fallback")}
+    names = ("policy", "fallback", "vertical") if "climbs" in table else ("policy", "fallback")
+    sources = {name: safe & (table["plan_source"] == name) for name in names}
     whole = table["whole_min_separation_m"][safe]
     found = {
         "safe_plans_violated": int(np.count_nonzero(safe & (once == "violation"))),

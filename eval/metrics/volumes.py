@@ -2,8 +2,9 @@
 a flight cost.
 
 Everything is judged on relative states: position and velocity of the intruder minus the ownship's.
-The surrogate flies in one plane: both aircraft are taken to be co-altitude, the worst case, so that
-a rate of losses is one *given* that the altitudes do not separate.
+A volume is lost where its horizontal and its vertical part are, at the same time. Of flights in the
+plane both aircraft are taken to be co-altitude, the worst case, so that a rate of losses is one
+*given* that the altitudes do not separate.
 """
 
 from typing import NamedTuple
@@ -13,8 +14,10 @@ import numpy as np
 from envs.aircraft import Aircraft
 from envs.encounters import Encounter
 from envs.frames import F
-from envs.relative import distance
+from envs.kinematics import VehicleState
+from envs.relative import distance, leg_separation_in_space
 from envs.traffic.track_units import FOOT, NAUTICAL_MILE
+from envs.trees import take
 from eval.flights.simulate import Flights, path_excess
 from eval.flights.trajectories import Trajectories
 
@@ -49,6 +52,7 @@ class Relative(NamedTuple):
     y: np.ndarray
     vx: np.ndarray
     vy: np.ndarray
+    z: np.ndarray | float = 0.0  # up
 
 
 def relative(flown: Trajectories[F]) -> Relative:
@@ -57,11 +61,13 @@ def relative(flown: Trajectories[F]) -> Relative:
     """
     own, other = flown.own, flown.intruders
     vx, vy = own.speed * np.cos(own.heading), own.speed * np.sin(own.heading)
+    altitudes = flown.altitudes
     return Relative(
         other.x - own.x[..., None],
         other.y - own.y[..., None],
         other.speed * np.cos(other.heading) - vx[..., None],
         other.speed * np.sin(other.heading) - vy[..., None],
+        0.0 if altitudes is None else altitudes.intruders - altitudes.own[..., None],
     )
 
 
@@ -73,15 +79,16 @@ def is_lost(volume: Volume, seen: Relative) -> np.ndarray:
     closing, miss = _approach(seen)
     square, limit = seen.x**2 + seen.y**2, volume.horizontal**2
     coming = (closing < 0.0) & (miss**2 <= limit) & (square + volume.tau * closing <= limit)
-    return (square <= limit) | coming
+    return ((square <= limit) | coming) & (np.abs(seen.z) <= volume.vertical)
 
 
 def severity(volume: Volume, seen: Relative) -> np.ndarray:
     """Return the severity of the loss at this moment in [0, 1], ``[...]``: 0 well clear, 1 a
     collision.
 
-    Penetrations of range and of the predicted horizontal miss, joined by the Fernandez-Guasti norm
-    a (+) b = sqrt(a^2 + (1 - a^2) b^2) (RTCA SC-228, closed-loop metrics; DO-365 appendix L).
+    Penetrations of range, of the predicted horizontal miss and of the vertical distance, joined by
+    the Fernandez-Guasti norm a (+) b = sqrt(a^2 + (1 - a^2) b^2) (RTCA SC-228, closed-loop metrics;
+    DO-365 appendix L).
     """
     closing, miss = _approach(seen)
     apart = np.hypot(seen.x, seen.y)
@@ -89,22 +96,47 @@ def severity(volume: Volume, seen: Relative) -> np.ndarray:
     reach = 0.5 * (np.sqrt(rate**2 + 4.0 * volume.horizontal**2) - rate)
     ranged = np.minimum(apart / np.maximum(reach, volume.horizontal), 1.0)
     missed = np.minimum(miss / volume.horizontal, 1.0)
-    return 1.0 - np.sqrt(ranged**2 + (1.0 - ranged**2) * missed**2)
+    plane = np.sqrt(ranged**2 + (1.0 - ranged**2) * missed**2)
+    above = np.minimum(np.abs(seen.z) / volume.vertical, 1.0)
+    return 1.0 - np.sqrt(plane**2 + (1.0 - plane**2) * above**2)
 
 
-def losses(volume: Volume, flown: Trajectories[F], mask: np.ndarray) -> np.ndarray:
-    """Return whether flights lose a volume to any intruder that exists, mask ``[N, K]``: bool
-    ``[N]``.
+def losses(volume: Volume, flown: Trajectories[F], mask: np.ndarray, dt: float) -> np.ndarray:
+    """Return whether flights with time steps of dt, s, lose a volume to any intruder that exists,
+    mask ``[N, K]``: bool ``[N]``.
 
-    A cylinder is judged on the closest approach between the steps too, a volume with tau at the
-    steps.
+    A cylinder is judged on the closest approach between the steps too, in space by the cylindrical
+    distance; a volume with tau at the steps.
     """
     if volume.tau == 0.0:
+        apart = flown.separation
+        if flown.altitudes is not None:
+            apart = _cylindrical_distances(volume, flown, mask, dt)
         # Not nanmin, which warns of a flight that never began.
-        return np.fmin.reduce(flown.separation, axis=0) < volume.horizontal
+        return np.fmin.reduce(apart, axis=0) < volume.horizontal
     # After the end of a flight every comparison is with nan, and false.
     with np.errstate(invalid="ignore"):
         return np.any(is_lost(volume, relative(flown)) & mask, axis=(0, 2))
+
+
+def _cylindrical_distances(
+    volume: Volume, flown: Trajectories[F], mask: np.ndarray, dt: float
+) -> np.ndarray:
+    """Return the smallest cylindrical distance to any intruder during each step, m, ``[T, N]``; not
+    a number after the end.
+    """
+    own: VehicleState[F] = VehicleState(*(field[..., None] for field in flown.own))
+    others, above = flown.intruders, np.asarray(relative(flown).z)
+    before, after = slice(None, -1), slice(1, None)
+    with np.errstate(invalid="ignore"):
+        apart = leg_separation_in_space(
+            (take(own, before), take(own, after)),
+            (take(others, before), take(others, after)),
+            (above[before], above[after]),
+            volume.horizontal / volume.vertical,
+            dt,
+        )
+    return np.fmin.reduce(np.where(mask, apart, np.nan), axis=-1)
 
 
 def costs(

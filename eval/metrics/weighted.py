@@ -191,6 +191,8 @@ def rates_of(table: Mapping[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.
             rates[f"{name}_violation_rate"] = (other == "violation", every)
     if "backup_s" in table:
         rates["backup_used_rate"] = (table["backup_s"] > 0.0, every)
+    if "climbs" in table:
+        rates["climbed_rate"] = (table["climbs"] > 0, every)
     if "plan_status" in table:
         safe = table["plan_status"] == "safe"
         rates |= {"plan_safe_rate": (safe, every), "plan_safe_given_resolvable": (safe, possible)}

@@ -60,6 +60,8 @@ examples:
   python -m eval.monte_carlo --scenario "multi + standing + partly_seen" --out runs/standing
   python -m eval.monte_carlo --set changes.min_initial_separation=0 --out runs/unfiltered
   python -m eval.monte_carlo --policy mine.safetensors --aircraft uas --out runs/uas
+  python -m eval.monte_carlo --aircraft c208 --scenario "circle + layered" --mode plan \
+    --set planner.maneuvers=both --out runs/space
   python -m eval.monte_carlo --areas zones.json --latitude 47 --longitude 8 --out runs/valley
   python -m eval.monte_carlo --resume --out runs/circle        go on with a run that was interrupted
   python -m eval.monte_carlo --scheduler tcp://node7:8786 --encounters 1000000 --out runs/many
@@ -210,6 +212,11 @@ def _show(summary: Mapping[str, Any]) -> None:
         notes.append(f"decisions computed by {summary['backend']}")
     if summary["mode"] != "policy":
         notes[0] += "; for the policy alone within those of its decisions"
+    if "climbs_mean" in summary:
+        notes.append(
+            "in space: a separation is the greater of the horizontal distance and the vertical one "
+            "times horizontal by vertical separation; no encounter is proven unresolvable"
+        )
     ratio, ends = summary["risk_ratio"], summary["risk_ratio_interval"]
     if ratio is not None and ends["high"] - ends["low"] > ratio:
         notes.append(

@@ -63,18 +63,31 @@ def sheet(
     panels: Sequence[Panel], rules: Rules, columns: int, size: tuple[float, float], fontsize: float
 ) -> Figure:
     """Return a sheet of flights, at least one, in so many columns of panels, whose size is in
-    inches.
+    inches; of flights in space with the altitudes below the map.
     """
     lines = -(-len(panels) // columns)
-    figure = Figure(figsize=(size[0] * columns, size[1] * lines + 0.6), layout="constrained")
+    in_space = any(panel.track.altitudes is not None for panel in panels)
+    parts = (3.0, 1.0) if in_space else (1.0,)
+    height = size[1] * sum(parts) / parts[0]
+    figure = Figure(figsize=(size[0] * columns, height * lines + 0.6), layout="constrained")
+    grid = figure.add_gridspec(lines * len(parts), columns, height_ratios=parts * lines)
     for i, panel in enumerate(panels):
-        axes = figure.add_subplot(lines, columns, i + 1)
+        line, column = divmod(i, columns)
+        axes = figure.add_subplot(grid[line * len(parts), column])
         draw(axes, panel.track, rules, panel.witness)
         axes.set_title(panel.title, fontsize=fontsize, color=panel.colour)
-        if i % columns == 0:
+        below = axes
+        if in_space:
+            below = figure.add_subplot(grid[line * len(parts) + 1, column])
+            draw_altitudes(below, panel.track, rules)
+        if column == 0:
             axes.set_ylabel("north, km", fontsize=8)
-        if i + columns >= len(panels):
+            if in_space:
+                below.set_ylabel("altitude, m", fontsize=8)
+        if in_space or i + columns >= len(panels):
             axes.set_xlabel("east, km", fontsize=8)
+        if in_space and i + columns >= len(panels):
+            below.set_xlabel("time, s", fontsize=8)
     amid = any(panel.track.areas for panel in panels)
     explain(
         figure,
@@ -150,6 +163,23 @@ def draw(axes: Axes, track: Track, rules: Rules, witness: np.ndarray | None = No
     axes.margins(0.06)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    axes.tick_params(labelsize=7)
+    axes.grid(color="#EBEBEB", linewidth=0.5)
+    axes.set_axisbelow(True)
+
+
+def draw_altitudes(axes: Axes, track: Track, rules: Rules) -> None:
+    """Draw the altitudes of a flight over time, m, with a line at the closest approach."""
+    if track.altitudes is None:
+        return
+    own, intruders = track.altitudes
+    time = rules.dt * np.arange(own.size)
+    for path, style in ((own, _OWN), *((path, _INTRUDER) for path in intruders)):
+        line = {key: style[key] for key in ("color", "linewidth", "linestyle")}
+        axes.plot(time, path, **line)
+    if track.separation.size:
+        closest = rules.dt * (int(np.argmin(track.separation)) + 1)
+        axes.axvline(closest, color="black", linewidth=0.6, linestyle=":")
     axes.tick_params(labelsize=7)
     axes.grid(color="#EBEBEB", linewidth=0.5)
     axes.set_axisbelow(True)

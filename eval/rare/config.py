@@ -17,6 +17,7 @@ class RareConfig(MonteCarloConfig):
 
     # The draws of a sampled scenario are what is copied and moved.
     files: ClassVar[tuple[str, ...]] = ()
+    climbs: ClassVar[bool] = False
 
     mode: Literal["policy", "plan", "none"] = "policy"  # pyright: ignore[reportIncompatibleVariableOverride]
     """What decides: policy, the network alone, once a second; plan, the planner once at the start,

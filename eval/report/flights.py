@@ -97,6 +97,9 @@ def _batch(
     evaluation, batch = ready.evaluation, fly_recorded(ready, numbers)
     # A witness is one of still air, and knows no areas.
     winds = evaluation.wind(batch.starts, np.asarray(numbers))
+    # Bands are those of the plane, in which who is above or below is in the way.
+    if batch.starts.altitudes is not None:
+        banded = ()
     still = winds is None and batch.areas is None
     witnessed = [row for row, number in enumerate(numbers) if still and number in requested]
     witnesses = _witnesses(evaluation.aircraft, batch.starts, witnessed)

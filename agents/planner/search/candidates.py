@@ -41,6 +41,8 @@ class Candidates(NamedTuple):
     path: Array  # length until the rejoining, m; nan without a plan
     cost: Array  # m; inf without a plan: path beyond the straight line, and the two weights above
     rejoining: Array  # m, cost of rejoining there and not elsewhere on the leg; 0: no choice
+    # of altitude, envs.profile.Profile, object [N], None without a plan; None: plans in the plane
+    profile: Array | None = None
 
     @property
     def safe(self) -> Array:
@@ -61,8 +63,8 @@ class Plans(NamedTuple):
     policy_safe: Array  # whether the policy's own plan for the next point was safe, bool
 
 
-def empty(count: int, waypoints: int) -> Candidates:
-    """Return that there is no plan of so many waypoints, ``[count]``."""
+def empty(count: int, waypoints: int, *, in_space: bool = False) -> Candidates:
+    """Return that there is no plan of so many waypoints, ``[count]``, in space or in the plane."""
     nan, none = np.full(count, np.nan), np.full(count, -1)
     states = (np.full((count, waypoints + 1), np.nan) for _ in PlanStates._fields)
     no, never = np.zeros(count, dtype=bool), np.full(count, np.inf)
@@ -76,6 +78,7 @@ def empty(count: int, waypoints: int) -> Candidates:
         path=nan.copy(),
         cost=never,
         rejoining=np.zeros(count),
+        profile=np.full(count, None, dtype=object) if in_space else None,
     )
 
 

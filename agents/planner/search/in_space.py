@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.levels import Line, lines
-from agents.planner.answer import Advisory
+from agents.kernel.levels import Altitude, Line, lines
+from agents.planner.answer import Advisory, Kind, RequestError
 from agents.planner.judge.profile import speed_faults
+from agents.planner.judge.validator import CHECKS
 from agents.planner.request.options import Maneuvers, Narrowed, Options
 from agents.planner.request.reports import Intruder
 from agents.planner.request.request import Request
@@ -36,7 +37,7 @@ from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.profile import Profile
-from envs.trees import take
+from envs.trees import map_leaves, take
 from envs.waypoints import legs
 
 VERTICAL = 3
@@ -82,6 +83,64 @@ class Asked(NamedTuple):
     policy: Policy
     options: Options[Narrowed]
     budget: Budget
+
+
+class Climber(NamedTuple):
+    """Altitudes of one request."""
+
+    own: Altitude  # its vertical speed is known
+    target: float  # altitude of the route, m
+    reports: Sequence[Intruder[Air]]  # of its K intruders, of which only the altitudes count
+
+
+def plan_each_in_space(
+    request: Request, climbers: Sequence[Climber], policy: Policy, options: Options[Narrowed]
+) -> Plans:
+    """Plan requests ``[N]`` that may climb and descend, each as if it were alone, without areas and
+    without a deadline.
+    """
+    if not climbers:
+        no = np.zeros(0, dtype=bool)
+        return Plans(empty(0, options.waypoints, in_space=True), np.zeros(0, np.int8), no)
+    plans = [
+        _plan_alone(take(request, slice(n, n + 1)), climber, policy, options)
+        for n, climber in enumerate(climbers)
+    ]
+    return map_leaves(lambda *rows: np.concatenate(rows), *plans)
+
+
+def _plan_alone(
+    request: Request, climber: Climber, policy: Policy, options: Options[Narrowed]
+) -> Plans:
+    """Return the best plan ``[1]`` of a request ``[1]``, with its profile."""
+    exist = np.flatnonzero(request.traffic.mask[0])
+    traffic = map_leaves(lambda field: field[:, exist], request.traffic._replace(window=None))
+    times = [leg * options.interval for leg in range(1, options.waypoints)]
+    asked = Asked(
+        request._replace(traffic=traffic),
+        [climber.reports[number] for number in exist.tolist()],
+        Start(climber.own, climber.target, times),
+        (),
+        lambda flown, _: (flown, ()),
+        policy,
+        options,
+        Budget(),
+    )
+    none = empty(1, options.waypoints, in_space=True)
+    try:
+        case, plans, cost = plan_in_space(asked)
+    except RequestError:  # the route's altitude cannot be regained within a plan
+        return Plans(none, np.zeros(1, np.int8), np.zeros(1, dtype=bool))
+    best, profile = plans.candidates, none.profile
+    if best.last[0] >= 0 and profile is not None:
+        profile[0] = case.profile
+    findings = best.findings
+    wrong, intruder = np.array(findings.wrong), np.array(findings.intruder)
+    wrong[:, CHECKS.index(Kind.SPEED.value)] |= best.safe & (cost == math.inf)
+    if intruder[0] >= 0:
+        intruder[0] = exist[case.counted[int(intruder[0])]]
+    findings = findings._replace(wrong=wrong, intruder=intruder)
+    return plans._replace(candidates=best._replace(findings=findings, profile=profile))
 
 
 def plan_in_space(asked: Asked) -> Answer:

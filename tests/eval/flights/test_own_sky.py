@@ -83,7 +83,7 @@ def test_who_does_not_heed_them_refuses_them() -> None:
         encounters_of_seed(source, 3, 0, 2, heeds=ready.evaluation.heeds)
     with pytest.raises(EncounterError, match=r"areas of its own; expected eval\.monte_carlo"):
         encounters_of_seed(source, 3, 0, 2, heeds=("wind",))
-    with pytest.raises(EncounterError, match="'valley' has a wind or areas of its own"):
+    with pytest.raises(EncounterError, match="'valley' has a wind, areas or altitudes of its own"):
         still = scenario("valley", PAPER)
         sample(still, jnp.full((1, 4, still.dimensions), 0.5), jnp)
     blowing = valley(wind_mps=(3.0, 4.0))

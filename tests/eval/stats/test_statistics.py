@@ -312,6 +312,16 @@ def test_severity_by_hand() -> None:
     assert severity(volume, make_relative(2 * reach, 0, -100, 0))[0] == 0.0
 
 
+def test_the_vertical_part_of_a_volume_counts() -> None:
+    volume = Volume(1_000.0, 100.0, 35.0)
+    for height, lost in ((0.0, True), (100.0, True), (-100.0, True), (101.0, False)):
+        seen = make_relative(500, 0, -100, 0)._replace(z=np.array([height]))
+        assert is_lost(volume, seen)[0] == lost
+    collision = make_relative(0, 0, -100, 0)
+    assert severity(volume, collision._replace(z=np.array([50.0])))[0] == pytest.approx(0.5)
+    assert severity(volume, collision._replace(z=np.array([-120.0])))[0] == 0.0
+
+
 @given(lengths, lengths, rates, rates, st.sampled_from(sorted(VOLUMES)))
 def test_severity_is_positive_where_the_volume_is_lost_only(x, y, vx, vy, name) -> None:
     volume, scene = VOLUMES[name], make_relative(x, y, vx, vy)
@@ -404,14 +414,14 @@ def test_costs_and_losses_of_flights() -> None:
     assert np.abs(found["time_excess_s"]).max() < 1.0
     assert found["cross_track_m"].max() < 30.0
     for name, volume in VOLUMES.items():
-        there = losses(volume, paths, starts.mask)
+        there = losses(volume, paths, starts.mask, PAPER.dt)
         if volume.tau == 0.0:
             np.testing.assert_array_equal(
                 there, flights.min_separation < volume.horizontal, err_msg=name
             )
         else:
             assert (there | (flights.min_separation >= volume.horizontal)).all()
-        absent = losses(volume, paths, np.zeros_like(starts.mask))
+        absent = losses(volume, paths, np.zeros_like(starts.mask), PAPER.dt)
         assert volume.tau == 0.0 or not absent.any()
     assert np.isnan(relative(paths).x[-1]).sum() == (flights.duration < len(paths.action)).sum()
 

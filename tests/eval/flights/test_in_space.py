@@ -1,0 +1,299 @@
+"""Encounters in space: at one level they are those of the plane, up and down are alike, and who is
+far above is nobody.
+"""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from agents.config.world import AircraftConfig
+from agents.planner.request.options import Maneuvers, Options
+from agents.policy.inference import Policy
+from commands.command import InputError
+from envs.aircraft import Aircraft
+from envs.altitudes import Altitudes, at_step, climb_at, steady
+from envs.encounters import Encounter, EncounterError
+from envs.kinematics import VehicleState
+from envs.scenarios import sample, scenario
+from envs.scenarios.layered import OWN_ALTITUDE, RATE
+from envs.starts import encounters_of_seed
+from envs.traffic.encounter_model import read_model
+from envs.traffic.model_traffic import ModelTraffic, encounters_with
+from envs.trees import map_leaves
+from eval.flights.chunks import Conditioned, Evaluation, ReadyEvaluation, columns
+from eval.flights.in_space import at_one_level
+from eval.flights.recorded import fly_in_mode, fly_recorded
+from eval.flights.simulate import OUTCOMES, Flights, Unmitigated, fly
+from eval.flights.trajectories import TrajectoryRecorder
+from eval.monte_carlo import run as monte_carlo
+from tests.envs.formats.test_track_files import ONE
+from tests.envs.traffic.test_encounter_model import SMALL
+from tests.support import recorded_path
+
+UAS = AircraftConfig.of_file(Path("uas")).aircraft()
+C208 = AircraftConfig.of_file(Path("c208")).aircraft()
+assert UAS.vertical is not None
+VERTICAL = UAS.vertical
+COUNT = 6
+
+
+@pytest.fixture(scope="module")
+def policy() -> Policy:
+    return Policy.load().for_aircraft(UAS)
+
+
+def layered(count: int = COUNT, seed: int = 3, aircraft: Aircraft = UAS) -> Encounter:
+    source = scenario("circle + layered", aircraft)
+    return encounters_of_seed(source, seed, 0, count, heeds=("altitudes",))
+
+
+def fly_as(starts: Encounter, mode: str, policy: Policy, maneuvers: str = "horizontal") -> Flights:
+    """Fly encounters in a mode, endlessly where it is the policy's."""
+    options = Options.for_aircraft(UAS, maneuvers=Maneuvers(maneuvers))
+    evaluation = Evaluation(None, scenario("circle", UAS), None, 3, UAS, mode, options)
+    ready = ReadyEvaluation(evaluation, policy)
+    return fly_in_mode(ready, Conditioned(starts, None), TrajectoryRecorder(starts))[1]
+
+
+def assert_same(first: Flights, second: Flights) -> None:
+    for name, one, other in zip(Flights._fields, first, second, strict=True):
+        np.testing.assert_array_equal(one, other, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "mode", ["policy", "plan", pytest.param("assured", marks=pytest.mark.slow)]
+)
+def test_at_one_level_flights_are_those_of_the_plane(mode: str, policy: Policy) -> None:
+    starts = encounters_of_seed(scenario("multi", UAS), 5, 0, COUNT)
+    plane, space = (fly_as(each, mode, policy) for each in (starts, at_one_level(starts)))
+    assert_same(plane, space)
+
+
+@pytest.mark.parametrize("mode", ["plan", pytest.param("assured", marks=pytest.mark.slow)])
+def test_up_and_down_are_alike(mode: str, policy: Policy) -> None:
+    assert VERTICAL.climb_max == VERTICAL.descent_max
+    starts = layered()
+    altitudes = starts.altitudes
+    assert altitudes is not None
+    mirrored = 2.0 * OWN_ALTITUDE - altitudes.intruders
+    below = starts._replace(altitudes=altitudes._replace(intruders=mirrored))
+    one, other = (fly(each, Unmitigated(UAS), UAS, endless=True) for each in (starts, below))
+    assert_same(one, other)
+    # Of a climb and a descent that cost the same a plan takes the climb: the flight may differ.
+    one, other = (fly_as(each, mode, policy, "both") for each in (starts, below))
+    np.testing.assert_array_equal(one.outcome, other.outcome)
+
+
+@pytest.mark.parametrize("maneuvers", ["horizontal", "both"])
+def test_who_is_far_above_is_nobody(maneuvers: str, policy: Policy) -> None:
+    starts = encounters_of_seed(scenario("circle", UAS), 5, 0, COUNT)
+    height = np.full(starts.mask.shape, OWN_ALTITUDE + 5_000.0)
+    rows = steady(height, np.zeros_like(height), UAS.dt)
+    above = starts._replace(altitudes=Altitudes(np.full(COUNT, OWN_ALTITUDE), rows))
+    alone = starts._replace(mask=np.zeros_like(starts.mask))
+    far, none = (fly_as(each, "plan", policy, maneuvers) for each in (above, at_one_level(alone)))
+    assert (far.outcome == OUTCOMES.index("reached")).all()
+    np.testing.assert_allclose(far.path_length, none.path_length, atol=1e-9)
+    assert far.min_separation.min() > 1_000.0 * UAS.separation / VERTICAL.separation
+
+
+@pytest.mark.parametrize(
+    ("early", "lost"), [(0.0, True), (40.0, False), (-40.0, False), (4.0, True)]
+)
+def test_a_loss_is_one_of_both_separations_at_once(early: float, lost: bool) -> None:
+    # Head-on, and through the ownship's level so many seconds before they meet.
+    speed, meeting, climb = 25.0, 100.0, -5.0
+    own = VehicleState(*np.array([[0.0], [0.0], [0.0], [speed]]))
+    others = VehicleState(*np.array([[[2.0 * speed * meeting]], [[0.0]], [[np.pi]], [[speed]]]))
+    start = encounters_of_seed(scenario("circle", UAS), 0, 0, 1)
+    height = np.array([[OWN_ALTITUDE - climb * (meeting - early)]])
+    altitudes = Altitudes(np.array([OWN_ALTITUDE]), steady(height, np.full((1, 1), climb), UAS.dt))
+    start = start._replace(
+        own=own, goal_x=np.array([4_000.0]), goal_y=np.zeros(1), intruders=others
+    )._replace(altitudes=altitudes, intent=map_leaves(np.zeros_like, start.intent))
+    times = np.arange(0.0, 160.0, 0.001)
+    apart = np.abs(2.0 * speed * (meeting - times))
+    above = np.abs(height[0, 0] + climb * times - OWN_ALTITUDE)
+    both = (apart < UAS.separation) & (above < VERTICAL.separation)
+    assert both.any() == lost
+    flight = fly(start, Unmitigated(UAS), UAS)
+    assert (flight.outcome[0] == OUTCOMES.index("violation")) == lost
+    if lost:
+        assert times[both][0] <= flight.duration[0] <= times[both][0] + UAS.dt + 1e-6
+    endless = fly(start, Unmitigated(UAS), UAS, endless=True)
+    dense = np.maximum(apart, above * UAS.separation / VERTICAL.separation).min()
+    assert endless.min_separation[0] == pytest.approx(dense, abs=0.05)
+
+
+def test_altitudes_go_on_evenly_between_and_after_their_rows() -> None:
+    rows = np.array([[[100.0, 110.0, 105.0]]])
+    steps = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 4.0])
+    found = [float(at_step(rows, step)[0, 0]) for step in steps]
+    assert found == [100.0, 105.0, 110.0, 107.5, 105.0, 95.0]
+    # A report knows the climb since the one before.
+    climbs = [float(climb_at(rows, step, 2.0)[0, 0]) for step in (0.0, 1.0, 2.0, 3.0)]
+    assert climbs == [5.0, 5.0, -2.5, -2.5]
+
+
+def test_layers_are_as_they_are_said_and_change_nothing_else() -> None:
+    source = scenario("multi + layered", UAS)
+    drawn = encounters_of_seed(source, 3, 0, 300, heeds=("altitudes",))
+    plain = encounters_of_seed(scenario("multi", UAS), 3, 0, 300)
+    for name in ("own", "intruders", "goal_x", "mask"):
+        map_leaves(np.testing.assert_array_equal, getattr(drawn, name), getattr(plain, name))
+    altitudes, mask = drawn.altitudes, drawn.mask
+    assert altitudes is not None and source.vertical_miss == 2.0 * VERTICAL.separation
+    climb = ((altitudes.intruders[..., 1] - altitudes.intruders[..., 0]) / UAS.dt)[mask]
+    level = np.abs(climb) < 1e-9
+    assert 0.45 < level.mean() < 0.55
+    assert np.abs(climb[~level]).min() >= RATE[0] - 1e-6
+    assert np.abs(climb[~level]).max() <= RATE[1] + 1e-6
+    assert 0.45 < (climb[~level] > 0.0).mean() < 0.55
+    off = (altitudes.intruders[..., 0] - altitudes.own[:, None])[mask][level]
+    assert np.abs(off).max() <= source.vertical_miss and abs(off.mean()) < 0.1 * off.std()
+
+
+def test_a_training_has_no_altitudes() -> None:
+    jnp = pytest.importorskip("jax.numpy")
+    source = scenario("circle + layered", UAS)
+    with pytest.raises(EncounterError, match="has a wind, areas or altitudes of its own"):
+        sample(source, jnp.full((1, 2, source.dimensions), 0.4), jnp)
+
+
+@pytest.mark.parametrize(
+    "name", ["1200code_v2p1", "1200only_fwse_v1p2", "1200only_rotorcraft_v1p2"]
+)
+def test_a_model_s_traffic_in_space(name: str) -> None:
+    model = read_model(recorded_path("encounter_models") / f"uncor_{name}.txt")
+    plane = ModelTraffic(
+        model,
+        C208,
+        own_speed=(60.0, 80.0),
+        cpa_time=(30.0, 180.0),
+        miss=1_000.0,
+        min_initial_separation=1_000.0,
+        ahead=220.0,
+    )
+    space = replace(plane, vertical_miss=200.0)
+    # Whatever the altitudes, intruders and weights are those of the plane.
+    (flat, weights), (high, same) = (encounters_with(each, 2, 0, 8) for each in (plane, space))
+    np.testing.assert_array_equal(weights, same)
+    map_leaves(np.testing.assert_array_equal, flat.intruders, high.intruders)
+    assert flat.altitudes is None and high.altitudes is not None
+    edges = model.boundaries[model.place("L")]
+    assert edges is not None
+    assert (high.altitudes.own >= 0.3048 * edges[0]).all()
+    assert (high.altitudes.own <= 0.3048 * edges[-1]).all()
+    rows = high.altitudes.intruders
+    assert rows.shape[-1] == 401 and np.abs(np.diff(rows)).max() <= 2_000.0 * 0.00508 + 1e-9
+    # Within the vertical distance at the closest approach without a resolver.
+    recorder = TrajectoryRecorder(high)
+    fly(high, Unmitigated(C208), C208, recorder=recorder, endless=True)
+    flown = recorder.stack()
+    apart = np.hypot(
+        flown.intruders.x - flown.own.x[..., None], flown.intruders.y - flown.own.y[..., None]
+    )
+    closest = np.nanargmin(apart[..., 0], axis=0)
+    above = rows[np.arange(8), 0, closest] - high.altitudes.own
+    assert np.abs(above).max() <= 200.0 + 10.2
+
+
+def test_recorded_altitudes_are_flown_where_they_are_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "one.json"
+    path.write_text(json.dumps([ONE]))
+    keys = ("--aircraft", "c208", "--scenario", f"tracks:{path}", "--mode", "plan", *QUICK)
+    assert monte_carlo.main([*keys, "--out", str(tmp_path / "flat")]) == 0
+    high = ("--set", "tracks.altitudes=true", "--set", "planner.maneuvers=both")
+    assert monte_carlo.main([*keys, *high, "--out", str(tmp_path / "high")]) == 0
+    flat, space = (
+        pq.read_table(tmp_path / name / "encounters.parquet") for name in ("flat", "high")
+    )
+    assert "vertical_distance_m" not in flat.column_names
+    apart = ONE["h_ft"][1] - ONE["h_ft"][0]
+    assert space["vertical_distance_m"].to_pylist() == [pytest.approx(0.3048 * apart, abs=1e-6)]
+
+
+QUICK = ("--set", "resamples=200", "--set", "figures=false", "--workers", "1")
+
+
+@pytest.mark.slow
+def test_a_run_in_space_by_the_command(tmp_path: Path) -> None:
+    common = ("--aircraft", "uas", "--scenario", "circle + layered", "--mode", "assured")
+    common = *common, "--encounters", "8", "--set", "planner.maneuvers=both", "--workers", "1"
+    common = *common, "--set", "resamples=200"
+    assert monte_carlo.main([*common, "--out", str(tmp_path / "one")]) == 0
+    table = pq.read_table(tmp_path / "one/encounters.parquet").to_pydict()
+    summary = json.loads((tmp_path / "one/summary.json").read_text())
+    assert "unresolvable" not in table["verdict"]
+    climbs, deviation = np.array(table["climbs"]), np.array(table["altitude_deviation_m"])
+    assert ((climbs > 0) == (deviation > 1.0)).all() and climbs.any()
+    assert summary["climbed_rate"]["count"] == np.count_nonzero(climbs)
+    assert summary["aircraft"]["vertical"]["separation"] == VERTICAL.separation
+    reached = np.array(table["outcome"]) == "reached"
+    assert np.array(table["min_separation_m"])[reached].min() >= UAS.separation
+    # The horizontal miss alone need not be one.
+    assert np.array(table["horizontal_miss_m"]).min() < UAS.separation
+    again = (*common, "--set", "figures=false", "--set", "chunk=3")
+    assert monte_carlo.main([*again, "--out", str(tmp_path / "two")]) == 0
+    files = [tmp_path / name / "encounters.parquet" for name in ("one", "two")]
+    assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_a_flight_again_has_its_altitudes(policy: Policy) -> None:
+    options = Options.for_aircraft(UAS, maneuvers=Maneuvers.BOTH)
+    source = scenario("circle + layered", UAS)
+    evaluation = Evaluation(None, source, None, 3, UAS, "plan", options)
+    ready = ReadyEvaluation(evaluation, policy)
+    table, again = columns(ready, 0, 4), fly_recorded(ready, [2, 0])
+    np.testing.assert_array_equal(again.flights.min_separation, table["min_separation_m"][[2, 0]])
+    track = again.track(0)
+    assert track.altitudes is not None
+    assert track.altitudes.own.shape == track.own.shape[1:]
+    deviation = np.abs(track.altitudes.own - OWN_ALTITUDE).max()
+    assert deviation == table["altitude_deviation_m"][2]
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        (("aircraft=uas", "planner.maneuvers=both"), "expected horizontal in mode policy"),
+        (("mode=plan", "planner.maneuvers=both"), "the aircraft states no limits of climb"),
+        (("scenario=circle + layered",), "for an aircraft that states a vertical separation"),
+        (
+            ("aircraft=uas", "mode=plan", "planner.floor_m=10"),
+            'expected maneuvers that are "vertical" or "both"',
+        ),
+        (
+            ("aircraft=uas", "mode=plan", "planner.maneuvers=both", "planner.floor_m=1500"),
+            "planner.floor_m is 1500 m; expected one that the ownship of encounter 0 begins within",
+        ),
+        (
+            (
+                "aircraft=uas",
+                "mode=plan",
+                "planner.maneuvers=both",
+                "planner.floor_m=1500",
+                "planner.ceiling_m=1200",
+            ),
+            "expected less than the ceiling",
+        ),
+        (("aircraft=uas", "mode=plan", "planner.maneuvers=both", "areas=2"), "expected none"),
+        (
+            ("aircraft=c208", "scenario=lincoln:model.txt", "changes.vertical_miss=100"),
+            "has no 'L' with edges of its bins; expected vertical_miss null",
+        ),
+    ],
+)
+def test_what_cannot_be_flown_is_refused(
+    keys: tuple[str, ...], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("model.txt").write_text(SMALL)
+    sets = [word for key in keys for word in ("--set", key)]
+    with pytest.raises(InputError, match=sentence):
+        monte_carlo.main([*sets, "--encounters", "2", "--out", str(tmp_path / "none")])
+    assert not (tmp_path / "none").exists()
