@@ -12,6 +12,9 @@ from envs.arrays import Array
 REFERENCE = "encounter"
 """Name of the level that all altitudes of an encounter are measured from."""
 
+LEVEL = 914.4
+"""Altitude of the ownship where nothing else says one, m: 3000 ft."""
+
 
 class Altitudes(NamedTuple):
     """Altitudes above :data:`REFERENCE`, m, numpy; of encounters ``[...]`` with K intruders."""

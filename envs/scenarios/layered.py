@@ -6,14 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from envs.aircraft import Aircraft
-from envs.altitudes import Altitudes, steady
+from envs.altitudes import LEVEL, Altitudes, steady
 from envs.arrays import Array, ArrayModule
 from envs.encounters import Encounter, Modifier, Scenario, between, columns
 from envs.kinematics import VehicleState
 from envs.relative import straight_cpa
-
-OWN_ALTITUDE = 1_000.0
-"""Of the ownship at the start, m."""
 
 MISS = 2.0
 """Greatest vertical distance at the closest approach, vertical separations."""
@@ -44,8 +41,8 @@ def put_at_levels(
     own: VehicleState[Any] = VehicleState(*(field[:, None] for field in encounter.own))
     until = straight_cpa(own, encounter.intruders, xp).time
     above = between((-scenario.vertical_miss, scenario.vertical_miss), miss)
-    level = xp.full_like(encounter.goal_x, OWN_ALTITUDE)
-    altitude = OWN_ALTITUDE + above - climb * until
+    level = xp.full_like(encounter.goal_x, LEVEL)
+    altitude = LEVEL + above - climb * until
     altitudes = Altitudes(level, steady(altitude, climb, scenario.aircraft.dt))
     return encounter._replace(altitudes=altitudes), xp.ones_like(level, dtype=bool)
 

@@ -16,7 +16,7 @@ from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder
 from agents.planner.search.in_space import Climber
 from envs.aircraft import Aircraft
-from envs.altitudes import REFERENCE, Altitudes, at_step, climb_at
+from envs.altitudes import LEVEL, REFERENCE, Altitudes, at_step, climb_at
 from envs.encounters import Encounter, EncounterError
 from envs.frames import Air
 from envs.kinematics import VehicleState
@@ -25,9 +25,6 @@ from envs.profile import Height, flown
 from envs.relative import relative_motion, step_separation
 from envs.trees import column, take
 from eval.flights.trajectories import Trajectories
-
-LEVEL = 1_000.0
-"""Altitude of everybody in encounters without altitudes, where plans may climb and descend, m."""
 
 _NOWHERE: VehicleState[Air] = VehicleState(0.0, 0.0, 0.0, 0.0)
 _LEVEL_FLIGHT = 0.05  # m/s; what is slower is no climb and no descent
