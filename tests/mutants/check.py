@@ -357,6 +357,7 @@ _PROFILE = (
     ("    check_levels_of_areas(profile, certificate.areas)\n", ""),
     ("    check_speeds(certificate, pieces, flight)\n", ""),
     (", ball(profile.altitudes[-1])]", "]"),
+    ("for piece in pieces[1:]:", "for piece in pieces:"),
     ("least <= piece.climb.lo and ", ""),
     (" and piece.climb.hi <= most", ""),
     ("(piece.begin - half).lo >= changed", "piece.begin.lo >= changed"),

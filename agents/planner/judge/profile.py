@@ -9,7 +9,7 @@ from agents.planner.answer import Kind, Reason
 from agents.planner.request.options import L, Options
 from envs.frames import Air
 from envs.kinematics import Limits
-from envs.profile import Profile, corner_error, profile_of
+from envs.profile import Profile, corner_error, first_corner, profile_of
 from envs.waypoints import Legs, Waypoint
 
 _ROUNDING = 1e-6
@@ -38,7 +38,8 @@ def profile_faults(profile: Profile, own: Altitude, options: Options[L]) -> list
 
     A change of climb by r at an acceleration a takes r / (2 a) before its corner and after it, and
     leaves the profile by r^2 / (8 a): so far corners lie apart and from the request, and so much
-    the vertical margin holds at least.
+    the vertical margin holds at least. The climb at the request is what it is, such as in a gust;
+    it is kept for no longer than its change takes.
 
     Args:
         profile: it begins at the request.
@@ -46,7 +47,9 @@ def profile_faults(profile: Profile, own: Altitude, options: Options[L]) -> list
         options: of the flight.
     """
     vertical, faults = options.vertical, list[Reason]()
-    for time, climb in zip(profile.time.tolist(), profile.climbs.tolist(), strict=False):
+    first = int(_changes_at_once(profile, vertical.acceleration))
+    times, climbs = profile.time.tolist()[first:-1], profile.climbs.tolist()[first:]
+    for time, climb in zip(times, climbs, strict=True):
         if not -vertical.descent_max - _ROUNDING <= climb <= vertical.climb_max + _ROUNDING:
             what = (
                 f"climbs with {climb:.2f} m/s from {time:.1f} s on, expected "
@@ -71,6 +74,16 @@ def profile_faults(profile: Profile, own: Altitude, options: Options[L]) -> list
             faults.append(Reason.of(Kind.CLIMB, "altitudes", what))
         changed = corner.time + half
     return faults + _beyond_levels(profile, own, options)
+
+
+def _changes_at_once(profile: Profile, acceleration: float) -> bool:
+    """Return whether the change of the climb at the request begins then, at an acceleration,
+    m/s^2.
+    """
+    if profile.climbs.size < 2:
+        return False
+    lead = first_corner(float(profile.climbs[1] - profile.climbs[0]), acceleration)
+    return bool(profile.time[1] - profile.time[0] <= lead + _ROUNDING)
 
 
 def speed_faults(profile: Profile, curves: Legs[Air], limits: Limits) -> list[Reason]:

@@ -233,6 +233,18 @@ def test_an_unknown_climb_is_the_worst_that_is_plausible() -> None:
     assert not unknown.plan(options(Maneuvers.VERTICAL)).safe
 
 
+@pytest.mark.parametrize("climb", [-4.5, 5.5])
+def test_a_gust_that_is_faster_than_the_aircraft_climbs_ends_no_planning(climb: float) -> None:
+    """The climb at the request changes from then on; one that the margin does not hold is told."""
+    scene = SIMPLE._replace(altitude=replace(LEVEL, vertical_speed=climb))
+    answer = scene.plan(options(vertical_margin=15.0))
+    assert answer.safe
+    _, heights = own_heights(answer, scene.altitude)
+    assert np.abs(heights - LEVEL.value).max() > VERTICAL.separation
+    with pytest.raises(RequestError, match="are left by"):
+        scene.plan(options(vertical_margin=2.0))
+
+
 def test_the_cheapest_of_both_is_taken() -> None:
     for height in (0.0, 130.0):
         scene = Scene(OWN, LEVEL, [head_on(Altitude(LEVEL.value + height, "msl", 0.0))], None)
