@@ -14,18 +14,22 @@ GOAL = 4_500.0
 
 _STRONGEST = 8.0  # m/s of wind
 _APART = 600.0  # m between the mission's aircraft and an intruder at the beginning
+_FASTEST_CLIMB = 5.0  # m/s
 _FENCE = 1_200.0, 600.0  # m along the mission and across it
 
 
-def encounter(seed: int, number: int) -> Encounter:
+def encounter(seed: int, number: int, *, climbing: bool = False) -> Encounter:
     """Return an encounter of one to three aircraft, each of which turns in a third of the cases, in
-    wind of 0 to 8 m/s, with a fence beside the mission in half of the cases.
+    wind of 0 to 8 m/s, with a fence beside the mission in half of the cases; ``climbing``: each of
+    them climbs or descends with 1 to 5 m/s.
     """
     draw = np.random.default_rng([seed, number])
     wind, wind_from = draw.uniform(0.0, _STRONGEST), draw.uniform(0.0, 360.0)
     speed = ground_speed(float(wind), float(wind_from))
     intruders = tuple(_intruder(draw, speed) for _ in range(draw.integers(1, 4)))
     fence = _fence(draw, BEGIN + 55.0 * speed) if draw.random() < 0.5 else ()
+    if climbing:
+        intruders = tuple(one._replace(climb=_climb(draw)) for one in intruders)
     return Encounter(
         number,
         intruders,
@@ -62,6 +66,11 @@ def _intruder(draw: np.random.Generator, speed: float) -> Intruder:
         x, y, _ = place_of(found, 0.0, speed)
         if math.hypot(x - BEGIN, y) >= _APART:
             return found
+
+
+def _climb(draw: np.random.Generator) -> float:
+    """Return a climb or a descent, m/s."""
+    return float(draw.uniform(1.0, _FASTEST_CLIMB) * draw.choice((-1.0, 1.0)))
 
 
 def _fence(draw: np.random.Generator, middle: float) -> tuple[tuple[float, float], ...]:

@@ -189,7 +189,7 @@ def _try(name: str, fault: Fault) -> dict[str, Any]:
     try:
         flight = fly(
             Encounter(0, (_CROSSING,), 0.0, 300.0),
-            "ours",
+            "ours_horizontal",
             instance=_INSTANCE,
             # What a relay does not pass on in time looks like a link that is lost.
             speedup=40.0 if relay is None else 5.0,

@@ -63,7 +63,7 @@ def _share(pid: int, ground: Ground, chaser: Chaser, seconds: float) -> float:
 def plans(encounters: int, instance: int = 13) -> dict[str, Any]:
     """Return what plans took from their requests, ms."""
     flights = [
-        fly(encounter(0, number), "ours", instance=instance, speedup=40.0, until=_UNTIL)
+        fly(encounter(0, number), "ours_horizontal", instance=instance, speedup=40.0, until=_UNTIL)
         for number in range(encounters)
     ]
     took = 1e3 * np.array([plan for flight in flights for plan in flight.planned])

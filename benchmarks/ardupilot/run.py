@@ -1,20 +1,24 @@
 """Encounters flown by the mission alone, by ArduPilot's own avoidance, and by us.
 
-    python -m benchmarks.ardupilot [--encounters 200] [--workers N] [--out DIR] [--anew]
+    python -m benchmarks.ardupilot [--encounters 200] [--climbing] [--only NAME,NAME]
+        [--workers N] [--out DIR] [--anew]
 
 Each encounter (:mod:`benchmarks.ardupilot.encounters`) is flown by ArduPlane in its simulation,
-which RLCAS_SITL names (docs/howto/mavlink.md): ``mission`` passes over the traffic, ``climb`` and
-``sideways`` are ArduPilot's own avoidance by height and horizontally. ``ours`` is the program with
---fly, told the accuracies that a good receiver gives (:data:`ros_bridge.mavlink.flight.KNOWN`);
-``ours_unknown`` is the program at its defaults, which take what is unknown as the worst. A loss is
-an aircraft nearer than 200 m while within 50 m of the height. The simulation stands still while
-the program computes. Every flight is a line of ``flights.jsonl``; the same command goes on after
-the last one. Flights that ``flights.jsonl`` beside this module holds are not flown again. The last
-line is one JSON object.
+which RLCAS_SITL names (docs/howto/mavlink.md): ``mission`` passes over the traffic, ``climb``,
+``sideways`` and ``perpendicular`` are ArduPilot's own avoidance by height, horizontally and both at
+once. ``ours`` is the program with --fly and --maneuvers both, told the accuracies that a good
+receiver gives (:data:`ros_bridge.mavlink.flight.KNOWN`), ``ours_horizontal`` the same at the
+mission's height; ``ours_unknown`` is the program at its defaults, which take what is unknown as the
+worst. With --climbing the intruders climb or descend through the mission's height. A loss is an
+aircraft nearer than 200 m while within 50 m of the height. The simulation stands still while the
+program computes. Every flight is a line of ``flights.jsonl``; the same command goes on after the
+last one. Flights that ``flights.jsonl``, with --climbing ``climbing.jsonl``, beside this module
+holds are not flown again. The last line is one JSON object.
 """
 
 import argparse
 import json
+import math
 import multiprocessing
 import signal
 import sys
@@ -24,7 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from benchmarks.ardupilot.encounters import encounter
-from benchmarks.measure import Kind, read_done, report
+from benchmarks.measure import Kind, parse_names, read_done, report
 from commands.command import Parser, real, whole
 from commands.json_text import parse_json
 from eval.runner.workers import processes
@@ -36,9 +40,10 @@ if TYPE_CHECKING:
 
 METHODS = "mission", *AVOIDANCES, *OURS
 _FILE = "flights.jsonl"
-_FLOWN = Path(__file__).with_name(_FILE)
+_STORED = "climbing.jsonl", "flights.jsonl"  # beside this module
 _LATE = 120.0  # s after the mission alone, within which it must have arrived
-_TRIES = 3
+_TRIES = 6
+_STALL = 3.0  # s of its time that the simulation may go on unseen
 
 Row = dict[str, Any]
 
@@ -60,7 +65,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     folder()
     options.out.mkdir(parents=True, exist_ok=True)
-    asked = {"seed": options.seed, "separation_m": SEPARATION}
+    methods = parse_names(options.only, METHODS)
+    asked: Row = {"seed": options.seed, "separation_m": SEPARATION}
+    if options.climbing:
+        asked["climbing"] = True
     rows = read_done(options.out / _FILE, asked)
     if not options.anew:
         rows += stored_flights(asked, rows)
@@ -68,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wanted = [
         (number, method)
         for number in range(options.encounters)
-        for method in METHODS
+        for method in methods
         if (number, method) not in flown
     ]
     try:
@@ -79,10 +87,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 print(json.dumps(row), flush=True)
     except KeyboardInterrupt:
         print("interrupted; these are the figures of what was flown", file=sys.stderr)
-    complete = _complete([row for row in rows if row["number"] < options.encounters])
+    chosen = [
+        row for row in rows if row["number"] < options.encounters and row["method"] in methods
+    ]
+    complete = _complete(chosen, len(methods))
     print(table(complete))
     report(
-        {"benchmark": "ardupilot", **asked, "encounters": len(complete) // len(METHODS)}
+        {"benchmark": "ardupilot", **asked, "encounters": len(complete) // len(methods)}
         | {"rows": figures(complete)},
         ("pymavlink",),
     )
@@ -124,21 +135,21 @@ def _work(number: int, method: str) -> Row:
 
 
 def _line(number: int, method: str, options: argparse.Namespace) -> Row:
-    one = encounter(options.seed, number)
+    one = encounter(options.seed, number, climbing=options.climbing)
     flight = fly_encounter(one, method, instance=options.instance, speedup=options.speedup)
     return row_of(one, method, flight)
 
 
 def fly_encounter(one: Encounter, method: str, *, instance: int, speedup: float) -> Result:
-    """Fly an encounter by a method; on a busy machine a simulation may start too late, and is tried
-    again.
+    """Fly an encounter by a method; on a busy machine a simulation may start too late, or go on
+    unseen, and is tried again.
     """
     until = (one.goal - BEGIN) / one.cruise + _LATE
     left = _TRIES
     while True:
         left -= 1
         try:
-            return fly(one, method, instance=instance, speedup=speedup, until=until)
+            return fly(one, method, instance=instance, speedup=speedup, until=until, stall=_STALL)
         except (SitlError, RuntimeError) as problem:
             if not left:
                 raise
@@ -149,6 +160,7 @@ def row_of(one: Encounter, method: str, flight: Result) -> Row:
     """Return the line of a flight; lengths in m, times in s."""
     across = [abs(period.cross_track) for period in flight.steered]
     along = [abs(period.along_track) for period in flight.steered]
+    above = [abs(period.above) for period in flight.steered if not math.isnan(period.above)]
     return {
         "number": one.number,
         "method": method,
@@ -162,10 +174,12 @@ def row_of(one: Encounter, method: str, flight: Result) -> Row:
         "arrived": None if flight.arrived is None else round(flight.arrived, 1),
         "flown": round(flight.rows[-1].time, 1),
         "on_mission": round(flight.on_mission, 1),
+        "on_track": round(flight.on_track, 1),
         "path": round(flight.path),
         "taken_over": flight.taken_over,
         "across": round(max(across), 2) if across else None,
         "along": round(max(along), 2) if along else None,
+        "above": round(max(above), 2) if above else None,
         "texts": [text for text in flight.texts if text.startswith("RLCAS")],
     }
 
@@ -174,18 +188,18 @@ def stored_flights(asked: Row, rows: Sequence[Row]) -> list[Row]:
     """Return the flights that are stored beside this module, without those that rows hold; none
     where they were asked for something else.
     """
-    first, *lines = _FLOWN.read_text(encoding="utf-8").splitlines()
-    if parse_json(first) != asked:
-        return []
+    stored: list[Row] = []
+    for name in _STORED:
+        first, *lines = Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines()
+        stored += [parse_json(line) for line in lines if parse_json(first) == asked]
     flown = {(row["number"], row["method"]) for row in rows}
-    stored = [parse_json(line) for line in lines]
     return [row for row in stored if (row["number"], row["method"]) not in flown]
 
 
-def _complete(rows: Sequence[Row]) -> list[Row]:
-    """Return the flights of those encounters that every method has flown."""
+def _complete(rows: Sequence[Row], methods: int) -> list[Row]:
+    """Return the flights of those encounters that each of so many methods has flown."""
     numbers = [row["number"] for row in rows]
-    return [row for row in rows if numbers.count(row["number"]) == len(METHODS)]
+    return [row for row in rows if numbers.count(row["number"]) == methods]
 
 
 def figures(rows: Sequence[Row]) -> list[Row]:
@@ -210,22 +224,26 @@ def _figures(flights: Sequence[Row]) -> Row:
         "least_separation_m": min(row["separation"] for row in flights),
         "path_m": _mean([row["path"] for row in arrived]),
         "on_mission": _mean([row["on_mission"] / row["flown"] for row in flights]),
+        "on_track": _mean([row["on_track"] / row["flown"] for row in flights if "on_track" in row]),
         "across_m": max((row["across"] or 0.0 for row in flights), default=0.0),
         "along_m": max((row["along"] or 0.0 for row in flights), default=0.0),
+        "above_m": max((row.get("above") or 0.0 for row in flights), default=0.0),
     }
 
 
 def table(rows: Sequence[Row]) -> str:
     """Return the figures as a table."""
     lines = [
-        f"{'':20} {'':12} flights losses breaches arrivals  least, m  path, m  on the mission, %"
+        f"{'':20} {'':15} flights losses breaches arrivals  least, m  path, m  in AUTO, %  on its "
+        "track, %"
     ]
     for one in figures(rows):
         path = "-" if one["path_m"] is None else f"{one['path_m']:.0f}"
+        track = "-" if one["on_track"] is None else f"{100.0 * one['on_track']:.0f}"
         lines.append(
-            f"{one['kind']:20} {one['method']:12} {one['flights']:7} {one['losses']:6} "
+            f"{one['kind']:20} {one['method']:15} {one['flights']:7} {one['losses']:6} "
             f"{one['breaches']:8} {one['arrivals']:8} {one['least_separation_m']:10.0f} "
-            f"{path:>8} {100.0 * one['on_mission']:18.0f}"
+            f"{path:>8} {100.0 * one['on_mission']:11.0f} {track:>16}"
         )
     return "\n".join(lines)
 
@@ -239,6 +257,9 @@ def _parser() -> Parser:
     add = parser.add_argument
     add("--encounters", type=whole(1), default=200, help="encounters to fly (default 200)")
     add("--seed", type=whole(0), default=0, help="seed of the encounters (default 0)")
+    add("--climbing", action="store_true", help="the intruders climb or descend")
+    names = ",".join(METHODS)
+    add("--only", default=names, help=f"methods with commas (default {names})")
     out = Path("runs/ardupilot")
     add("--out", type=Path, default=out, help=f"folder of the flights (default {out})")
     add("--anew", action="store_true", help="fly those again that have been flown")

@@ -72,7 +72,7 @@ SITUATIONS = {
 
 def _fly(encounter: Encounter, one: Situation) -> Result:
     if not one.inside:
-        return fly(encounter, "ours", instance=12, speedup=40.0, until=_UNTIL)
+        return fly(encounter, "ours_horizontal", instance=12, speedup=40.0, until=_UNTIL)
     waiting = [one.fence]
 
     def upload(sitl: Sitl, seconds: float, row: Row) -> None:
@@ -81,7 +81,7 @@ def _fly(encounter: Encounter, one: Situation) -> Result:
                 sitl.upload_fence(waiting.pop(), keep_in=False)
 
     without = encounter._replace(fence=())
-    return fly(without, "ours", instance=12, speedup=40.0, until=_UNTIL, watch=upload)
+    return fly(without, "ours_horizontal", instance=12, speedup=40.0, until=_UNTIL, watch=upload)
 
 
 def row_of(name: str, one: Situation, flight: Result) -> dict[str, Any]:

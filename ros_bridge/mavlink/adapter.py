@@ -153,7 +153,11 @@ def _route(view: View) -> tuple[Station, ...]:
     left = mission.remaining_items(view.mission, current)
     came_from = mission.before(view.mission, current)
     items = left if came_from is None else (came_from, *left)
-    return tuple(Station(one.number, *one.place, None) for one in items)
+    offset = view.received.altitude_offset
+    return tuple(
+        Station(one.number, *one.place, mission.altitude_of(one, view.mission, offset))
+        for one in items
+    )
 
 
 def _advice(view: View) -> MonitorStatus:

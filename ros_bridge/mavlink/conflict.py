@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from agents.kernel.separation import separation
 from agents.kernel.traffic import growth
 from agents.kernel.trajectory import straight
 from agents.planner.answer import RequestError
-from agents.planner.request.request import check_request, in_wind
+from agents.planner.request.request import Altitude, check_request, in_wind
 from envs.area_geometry import signed_distance
 from envs.arrays import Array
 from envs.trees import take
@@ -37,6 +38,9 @@ def conflict(task: PlanTask, look_ahead: float) -> Conflict | None:
     some seconds where the ownship flies its route at its speed over the ground; None: none.
     """
     course = _along_route(task, look_ahead)
+    if task.options.climbs:
+        altitude = _mission_altitude(task, course)
+        task = replace(task, own_altitude=altitude)
     return earliest((_first_intruder(task, course), _first_area(task, course)))
 
 
@@ -75,6 +79,34 @@ def _along_route(task: PlanTask, look_ahead: float) -> _Course:
     return _Course(
         *(field[None] for field in (np.interp(ways, way, x), np.interp(ways, way, y), time))
     )
+
+
+def _mission_altitude(task: PlanTask, course: _Course) -> Altitude | None:
+    """Return the altitudes that the ownship may have on its course: from its own to those of the
+    points ahead of it, as far as the course goes, with the vertical margin; None: unknown.
+
+    Where one of them is unknown, an intruder counts as where no plan may climb: within the vertical
+    filter of the altitude that goes on changing as now.
+    """
+    own, options = task.own_altitude, task.options
+    if own is None:
+        return None
+    x, y = course.x[0], course.y[0]
+    length = float(np.hypot(np.diff(x), np.diff(y)).sum())
+    way, heights = 0.0, [own.value]
+    px, py = float(task.own.x), float(task.own.y)
+    for point in task.points:
+        if point.altitude is None:
+            more = max(options.vertical_filter - options.vertical.separation, 0.0)
+            return replace(own, error=own.error + more)
+        heights.append(point.altitude)
+        way += math.hypot(point.x - px, point.y - py)
+        if way >= length:
+            break
+        px, py = point.x, point.y
+    low, high = min(heights), max(heights)
+    error = own.error + 0.5 * (high - low) + options.vertical_margin
+    return Altitude(0.5 * (low + high), own.reference, 0.0, error)
 
 
 def _first_intruder(task: PlanTask, course: _Course) -> Conflict | None:

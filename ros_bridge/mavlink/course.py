@@ -70,6 +70,7 @@ def course(
     *,
     spacing: float,
     radius: float,
+    offset: float = 0.0,
 ) -> Course:
     """Return the course from the current item on, or raise :class:`FieldError` where none is flown.
 
@@ -81,7 +82,9 @@ def course(
         own: the ownship.
         spacing: of the points that may be rejoined at, m.
         radius: WP_LOITER_RAD, m.
+        offset: ALT_OFFSET, m.
     """
+    altitudes = {one.number: mission.altitude_of(one, items, offset) for one in left}
     walk = _Walk({one.number: one for one in items if one.number}, items, radius, spacing)
     item = walk.items.get(current)
     if not left and (item is None or item.command in _TAKE_OFF):
@@ -95,7 +98,7 @@ def course(
 
     def through(places: Sequence[Place]) -> Route:
         onward = Onward(number, tuple(places))
-        return near(mission.route(began, left, spacing, onward), own.place)
+        return near(mission.route(began, left, spacing, onward, altitudes), own.place)
 
     watched = tuple(
         through((*way.places[:-1], *way.circle) if way.circle else way.places) for way in ways

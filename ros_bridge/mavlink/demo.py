@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     more += () if options.record is None else ("--record", str(options.record))
     options_of(["--connect", "tcp:127.0.0.1:5760", *more])  # refuses before anything flies
     _check_picture(options.out)
-    flight = fly(encounter, "ours", instance=options.instance, until=_UNTIL, more=more)
+    flight = fly(encounter, "ours_horizontal", instance=options.instance, until=_UNTIL, more=more)
     for text in flight.texts:
         if text.startswith("RLCAS"):
             print(text)

@@ -52,7 +52,9 @@ class Reposition:
 
 @dataclass(frozen=True)
 class Steer:
-    """Send the roll, and with ``speed`` the airspeed, of a period of the follower."""
+    """Send the roll, and with ``speed`` the airspeed and the altitude, of a period of the
+    follower.
+    """
 
     steered: Steered
     boot_ms: int  # the autopilot's time

@@ -36,8 +36,9 @@ _AVOIDANCE = {
 AVOIDANCES = {
     "climb": {**_AVOIDANCE, "AVD_F_ACTION": 2},
     "sideways": {**_AVOIDANCE, "AVD_F_ACTION": 3},
+    "perpendicular": {**_AVOIDANCE, "AVD_F_ACTION": 4},
 }
-"""ArduPilot's own avoidance, and back to the mission: by height, and horizontally."""
+"""ArduPilot's own avoidance, and back to the mission: by height, horizontally, and both at once."""
 
 KNOWN = (
     *("--unknown-position-std", "5", "--unknown-velocity-std", "0.2"),  # m, m/s
@@ -48,9 +49,10 @@ level, which ADSB_VEHICLE cannot say. 5 m and 0.2 m/s are one sigma of NACp 10 a
 within 10 m and 0.3 m/s). Without them the program's defaults for what is unknown count.
 """
 
-OURS = {"ours": KNOWN, "ours_unknown": ()}
-"""The program with --fly: with accuracies of the traffic that a good receiver gives, and at its
-defaults.
+_BOTH = "--maneuvers", "both", "--vertical-separation", f"{VERTICAL:g}"
+OURS = {"ours": (*KNOWN, *_BOTH), "ours_horizontal": KNOWN, "ours_unknown": ()}
+"""The program with --fly: with accuracies of the traffic that a good receiver gives, where plans
+may climb and where they keep the height; and at its defaults.
 """
 
 BEGIN, GOAL = 1_100.0, 6_000.0
@@ -60,8 +62,10 @@ _AT_GOAL = 60.0  # m before the goal, from which on it is reached
 _BEYOND = 3_000.0  # m, from the goal to the mission's last waypoint
 _WATCHING, _UNGUIDED = 3, 5  # reports of position in a step, where nothing of ours is flown
 _LONGEST = 420.0  # s
+_TOO_LATE = 100.0  # m beyond the beginning, at which a flight cannot begin any more
 _STILL = 15.0  # s of real time without a message, after which a flight has failed
 _ABOVE = 620.0  # m above mean sea level
+_BESIDE = 25.0  # m from the mission's legs, within which the aircraft is on them
 
 
 class Intruder(NamedTuple):
@@ -74,6 +78,11 @@ class Intruder(NamedTuple):
     turn_at: float = math.inf  # s after the start
     turn: float = 0.0  # rad
     turn_rate: float = 0.1  # rad/s
+    climb: float = 0.0  # m/s; at ``cpa`` it is as high as the mission
+
+    def above(self, time: float) -> float:
+        """Return its altitude at a time, s after the start, m above mean sea level."""
+        return _ABOVE + self.climb * (time - self.cpa)
 
 
 class Encounter(NamedTuple):
@@ -112,6 +121,7 @@ class Result(NamedTuple):
     breached: bool  # whether it was inside the fence that is to be kept out of
     arrived: float | None  # s; None: not in time
     on_mission: float  # s in AUTO
+    on_track: float  # s on the mission's legs, as seen from above
     path: float  # m
     steered: tuple[Steered, ...]  # what our follower was at and told, each period
     taken_over: int  # how often
@@ -143,7 +153,7 @@ def apart(row: Row, one: Intruder, cruise: float) -> float:
     return math.dist((row.x, row.y), place_of(one, row.time, cruise)[:2])
 
 
-def fly(
+def fly(  # noqa: PLR0913 - all that a flight is
     encounter: Encounter,
     method: str,
     *,
@@ -153,6 +163,7 @@ def fly(
     more: Sequence[str] = (),
     watch: Callable[[Sitl, float, Row], None] | None = None,
     parameters: Mapping[str, float] = MappingProxyType({}),
+    stall: float = math.inf,
 ) -> Result:
     """Fly an encounter.
 
@@ -165,6 +176,10 @@ def fly(
         more: options of the program.
         watch: called with each row.
         parameters: of the autopilot, set before its start.
+        stall: s of its time that the simulation may go on unseen, on a machine that is busy.
+
+    Raises:
+        RuntimeError: it went on unseen for longer, or says nothing any more.
     """
     given = {
         **parameters,
@@ -174,18 +189,21 @@ def fly(
         **AVOIDANCES.get(method, {}),
     }
     frame = LocalFrame(encounter.home[0], encounter.home[1])
-    straight = (Leg(400.0, 0.0), Leg(encounter.goal, 0.0), Leg(encounter.goal + _BEYOND, 0.0))
     with Sitl(instance, speedup, given, encounter.home) as sitl:
-        sitl.upload([Leg(100.0, 0.0, 60.0, 22, 15.0), *(encounter.legs or straight)])
+        sitl.upload([Leg(100.0, 0.0, 60.0, 22, 15.0), *_legs(encounter)])
         if encounter.fence:
             sitl.upload_fence(encounter.fence, keep_in=False)
         sitl.take_off()
         sitl.rate(33, 1e5)  # GLOBAL_POSITION_INT
         sitl.rate(74, 1e5)  # VFR_HUD
         sitl.rate(0, 2e5)  # HEARTBEAT
-        program = program_beside(sitl, more, OURS[method]) if method in OURS else None
+        program = None
+        if method in OURS:
+            sitl.set("SIM_SPEEDUP", 1.0)  # it goes on while the program begins
+            program = program_beside(sitl, more, OURS[method])
+            sitl.set("SIM_SPEEDUP", speedup)
         try:
-            return _fly(encounter, sitl, program, frame, until, watch)
+            return _fly(encounter, sitl, program, frame, until, watch, stall)
         finally:
             if program is not None:
                 program.close()
@@ -267,6 +285,8 @@ class _Log:
     def _take_position(self, message: Any) -> Row | None:
         at = self._frame.place(1e-7 * message.lat, 1e-7 * message.lon)
         x, y, clock = float(at.x), float(at.y), 1e-3 * message.time_boot_ms
+        if self._began is None and x >= BEGIN + _TOO_LATE:
+            raise RuntimeError(f"encounter {self._encounter.number}: it was {x:.0f} m on its way")
         if self._began is None and x >= BEGIN:
             self._began = clock
         if self._began is None:
@@ -286,6 +306,7 @@ def _fly(
     frame: LocalFrame,
     until: float,
     watch: Callable[[Sitl, float, Row], None] | None,
+    stall: float,
 ) -> Result:
     log = _Log(encounter, frame)
     told, heard = -1.0, time.monotonic()
@@ -293,11 +314,14 @@ def _fly(
         sitl.beat()
         if program is not None:
             program.turn(0.0)
+        before = log.rows[-1].time if log.rows else math.inf
         for message in advance(sitl, _positions(program)):
             heard = time.monotonic()
             row = log.take(message)
             if row is None:
                 continue
+            if row.time - before > stall:
+                raise RuntimeError(f"encounter {encounter.number}: the machine is too busy")
             if row.time - told >= 1.0:
                 told = row.time
                 _traffic(encounter, sitl, row.time)
@@ -313,7 +337,8 @@ def _traffic(encounter: Encounter, sitl: Sitl, seconds: float) -> None:
     for number, one in enumerate(encounter.intruders):
         x, y, course = place_of(one, seconds, encounter.cruise)
         track = 90.0 - math.degrees(course)
-        sitl.traffic(0xA00001 + number, x, y, track, one.speed, _ABOVE)
+        above = one.above(seconds)
+        sitl.traffic(0xA00001 + number, x, y, track, one.speed, above, one.climb)
 
 
 def _judge(encounter: Encounter, log: _Log, program: Program | None) -> Result:
@@ -322,7 +347,7 @@ def _judge(encounter: Encounter, log: _Log, program: Program | None) -> Result:
     for row in rows:
         for one in encounter.intruders:
             away = apart(row, one, encounter.cruise)
-            if abs(row.above - _ABOVE) < VERTICAL:
+            if abs(row.above - one.above(row.time)) < VERTICAL:
                 least = min(least, away)
                 lost = lost or away < SEPARATION
     pairs = list(itertools.pairwise(rows))
@@ -333,12 +358,35 @@ def _judge(encounter: Encounter, log: _Log, program: Program | None) -> Result:
         breached=bool(fence) and any(_inside(row.x, row.y, fence) for row in rows),
         arrived=log.arrived,
         on_mission=sum(b.time - a.time for a, b in pairs if a.mode == Mode.AUTO),
+        on_track=sum(b.time - a.time for a, b in pairs if off_track(encounter, a) <= _BESIDE),
         path=sum(math.hypot(b.x - a.x, b.y - a.y) for a, b in pairs),
         steered=() if program is None else tuple(program.steered),
         taken_over=sum(a.mode != Mode.GUIDED and b.mode == Mode.GUIDED for a, b in pairs),
         texts=tuple(log.texts),
         planned=() if program is None else tuple(program.planned),
     )
+
+
+def _legs(encounter: Encounter) -> tuple[Leg, ...]:
+    """Return the mission after its item 1."""
+    goal = encounter.goal
+    return encounter.legs or (Leg(400.0, 0.0), Leg(goal, 0.0), Leg(goal + _BEYOND, 0.0))
+
+
+def off_track(encounter: Encounter, row: Row) -> float:
+    """Return how far a row of a flight is from the mission's legs, as seen from above, m."""
+    places = [(leg.east, leg.north) for leg in _legs(encounter)]
+    return min(_off_leg((row.x, row.y), a, b) for a, b in itertools.pairwise(places))
+
+
+def _off_leg(
+    place: tuple[float, float], begin: tuple[float, float], end: tuple[float, float]
+) -> float:
+    """Return how far a place is from a leg, m."""
+    x, y = end[0] - begin[0], end[1] - begin[1]
+    along = ((place[0] - begin[0]) * x + (place[1] - begin[1]) * y) / max(x * x + y * y, 1e-9)
+    along = min(max(along, 0.0), 1.0)
+    return math.dist(place, (begin[0] + along * x, begin[1] + along * y))
 
 
 def _inside(x: float, y: float, polygon: Sequence[tuple[float, float]]) -> bool:

@@ -55,8 +55,14 @@ def _seen(state: State, time: int, setup: Setup) -> Seen:
         conflict=_may_conflict(judgement, setup.rules.engage),
         flyable=state.is_safe(time) if watching else to_follow(judgement) is not None and judges,
         rejoined=on_plan and rejoin is not None and time >= rejoin.time,
-        diverted=phase is Phase.GUIDING and pilot.is_diverted(state.pilot, received.target),
+        diverted=phase is Phase.GUIDING and _is_diverted(state, seconds),
     )
+
+
+def _is_diverted(state: State, seconds: float) -> bool:
+    """Return whether somebody else has set another target in GUIDED."""
+    received = state.received
+    return pilot.is_diverted(state.pilot, received.target, received.target_altitude, seconds)
 
 
 def _may_conflict(judgement: Judgement, engage: float) -> bool:
@@ -74,7 +80,9 @@ def _change_phase(state: State, was: Phase, time: int, setup: Setup) -> Advance:
         released = pilot.release(state.pilot)
         state = replace(state, pilot=released, refresh=hasten(state.refresh))
     if control.phase is Phase.WATCHING:
-        state = replace(state, received=replace(state.received, target=None))  # it was ours
+        state = replace(
+            state, received=replace(state.received, target=None, target_altitude=None)
+        )  # it was ours
         state = state.without_plan(setup.rules)
     return Advance(state, (line,))
 
@@ -92,7 +100,7 @@ def _piloted(state: State, order: Order, time: int, setup: Setup) -> Piloted:
     flown, judgement, received = state.pilot, state.judgement, state.received
     if order is Order.TAKE_OVER:
         own = received.situation.own.last
-        return pilot.take_over(flown, judgement.supervision.held, own)
+        return pilot.take_over(flown, judgement.supervision.held, own, received.altitude_offset)
     if order is Order.STEER:
         return pilot.steer(flown, judgement, received, setup.vehicle, time)
     return pilot.give_back(flown, received.current, judgement.rejoin, state.items)

@@ -59,6 +59,7 @@ class Received:
     fix: str = ""  # why the satellite fix cannot be relied on
     current: int = 0  # item of the mission that is flown to
     target: tuple[int, int] | None = None  # latitude and longitude that are flown to, 1e-7 degrees
+    target_altitude: float | None = None  # m above mean sea level
     parameters: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     left_out: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     """How many reports, or aircraft, were not taken as traffic, by the reason."""
@@ -70,6 +71,11 @@ class Received:
     def mode(self) -> int:
         """Of the autopilot, by its last heartbeat; -1: unknown."""
         return -1 if self.heartbeat is None else self.heartbeat.mode
+
+    @property
+    def altitude_offset(self) -> float:
+        """What the autopilot adds to every altitude that it is told, m."""
+        return self.parameters.get("ALT_OFFSET", 0.0)
 
     @property
     def problem(self) -> str:
@@ -331,7 +337,8 @@ def _target(
     _: int,
     __: Reading,
 ) -> Received:
-    return replace(received, target=(int(message.lat_int), int(message.lon_int)))
+    place = int(message.lat_int), int(message.lon_int)
+    return replace(received, target=place, target_altitude=float(message.alt))
 
 
 def _parameter(

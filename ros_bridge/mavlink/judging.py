@@ -3,10 +3,11 @@
 Pure: a :class:`Judgement` follows from the one before, the situation and the time.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,12 +16,15 @@ from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Thresholds
 from agents.kernel.traffic import Requirement
 from agents.planner.answer import Advisory, AdvisoryCode, Field, Plan, RequestError
-from agents.planner.request.options import Options
+from agents.planner.request.options import Maneuvers, Options, check
+from agents.planner.request.request import Altitude
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
+from envs.areas import Level
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.profile import Profile, level, profile_of
 from envs.waypoints import RoutePoint, Waypoint, at, legs, plan_states, repeat
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.assurance import (
@@ -52,7 +56,38 @@ SPACING = 1.0
 _SIGMAS = 2.0
 _BEHIND = 2.0  # separations beyond the loss before which no leg is rejoined
 _GOALS = 12  # of the mission's points, the nearest first, at which a plan may rejoin
+_ALTITUDE_WEIGHT = 0.5  # a metre up or down leaves the mission's ground track less than one aside
+_SAME_ALTITUDE = 1e-3  # m between altitudes that are the same
+_UNKNOWN_ALTITUDE = (
+    "mission: the altitude of the next item is unknown (above terrain, or no waypoint): plans keep "
+    "the height"
+)
 _ROUNDED = 1.0  # m by which a plan may be farther from a point when it has rejoined there
+
+
+class Climbs(NamedTuple):
+    """What plans may do up and down."""
+
+    maneuvers: Maneuvers = Maneuvers.HORIZONTAL
+    floor: Level | None = None
+    ceiling: Level | None = None
+    margin: float = 0.0  # for what the follower leaves of a plan's altitude, m
+
+    def options(self) -> dict[str, Any]:
+        """Return them as options of the planner; none where plans keep the height."""
+        if self.maneuvers is Maneuvers.HORIZONTAL:
+            return {}
+        return {
+            "maneuvers": self.maneuvers,
+            "floor": self.floor,
+            "ceiling": self.ceiling,
+            "vertical_margin": self.margin,
+            "altitude_weight": _ALTITUDE_WEIGHT,
+        }
+
+
+IN_THE_PLANE = Climbs()
+"""Plans keep the height."""
 
 
 class Rules(NamedTuple):
@@ -115,9 +150,13 @@ def rules(
     unknown: Unknown,
     deadline: float,
     categories: Categories = NO_CATEGORIES,
+    climbs: Climbs = IN_THE_PLANE,
 ) -> Rules:
     """Return the rules of an aircraft; lengths in m, the margin for what the follower leaves of a
     plan, ``categories`` what is kept from some emitter categories.
+
+    Raises:
+        RequestError: ``climbs`` contradict each other, or what the aircraft can do.
     """
     fresh = Freshness.for_aircraft(aircraft)
     options = Options.for_aircraft(
@@ -129,7 +168,9 @@ def rules(
         deadline_s=deadline,
         vertical_filter=vertical,
         max_age=fresh.intruder,
+        **climbs.options(),
     )
+    check(options)
     limits = Thresholds.for_plans(
         options,
         own_age=fresh.own,
@@ -197,7 +238,7 @@ def watch(
         if unplanned:
             return replace(judgement, conflict=first, plan=None, problem=unplanned)
         reach = request.own.speed * first.time
-        request = _ahead(request, reach + _BEHIND * first.required)
+        request = _with_rejoin_altitude(_ahead(request, reach + _BEHIND * first.required))
         return _take_up(replace(judgement, conflict=first), situation, request, rules)
     except Refusal as refusal:
         return replace(judgement, conflict=first, plan=None, problem=str(refusal))
@@ -218,7 +259,7 @@ def supervise(
     number = verdict.ask.number
     try:
         wanted = task(situation, now, rules.settings, route)
-        wanted = _not_before(wanted, judgement.rejoin)
+        wanted = _with_rejoin_altitude(_not_before(wanted, judgement.rejoin))
         answer = _plan(wanted, rules)
     except Refusal as refusal:
         after, _ = accept_answer(supervision, number, None)
@@ -237,14 +278,33 @@ def _points(wanted: PlanTask, route: Route) -> tuple[RoutePoint, ...]:
     """Return a route's points in a task's frame."""
     at = wanted.frame.place([one.latitude for one in route], [one.longitude for one in route])
     places = zip(route, at.x.tolist(), at.y.tolist(), strict=True)
-    return tuple(RoutePoint(one.index, x, y) for one, x, y in places)
+    return tuple(
+        RoutePoint(one.index, x, y, one.altitude and one.altitude.value) for one, x, y in places
+    )
+
+
+def _with_rejoin_altitude(wanted: PlanTask) -> PlanTask:
+    """Return a task whose plan comes back to the altitude of the last point that it may rejoin at:
+    the planner regains that of the last point that has one. Where the next point has none it plans
+    in the plane.
+    """
+    if not wanted.options.climbs:
+        return wanted
+    points = wanted.points
+    if points[0].altitude is None:
+        options = replace(wanted.options, maneuvers=Maneuvers.HORIZONTAL, floor=None, ceiling=None)
+        notes = *wanted.notes, Advisory(AdvisoryCode.ASSUMED, "mission", _UNKNOWN_ALTITUDE)
+        return replace(wanted, options=options, notes=notes)
+    beyond = (replace(point, altitude=None) for point in points[_GOALS:])
+    return replace(wanted, points=(*points[:_GOALS], *beyond))
 
 
 def publish(answer: Plan, wanted: PlanTask, revision: int) -> Published:
     """Return a plan as the monitor takes it."""
     left_out = {one.number for one in answer.excluded}
     names = (name for n, name in enumerate(wanted.identifiers) if n not in left_out)
-    start = start_point(wanted.frame, wanted.own, wanted.time, wanted.own_altitude)
+    climbs = answer.waypoints[0].altitude is not None
+    start = start_point(wanted.frame, wanted.own, wanted.time, wanted.own_altitude, climbs=climbs)
     wind = answer.wind or NO_WIND
     return Published(
         revision.to_bytes(16, "big"),
@@ -267,10 +327,14 @@ class ToFly(NamedTuple):
     own: VehicleState[Ground]
     waypoints: tuple[Waypoint, ...]
     wind: Wind | None  # that its legs are flown in
+    # altitude, m above mean sea level, times from ``began``; None: that of the beginning is kept
+    profile: Profile | None = None
 
 
-def to_follow(judgement: Judgement) -> ToFly | None:
-    """Return what is to be flown now; None: nothing."""
+def to_follow(judgement: Judgement, altitude: Altitude | None = None) -> ToFly | None:
+    """Return what is to be flown now; None: nothing. From the ownship's altitude a backup levels
+    off.
+    """
     supervision = judgement.supervision
     frame, held, kind = supervision.frame, supervision.held, to_fly(supervision)
     if frame is None or held is None:
@@ -278,11 +342,23 @@ def to_follow(judgement: Judgement) -> ToFly | None:
     wind = wind_of(frame, held)
     if kind is FlyMode.PLAN:
         key = ("plan", held.revision)
-        return ToFly(key, frame, held.began, *to_frame(frame, held), wind)
-    made = backup(supervision, None) if kind is FlyMode.BACKUP else None
+        own, waypoints = to_frame(frame, held)
+        profile = _profile(held, waypoints, supervision.thresholds.options)
+        return ToFly(key, frame, held.began, own, waypoints, wind, profile)
+    made = backup(supervision, altitude) if kind is FlyMode.BACKUP else None
     if made is None:
         return None
-    return ToFly(("backup", made.began), frame, made.began, *to_frame(frame, made), wind)
+    height, climbs = made.start.altitude, supervision.thresholds.options.climbs
+    profile = level(height.value) if climbs and height is not None else None
+    return ToFly(("backup", made.began), frame, made.began, *to_frame(frame, made), wind, profile)
+
+
+def _profile(held: Published, waypoints: tuple[Waypoint, ...], options: Options) -> Profile | None:
+    """Return the altitude of a plan, times from its request; None: it is one in the plane."""
+    start = held.start.altitude
+    if not held.climbs or start is None:
+        return None
+    return profile_of(start.value, start.climb(0.0)[0], waypoints, options.vertical.acceleration)
 
 
 def _plan(wanted: PlanTask, rules: Rules) -> Plan:
@@ -326,12 +402,13 @@ def _remark(advisory: Advisory, wanted: PlanTask) -> str:
 
 
 def _rejoin(answer: Plan, wanted: PlanTask) -> Rejoin:
-    """Return at which point of the route, and when, a plan is back on it: what the plan rejoins may
-    be a point round an area.
+    """Return at which point of the route, and when, a plan is back on it and at its altitude: what
+    the plan rejoins may be a point round an area.
     """
     wind = answer.wind or NO_WIND
-    later = (one.time for one in answer.waypoints if one.time > answer.rejoin_time)
-    times = np.array([answer.rejoin_time, *later])
+    earliest_back = max(answer.rejoin_time, _regained(answer.waypoints))
+    later = (one.time for one in answer.waypoints if one.time > earliest_back)
+    times = np.array([earliest_back, *later])
     curve = legs(plan_states(wanted.own, answer.waypoints, wind=wind))
     state = at(repeat(curve, times.size), times, wind)
     x = np.array([point.x for point in wanted.points])
@@ -341,6 +418,17 @@ def _rejoin(answer: Plan, wanted: PlanTask) -> Rejoin:
     first = int(np.argmax(back)) if back.any() else times.size - 1
     index = wanted.points[int(np.argmin(away[first]))].index if back.any() else None
     return Rejoin(index, wanted.time + round(float(times[first]) * SECOND))
+
+
+def _regained(waypoints: Sequence[Waypoint]) -> float:
+    """Return when a plan has its last altitude and keeps it, s after its request; one in the plane
+    has it always.
+    """
+    regained, end = 0.0, waypoints[-1].altitude
+    for before, point in itertools.pairwise(waypoints):
+        if end is not None and abs((before.altitude or 0.0) - end) > _SAME_ALTITUDE:
+            regained = point.time
+    return regained
 
 
 def _not_before(wanted: PlanTask, rejoin: Rejoin | None) -> PlanTask:

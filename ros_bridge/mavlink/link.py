@@ -348,7 +348,7 @@ class Link:
         )
 
     def steer(self, command: Command, boot_ms: int, *, speed: bool) -> None:
-        """Send the roll, and with ``speed`` the airspeed."""
+        """Send the roll, and with ``speed`` the airspeed and the altitude, where there is one."""
         self._send(
             self._connection.mav.set_attitude_target_send,
             boot_ms & 0xFFFFFFFF,
@@ -361,6 +361,19 @@ class Link:
             0.0,
             0.0,
         )
+        if speed and command.altitude is not None:
+            self._send(
+                self._connection.mav.set_position_target_global_int_send,
+                boot_ms & 0xFFFFFFFF,
+                self.system,
+                self.component,
+                5,  # MAV_FRAME_GLOBAL_INT: above mean sea level
+                _ALTITUDE_ONLY,
+                0,
+                0,
+                command.altitude,
+                *[0.0] * 8,
+            )
         if speed:
             self._send(
                 self._connection.mav.command_int_send,
@@ -457,6 +470,9 @@ _ROLL_ONLY = 0b11111110
 """Of SET_ATTITUDE_TARGET: everything but the roll is to be ignored. ArduPlane takes the roll of the
 attitude by the bit of the roll rate; with the bit of the attitude it would hold the pitch too.
 """
+
+_ALTITUDE_ONLY = 0b1111_1111_1111_1011
+"""Of SET_POSITION_TARGET_GLOBAL_INT: everything but the altitude is to be ignored."""
 
 
 def check_address(text: str) -> None:

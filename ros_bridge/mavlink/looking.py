@@ -108,6 +108,7 @@ def _course(state: State, setup: Setup) -> tuple[State, Course | FieldError]:
             own,
             spacing=SPACING * setup.vehicle.aircraft.separation,
             radius=received.parameters.get("WP_LOITER_RAD", 0.0),
+            offset=received.altitude_offset,
         )
     )
     return replace(state, leg=leg), ahead

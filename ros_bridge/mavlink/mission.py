@@ -7,12 +7,14 @@ are both 0 is where the aircraft is when it becomes the current one (``Location:
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from agents.planner.request.request import Altitude
 from envs.areas import Keep
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame, distance, wgs84
@@ -30,6 +32,7 @@ _CIRCLES = frozenset({17, 18, 19, 31})  # without end, for turns, for a time, to
 _WITH_PLACE = _CIRCLES | {16, 21, 22, 82, 85, 94}
 _INCLUSION, _EXCLUSION, _CIRCLE_IN, _CIRCLE_OUT = 5001, 5002, 5003, 5004
 _RETURN = 5000
+_ABOVE_SEA, _ABOVE_HOME = frozenset({0, 5}), frozenset({3, 6})  # MAV_FRAME
 _SAME = 1.0  # m between places that are the same
 _LEAST_LEG = 1.5  # m between points of a route, more than the planner requires
 _LONGEST = 200  # points of the legs after the last plain waypoint
@@ -53,6 +56,7 @@ class Item(NamedTuple):
     parameter: float = 0.0  # the first
     second: float = 0.0  # parameter
     third: float = 0.0
+    frame: int = 3  # MAV_FRAME: above home
 
     @property
     def flies(self) -> bool:
@@ -95,8 +99,34 @@ def item(message: "dialect.MAVLink_mission_item_int_message") -> Item:
         latitude,
         longitude,
         float(message.z),
-        *(float(value) for value in (message.param1, message.param2, message.param3)),
+        float(message.param1),
+        float(message.param2),
+        float(message.param3),
+        int(message.frame),
     )
+
+
+def home_altitude(items: Sequence[Item]) -> float | None:
+    """Return the altitude of home, item 0, m above mean sea level; None: it is unknown."""
+    homes = (one.altitude for one in items if one.number == 0 and one.place != (0.0, 0.0))
+    return next(homes, None)
+
+
+def altitude_of(item: Item, items: Sequence[Item], offset: float = 0.0) -> Altitude | None:
+    """Return at which altitude an item of a mission is flown; None: it is above the terrain, or
+    above a home that is unknown.
+
+    Args:
+        item: of the mission.
+        items: all of the mission.
+        offset: that the autopilot adds, ALT_OFFSET, m.
+    """
+    if item.frame in _ABOVE_SEA:
+        return Altitude(item.altitude + offset, "msl", 0.0)
+    home = home_altitude(items)
+    if item.frame not in _ABOVE_HOME or home is None:
+        return None
+    return Altitude(home + item.altitude + offset, "msl", 0.0)
 
 
 def remaining_items(items: Sequence[Item], current: int) -> tuple[Item, ...]:
@@ -139,18 +169,21 @@ def route(
     waypoints: Sequence[Item],
     spacing: float,
     onward: "Onward | None" = None,
+    altitudes: Mapping[int, Altitude | None] = MappingProxyType({}),
 ) -> tuple[Station, ...]:
     """Return a mission's waypoints as a route with points on the legs, so that it can be rejoined
     between waypoints that lie far apart, and with what is flown after them.
 
     Legs are straight in degrees, as ArduPlane flies them, over the antimeridian too. Behind the
-    last place the route goes straight on.
+    last place the route goes straight on. A point of a leg has the altitude of the item that the
+    leg leads to, which AUTO makes for; what is flown after the waypoints has none that is known.
 
     Args:
         start: where the first leg begins, degrees.
         waypoints: that are left.
         spacing: of the points on a leg at most, m.
         onward: what is flown after the waypoints; None: straight on.
+        altitudes: of items, by their numbers.
     """
     if not waypoints and onward is None:
         raise FieldError("mission", "has no waypoint left, expected one or more")
@@ -158,7 +191,7 @@ def route(
     before = came_from = start  # where the leg before began, and this one
     for one in waypoints:
         stations += [
-            Station(one.number * SUB + part, *at, None)
+            Station(one.number * SUB + part, *at, altitudes.get(one.number))
             for part, at in enumerate(_points(came_from, one.place, spacing), 1)
         ]
         # The last point of a leg is the item's own place, whatever its number on the leg.

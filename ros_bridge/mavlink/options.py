@@ -5,23 +5,41 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from agents.planner.answer import RequestError
+from agents.planner.request.options import HIGHEST, LOWEST, Maneuvers, default_vertical_margin
 from agents.policy.domain import OutsideDomainError
 from agents.policy.inference import Policy
 from commands.command import InputError, Parser, require, whole
+from envs.areas import Level
 from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.categories import Categories, separations_of
 from ros_bridge.core.reports import UNKNOWN_WIND_STD, USUAL, WIND_STD, Unknown
-from ros_bridge.mavlink.judging import Rules, rules
+from ros_bridge.mavlink.judging import IN_THE_PLANE, Climbs, Rules, rules
 from ros_bridge.mavlink.vehicle import Vehicle
 from ros_bridge.transport.receivers import EXAMPLES, check_ports, check_sources
 
 MARGIN = 25.0
 """Added to the separation for what the autopilot leaves of its plan, m (docs/howto/mavlink.md)."""
 
+VERTICAL_SEPARATION = 76.2
+"""Kept from traffic above and below where plans may climb, m: 250 ft, the height of the well-clear
+volume of small unmanned aircraft (ASTM F3442).
+"""
+
+VERTICAL_MARGIN = 10.0
+"""Added to it for what the autopilot leaves of its plan's altitude, m (docs/howto/mavlink.md)."""
+
+_HEIGHTS = ("floor", "ceiling", "vertical_separation", "vertical_margin")
+"""Options of plans that may climb."""
+
 _RANGES = {
     "separation": (10.0, 10_000.0, "m"),
     "margin": (0.0, 1_000.0, "m"),
     "vertical_filter": (0.0, 10_000.0, "m"),
+    "floor": (LOWEST, HIGHEST, "m"),
+    "ceiling": (LOWEST, HIGHEST, "m"),
+    "vertical_separation": (1.0, 10_000.0, "m"),
+    "vertical_margin": (0.0, 5_000.0, "m"),
     "unknown_position_std": (0.0, 1_000.0, "m"),
     "unknown_velocity_std": (0.0, 50.0, "m/s"),
     "unknown_wind_std": (0.0, 50.0, "m/s"),
@@ -54,6 +72,7 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     options.categories = _categories(
         options.category_separations, options.category_vertical_separations
     )
+    _check_heights(options)
     if options.seconds is not None and not options.seconds > 0.0:
         raise InputError(f"--seconds is {options.seconds:g} s; expected more than 0 s")
     options.policy = _policy(options.policy)
@@ -72,9 +91,22 @@ def check_folder(option: str, file: Path) -> None:
         raise InputError(f"--{option} {file} is a folder; expected a file")
 
 
-def rules_of(options: argparse.Namespace, vehicle: Vehicle) -> Rules:
+def vertical_separation_of(options: argparse.Namespace) -> float | None:
+    """Return what is kept above and below where plans may climb, m; None: they keep the height."""
+    if options.maneuvers == Maneuvers.HORIZONTAL.value:
+        return None
+    given = options.vertical_separation
+    return VERTICAL_SEPARATION if given is None else given
+
+
+def rules_of(
+    options: argparse.Namespace,
+    vehicle: Vehicle,
+    fence: tuple[Level | None, Level | None] = (None, None),
+) -> Rules:
     """Return how an autopilot's aircraft is watched and planned for, or raise :class:`InputError`
-    where the policy is for no such aircraft.
+    where the policy is for no such aircraft, or plans may not climb as they are to; ``fence`` is
+    the floor and the ceiling of the autopilot's.
     """
     try:
         policy = options.policy.for_aircraft(vehicle.aircraft)
@@ -90,15 +122,67 @@ def rules_of(options: argparse.Namespace, vehicle: Vehicle) -> Rules:
         wind_std=UNKNOWN_WIND_STD * fastest if wind is None else wind,
         reported_wind_std=WIND_STD * fastest if reported is None else reported,
     )
-    return rules(
-        vehicle.aircraft,
-        policy,
-        margin=options.margin,
-        vertical=options.vertical_filter,
-        unknown=unknown,
-        deadline=options.deadline,
-        categories=options.categories,
+    try:
+        return rules(
+            vehicle.aircraft,
+            policy,
+            margin=options.margin,
+            vertical=options.vertical_filter,
+            unknown=unknown,
+            deadline=options.deadline,
+            categories=options.categories,
+            climbs=_climbs(options, vehicle, fence),
+        )
+    except RequestError as problem:
+        called = problem.field.removeprefix("options.").removesuffix(".value").replace("_", "-")
+        raise InputError(f"--{called} {problem.problem}") from None
+
+
+def _climbs(
+    options: argparse.Namespace, vehicle: Vehicle, fence: tuple[Level | None, Level | None]
+) -> Climbs:
+    """Return what plans may do up and down: within the floors and ceilings of options and fence."""
+    vertical = vehicle.aircraft.vertical
+    if vertical is None:
+        return IN_THE_PLANE
+    margin = options.vertical_margin
+    margin = VERTICAL_MARGIN if margin is None else margin
+    least = default_vertical_margin(vertical)
+    if margin < least:
+        raise InputError(
+            f"--vertical-margin is {margin:g} m; expected {least:.1f} m or more, by which a change "
+            "to the greatest climb leaves a plan's altitude"
+        )
+    floors, ceilings = (
+        [level for level in (side, None if given is None else Level(given, "msl")) if level]
+        for side, given in zip(fence, (options.floor, options.ceiling), strict=True)
     )
+    return Climbs(
+        Maneuvers(options.maneuvers), max(floors, default=None), min(ceilings, default=None), margin
+    )
+
+
+def _check_heights(options: argparse.Namespace) -> None:
+    """Raise :class:`InputError` where plans could not climb as the options say."""
+    if options.maneuvers == Maneuvers.HORIZONTAL.value:
+        for name in _HEIGHTS:
+            if getattr(options, name) is not None:
+                called = name.replace("_", "-")
+                raise InputError(
+                    f"--{called} goes with --maneuvers vertical or both; by default plans keep the "
+                    "height"
+                )
+        return
+    floor, ceiling = options.floor, options.ceiling
+    if floor is not None and ceiling is not None and not floor < ceiling:
+        raise InputError(f"--floor is {floor:g} m; expected less than --ceiling, {ceiling:g} m")
+    above_sea = (source.startswith("flarm://") for source in options.adsb)
+    if options.traffic_altitude != "msl" and not any(above_sea):
+        raise InputError(
+            f"--maneuvers {options.maneuvers} goes with --traffic-altitude msl, or a receiver that "
+            "has altitudes above mean sea level (--adsb flarm://...): no plan is above or below an "
+            "aircraft whose altitude is unknown"
+        )
 
 
 def _policy(file: str) -> Policy:
@@ -159,6 +243,28 @@ def _parser() -> argparse.ArgumentParser:
     )
     for name, default, what in numbers:
         add(f"--{name}", type=float, default=default, help=f"{what} (default {default:g})")
+    add(
+        "--maneuvers",
+        choices=[kind.value for kind in Maneuvers],
+        default=Maneuvers.HORIZONTAL.value,
+        help="what plans may do: turns and speeds (horizontal, the default), climbs and descents "
+        "along the mission (vertical), or both",
+    )
+    for name, usual, what in (
+        ("floor", "none", "least altitude of plans that may climb, m above mean sea level"),
+        ("ceiling", "none", "greatest altitude of plans that may climb, likewise"),
+        (
+            "vertical-separation",
+            f"{VERTICAL_SEPARATION:g}",
+            "kept above or below traffic by plans that may climb, instead of --vertical-filter, m",
+        ),
+        (
+            "vertical-margin",
+            f"{VERTICAL_MARGIN:g}",
+            "added to it for the distance of flights from their plans' altitudes, m",
+        ),
+    ):
+        add(f"--{name}", type=float, help=f"{what} (default {usual})")
     for name, what in (
         ("category-separations", "separations from aircraft of emitter categories, m"),
         ("category-vertical-separations", "vertical filters likewise"),

@@ -1,5 +1,5 @@
-"""What the autopilot is told while a conflict lasts: to leave its mission, roll and airspeed of the
-plan, and the way back to its mission.
+"""What the autopilot is told while a conflict lasts: to leave its mission, roll, airspeed and
+altitude of the plan, and the way back to its mission.
 
 Pure: a :class:`Pilot` follows from the one before.
 """
@@ -20,10 +20,22 @@ from ros_bridge.mavlink.effects import Effect, Log, Reposition, SetCurrent, SetM
 from ros_bridge.mavlink.intake import Received
 from ros_bridge.mavlink.judging import Judgement, Rejoin, ToFly, to_follow
 from ros_bridge.mavlink.mission import Item
-from ros_bridge.mavlink.steering import Air, Follower, Steered, command, errors, guide, sense
+from ros_bridge.mavlink.steering import (
+    Air,
+    Follower,
+    PlannedHeight,
+    Steered,
+    command,
+    errors,
+    guide,
+    sense,
+)
 from ros_bridge.mavlink.vehicle import Vehicle
 
-_SPEED = 0.5  # s between two airspeeds
+_SPEED = 0.5  # s between two airspeeds, and two altitudes
+_HEARD = 4.0  # s within which the autopilot's target has an altitude that it was told
+_SETTLED = 2.0  # s after the first altitude, from which on its target must have one of ours
+_SAME_ALTITUDE = 1.0  # m
 _BANK_MAX = math.radians(50.0)
 
 
@@ -44,6 +56,7 @@ class Pilot:
     asked_for: int | None = None  # item at which AUTO was asked to go on
     replaced: bool = False  # whether somebody else has uploaded another mission since it was left
     targets: frozenset[tuple[int, int]] = frozenset()  # that it was sent to, 1e-7 degrees
+    altitudes: tuple[tuple[float, float], ...] = ()  # that it was told last, s and m
     reached_ours: bool = False  # whether one of them has been its target in GUIDED
     followed: Followed | None = None
     air: Air = field(default_factory=Air)
@@ -56,12 +69,17 @@ class Piloted(NamedTuple):
     effects: tuple[Effect, ...] = ()
 
 
-def take_over(pilot: Pilot, held: Published | None, own: Report | None) -> Piloted:
-    """Ask for GUIDED, with the last point of a plan as its target."""
+def take_over(
+    pilot: Pilot, held: Published | None, own: Report | None, offset: float = 0.0
+) -> Piloted:
+    """Ask for GUIDED, with the last point of a plan as its target, at the ownship's altitude;
+    ``offset`` is what the autopilot adds to altitudes, ALT_OFFSET, m.
+    """
     if held is None or own is None or own.altitude is None:
         return Piloted(pilot)
     point = held.points[-1]
-    target = messages.target(point.latitude, point.longitude, own.altitude)
+    told = replace(own.altitude, value=own.altitude.value - offset)
+    target = messages.target(point.latitude, point.longitude, told)
     targets = pilot.targets | {(target.latitude, target.longitude)}
     return Piloted(replace(pilot, targets=targets), (Reposition(target),))
 
@@ -71,37 +89,75 @@ def note_target(pilot: Pilot, target: tuple[int, int] | None) -> Pilot:
     return replace(pilot, reached_ours=pilot.reached_ours or target in pilot.targets)
 
 
-def is_diverted(pilot: Pilot, target: tuple[int, int] | None) -> bool:
-    """Return whether the autopilot has had our target in GUIDED, and now has another one."""
-    return pilot.reached_ours and target not in pilot.targets
+def is_diverted(
+    pilot: Pilot, target: tuple[int, int] | None, altitude: float | None, seconds: float
+) -> bool:
+    """Return whether the autopilot has had our target in GUIDED, and now has another one; or,
+    while it is told altitudes, another altitude, m above mean sea level.
+    """
+    if pilot.reached_ours and target not in pilot.targets:
+        return True
+    told = pilot.altitudes
+    if altitude is None or not told or seconds - told[0][0] < _SETTLED:
+        return False
+    heights = [height for _, height in told]
+    return not min(heights) - _SAME_ALTITUDE <= altitude <= max(heights) + _SAME_ALTITUDE
 
 
 def steer(
     pilot: Pilot, judgement: Judgement, received: Received, vehicle: Vehicle, time: int
 ) -> Piloted:
-    """Command roll and airspeed of what is to be flown; ``time`` is the autopilot's, ns."""
-    to_fly, report = to_follow(judgement), received.situation.own.last
+    """Command roll, airspeed and altitude of what is to be flown; ``time`` is the autopilot's,
+    ns.
+    """
+    report = received.situation.own.last
+    to_fly = None if report is None else to_follow(judgement, report.altitude)
     if to_fly is None or report is None:
         return Piloted(pilot)
-    follower, lines = _follow(pilot, to_fly, time)
+    follower, lines = _follow(pilot, to_fly, vehicle, time)
     age = (time - report.time) / SECOND
     state = carry_back(to_local(to_fly.frame, report), -age, FLOATS)
     clock, seconds = (time - to_fly.began) / SECOND, time / SECOND
-    speeds = vehicle.airspeed_min, vehicle.airspeed_max
     airspeed = received.airspeed
     air = sense(pilot.air, state, report.wind, airspeed)
-    told, follower = command(follower, state, clock, air, speeds, _BANK_MAX)
+    told, follower = command(follower, state, clock, air, vehicle, _BANK_MAX)
     off = errors(follower, state, clock)
-    steered = Steered(seconds, *off, state.speed, airspeed or math.nan, told)
+    above = _above(follower, report, age, clock)
+    if told.altitude is not None:
+        told = told._replace(altitude=told.altitude - received.altitude_offset)
+    steered = Steered(seconds, *off, state.speed, airspeed or math.nan, told, above)
     with_speed = not 0.0 <= seconds - pilot.airspeed_at < _SPEED
     after = replace(
         pilot,
         steered_at=seconds,
         airspeed_at=seconds if with_speed else pilot.airspeed_at,
+        altitudes=_told_last(pilot, told.altitude, seconds) if with_speed else pilot.altitudes,
         followed=Followed(to_fly.key, follower),
         air=air,
     )
     return Piloted(after, (*lines, Steer(steered, time // 1_000_000, with_speed)))
+
+
+def _above(follower: Follower, report: Report, age: float, clock: float) -> float:
+    """Return by how much the ownship, whose report is so old, s, is above its plan at a time of the
+    plan's clock, s, m; nan: the plan is in the plane, or the altitude is unknown.
+    """
+    if follower.height is None or report.altitude is None:
+        return math.nan
+    height = report.altitude.value + report.altitude.climb(0.0)[0] * age
+    return height - follower.height.at(clock).altitude
+
+
+def _told_last(
+    pilot: Pilot, altitude: float | None, seconds: float
+) -> tuple[tuple[float, float], ...]:
+    """Return the altitudes that the autopilot has been told last, with one of a moment; none where
+    it is told none.
+    """
+    if altitude is None:
+        return ()
+    last = (one for one in pilot.altitudes if 0.0 <= seconds - one[0] <= _HEARD)
+    return (*last, (seconds, altitude))
 
 
 def give_back(pilot: Pilot, current: int, rejoin: Rejoin | None, items: Sequence[Item]) -> Piloted:
@@ -123,15 +179,23 @@ def release(pilot: Pilot) -> Pilot:
         asked_for=None,
         replaced=False,
         targets=frozenset[tuple[int, int]](),
+        altitudes=(),
         reached_ours=False,
     )
 
 
-def _follow(pilot: Pilot, to_fly: ToFly, time: int) -> tuple[Follower, tuple[Log, ...]]:
+def _follow(
+    pilot: Pilot, to_fly: ToFly, vehicle: Vehicle, time: int
+) -> tuple[Follower, tuple[Log, ...]]:
     """Return the follower of what is to be flown, a new one, which is logged, where that is
     another.
     """
     if pilot.followed is not None and pilot.followed.key == to_fly.key:
         return pilot.followed.follower, ()
-    follower = guide(to_fly.own, to_fly.waypoints, to_fly.wind)
-    return follower, (Log(f"flying {to_fly.key[0]} {to_fly.key[1]}", time),)
+    text, height = f"flying {to_fly.key[0]} {to_fly.key[1]}", None
+    if to_fly.profile is not None and vehicle.aircraft.vertical is not None:
+        height = PlannedHeight(to_fly.profile, vehicle.aircraft.vertical.acceleration)
+        low, high = to_fly.profile.altitude.min(), to_fly.profile.altitude.max()
+        text += f", {low:.0f} to {high:.0f} m above mean sea level"
+    follower = guide(to_fly.own, to_fly.waypoints, to_fly.wind, height)
+    return follower, (Log(text, time),)

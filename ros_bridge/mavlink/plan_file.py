@@ -8,10 +8,11 @@ import json
 import math
 from itertools import pairwise
 
-from ros_bridge.core.conversions import Published
+from ros_bridge.core.conversions import PlanPoint, Published
 
 __all__ = ["geojson", "kml"]
 
+_ABSOLUTE = "<altitudeMode>absolute</altitudeMode>"  # above mean sea level
 _KML = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark>
 <name>{name}</name>
@@ -22,12 +23,19 @@ _KML = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def geojson(plan: Published) -> str:
-    """Return a line, or lines, with the times of arrival, ns, of the plan's points after the
-    first.
+    """Return a line, or lines, with the times of arrival, ns, of the plan's points after the first,
+    and, where it climbs, their altitudes.
+
+    The altitudes are no third coordinate: that is above the ellipsoid (RFC 7946, section 3.1.1).
     """
-    lines = _lines(plan)
+    lines = [[place[:2] for place in line] for line in _lines(plan)]
     whole = {"type": "LineString", "coordinates": lines[0]}
     cut = {"type": "MultiLineString", "coordinates": lines}
+    heights = [one.altitude for one in plan.points if one.altitude is not None and plan.climbs]
+    altitudes = {
+        "altitudes_m": [round(height.value, 1) for height in heights],
+        "altitude_reference": heights[0].reference if heights else None,
+    }
     return json.dumps(
         {
             "type": "Feature",
@@ -35,31 +43,51 @@ def geojson(plan: Published) -> str:
             "properties": {
                 "name": f"plan {plan.revision}",
                 "times_ns": [one.time for one in plan.points],
+                **(altitudes if heights else {}),
             },
         }
     )
 
 
 def kml(plan: Published) -> str:
-    """Return a line, or lines, whose heights are left to the ground."""
-    texts = (
-        " ".join(f"{longitude:.7f},{latitude:.7f}" for longitude, latitude in line)
-        for line in _lines(plan)
+    """Return a line, or lines, at the plan's altitudes; where it does not climb, their heights are
+    left to the ground.
+    """
+    texts = (" ".join(_coordinates(place) for place in line) for line in _lines(plan))
+    mode = _ABSOLUTE if plan.climbs else ""
+    lines = "".join(
+        f"<LineString>{mode}<coordinates>{one}</coordinates></LineString>" for one in texts
     )
-    lines = "".join(f"<LineString><coordinates>{one}</coordinates></LineString>" for one in texts)
     return _KML.format(name=f"plan {plan.revision}", lines=lines)
 
 
+def _coordinates(place: list[float]) -> str:
+    """Return a place of a line as KML has it."""
+    longitude, latitude, *height = place
+    return ",".join([f"{longitude:.7f}", f"{latitude:.7f}", *(f"{value:.1f}" for value in height)])
+
+
 def _lines(plan: Published) -> list[list[list[float]]]:
-    """Return the lines through a plan's points, longitude and latitude, degrees."""
-    places = [[one.longitude, one.latitude] for one in (plan.start, *plan.points)]
+    """Return the lines through a plan's points: longitude and latitude, degrees, and where it
+    climbs the altitude, m.
+    """
+    places = [_place(plan, one) for one in (plan.start, *plan.points)]
     lines = [places[:1]]
-    for (west, south), (east, north) in pairwise(places):
+    for before, after in pairwise(places):
+        west, east = before[0], after[0]
         if abs(east - west) > 180.0:
             edge = math.copysign(180.0, west)
             share = (edge - west) / math.remainder(east - west, 360.0)
-            latitude = south + share * (north - south)
-            lines[-1].append([edge, latitude])
-            lines.append([[-edge, latitude]])
-        lines[-1].append([east, north])
+            others = zip(before[1:], after[1:], strict=True)
+            on_edge = [first + share * (second - first) for first, second in others]
+            lines[-1].append([edge, *on_edge])
+            lines.append([[-edge, *on_edge]])
+        lines[-1].append(after)
     return lines
+
+
+def _place(plan: Published, point: PlanPoint) -> list[float]:
+    place = [point.longitude, point.latitude]
+    if plan.climbs and point.altitude is not None:
+        place.append(point.altitude.value)
+    return place

@@ -68,8 +68,8 @@ from ros_bridge.mavlink.events import (
 from ros_bridge.mavlink.intake import Reading, Received
 from ros_bridge.mavlink.judging import Judgement, Question, Rules, answer
 from ros_bridge.mavlink.link import Link
-from ros_bridge.mavlink.mission import Item
-from ros_bridge.mavlink.options import options_of, rules_of
+from ros_bridge.mavlink.mission import Item, home_altitude
+from ros_bridge.mavlink.options import options_of, rules_of, vertical_separation_of
 from ros_bridge.mavlink.plan_file import geojson, kml
 from ros_bridge.mavlink.remote_id import names_of
 from ros_bridge.mavlink.state import Pace, Setup, State
@@ -78,6 +78,7 @@ from ros_bridge.mavlink.vehicle import (
     Vehicle,
     check_flyable,
     failsafe_notes,
+    fence_levels,
     own_address,
     vehicle_of,
 )
@@ -120,17 +121,20 @@ def _question(link: Link, options: argparse.Namespace) -> _Autopilot:
     parameters = link.parameters()
     if options.fly:
         check_flyable(parameters)
-    vehicle = vehicle_of(parameters, options.separation)
+    vehicle = vehicle_of(parameters, options.separation, vertical_separation_of(options))
     return _Autopilot(parameters, vehicle, link.fence(), link.mission())
 
 
-def _setup(options: argparse.Namespace, vehicle: Vehicle) -> Setup:
+def _setup(options: argparse.Namespace, autopilot: _Autopilot) -> Setup:
     """Return what stays the same throughout a flight; InputError: the policy is for no such
-    aircraft.
+    aircraft, or plans may not climb as they are to.
     """
-    above_sea = options.traffic_altitude == "msl"
+    above_sea, vehicle = options.traffic_altitude == "msl", autopilot.vehicle
+    fence = None, None
+    if vehicle.aircraft.vertical is not None:
+        fence = fence_levels(autopilot.parameters, home_altitude(autopilot.mission))
     return Setup(
-        rules=rules_of(options, vehicle),
+        rules=rules_of(options, vehicle, fence),
         vehicle=vehicle,
         reading=Reading(
             {0: "msl", 1: "msl"} if above_sea else {},
@@ -187,7 +191,7 @@ class Program:
 
         autopilot = _question(link, options)
         fence = areas_of(autopilot.corners, options.margin)
-        self.setup = _setup(options, autopilot.vehicle)
+        self.setup = _setup(options, autopilot)
         self.state = self._begin(autopilot, fence)
         self._introduce(autopilot, len(fence))
         rehearse(self.setup.rules.policy, self.setup.rules.settings.options)
@@ -218,7 +222,8 @@ class Program:
         link, log = self._link, self._output.log
         log(f"autopilot {link.system}/{link.component}, mission of {len(autopilot.mission)} items")
         log(f"fence of {areas} areas")
-        log(what_is_kept(self.setup.rules))
+        for line in what_is_kept(self.setup.rules):
+            log(line)
         for note in autopilot.vehicle.notes:
             log(note)
         if self.state.fly:
@@ -408,14 +413,27 @@ def _count_left_out(view: View) -> Iterator[str]:
             yield f"reports of traffic {what}: {', '.join(reasons)}"
 
 
-def what_is_kept(rules: Rules) -> str:
-    """Return a line on the distance that is kept from traffic that says nothing of its accuracy."""
-    keep, sigma = rules.settings.options.requirement, rules.settings.unknown.position_std
+def what_is_kept(rules: Rules) -> Iterator[str]:
+    """Yield a line on the distance that is kept from traffic that says nothing of its accuracy, and
+    where plans may climb one on what is kept above and below.
+    """
+    options, sigma = rules.settings.options, rules.settings.unknown.position_std
+    keep = options.requirement
     whole = keep.separation + keep.margin + keep.sigmas * sigma
-    return (
+    yield (
         f"separation {keep.separation:g} m, margin {keep.margin:g} m: kept from traffic without an "
         f"accuracy are {whole:.0f} m and more, because {keep.sigmas:g} sigmas of {sigma:g} m are "
         "added (--unknown-position-std)"
+    )
+    if not options.climbs:
+        return
+    floor, ceiling = (
+        f"{name} {level.value:g} m" if level is not None else f"no {name}"
+        for name, level in (("floor", options.floor), ("ceiling", options.ceiling))
+    )
+    yield (
+        f"or vertical separation {options.vertical_separation:g} m, margin "
+        f"{options.vertical_margin:g} m; {floor}, {ceiling} above mean sea level"
     )
 
 

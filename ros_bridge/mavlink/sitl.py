@@ -27,6 +27,7 @@ LAST_INSTANCE = 255
 _FIRST_PORT = 5_760
 _BEGINS = 60.0  # s of real time for a start or an upload, on a loaded machine too
 _BESIDE = Path(__file__).resolve().parents[3] / "shared" / "sitl"
+_PATIENT = 15  # its niceness
 _RELATIVE = 6  # MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
 _CRUISE = 100.0  # m above home
 
@@ -133,6 +134,8 @@ class Sitl:
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
+        # Where the processor is busy it waits for whoever listens to it, and not they for it.
+        os.setpriority(os.PRIO_PROCESS, self._process.pid, _PATIENT)
         try:
             self.station: Any = self._connect()
         except BaseException:
@@ -342,7 +345,14 @@ class Sitl:
         raise SitlError("the aircraft has not taken off")
 
     def traffic(
-        self, number: int, east: float, north: float, course: float, speed: float, above: float
+        self,
+        number: int,
+        east: float,
+        north: float,
+        course: float,
+        speed: float,
+        above: float,
+        climb: float = 0.0,
     ) -> None:
         """Send an ADSB_VEHICLE, as a receiver does.
 
@@ -352,6 +362,7 @@ class Sitl:
             course: degrees clockwise from north.
             speed: m/s.
             above: m above mean sea level.
+            climb: m/s.
         """
         latitude, longitude = place(east, north, self.home)
         self.station.mav.adsb_vehicle_send(
@@ -362,7 +373,7 @@ class Sitl:
             altitude=round(1000 * above),
             heading=round(100 * (course % 360.0)),
             hor_velocity=round(100 * speed),
-            ver_velocity=0,
+            ver_velocity=round(100 * climb),
             callsign=f"T{number}".encode(),
             emitter_type=14,  # unmanned
             tslc=0,

@@ -1,9 +1,11 @@
-"""From a plan and where the aircraft is to the roll and airspeed that the autopilot is told.
+"""From a plan and where the aircraft is to the roll, airspeed and altitude that the autopilot is
+told.
 
 The guidance is that of the true aircraft of the evaluation (:mod:`envs.c208.guidance`): the plan is
 looked up as far ahead as the aircraft lags, across the path and along it in time. What it asks for
 is a turn rate and an acceleration; an autopilot takes a roll angle, and an airspeed that it reaches
-with a lag of its own.
+with a lag of its own. Its altitude follows the one that it is told late and through a filter of
+first order: so the plan's is looked up as much later, and the filter undone by the plan's climb.
 """
 
 import math
@@ -16,9 +18,11 @@ from envs.c208.guidance import Guide, Lookahead, Path
 from envs.follower import deviation, offset
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.profile import Profile
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind, through_air
-from ros_bridge.mavlink.vehicle import GRAVITY
+from ros_bridge.mavlink.vehicle import GRAVITY, HeightLag, Vehicle
+from ros_bridge.sim.climbing import Height, flown
 
 PERIOD = 0.1
 """Between two commands, s."""
@@ -38,6 +42,7 @@ class Command(NamedTuple):
 
     roll: float  # rad, positive to the right
     airspeed: float  # m/s
+    altitude: float | None = None  # m above mean sea level; None: it keeps what it has
 
 
 class Steered(NamedTuple):
@@ -50,6 +55,7 @@ class Steered(NamedTuple):
     speed: float  # over the ground, m/s
     airspeed: float
     told: Command
+    above: float = math.nan  # the plan's altitude, m; nan: the plan is in the plane
 
 
 class Air(NamedTuple):
@@ -78,17 +84,39 @@ class Follower(NamedTuple):
     legs: Legs[frames.Air]
     path: Path  # the legs as plain floats
     wind: Wind  # in whose air mass the legs are
+    height: "PlannedHeight | None" = None  # None: the plan is in the plane
     late: float = 0.0  # how much later than planned the aircraft was at its place, s
 
 
+class PlannedHeight(NamedTuple):
+    """The altitude of a plan as it is flown."""
+
+    profile: Profile  # times from the plan's request
+    acceleration: float  # with which climbs change, m/s^2
+
+    def at(self, time: float) -> Height:
+        """Return altitude and climb at a time, s."""
+        return flown(self.profile, self.acceleration, time)
+
+    def told(self, time: float, lag: HeightLag) -> float:
+        """Return the altitude that an autopilot is told at a time, s, so that it has the plan's, m
+        above mean sea level.
+        """
+        ahead = self.at(time + lag.delay)
+        return ahead.altitude + lag.filter * ahead.climb
+
+
 def guide(
-    own: VehicleState[Ground], waypoints: tuple[Waypoint, ...], wind: Wind | None
+    own: VehicleState[Ground],
+    waypoints: tuple[Waypoint, ...],
+    wind: Wind | None,
+    height: PlannedHeight | None = None,
 ) -> Follower:
     """Return the follower of a plan from its first state and its waypoints, times from its
-    request, and the wind that it is flown in.
+    request, the wind that it is flown in, and its altitude.
     """
     found = legs(plan_states(own, waypoints, wind=wind))
-    return Follower(found, Path(found, wind or NO_WIND), wind or NO_WIND)
+    return Follower(found, Path(found, wind or NO_WIND), wind or NO_WIND, height)
 
 
 def errors(
@@ -107,17 +135,17 @@ def command(
     state: VehicleState[Ground],
     time: float,
     air: Air,
-    speeds: tuple[float, float],
+    vehicle: Vehicle,
     bank_max: float,
 ) -> tuple[Command, Follower]:
-    """Return roll and airspeed for the coming period, and the follower after it.
+    """Return roll, airspeed and altitude for the coming period, and the follower after it.
 
     Args:
         follower: of the plan.
         state: now.
         time: on the plan's clock, s.
         air: that the aircraft flies in.
-        speeds: least and greatest airspeed that the autopilot takes, m/s.
+        vehicle: that is told.
         bank_max: rad.
     """
     guidance = Guide(follower.path, GAINS, follower.late)
@@ -132,6 +160,7 @@ def command(
     wanted = math.hypot(east, north) + air.offset
     told = Command(
         min(max(roll, -bank_max), bank_max),
-        min(max(wanted, speeds[0]), speeds[1]),
+        min(max(wanted, vehicle.airspeed_min), vehicle.airspeed_max),
+        None if follower.height is None else follower.height.told(time, vehicle.height_lag),
     )
     return told, follower._replace(late=guidance.late)

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 from envs.formats.local_frame import LocalFrame
+from ros_bridge.core.conversions import Published
 from ros_bridge.core.feeds.traffic import OWN_TRACES
 from ros_bridge.core.fields import readable
 from ros_bridge.mavlink.clocks import Moment
@@ -14,6 +15,8 @@ from ros_bridge.mavlink.effects import Log, WritePlan
 from ros_bridge.mavlink.link import RACING
 from ros_bridge.mavlink.state import Advance, State
 from ros_bridge.mavlink.texts import log_once, tell, tell_once
+
+_LEVEL = 5.0  # m by which a plan that is told as level may climb
 
 
 def advise(state: State, time: int, engage: float) -> Advance:
@@ -37,9 +40,21 @@ def _advise_on(state: State, conflict: Conflict, time: int) -> Advance:
         return tell(state, kind, f"{text}no plan is safe", time, send=True, more=more)
     first = plan.waypoints[0]
     turn = f"{math.degrees(0.5 * math.pi - first.heading) % 360.0:.0f} deg"
-    text += f"plan by {turn}, {first.speed:.0f} m/s"
+    text += f"plan by {turn}, {first.speed:.0f} m/s{_climb_of(state.judgement.supervision.held)}"
     told = tell(state, kind, text, time, send=True, more=f"rejoins {plan.goal_index}")
     return told.then(write_plan) if told.effects else told
+
+
+def _climb_of(plan: Published | None) -> str:
+    """Return what is told of a plan's altitude: the one that it climbs or descends to first."""
+    if plan is None or plan.start.altitude is None or not plan.climbs:
+        return ""
+    begin = plan.start.altitude.value
+    heights = [point.altitude.value for point in plan.points if point.altitude is not None]
+    farthest = max(heights, key=lambda height: abs(height - begin))
+    if abs(farthest - begin) < _LEVEL:
+        return ""
+    return f", {'climb' if farthest > begin else 'descend'} to {farthest:.0f} m"
 
 
 def write_plan(state: State) -> Advance:

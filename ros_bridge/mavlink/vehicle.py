@@ -1,11 +1,16 @@
-"""The aircraft that an autopilot's parameters describe, and what in them forbids to fly it."""
+"""The aircraft that an autopilot's parameters describe, and what in them forbids to fly it.
+
+Its total energy (TECS) climbs with TECS_CLMB_MAX at full throttle, and sinks with TECS_SINK_MIN
+without power: what goes up or down so fast has nothing left for its speed.
+"""
 
 import math
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from commands.command import InputError
-from envs.aircraft import Aircraft, AircraftError, new_aircraft
+from envs.aircraft import Aircraft, AircraftError, Vertical, new_aircraft
+from envs.areas import Level
 from envs.kinematics import Limits
 
 GRAVITY = 9.80665  # m/s^2
@@ -19,16 +24,30 @@ _ACCELERATION = 0.7  # of what the autopilot's total energy allows in level flig
 _MOST_ACCELERATION = (
     0.6  # m/s^2, whatever the energy allows: TECS takes seconds to change the speed
 )
+_CLIMB = 0.7  # of the greatest climb and of the least sink: turns take power, too
+_CLIMB_CHANGE = 0.14  # of TECS_VERT_ACC: TECS takes seconds to change the climb
+_MOST_CLIMB_CHANGE = 1.0  # m/s^2
+_HEIGHT_DELAY = 0.5  # s, measured, by which TECS is later than its filter of the altitude
 _LIMIT = 0.38  # of the accelerations of the policy's family, V^2 / D
 _LEAST_RADIUS = 0.31  # of the turns of the policy's family, D
 _IN_EVERY_MODE = (1.0, 2.0)  # FS_GCS_ENABL: heartbeats are watched; 3: only in AUTO
 _TO_AUTO = 4.0  # FS_LONG_ACTN
+_FENCE_MAX, _FENCE_MIN = 1, 8  # of FENCE_TYPE: FENCE_ALT_MAX, FENCE_ALT_MIN
 _USUAL_TIMEOUT = 5.0  # s, ArduPlane's default of FS_LONG_TIMEOUT
 _OLD_NAMES = {
     "AIRSPEED_MIN": "ARSPD_FBW_MIN",
     "AIRSPEED_MAX": "ARSPD_FBW_MAX",
     "ROLL_LIMIT_DEG": "LIM_ROLL_CD",
 }
+
+
+class HeightLag(NamedTuple):
+    """How an autopilot follows the altitude that it is told: late, and through a filter of first
+    order; s.
+    """
+
+    delay: float = _HEIGHT_DELAY
+    filter: float = 3.0  # ArduPlane's default of TECS_HDEM_TCONST
 
 
 class Vehicle(NamedTuple):
@@ -38,6 +57,7 @@ class Vehicle(NamedTuple):
     airspeed_min: float
     airspeed_max: float
     notes: tuple[str, ...]
+    height_lag: HeightLag = HeightLag()
 
 
 class ParameterError(InputError):
@@ -56,8 +76,11 @@ def value_of(parameters: Mapping[str, float], name: str) -> float | None:
     return found
 
 
-def vehicle_of(parameters: Mapping[str, float], separation: float) -> Vehicle:
-    """Return the aircraft of an autopilot's parameters for a separation to be kept, m.
+def vehicle_of(
+    parameters: Mapping[str, float], separation: float, vertical_separation: float | None = None
+) -> Vehicle:
+    """Return the aircraft of an autopilot's parameters for separations to be kept, m; without a
+    vertical one it plans in the plane.
 
     Raises:
         ParameterError: a speed is missing or impossible, or no aircraft follows.
@@ -65,12 +88,18 @@ def vehicle_of(parameters: Mapping[str, float], separation: float) -> Vehicle:
     stated = _read(parameters)
     able = _vehicle_limits(stated)
     decided = _decision_limits(able, separation)
+    notes = [*_notes(stated, able, decided)]
+    vertical = None
+    if vertical_separation is not None:
+        vertical, more = _vertical_limits(parameters, stated, decided, vertical_separation)
+        notes += more
     try:
-        aircraft = new_aircraft(decided, separation, vehicle=able)
+        aircraft = new_aircraft(decided, separation, vehicle=able, vertical=vertical)
     except AircraftError as problem:
         raise ParameterError(f"the autopilot's parameters make no aircraft: {problem}") from None
-    notes = tuple(_notes(stated, able, decided))
-    return Vehicle(aircraft, stated.airspeed_min, stated.airspeed_max, notes)
+    filtered = value_of(parameters, "TECS_HDEM_TCONST")
+    lag = HeightLag() if filtered is None else HeightLag(filter=max(filtered, 0.0))
+    return Vehicle(aircraft, stated.airspeed_min, stated.airspeed_max, tuple(notes), lag)
 
 
 class _Stated(NamedTuple):
@@ -128,6 +157,61 @@ def _decision_limits(able: Limits, separation: float) -> Limits:
         min(_LIMIT * unit, 0.75 * able.acceleration_max),
         min(0.75 * able.yaw_rate_max, top / (_LEAST_RADIUS * separation)),
     )
+
+
+def _vertical_limits(
+    parameters: Mapping[str, float], stated: _Stated, decided: Limits, separation: float
+) -> tuple[Vertical, list[str]]:
+    """Return what plans do up and down, with a vertical separation, m, and what follows, a sentence
+    each.
+
+    A climb leaves the power for the greatest acceleration that plans decide with. A descent needs
+    none left over: what goes down at the speed of a glide, and slows down, is faster than the glide
+    at its slowest, where the least sink is.
+    """
+    notes: list[str] = []
+    fastest_sink = _value_or(parameters, "TECS_SINK_MAX", 5.0, notes)
+    most = _value_or(parameters, "TECS_VERT_ACC", 7.0, notes, "m/s^2")
+    beside = decided.acceleration_max * decided.speed_max / GRAVITY
+    vertical = Vertical(
+        climb_max=min(_CLIMB * stated.climb, stated.climb - beside),
+        descent_max=min(_CLIMB * stated.sink, fastest_sink),
+        acceleration=min(_CLIMB_CHANGE * most, _MOST_CLIMB_CHANGE),
+        separation=separation,
+    )
+    notes.append(
+        f"climbs of {vertical.climb_max:.1f} m/s at most of TECS_CLMB_MAX {stated.climb:g} m/s, "
+        f"descents of {vertical.descent_max:.1f} m/s of TECS_SINK_MIN {stated.sink:g} and "
+        f"TECS_SINK_MAX {fastest_sink:g} m/s"
+    )
+    return vertical, notes
+
+
+def fence_levels(
+    parameters: Mapping[str, float], home: float | None
+) -> tuple[Level | None, Level | None]:
+    """Return the fence's floor and ceiling above mean sea level; None: it has none.
+
+    They count where FENCE_TYPE has their bit, whether FENCE_ENABLE is on or off, as the fence's
+    polygons do.
+
+    Args:
+        parameters: of the autopilot.
+        home: altitude of home, m above mean sea level, above which they are; None: unknown.
+
+    Raises:
+        ParameterError: there is one, and home's altitude is unknown.
+    """
+    kinds = int(parameters.get("FENCE_TYPE", 0.0))
+    levels = []
+    for name, bit in (("FENCE_ALT_MIN", _FENCE_MIN), ("FENCE_ALT_MAX", _FENCE_MAX)):
+        above = parameters.get(name) if kinds & bit else None
+        if above is not None and home is None:
+            what = f"{name} is {above:g} m above home, whose altitude no item 0 of the mission says"
+            raise ParameterError(f"{what}; expected one where plans may climb")
+        levels.append(None if above is None or home is None else Level(home + above, "msl"))
+    floor, ceiling = levels
+    return floor, ceiling
 
 
 def _notes(stated: _Stated, able: Limits, decided: Limits) -> Iterator[str]:
@@ -210,11 +294,11 @@ def _require(parameters: Mapping[str, float], name: str) -> float:
 
 
 def _value_or(
-    parameters: Mapping[str, float], name: str, usual: float, assumed: list[str]
+    parameters: Mapping[str, float], name: str, usual: float, assumed: list[str], unit: str = "m/s"
 ) -> float:
-    """Return a rate, m/s, or the usual one with a note of that."""
+    """Return a rate, or the usual one with a note of that."""
     found = value_of(parameters, name)
     if found is None or found <= 0.0:
-        assumed.append(f"{name} is unknown and taken as {usual:g} m/s")
+        assumed.append(f"{name} is unknown and taken as {usual:g} {unit}")
         return usual
     return found

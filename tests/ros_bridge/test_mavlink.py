@@ -321,7 +321,7 @@ def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
 
 def test_what_is_kept_from_traffic_of_unknown_accuracy_is_told() -> None:
     options = options_of(["--connect", "udp:0.0.0.0:14550", "--separation", "200"])
-    line = what_is_kept(rules_of(options, vehicle.vehicle_of(PARAMETERS, 200.0)))
+    (line,) = what_is_kept(rules_of(options, vehicle.vehicle_of(PARAMETERS, 200.0)))
     kept = 200.0 + options.margin + 2.0 * USUAL.position_std
     assert f"separation 200 m, margin {options.margin:g} m" in line
     assert f"{kept:.0f} m and more" in line

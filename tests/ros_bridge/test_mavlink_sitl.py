@@ -20,9 +20,10 @@ from benchmarks.ardupilot.relay import Relay
 from commands.command import InputError
 from envs.formats.local_frame import LocalFrame
 from envs.traffic.track_units import KNOT
-from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, fly
+from ros_bridge.mavlink.flight import SEPARATION, VERTICAL, Encounter, Intruder, fly
 from ros_bridge.mavlink.link import Link
 from ros_bridge.mavlink.messages import Mode
+from ros_bridge.mavlink.options import VERTICAL_MARGIN
 from ros_bridge.mavlink.sitl import HOME, Leg, Sitl, SitlError, folder, place
 from ros_bridge.mavlink.state import RECOVERED
 
@@ -35,6 +36,7 @@ except SitlError as problem:
 pytestmark = pytest.mark.slow
 INSTANCE, PORT = 3, 5_792  # of the simulation, and where the program connects to it
 ADDRESS = f"tcp:127.0.0.1:{PORT}"
+MISSION = 620.0  # m above mean sea level
 ONCOMING, EAST_OF_HOME = 0xABC123, 1_000.0
 # The failsafe that brings the mission back where the program dies (docs/howto/mavlink.md).
 FAILSAFE = {"FS_GCS_ENABL": 1, "MAV_GCS_SYSID": 245, "FS_LONG_ACTN": 4, "FS_LONG_TIMEOUT": 10}
@@ -132,13 +134,32 @@ def test_an_encounter_is_resolved_beside_a_fence_and_the_mission_flown_on(in_fli
 
     # The simulation stands still while the program computes: a loaded machine changes nothing.
     given = Encounter(0, (crossing,), 0.0, 300.0, 0.0, () if in_flight else fence)
-    flight = fly(given, "ours", instance=INSTANCE, until=140.0, watch=upload)
+    flight = fly(given, "ours_horizontal", instance=INSTANCE, until=140.0, watch=upload)
     assert not [row for row in flight.rows if 1_300.0 < row.x < 2_600.0 and row.y > 150.0]
     assert flight.separation >= SEPARATION
     assert flight.taken_over == 1
     assert flight.rows[-1].mode == Mode.AUTO
     assert any("back to AUTO" in text for text in flight.texts)
     assert in_flight == any("fence has changed: 1 areas" in text for text in flight.texts)
+
+
+@pytest.mark.parametrize("climb", [0.0, 2.5])
+def test_an_aircraft_ahead_is_passed_above_or_below_on_the_missions_track(climb: float) -> None:
+    """It comes head-on at the mission's height, or climbs to it."""
+    ahead = Intruder(math.pi, 25.0, 60.0, 0.0, climb=climb)
+    given = Encounter(0, (ahead,), 4.0, 300.0, goal=8_000.0)
+    flight = fly(given, "ours", instance=INSTANCE, speedup=10.0, until=330.0)
+    assert not flight.lost and flight.taken_over == 1
+    guided = [row for row in flight.rows if row.mode == Mode.GUIDED]
+    assert max(abs(row.above - MISSION) for row in guided) > VERTICAL
+    # On the mission's ground track all the time, and back at its height before AUTO.
+    assert flight.on_track == pytest.approx(flight.rows[-1].time, abs=0.5)
+    assert abs(guided[-1].above - MISSION) < 5.0
+    assert flight.rows[-1].mode == Mode.AUTO
+    back = [row for row in flight.rows if row.time > guided[-1].time]
+    assert max(abs(row.above - MISSION) for row in back) < 5.0
+    assert max(abs(period.above) for period in flight.steered) < 0.5 * VERTICAL_MARGIN
+    assert any(" m/s, climb to " in text or " m/s, descend to " in text for text in flight.texts)
 
 
 def test_a_program_that_did_not_keep_up_says_so_and_calls_nothing_safe_for_a_while() -> None:
@@ -155,7 +176,11 @@ def test_a_program_that_did_not_keep_up_says_so_and_calls_nothing_safe_for_a_whi
                     pass
 
     flight = fly(
-        Encounter(0, (crossing,), 0.0, 300.0), "ours", instance=INSTANCE, until=45.0, watch=stall
+        Encounter(0, (crossing,), 0.0, 300.0),
+        "ours_horizontal",
+        instance=INSTANCE,
+        until=45.0,
+        watch=stall,
     )
     assert any(text.startswith("RLCAS: late by") for text in flight.texts)
     taken = next(row.time for row in flight.rows if row.mode == Mode.GUIDED)
@@ -238,7 +263,7 @@ def test_a_target_that_a_ground_station_sets_in_guided_is_flown_to() -> None:
 
     flight = fly(
         Encounter(0, (crossing,), 0.0, 300.0),
-        "ours",
+        "ours_horizontal",
         instance=INSTANCE,
         until=60.0,
         watch=send_away,
@@ -266,7 +291,7 @@ def test_an_item_that_a_ground_station_sets_in_guided_is_where_auto_goes_on(
 
     flight = fly(
         Encounter(0, (crossing,), 0.0, 300.0),
-        "ours",
+        "ours_horizontal",
         instance=INSTANCE,
         until=135.0,
         watch=set_item,
@@ -295,7 +320,7 @@ def test_a_mission_that_is_uploaded_in_flight_counts_whatever_its_length(in_guid
 
     flight = fly(
         Encounter(0, (crossing,), 0.0, 300.0),
-        "ours",
+        "ours_horizontal",
         instance=INSTANCE,
         until=130.0,
         watch=upload,
@@ -319,7 +344,11 @@ def test_the_autopilots_own_avoidance_set_in_flight_ends_it_and_auto_is_back() -
             sitl.station.mav.param_set_send(1, 1, b"AVD_ENABLE", 1.0, 9)
 
     flight = fly(
-        Encounter(0, (crossing,), 0.0, 300.0), "ours", instance=INSTANCE, until=45.0, watch=forbid
+        Encounter(0, (crossing,), 0.0, 300.0),
+        "ours_horizontal",
+        instance=INSTANCE,
+        until=45.0,
+        watch=forbid,
     )
     guided = [row.time for row in flight.rows if row.mode == Mode.GUIDED]
     assert guided[0] < 25.0 < guided[-1] < 28.0

@@ -67,7 +67,7 @@ def test_a_mission_over_the_antimeridian_is_kept_from_traffic_and_fence_and_flow
         if current is not None and reached[-1:] != [current.seq]:
             reached.append(current.seq)
 
-    flight = fly(given, "ours", instance=INSTANCE, until=360.0, watch=note, more=PATIENT)
+    flight = fly(given, "ours_horizontal", instance=INSTANCE, until=360.0, watch=note, more=PATIENT)
     assert flight.separation >= SEPARATION and not flight.lost
     assert not flight.breached
     assert flight.taken_over >= 1 and flight.arrived is not None
@@ -115,7 +115,7 @@ def test_after_a_link_that_was_cut_the_failsafes_auto_is_watched_and_taken_over_
     failsafe = {"FS_GCS_ENABL": 1, "MAV_GCS_SYSID": 245, "FS_LONG_ACTN": 4, "FS_LONG_TIMEOUT": 3}
     flight = fly(
         Encounter(0, (Intruder(SOUTH, 25.0, 60.0, 0.0),), 0.0, 300.0),
-        "ours",
+        "ours_horizontal",
         instance=INSTANCE,
         until=240.0,
         watch=interrupt,

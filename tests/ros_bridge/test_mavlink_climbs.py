@@ -1,0 +1,425 @@
+"""The MAVLink program where plans may climb and descend: from parameters and options to the altitude
+that the autopilot is told; with pymavlink's own messages, without a simulation."""
+
+import json
+import math
+import socket
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from agents.assurance.state import FlyMode
+from agents.planner.answer import Source
+from commands.command import InputError
+from envs.areas import Level
+from envs.formats.local_frame import LocalFrame
+from envs.profile import climbing
+from ros_bridge.core.assurance import step_monitor, to_fly, withdraw
+from ros_bridge.core.fields import SECOND
+from ros_bridge.mavlink import mission, pilot, vehicle
+from ros_bridge.mavlink.effects import Reposition, Steer
+from ros_bridge.mavlink.intake import Reading, Received, take
+from ros_bridge.mavlink.judging import Judgement, Rules, to_follow, watch
+from ros_bridge.mavlink.link import Link
+from ros_bridge.mavlink.mission import Item
+from ros_bridge.mavlink.options import options_of, rules_of, vertical_separation_of
+from ros_bridge.mavlink.pilot import Pilot
+from ros_bridge.mavlink.plan_file import geojson, kml
+from ros_bridge.mavlink.program import what_is_kept
+from ros_bridge.mavlink.state import State
+from ros_bridge.mavlink.steering import Command, PlannedHeight
+from ros_bridge.mavlink.telling import advise
+from ros_bridge.mavlink.vehicle import HeightLag, Vehicle, fence_levels, vehicle_of
+from tests.ros_bridge.test_mavlink import PARAMETERS
+
+HOME, GROUND, ABOVE = LocalFrame(47.4, 8.5), 500.0, 100.0  # m above the sea, and above home
+SPEED, NOW = 22.0, 100 * SECOND  # m/s, of the ownship, which flies east
+CLIMBS = ("--maneuvers", "both", "--traffic-altitude", "msl", "--vertical-separation", "50")
+KNOWN = ("--unknown-position-std", "5", "--unknown-velocity-std", "0.2", "--deadline", "10")
+
+
+def chosen(*more: str) -> Any:
+    return options_of(["--connect", "tcp:h:1", "--separation", "200", *KNOWN, *more])
+
+
+def made(*more: str, fence: Any = (None, None), kind: str = "both") -> tuple[Vehicle, Rules]:
+    options = chosen(CLIMBS[0], kind, *CLIMBS[2:], *more)
+    flown = vehicle_of(PARAMETERS, options.separation, vertical_separation_of(options))
+    return flown, rules_of(options, flown, fence)
+
+
+@pytest.fixture(scope="module")
+def flown() -> tuple[Vehicle, Rules]:
+    return made()
+
+
+def items(*heights: float, frame: int = 3) -> tuple[Item, ...]:
+    """Return a mission to the east: home, and a waypoint every 5 km."""
+    at = [HOME.geodetic(5_000.0 * number, 0.0) for number in range(len(heights) + 1)]
+    places = [(float(one.latitude), float(one.longitude)) for one in at]
+    home = Item(0, 16, *places[0], GROUND, frame=0)
+    rest = zip(places[1:], heights, strict=True)
+    return home, *(
+        Item(number, 16, *place, height, frame=frame)
+        for number, (place, height) in enumerate(rest, 1)
+    )
+
+
+def heard(
+    height: float = 0.0, climb: float = 0.0, own_climb: float = 0.0, ahead: float = 1_600.0
+) -> Received:
+    """Return what is known of an ownship at the mission's altitude, and of an aircraft that comes
+    head-on, so much higher, m, with a climb, m/s.
+    """
+    at = HOME.geodetic(ahead, 0.0)
+    there = round(1e7 * float(at.latitude)), round(1e7 * float(at.longitude))
+    sea = round(1e3 * (GROUND + ABOVE))
+    messages = [
+        dialect.MAVLink_wind_message(270.0, 0.0, 0.0),
+        dialect.MAVLink_global_position_int_message(
+            NOW // 1_000_000,
+            *(474_000_000, 85_000_000),
+            *(sea, 100_000, 0, round(100 * SPEED), round(-100 * own_climb), 9_000),
+        ),
+        dialect.MAVLink_adsb_vehicle_message(
+            0xABC123,
+            *there,
+            1,
+            sea + round(1e3 * height),
+            heading=27_000,
+            hor_velocity=2_500,
+            ver_velocity=round(100 * climb),
+            callsign=b"ABC",
+            emitter_type=14,
+            tslc=0,
+            flags=0x8F,
+            squawk=0,
+        ),
+    ]
+    received = Received(parameters=PARAMETERS)
+    for message in messages:
+        received = take(received, message, NOW, Reading({0: "msl", 1: "msl"}))
+    return received
+
+
+def judge(received: Received, kept: Rules, some: Sequence[Item] = ()) -> Judgement:
+    """Return what is made of it on a mission."""
+    some = some or items(ABOVE, ABOVE)
+    left = mission.remaining_items(some, 1)
+    altitudes = {one.number: mission.altitude_of(one, some) for one in left}
+    route = mission.route((47.4, 8.5), left, 200.0, None, altitudes)
+    return watch(Judgement(kept.begin()), received.situation, route, NOW, kept)
+
+
+def heights(judgement: Judgement) -> list[float]:
+    assert judgement.plan is not None and judgement.plan.safe
+    return [point.altitude for point in judgement.plan.waypoints if point.altitude is not None]
+
+
+# The aircraft and its fence.
+
+
+@settings(max_examples=30)
+@given(st.floats(0.3, 20.0), st.floats(0.3, 10.0), st.floats(0.3, 20.0), st.floats(1.0, 10.0))
+def test_an_aircraft_climbs_no_faster_than_its_autopilot_with_power_left_over(
+    climb: float, sink: float, fastest_sink: float, change: float
+) -> None:
+    stated = {"TECS_CLMB_MAX": climb, "TECS_SINK_MIN": sink, "TECS_SINK_MAX": fastest_sink}
+    found = vehicle_of(PARAMETERS | stated | {"TECS_VERT_ACC": change}, 200.0, 50.0).aircraft
+    vertical, able = found.vertical, found.limits
+    assert vertical is not None and vertical.separation == 50.0
+    used = vertical.climb_max + able.acceleration_max * able.speed_max / 9.80665
+    assert 0.0 < vertical.climb_max < climb and used <= climb + 1e-9
+    assert 0.0 < vertical.descent_max <= min(sink, fastest_sink)
+    assert vertical.acceleration <= min(change, 1.0)
+
+
+def test_what_is_assumed_of_climbs_is_said_and_in_the_plane_nothing_of_them() -> None:
+    notes = " ".join(vehicle_of(PARAMETERS, 200.0, 50.0).notes)
+    assert "TECS_SINK_MAX is unknown and taken as 5 m/s" in notes
+    assert "TECS_VERT_ACC is unknown and taken as 7 m/s^2" in notes
+    assert "climbs of 3.5 m/s at most of TECS_CLMB_MAX 5 m/s, descents of 1.4 m/s" in notes
+    in_plane = vehicle_of(PARAMETERS, 200.0)
+    assert in_plane.aircraft.vertical is None
+    assert not any("climbs of" in note for note in in_plane.notes)
+    lag = vehicle_of(PARAMETERS | {"TECS_HDEM_TCONST": 2.0}, 200.0, 50.0).height_lag
+    assert lag == HeightLag(filter=2.0) and HeightLag().filter == 3.0
+
+
+def test_a_fences_heights_count_where_its_type_has_them_above_home() -> None:
+    heights = {"FENCE_ALT_MAX": 120.0, "FENCE_ALT_MIN": 30.0}
+    assert fence_levels(heights | {"FENCE_TYPE": 4.0}, None) == (None, None)
+    floor, ceiling = fence_levels(heights | {"FENCE_TYPE": 13.0}, GROUND)
+    assert (floor, ceiling) == (Level(530.0, "msl"), Level(620.0, "msl"))
+    assert fence_levels(heights | {"FENCE_TYPE": 1.0}, GROUND) == (None, ceiling)
+    with pytest.raises(vehicle.ParameterError, match="FENCE_ALT_MAX is 120 m above home, whose"):
+        fence_levels(heights | {"FENCE_TYPE": 1.0}, None)
+
+
+def test_the_narrower_of_the_fences_and_the_given_heights_counts() -> None:
+    fence = Level(530.0, "msl"), Level(720.0, "msl")
+    options = made("--ceiling", "700", "--floor", "400", fence=fence)[1].settings.options
+    assert (options.floor, options.ceiling) == (Level(530.0, "msl"), Level(700.0, "msl"))
+    with pytest.raises(InputError, match="--floor is 800 m, expected less than the ceiling, 720 m"):
+        made("--floor", "800", fence=fence)
+
+
+def test_what_is_kept_above_and_below_is_told() -> None:
+    _, line = what_is_kept(made("--ceiling", "700")[1])
+    assert "or vertical separation 50 m, margin" in line
+    assert "no floor, ceiling 700 m above mean sea level" in line
+
+
+# Options.
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--floor", "100"], "--floor goes with --maneuvers vertical or both"),
+        (["--vertical-separation", "50"], "--vertical-separation goes with --maneuvers"),
+        (["--maneuvers", "up"], "--maneuvers"),
+        (["--maneuvers", "both"], "--maneuvers both goes with --traffic-altitude msl, or a rec"),
+        (["--maneuvers", "both", "--adsb", "tcp://h:1"], "goes with --traffic-altitude msl"),
+        ([*CLIMBS, "--floor", "nan"], "--floor is nan m; expected -1000 to 30000 m"),
+        ([*CLIMBS, "--floor", "900", "--ceiling", "800"], "--floor is 900 m; expected less than"),
+        (
+            [*CLIMBS[:4], "--vertical-separation", "0"],
+            "--vertical-separation is 0 m; expected 1 to",
+        ),
+        ([*CLIMBS, "--vertical-margin", "-1"], "--vertical-margin is -1 m; expected 0 to 5000 m"),
+    ],
+)
+def test_options_that_no_plan_could_climb_by_are_refused(given: list[str], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        chosen(*given)
+
+
+def test_a_receiver_of_known_altitudes_is_enough_and_a_margin_below_a_corners_error_is_not() -> (
+    None
+):
+    assert chosen("--maneuvers", "both", "--adsb", "flarm://h:2000").maneuvers == "both"
+    with pytest.raises(InputError, match=r"--vertical-margin is 1 m; expected 1\.6 m or more"):
+        made("--vertical-margin", "1")
+
+
+# The mission's altitudes.
+
+
+@pytest.mark.parametrize(
+    ("frame", "altitude"),
+    [(0, 100.0), (5, 100.0), (3, 600.0), (6, 600.0), (10, None), (11, None)],
+)
+def test_an_item_has_the_altitude_that_its_frame_says(frame: int, altitude: float | None) -> None:
+    some = items(100.0, frame=frame)
+    found = mission.altitude_of(some[1], some)
+    assert (found and found.value) == altitude
+    higher = mission.altitude_of(some[1], some, offset=7.0)
+    assert (higher and higher.value) == (altitude and altitude + 7.0)
+    assert (mission.altitude_of(some[1], some[1:]) is None) == (frame not in (0, 5))
+
+
+def test_an_items_frame_is_read() -> None:
+    values = (0.0, 0.0, 0.0, 0.0, 474_000_000, 85_000_000, 80.0)
+    message = dialect.MAVLink_mission_item_int_message(245, 191, 2, 10, 16, 0, 1, *values, 0)
+    assert mission.item(message).frame == 10
+
+
+# What is watched and planned.
+
+
+def test_head_on_it_climbs_along_the_mission_and_comes_back_to_its_altitude(
+    flown: tuple[Vehicle, Rules],
+) -> None:
+    _, kept = flown
+    judgement = judge(heard(), kept)
+    plan, held = judgement.plan, judgement.supervision.held
+    assert plan is not None and plan.source is Source.VERTICAL
+    assert held is not None and held.climbs and judgement.rejoin is not None
+    found = heights(judgement)
+    level = GROUND + ABOVE
+    assert max(found) - level > 50.0 + kept.settings.options.vertical_margin
+    # Given back not before it is on the mission's altitude for good.
+    back = (judgement.rejoin.time - NOW) / SECOND
+    later = [height for height, one in zip(found, plan.waypoints, strict=True) if one.time >= back]
+    assert later == pytest.approx([level] * len(later))
+    assert back > plan.waypoints[int(np.argmax(found))].time
+    state = State(judgement, received=heard())
+    texts = [getattr(effect, "text", "") for effect in advise(state, NOW, 60.0).effects]
+    assert any(f"climb to {max(found):.0f} m" in text for text in texts)
+
+
+@pytest.mark.parametrize(
+    ("height", "climb", "meets"),
+    [(0.0, 0.0, True), (150.0, 0.0, False), (-150.0, 0.0, False), (150.0, -3.75, True)],
+)
+def test_traffic_is_a_conflict_where_it_may_be_level_with_the_mission(
+    flown: tuple[Vehicle, Rules], height: float, climb: float, meets: bool
+) -> None:
+    judgement = judge(heard(height, climb), flown[1])
+    assert judgement.problem == ""
+    assert (judgement.conflict is not None) == meets
+
+
+def test_a_mission_that_climbs_to_traffic_is_a_conflict_before_it_climbs(
+    flown: tuple[Vehicle, Rules],
+) -> None:
+    assert judge(heard(100.0), flown[1]).conflict is None
+    assert judge(heard(100.0), flown[1], items(200.0, 200.0)).conflict is not None
+
+
+def test_an_aircraft_that_climbs_towards_it_is_passed_at_another_altitude(
+    flown: tuple[Vehicle, Rules],
+) -> None:
+    found = heights(judge(heard(-68.0, 2.0), flown[1]))
+    assert max(abs(height - (GROUND + ABOVE)) for height in found) > 50.0
+
+
+def test_above_terrain_the_plan_keeps_the_height_and_that_is_said(
+    flown: tuple[Vehicle, Rules],
+) -> None:
+    judgement = judge(heard(), flown[1], items(ABOVE, ABOVE, frame=10))
+    assert judgement.plan is not None and judgement.plan.safe
+    assert heights(judgement) == []
+    assert any("plans keep the height" in remark for remark in judgement.remarks)
+
+
+def test_a_ceiling_is_not_climbed_through() -> None:
+    _, kept = made("--ceiling", "640", kind="vertical")
+    judgement = judge(heard(), kept)
+    assert judgement.plan is not None
+    assert not judgement.plan.safe or max(heights(judgement)) <= 640.0
+    _, kept = made("--ceiling", "590")
+    assert "expected the ceiling, 590 m, or less" in judge(heard(), kept).problem
+
+
+# What the autopilot is told.
+
+
+@settings(max_examples=20)
+@given(st.floats(0.5, 5.0), st.floats(0.5, 5.0), st.floats(0.2, 1.0))
+def test_the_altitude_that_is_told_undoes_the_autopilots_lag(
+    climb: float, filtered: float, acceleration: float
+) -> None:
+    """An autopilot that is late, and filters what it is told, flies the plan's altitude."""
+    top = climb * (40.0 - 0.5 * climb / acceleration)
+    profile = climbing(0.0, 0.0, [40.0, 60.0], [top, top], acceleration=acceleration)
+    height, lag = PlannedHeight(profile, acceleration), HeightLag(0.5, filtered)
+    step, told, flown = 0.05, [], 0.0
+    for number in range(round(60.0 / step)):
+        time = number * step
+        told.append(height.told(time, lag))
+        late = told[max(number - round(0.5 / step), 0)]
+        flown += step * (late - flown) / filtered
+        # The beginning that it is late for stays as an error that dies away.
+        if time > 1.0 + 5.0 * filtered:
+            assert flown == pytest.approx(height.at(time + step).altitude, abs=0.1 * climb)
+
+
+def steered(judgement: Judgement, received: Received, flown: Vehicle, seconds: float = 1.0) -> Any:
+    """Return the pilot and what it asks for so long after the request."""
+    return pilot.steer(Pilot(), judgement, received, flown, NOW + round(seconds * SECOND))
+
+
+def test_it_is_told_the_plans_altitude_less_what_it_adds_itself(
+    flown: tuple[Vehicle, Rules],
+) -> None:
+    received = heard()
+    judgement = judge(received, flown[1])
+    (log, steer) = steered(judgement, received, flown[0]).effects
+    assert "m above mean sea level" in log.text
+    assert isinstance(steer, Steer) and steer.speed
+    told = steer.steered.told.altitude
+    assert told is not None and GROUND + ABOVE < told < GROUND + ABOVE + 30.0
+    assert abs(steer.steered.above) < 2.0
+    offset = replace(received, parameters={**PARAMETERS, "ALT_OFFSET": 10.0})
+    less = steered(judgement, offset, flown[0]).effects[1].steered.told.altitude
+    assert less == pytest.approx(told - 10.0)
+    own = received.situation.own.last
+    (reposition,) = pilot.take_over(Pilot(), judgement.supervision.held, own, 10.0).effects
+    assert isinstance(reposition, Reposition)
+    assert reposition.target.altitude == pytest.approx(GROUND + ABOVE - 10.0)
+
+
+def test_another_altitude_in_guided_is_somebody_elses(flown: tuple[Vehicle, Rules]) -> None:
+    received, ours = heard(), (1, 2)
+    judgement = judge(received, flown[1])
+    piloted = Pilot(targets=frozenset({ours}), reached_ours=True)
+    for half in range(12):
+        time = NOW + half * SECOND // 2
+        piloted = pilot.steer(piloted, judgement, received, flown[0], time).pilot
+    seconds, told = piloted.altitudes[-1]
+    assert not pilot.is_diverted(piloted, ours, told, seconds)
+    assert not pilot.is_diverted(piloted, ours, piloted.altitudes[0][1], seconds)
+    assert not pilot.is_diverted(piloted, ours, None, seconds)
+    assert pilot.is_diverted(piloted, ours, told + 40.0, seconds)
+    assert pilot.is_diverted(piloted, (3, 4), told, seconds)
+    # In the plane it is told no altitude, and whoever changes it does no harm.
+    assert not pilot.is_diverted(pilot.release(piloted), ours, told + 40.0, seconds)
+
+
+def test_a_backup_levels_off(flown: tuple[Vehicle, Rules]) -> None:
+    received = heard(own_climb=3.0)
+    judgement = judge(received, flown[1])
+    supervision = step_monitor(judgement.supervision, received.situation, NOW + SECOND // 10)
+    held = supervision.held
+    supervision = withdraw(supervision, supervision.revision + 1)
+    assert to_fly(supervision) is FlyMode.BACKUP
+    own = received.situation.own.last
+    assert own is not None
+    backed = replace(judgement, supervision=replace(supervision, held=held))
+    followed = to_follow(backed, own.altitude)
+    assert followed is not None and followed.profile is not None
+    assert np.ptp(followed.profile.altitude) == 0.0
+    # 3 m/s that end with 1 m/s^2 take 4.5 m.
+    assert followed.profile.altitude[0] == pytest.approx(GROUND + ABOVE + 4.5, abs=0.2)
+
+
+def test_the_altitude_is_sent_alone_and_with_the_speed() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
+        autopilot.bind(("127.0.0.1", 0))
+        autopilot.settimeout(5.0)
+        link = Link(f"udpout:127.0.0.1:{autopilot.getsockname()[1]}")
+        link.steer(Command(0.1, 22.0, 654.3), 1_000, speed=False)
+        link.steer(Command(0.1, 22.0, None), 1_100, speed=True)
+        link.steer(Command(0.1, 22.0, 654.3), 1_200, speed=True)
+        link.say("end")
+        reader, messages = dialect.MAVLink(None), []
+        while not messages or messages[-1].get_type() != "STATUSTEXT":
+            messages += reader.parse_buffer(autopilot.recv(4_096)) or []
+        link.close()
+    kinds = [one.get_type() for one in messages]
+    roll, altitude, speed = "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_GLOBAL_INT", "COMMAND_INT"
+    assert kinds == [roll, roll, speed, roll, altitude, speed, "STATUSTEXT"]
+    told = messages[kinds.index(altitude)]
+    assert told.alt == pytest.approx(654.3)
+    assert (told.type_mask, told.coordinate_frame) == (0xFFFF - 4, 5)
+
+
+# What is shown.
+
+
+def test_a_plan_that_climbs_has_altitudes_for_map_programs(flown: tuple[Vehicle, Rules]) -> None:
+    held = judge(heard(), flown[1]).supervision.held
+    assert held is not None
+    shape = json.loads(geojson(held))
+    planned = [one.altitude.value for one in held.points if one.altitude is not None]
+    assert {len(place) for place in shape["geometry"]["coordinates"]} == {2}
+    assert shape["properties"]["altitudes_m"] == pytest.approx(planned, abs=0.05)
+    assert shape["properties"]["altitude_reference"] == "msl"
+    line = ElementTree.fromstring(kml(held)).find(".//{*}LineString")
+    assert line is not None and line.findtext("{*}altitudeMode") == "absolute"
+    places = (line.findtext("{*}coordinates") or "").split()
+    drawn = [float(place.split(",")[2]) for place in places]
+    assert drawn[1:] == pytest.approx(planned, abs=0.05)
+    assert not math.isnan(drawn[0])
