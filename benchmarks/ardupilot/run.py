@@ -175,6 +175,7 @@ def row_of(one: Encounter, method: str, flight: Result) -> Row:
         "flown": round(flight.rows[-1].time, 1),
         "on_mission": round(flight.on_mission, 1),
         "on_track": round(flight.on_track, 1),
+        "at_height": round(flight.at_height, 1),
         "path": round(flight.path),
         "taken_over": flight.taken_over,
         "across": round(max(across), 2) if across else None,
@@ -225,6 +226,9 @@ def _figures(flights: Sequence[Row]) -> Row:
         "path_m": _mean([row["path"] for row in arrived]),
         "on_mission": _mean([row["on_mission"] / row["flown"] for row in flights]),
         "on_track": _mean([row["on_track"] / row["flown"] for row in flights if "on_track" in row]),
+        "at_height": _mean(
+            [row["at_height"] / row["flown"] for row in flights if "at_height" in row]
+        ),
         "across_m": max((row["across"] or 0.0 for row in flights), default=0.0),
         "along_m": max((row["along"] or 0.0 for row in flights), default=0.0),
         "above_m": max((row.get("above") or 0.0 for row in flights), default=0.0),

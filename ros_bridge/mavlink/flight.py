@@ -62,6 +62,7 @@ _AT_GOAL = 60.0  # m before the goal, from which on it is reached
 _BEYOND = 3_000.0  # m, from the goal to the mission's last waypoint
 _WATCHING, _UNGUIDED = 3, 5  # reports of position in a step, where nothing of ours is flown
 _LONGEST = 420.0  # s
+_NEAR = 10.0  # m from the mission's height, within which the aircraft is at it
 _TOO_LATE = 100.0  # m beyond the beginning, at which a flight cannot begin any more
 _STILL = 15.0  # s of real time without a message, after which a flight has failed
 _ABOVE = 620.0  # m above mean sea level
@@ -122,6 +123,7 @@ class Result(NamedTuple):
     arrived: float | None  # s; None: not in time
     on_mission: float  # s in AUTO
     on_track: float  # s on the mission's legs, as seen from above
+    at_height: float  # s at the mission's height
     path: float  # m
     steered: tuple[Steered, ...]  # what our follower was at and told, each period
     taken_over: int  # how often
@@ -359,6 +361,7 @@ def _judge(encounter: Encounter, log: _Log, program: Program | None) -> Result:
         arrived=log.arrived,
         on_mission=sum(b.time - a.time for a, b in pairs if a.mode == Mode.AUTO),
         on_track=sum(b.time - a.time for a, b in pairs if off_track(encounter, a) <= _BESIDE),
+        at_height=sum(b.time - a.time for a, b in pairs if abs(a.above - _ABOVE) <= _NEAR),
         path=sum(math.hypot(b.x - a.x, b.y - a.y) for a, b in pairs),
         steered=() if program is None else tuple(program.steered),
         taken_over=sum(a.mode != Mode.GUIDED and b.mode == Mode.GUIDED for a, b in pairs),

@@ -109,6 +109,8 @@ class Rejoin(NamedTuple):
 
     point: int | None  # index of the route's point; None: at its end, beyond the route
     time: int  # ns
+    # the same where it is back on the ground track, which it may be before it has the altitude
+    on_track: int | None
 
 
 @dataclass(frozen=True)
@@ -402,13 +404,21 @@ def _remark(advisory: Advisory, wanted: PlanTask) -> str:
 
 
 def _rejoin(answer: Plan, wanted: PlanTask) -> Rejoin:
-    """Return at which point of the route, and when, a plan is back on it and at its altitude: what
-    the plan rejoins may be a point round an area.
+    """Return at which point of the route, and when, a plan is back on it and at its altitude."""
+    on_track, time = _back_on_track(answer, wanted, answer.rejoin_time)
+    point, regained = on_track, _regained(answer.waypoints)
+    if regained > time:
+        point, time = _back_on_track(answer, wanted, regained)
+    return Rejoin(point, wanted.time + round(time * SECOND), on_track)
+
+
+def _back_on_track(answer: Plan, wanted: PlanTask, earliest: float) -> tuple[int | None, float]:
+    """Return at which point of the route, and when, s after its request, a plan is on its ground
+    track from a time on: what the plan rejoins may be a point round an area.
     """
     wind = answer.wind or NO_WIND
-    earliest_back = max(answer.rejoin_time, _regained(answer.waypoints))
-    later = (one.time for one in answer.waypoints if one.time > earliest_back)
-    times = np.array([earliest_back, *later])
+    later = (one.time for one in answer.waypoints if one.time > earliest)
+    times = np.array([earliest, *later])
     curve = legs(plan_states(wanted.own, answer.waypoints, wind=wind))
     state = at(repeat(curve, times.size), times, wind)
     x = np.array([point.x for point in wanted.points])
@@ -417,7 +427,7 @@ def _rejoin(answer: Plan, wanted: PlanTask) -> Rejoin:
     back = away.min(axis=1) <= wanted.options.aircraft.goal_radius + _ROUNDED
     first = int(np.argmax(back)) if back.any() else times.size - 1
     index = wanted.points[int(np.argmin(away[first]))].index if back.any() else None
-    return Rejoin(index, wanted.time + round(float(times[first]) * SECOND))
+    return index, float(times[first])
 
 
 def _regained(waypoints: Sequence[Waypoint]) -> float:
@@ -436,9 +446,9 @@ def _not_before(wanted: PlanTask, rejoin: Rejoin | None) -> PlanTask:
     a waypoint of the mission always stays.
     """
     found = _ahead(wanted, _BEHIND * wanted.options.aircraft.separation)
-    if rejoin is None or rejoin.point is None:
+    if rejoin is None or rejoin.on_track is None:
         return found
-    first, leg = rejoin.point, rejoin.point // SUB
+    first, leg = rejoin.on_track, rejoin.on_track // SUB
     points = tuple(one for one in found.points if one.index // SUB != leg or one.index >= first)
     return replace(found, points=points)
 

@@ -26,7 +26,7 @@ VERTICAL_SEPARATION = 76.2
 volume of small unmanned aircraft (ASTM F3442).
 """
 
-VERTICAL_MARGIN = 10.0
+VERTICAL_MARGIN = 15.0
 """Added to it for what the autopilot leaves of its plan's altitude, m (docs/howto/mavlink.md)."""
 
 _HEIGHTS = ("floor", "ceiling", "vertical_separation", "vertical_margin")

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from agents.planner.request.request import Altitude
 from envs.backend import FLOATS
 from envs.perception import carry_back
 from ros_bridge.core.conversions import Published
@@ -44,6 +45,14 @@ class Followed(NamedTuple):
 
     key: tuple[str, int]  # as of :class:`ros_bridge.mavlink.judging.ToFly`
     follower: Follower
+    began: int = 0  # when its times begin, ns
+
+    def altitude(self, time: int) -> Altitude | None:
+        """Return the altitude that is planned at a time, ns; None: the plan is in the plane."""
+        if self.follower.height is None:
+            return None
+        height = self.follower.height.at((time - self.began) / SECOND)
+        return Altitude(height.altitude, "msl", height.climb)
 
 
 @dataclass(frozen=True)
@@ -111,8 +120,10 @@ def steer(
     ns.
     """
     report = received.situation.own.last
-    to_fly = None if report is None else to_follow(judgement, report.altitude)
-    if to_fly is None or report is None:
+    if report is None:
+        return Piloted(pilot)
+    to_fly = to_follow(judgement, _levels_off_from(pilot, report, time))
+    if to_fly is None:
         return Piloted(pilot)
     follower, lines = _follow(pilot, to_fly, vehicle, time)
     age = (time - report.time) / SECOND
@@ -132,10 +143,20 @@ def steer(
         steered_at=seconds,
         airspeed_at=seconds if with_speed else pilot.airspeed_at,
         altitudes=_told_last(pilot, told.altitude, seconds) if with_speed else pilot.altitudes,
-        followed=Followed(to_fly.key, follower),
+        followed=Followed(to_fly.key, follower, to_fly.began),
         air=air,
     )
     return Piloted(after, (*lines, Steer(steered, time // 1_000_000, with_speed)))
+
+
+def _levels_off_from(pilot: Pilot, own: Report, time: int) -> Altitude | None:
+    """Return the altitude from which a backup levels off at a time, ns: the one that is planned
+    then, which no gust moves, or the ownship's where nothing was flown until now.
+    """
+    flown = pilot.followed
+    if flown is None or not 0.0 <= time / SECOND - pilot.steered_at <= _HEARD:
+        return own.altitude
+    return flown.altitude(time) or own.altitude
 
 
 def _above(follower: Follower, report: Report, age: float, clock: float) -> float:

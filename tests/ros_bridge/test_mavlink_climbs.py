@@ -385,6 +385,31 @@ def test_a_backup_levels_off(flown: tuple[Vehicle, Rules]) -> None:
     assert followed.profile.altitude[0] == pytest.approx(GROUND + ABOVE + 4.5, abs=0.2)
 
 
+def test_a_backup_after_a_plan_levels_off_from_the_planned_altitude_which_no_gust_moves(
+    flown: tuple[Vehicle, Rules],
+) -> None:
+    received = heard()
+    judgement = judge(received, flown[1])
+    late = NOW + 8 * SECOND
+    climbs = pilot.steer(Pilot(), judgement, received, flown[0], late).pilot
+    assert climbs.followed is not None
+    planned = climbs.followed.altitude(late)
+    assert planned is not None and planned.vertical_speed is not None
+    situation = heard(own_climb=-8.0).situation
+    supervision = step_monitor(judgement.supervision, situation, NOW + SECOND // 10)
+    held = supervision.held
+    supervision = replace(withdraw(supervision, supervision.revision + 1), held=held)
+    backed, gust = replace(judgement, supervision=supervision), heard(own_climb=-8.0)
+    told = []
+    for tenths in range(1, 12):
+        time = late + tenths * SECOND // 10
+        done = pilot.steer(climbs, backed, gust, flown[0], time)
+        climbs = done.pilot
+        told += [one.steered.told.altitude for one in done.effects if isinstance(one, Steer)]
+    rise = planned.vertical_speed**2 / 2.0
+    assert told == pytest.approx([planned.value + rise] * len(told), abs=0.5)
+
+
 def test_the_altitude_is_sent_alone_and_with_the_speed() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
         autopilot.bind(("127.0.0.1", 0))
