@@ -40,19 +40,23 @@ AVOIDANCES = {
 }
 """ArduPilot's own avoidance, and back to the mission: by height, horizontally, and both at once."""
 
-KNOWN = (
-    *("--unknown-position-std", "5", "--unknown-velocity-std", "0.2"),  # m, m/s
-    *("--traffic-altitude", "msl"),
-)
+_ABOVE_SEA = "--traffic-altitude", "msl"
+KNOWN = "--unknown-position-std", "5", "--unknown-velocity-std", "0.2", *_ABOVE_SEA  # m, m/s
 """Options of the program where the traffic is known as a good receiver knows it, and above sea
 level, which ADSB_VEHICLE cannot say. 5 m and 0.2 m/s are one sigma of NACp 10 and of NACv 4 (95 %
 within 10 m and 0.3 m/s). Without them the program's defaults for what is unknown count.
 """
 
 _BOTH = "--maneuvers", "both", "--vertical-separation", f"{VERTICAL:g}"
-OURS = {"ours": (*KNOWN, *_BOTH), "ours_horizontal": KNOWN, "ours_unknown": ()}
+OURS = {
+    "ours": (*KNOWN, *_BOTH),
+    "ours_horizontal": KNOWN,
+    "ours_altitude": (*_ABOVE_SEA, *_BOTH),
+    "ours_unknown": (),
+}
 """The program with --fly: with accuracies of the traffic that a good receiver gives, where plans
-may climb and where they keep the height; and at its defaults.
+may climb and where they keep the height; where plans may climb, told nothing but what the traffic's
+altitudes are above; and at its defaults.
 """
 
 BEGIN, GOAL = 1_100.0, 6_000.0

@@ -1,11 +1,20 @@
-"""A flight of :mod:`ros_bridge.mavlink.flight` as a picture: tracks, distance and speed."""
+"""A flight of :mod:`ros_bridge.mavlink.flight` as a picture: tracks, distance, altitude, speed."""
 
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ros_bridge.mavlink.flight import SEPARATION, Encounter, Intruder, Result, Row, apart, place_of
+from ros_bridge.mavlink.flight import (
+    SEPARATION,
+    VERTICAL,
+    Encounter,
+    Intruder,
+    Result,
+    Row,
+    apart,
+    place_of,
+)
 from ros_bridge.mavlink.messages import Mode
 
 if TYPE_CHECKING:
@@ -18,20 +27,21 @@ _ROOM = 2.5 * SEPARATION  # m drawn about the ownship's track
 
 
 def draw(encounter: Encounter, flight: Result, file: Path) -> None:
-    """Draw the tracks from above, and distance and speed over time, into a file."""
+    """Draw the tracks from above, and distance, altitude and speed over time, into a file."""
     import matplotlib as mpl
 
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplot_mosaic(
-        [["tracks", "tracks"], ["distance", "speed"]],
-        figsize=(9.0, 6.5),
+        [["tracks"] * 3, ["distance", "altitude", "speed"]],
+        figsize=(10.0, 6.5),
         height_ratios=(3, 2),
         layout="constrained",
     )
     _draw_tracks(axes["tracks"], encounter, flight)
     _draw_distances(axes["distance"], encounter, flight)
+    _draw_altitudes(axes["altitude"], encounter, flight)
     _draw_speed(axes["speed"], flight)
     figure.savefig(file, dpi=110)
     plt.close(figure)
@@ -95,8 +105,20 @@ def _draw_distances(axis: "Axes", encounter: Encounter, flight: Result) -> None:
     for one in encounter.intruders:
         axis.plot(times, [apart(row, one, encounter.cruise) for row in flight.rows], color=_OTHER)
     axis.axhline(SEPARATION, color=_OTHER, ls=":", label="to be kept")
-    axis.set(xlabel="time, s", ylabel="distance, m", ylim=(0, None))
+    axis.set(xlabel="time, s", ylabel="distance over the ground, m", ylim=(0, None))
     axis.legend()
+
+
+def _draw_altitudes(axis: "Axes", encounter: Encounter, flight: Result) -> None:
+    times = [row.time for row in flight.rows]
+    own = [row.above for row in flight.rows]
+    for mode, colour in _MODES.items():
+        flown = [row.above if row.mode == mode else math.nan for row in flight.rows]
+        axis.plot(times, flown, color=colour)
+    for one in encounter.intruders:
+        axis.plot(times, [one.above(time) for time in times], "--", lw=1, color=_OTHER)
+    low, high = min(own) - 2.0 * VERTICAL, max(own) + 2.0 * VERTICAL
+    axis.set(xlabel="time, s", ylabel="above mean sea level, m", ylim=(low, high))
 
 
 def _draw_speed(axis: "Axes", flight: Result) -> None:
