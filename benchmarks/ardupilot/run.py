@@ -9,11 +9,12 @@ which RLCAS_SITL names (docs/howto/mavlink.md): ``mission`` passes over the traf
 once. ``ours`` is the program with --fly and --maneuvers both, told the accuracies that a good
 receiver gives (:data:`ros_bridge.mavlink.flight.KNOWN`), ``ours_horizontal`` the same at the
 mission's height; ``ours_altitude`` is told only that the traffic's altitudes are above mean sea
-level, and ``ours_unknown`` is the program at its defaults: they take what is unknown as the worst. With --climbing the intruders climb or descend through the mission's height. A loss is an
-aircraft nearer than 200 m while within 50 m of the height. The simulation stands still while the
-program computes. Every flight is a line of ``flights.jsonl``; the same command goes on after the
-last one. Flights that ``flights.jsonl``, with --climbing ``climbing.jsonl``, beside this module
-holds are not flown again. The last line is one JSON object.
+level, and ``ours_unknown`` is the program at its defaults: they take what is unknown as the worst.
+With --climbing the intruders climb or descend through the mission's height. A loss is an aircraft
+nearer than 200 m while within 50 m of the height. The simulation stands still while the program
+computes. Every flight is a line of ``flights.jsonl``; the same command goes on after the last one.
+Flights that ``flights.jsonl``, with --climbing ``climbing.jsonl``, beside this module holds are not
+flown again. The last line is one JSON object.
 """
 
 import argparse
