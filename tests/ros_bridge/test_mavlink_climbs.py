@@ -6,6 +6,7 @@ import math
 import socket
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -27,6 +28,7 @@ from envs.profile import climbing
 from ros_bridge.core.assurance import step_monitor, to_fly, withdraw
 from ros_bridge.core.fields import SECOND
 from ros_bridge.mavlink import mission, pilot, vehicle
+from ros_bridge.mavlink.control import Control
 from ros_bridge.mavlink.effects import Reposition, Steer
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.judging import Judgement, Rules, to_follow, watch
@@ -40,6 +42,7 @@ from ros_bridge.mavlink.state import State
 from ros_bridge.mavlink.steering import Command, PlannedHeight
 from ros_bridge.mavlink.telling import advise
 from ros_bridge.mavlink.vehicle import HeightLag, Vehicle, fence_levels, vehicle_of
+from ros_bridge.mavlink.view import View
 from tests.ros_bridge.test_mavlink import PARAMETERS
 
 HOME, GROUND, ABOVE = LocalFrame(47.4, 8.5), 500.0, 100.0  # m above the sea, and above home
@@ -448,3 +451,35 @@ def test_a_plan_that_climbs_has_altitudes_for_map_programs(flown: tuple[Vehicle,
     drawn = [float(place.split(",")[2]) for place in places]
     assert drawn[1:] == pytest.approx(planned, abs=0.05)
     assert not math.isnan(drawn[0])
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+def test_a_display_and_its_recording_draw_a_plan_at_its_altitudes(
+    flown: tuple[Vehicle, Rules], recorded: bool, tmp_path: Path
+) -> None:
+    pytest.importorskip("websockets", reason="the extra display is not installed")
+    from ros_bridge.mavlink.adapter import SceneAdapter
+    from tests.ros_bridge.displays import drawn
+
+    received = heard()
+    judgement = judge(received, flown[1])
+    view = View(NOW, received, judgement, Control(), items(ABOVE, ABOVE))
+    if recorded:
+        pytest.importorskip("mcap_ros2", reason="the extra display is not installed")
+        from ros_bridge.display.document import to_json
+        from ros_bridge.display.recording import GraphRecording
+        from ros_bridge.display.scene_recording import SceneRecorder
+
+        file = tmp_path / "flight.mcap"
+        recorder = SceneRecorder(file)
+        SceneAdapter(flown[1], recorder.feed)(view)
+        recorder.close()
+        picture = to_json(GraphRecording(file).player()(0.0))
+    else:
+        from ros_bridge.display.server import LiveSource
+
+        live = LiveSource()
+        SceneAdapter(flown[1], live.feed)(view)
+        picture = drawn(live.scene, NOW)
+    shown = [point["altitude"] for point in picture["plan"]["points"]]
+    assert max(shown) == pytest.approx(max(heights(judgement)), abs=0.1)
