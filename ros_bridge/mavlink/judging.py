@@ -59,8 +59,7 @@ _GOALS = 12  # of the mission's points, the nearest first, at which a plan may r
 _ALTITUDE_WEIGHT = 0.5  # a metre up or down leaves the mission's ground track less than one aside
 _SAME_ALTITUDE = 1e-3  # m between altitudes that are the same
 _UNKNOWN_ALTITUDE = (
-    "mission: the altitude of the next item is unknown (above terrain, or no waypoint): plans keep "
-    "the height"
+    "has no known altitude at the next item (above terrain, or no waypoint): plans keep the height"
 )
 _ROUNDED = 1.0  # m by which a plan may be farther from a point when it has rejoined there
 

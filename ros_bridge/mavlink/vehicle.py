@@ -165,9 +165,9 @@ def _vertical_limits(
     """Return what plans do up and down, with a vertical separation, m, and what follows, a sentence
     each.
 
-    A climb leaves the power for the greatest acceleration that plans decide with. A descent needs
-    none left over: what goes down at the speed of a glide, and slows down, is faster than the glide
-    at its slowest, where the least sink is.
+    A climb leaves the power for the greatest acceleration that plans decide with. A descent leaves
+    nothing for a deceleration: TECS_SINK_MIN is that of the slowest glide, and an aircraft that is
+    to slow down is faster and sinks faster.
     """
     notes: list[str] = []
     fastest_sink = _value_or(parameters, "TECS_SINK_MAX", 5.0, notes)
