@@ -1,6 +1,6 @@
 """How far ArduPlane is from the plans that it flies, in still air, in wind and in turbulence.
 
-    python -m benchmarks.ardupilot.margin [--encounters 20] [--only NAME,NAME]
+    python -m benchmarks.ardupilot.margin [--encounters 20] [--only NAME,NAME] [--method NAME]
 
 Encounters of :mod:`benchmarks.ardupilot.encounters` are flown by ours in each air: ``still``;
 ``wind``, 5 m/s from any direction; ``turbulence``, the same wind with SIM_WIND_TURB 2. Of each
@@ -10,6 +10,7 @@ largest of them, and the share of flights that stay below the largest, at 95 % c
 line is one JSON object.
 """
 
+import argparse
 import json
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -81,13 +82,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     add("--encounters", type=whole(1), default=20, help="encounters flown in each air (default 20)")
     add("--seed", type=whole(0), default=2, help="seed of the encounters (default 2)")
+    of = "ours: plans may climb, or ours_horizontal: they keep the height (default ours)"
+    add("--method", choices=("ours", "ours_horizontal"), default="ours", help=of)
     names = ",".join(AIRS)
     add("--only", default=names, help=f"names with commas (default {names})")
     options = parser.parse_args(arguments)
     folder()
     rows = []
     for name in parse_names(options.only, AIRS):
-        distances = _fly(AIRS[name], options.encounters, options.seed)
+        distances = _fly(AIRS[name], options)
         if distances:
             rows.append(row_of(name, distances))
             print(json.dumps(rows[-1]), flush=True)
@@ -95,12 +98,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _fly(air: Air, encounters: int, seed: int) -> list[Distances]:
+def _fly(air: Air, options: argparse.Namespace) -> list[Distances]:
     """Return the largest distances of each flight in which a plan was flown."""
     found: list[Distances] = []
-    for number in range(encounters):
-        one = in_air(encounter(seed, number), air)
-        off = largest(fly_encounter(one, "ours", instance=_INSTANCE, speedup=_SPEEDUP))
+    for number in range(options.encounters):
+        one = in_air(encounter(options.seed, number), air)
+        off = largest(fly_encounter(one, options.method, instance=_INSTANCE, speedup=_SPEEDUP))
         if off is not None:
             found.append(off)
     return found

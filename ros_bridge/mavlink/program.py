@@ -8,7 +8,8 @@ core. By default it advises: STATUSTEXT to the ground station, and with --plan-f
 map. With --fly it changes from AUTO to GUIDED while a conflict lasts, flies the plan in place and
 time, and gives AUTO back where the plan rejoins the mission. A mode, or a target in GUIDED, that
 anybody else sets ends that at once; it takes over again only after AUTO has flown 10 s without a
-conflict. An item of the mission that anybody else sets meanwhile is where AUTO goes on.
+conflict. An item of the mission that anybody else sets meanwhile is where AUTO goes on. Plans keep
+the height; with --maneuvers vertical or both they climb and descend as well.
 
 It stops commanding where the autopilot's state is older than 1.5 s. What the autopilot does where
 this program or the link dies: docs/howto/mavlink.md.
