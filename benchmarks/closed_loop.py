@@ -27,7 +27,6 @@ that holds implies the property. Every start is flown to a goal straight ahead:
 The last line is one JSON object.
 """
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -43,6 +42,7 @@ from agents.planner import Intruder, Options, plan
 from agents.policy.inference import Policy
 from benchmarks.measure import report
 from commands.command import InputError, Parser, run_cli, whole
+from commands.json_text import parse_json
 from envs.aircraft import Aircraft, new_aircraft
 from envs.encounters import Encounter
 from envs.frames import Air, Ground
@@ -248,7 +248,7 @@ def prove(start: Start, policy: Policy, aircraft: Aircraft) -> Proof:
     if text is None:
         return Proof(answer.status.name, None, math.nan)
     try:
-        accept(json.loads(text))
+        accept(parse_json(text))
     except RefusedError:
         return Proof(answer.status.name, False, math.nan)
     return Proof(answer.status.name, True, aircraft.separation)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.arrays import Array
+from envs.arrays import Array, ArrayModule
 
 REFERENCE = "encounter"
 """Name of the level that all altitudes of an encounter are measured from."""
@@ -25,11 +25,11 @@ class Altitudes(NamedTuple):
     changes evenly between them, and after the last one as before it."""
 
 
-def steady(altitude: Array, climb: Array, dt: float) -> Array:
+def steady(altitude: Array, climb: Array, dt: float, xp: ArrayModule = np) -> Array:
     """Return altitudes ``[..., K, 2]`` of intruders that climb evenly from altitudes, m, with
     vertical speeds, m/s, ``[..., K]``; time steps of dt, s.
     """
-    return np.stack([altitude, altitude + climb * dt], axis=-1)
+    return xp.stack([altitude, altitude + climb * dt], axis=-1)
 
 
 def at_step(rows: Array, step: Array) -> Array:

@@ -334,8 +334,6 @@ class ChunksConfig(EncountersConfig):
 class MonteCarloConfig(PolicyConfig, ChunksConfig):
     """An evaluation; the defaults fly the shipped policy through the paper's circle encounters."""
 
-    climbs: ClassVar[bool] = True
-    """Whether plans may climb and descend."""
     mode: Literal["policy", "plan", "assured"] = "policy"
     """What decides: policy, the network alone, once a second; plan, the planner once at the start,
     then the plan is followed; assured, the same under a monitor that asks for new plans and falls
@@ -409,9 +407,10 @@ class MonteCarloConfig(PolicyConfig, ChunksConfig):
                 "backend is 'jax'; expected auto or numpy where not the policy alone decides"
             )
         maneuvers = self.planner.maneuvers
-        if maneuvers != "horizontal" and not (self.climbs and self.mode in ("plan", "assured")):
-            why = f"in mode {self.mode}" if self.climbs else "here, where nobody climbs"
-            raise ConfigError(f"planner.maneuvers is {maneuvers!r}; expected horizontal {why}")
+        if maneuvers != "horizontal" and self.mode not in ("plan", "assured"):
+            raise ConfigError(
+                f"planner.maneuvers is {maneuvers!r}; expected horizontal in mode {self.mode}"
+            )
         low, high = self.wind_mps
         if not 0.0 <= low <= high <= _STRONGEST:
             raise ConfigError(

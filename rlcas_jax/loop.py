@@ -391,7 +391,7 @@ def _check_scenarios(config: TrainConfig) -> None:
         encounters, accepted = sample(drawn, draws, np)
         if not ships(drawn):
             check_sampled(drawn, take(encounters, accepted))
-            jax.eval_shape(lambda values, of=drawn: sample(of, values, jnp), draws)
+        jax.eval_shape(lambda values, of=drawn: sample(of, values, jnp), draws)
         if accepted.mean() < _LEAST_ACCEPTED:
             raise ConfigError(
                 f"scenarios.{number}: {int(accepted.sum())} of {count} draws meet the conditions "

@@ -43,7 +43,7 @@ def put_at_levels(
     above = between((-scenario.vertical_miss, scenario.vertical_miss), miss)
     level = xp.full_like(encounter.goal_x, LEVEL)
     altitude = LEVEL + above - climb * until
-    altitudes = Altitudes(level, steady(altitude, climb, scenario.aircraft.dt))
+    altitudes = Altitudes(level, steady(altitude, climb, scenario.aircraft.dt, xp))
     return encounter._replace(altitudes=altitudes), xp.ones_like(level, dtype=bool)
 
 

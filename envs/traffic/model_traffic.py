@@ -98,8 +98,8 @@ def encounters_with(
         EncounterError: seed or number are out of range, or the conditions are never met.
     """
     check_number(seed, first)
-    wanted = dimensions(traffic.model, traffic.duration) + _OWN_DRAWS
-    wanted += 0 if traffic.vertical_miss is None else _DRAWS_OF_HEIGHT
+    size = dimensions(traffic.model, traffic.duration) + _OWN_DRAWS
+    size += 0 if traffic.vertical_miss is None else _DRAWS_OF_HEIGHT
     whole: _Drawn | None = None
     left = np.arange(count)
     for attempt in range(traffic.attempts):

@@ -139,7 +139,6 @@ class HifiConfig(MonteCarloConfig):
 
     # Recorded intruders fly over the ground, and here all aircraft fly in the air mass.
     files: ClassVar[tuple[str, ...]] = (FILE,)
-    climbs: ClassVar[bool] = False
 
     mode: Literal["plan", "closed", "assured"] = "plan"  # pyright: ignore[reportIncompatibleVariableOverride]
     """What decides: plan, the planner once at the start, then the plan is followed; closed, the

@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from threadpoolctl import threadpool_limits
 
 from agents.policy.inference import Policy
-from commands.figures import save_figure
+from commands.figures import draw_altitudes, save_figure
 from envs.follower import PERIOD
 from envs.frames import Air
 from envs.kinematics import VehicleState
@@ -42,7 +42,6 @@ _ERRORS = {
     "separation_loss_m": ("separation lost against the plan", VERMILION),
 }
 """What the errors are called, and their colours, by the columns of their largest values."""
-_ABOVE = 200.0  # m about the own altitudes that are shown
 _WAYPOINT: dict[str, Any] = {
     "linestyle": "",
     "marker": "o",
@@ -207,13 +206,7 @@ def _draw_altitudes(axes: Axes, one: FlightRecord) -> None:
         return
     clock = PERIOD * np.arange(flight.altitude.size)
     others = levels.altitudes(clock)[:, one.scene.encounter.mask[0]]
-    axes.plot(clock, others, color=VERMILION, linewidth=0.8, linestyle="--")
-    planned = planned_altitude(one, clock.size)
-    axes.plot(clock, planned, color="black", linewidth=0.7, linestyle=":")
-    axes.plot(clock, flight.altitude, color=BLUE, linewidth=1.0)
-    # Intruders come from afar: the ownship's altitudes decide what is shown.
-    own = np.concatenate([planned, flight.altitude])
-    axes.set_ylim(own.min() - _ABOVE, own.max() + _ABOVE)
+    draw_altitudes(axes, clock, flight.altitude, others.T, planned_altitude(one, clock.size))
 
 
 def _draw_error(axes: Axes, number: int, errors: Errors) -> None:

@@ -11,6 +11,7 @@ from matplotlib.patches import Circle
 from matplotlib.patches import Polygon as Patch
 from matplotlib.ticker import MaxNLocator
 
+from commands.figures import draw_altitudes
 from envs.areas import Area
 from envs.outcome import Rules
 from eval.flights.among_areas import outlines
@@ -79,7 +80,8 @@ def sheet(
         below = axes
         if in_space:
             below = figure.add_subplot(grid[line * len(parts) + 1, column])
-            draw_altitudes(below, panel.track, rules)
+            _draw_altitudes(below, panel.track, rules)
+            below.set(xlabel="", ylabel="")
         if column == 0:
             axes.set_ylabel("north, km", fontsize=8)
             if in_space:
@@ -168,21 +170,16 @@ def draw(axes: Axes, track: Track, rules: Rules, witness: np.ndarray | None = No
     axes.set_axisbelow(True)
 
 
-def draw_altitudes(axes: Axes, track: Track, rules: Rules) -> None:
+def _draw_altitudes(axes: Axes, track: Track, rules: Rules) -> None:
     """Draw the altitudes of a flight over time, m, with a line at the closest approach."""
     if track.altitudes is None:
         return
     own, intruders = track.altitudes
-    time = rules.dt * np.arange(own.size)
-    for path, style in ((own, _OWN), *((path, _INTRUDER) for path in intruders)):
-        line = {key: style[key] for key in ("color", "linewidth", "linestyle")}
-        axes.plot(time, path, **line)
+    draw_altitudes(axes, rules.dt * np.arange(own.size), own, intruders)
     if track.separation.size:
         closest = rules.dt * (int(np.argmin(track.separation)) + 1)
         axes.axvline(closest, color="black", linewidth=0.6, linestyle=":")
     axes.tick_params(labelsize=7)
-    axes.grid(color="#EBEBEB", linewidth=0.5)
-    axes.set_axisbelow(True)
 
 
 def _draw_path(axes: Axes, path: np.ndarray, style: Mapping[str, Any], minute: int) -> None:

@@ -21,7 +21,7 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD, KinematicVehicle, Vehicle, guidance
 from envs.frames import Air, Ground
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, velocity
-from envs.profile import Height, Profile
+from envs.profile import Height, Profile, flown, levelling
 from envs.relative import leg_separation, straight_cpa
 from envs.trees import take
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states

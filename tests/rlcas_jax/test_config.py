@@ -343,6 +343,10 @@ ELSEWHERE = {
     "scenarios.0.units": "the scenario (test_configuration_world)",
     "checkpoint.every_seconds": "the checkpoints (test_loop)",
     "scenarios.0.attempts": "evaluation only: training fills a pool without attempts",
+    **dict.fromkeys(
+        ("scenarios.0.vertical_miss", "scenarios.0.vertical_rate"),
+        "evaluation only: the modifier layered, which training refuses (eval/flights/test_in_space)",
+    ),
 }
 
 

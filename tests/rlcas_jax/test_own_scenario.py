@@ -189,6 +189,13 @@ def test_what_only_numpy_can_do_is_refused_before_a_training_begins(tmp_path: Pa
         prepare(config, tmp_path / "run")
 
 
+def test_altitudes_are_refused_before_a_training_begins(tmp_path: Path):
+    config = load(TrainConfig, None, [*TINY, "scenarios=[{name: circle + layered}]"])
+    with pytest.raises(EncounterError, match="'circle \\+ layered' has a wind, areas or altitudes"):
+        prepare(config, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
 def test_names_and_things_that_are_none_are_refused():
     with pytest.raises(EncounterError, match="'trail' is unknown; expected one of circle, "):
         resolve("trail")

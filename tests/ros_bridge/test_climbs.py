@@ -16,7 +16,7 @@ from agents.policy.inference import Policy
 from envs.areas import Level
 from envs.follower import PERIOD
 from envs.formats.local_frame import LocalFrame
-from envs.profile import Height, climbing, flown
+from envs.profile import Height, climbing, flown, rise_to_level
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.waypoints import Waypoint, legs, plan_states
@@ -36,7 +36,7 @@ from ros_bridge.display.heights import Heights
 from ros_bridge.display.shapes import draw_plan
 from ros_bridge.sim.climbing import follow
 from ros_bridge.sim.guidance import Flying
-from ros_bridge.sim.world import ALTITUDE, EncounterFlight, SimulationError
+from ros_bridge.sim.world import ALTITUDE, EncounterFlight
 from tests.ros_bridge.scenes import (
     EXACT,
     FRAME,

@@ -24,7 +24,7 @@ from envs.profile import profile_of
 from envs.waypoints import RoutePoint, at, legs, plan_states, repeat
 from envs.wind import Wind
 from tests.agents.planner.test_separations import POLICY
-from tests.envs.test_profile import flown
+from tests.envs.test_profile import add_up
 
 VERTICAL = Vertical(5.0, 4.0, 1.0, 140.0)
 AIRCRAFT = PAPER._replace(vertical=VERTICAL)
@@ -110,7 +110,7 @@ def own_heights(answer: Plan, altitude: Altitude) -> tuple[np.ndarray, np.ndarra
     climb = altitude.vertical_speed
     profile = profile_of(altitude.value, climb, answer.waypoints, VERTICAL.acceleration)
     assert profile is not None
-    return flown(profile, VERTICAL.acceleration, answer.waypoints[-1].time)
+    return add_up(profile, VERTICAL.acceleration, answer.waypoints[-1].time)
 
 
 def lost(answer: Plan, scene: Scene, given: Options) -> list[int]:
