@@ -1,12 +1,13 @@
 """The display's server beside clients that say nothing, and where files have run out."""
 
 import errno
+import gc
+import os
 import resource
 import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from urllib.request import urlopen
 
 import pytest
@@ -52,16 +53,18 @@ def test_idle_connections_keep_nobody_out() -> None:
 def no_more_files() -> Iterator[None]:
     """Let no file be opened any more, for a while."""
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    nothing = Path("/dev/null")
-    with nothing.open("rb") as last:
-        free = last.fileno()
-    resource.setrlimit(resource.RLIMIT_NOFILE, (free, before[1]))
+    gc.collect()  # what waits for it would be closed meanwhile, and leave room
+    held = [os.open(os.devnull, os.O_RDONLY)]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (held[0], before[1]))
     try:
         with pytest.raises(OSError, match="Too many open files"):
-            nothing.open("rb")
+            while True:
+                held.append(os.open(os.devnull, os.O_RDONLY))
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
+        for number in held:
+            os.close(number)
 
 
 def test_where_files_have_run_out_one_line_says_so_and_it_goes_on(
