@@ -39,6 +39,7 @@ from agents.baselines.baselines import Baseline
 from agents.check import RefusedError, accept
 from agents.kernel.traffic import Requirement
 from agents.planner import Intruder, Options, plan
+from agents.planner.request.encounters import route_of
 from agents.policy.inference import Policy
 from benchmarks.measure import report
 from commands.command import InputError, Parser, run_cli, whole
@@ -226,7 +227,6 @@ class Proof(NamedTuple):
 
     status: str
     certificate: bool | None  # whether the checker accepts it; None: there is none
-    least: float  # separation that is proven, m; nan: none
 
 
 def prove(start: Start, policy: Policy, aircraft: Aircraft) -> Proof:
@@ -240,18 +240,18 @@ def prove(start: Start, policy: Policy, aircraft: Aircraft) -> Proof:
     intruder = Intruder(state, position_std=reach / _SIGMAS)
     requirement = Requirement(aircraft.separation, 2e-5 * aircraft.separation, _SIGMAS)
     options = Options.for_aircraft(aircraft, requirement=requirement, deadline_s=5.0)
-    points = [(_GOAL + 5.0 * n) * aircraft.separation for n in range(10)]
-    east, north = math.cos(own.heading), math.sin(own.heading)
-    route = [RoutePoint(n, own.x + far * east, own.y + far * north) for n, far in enumerate(points)]
+    x, y, _ = route_of(encounter.own, encounter.goal_x, encounter.goal_y, aircraft)
+    ahead = zip(x[0, 1:].tolist(), y[0, 1:].tolist(), strict=True)  # without the start
+    route = [RoutePoint(n, *place) for n, place in enumerate(ahead)]
     answer = plan(own, [intruder], route, policy, options)
     text = answer.certificate
     if text is None:
-        return Proof(answer.status.name, None, math.nan)
+        return Proof(answer.status.name, None)
     try:
         accept(parse_json(text))
     except RefusedError:
-        return Proof(answer.status.name, False, math.nan)
-    return Proof(answer.status.name, True, aircraft.separation)
+        return Proof(answer.status.name, False)
+    return Proof(answer.status.name, True)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -25,7 +25,7 @@ from envs.draws import uniforms
 from envs.encounters import Encounter
 from envs.outcome import Outcome, Rules, reward
 from envs.rewards import TERMS, RewardError, shaping_of_first_step
-from envs.scenarios import sample, scenario, ships
+from envs.scenarios import check_training, sample, scenario, ships
 from envs.starts import check_sampled, encounters_of_seed
 from envs.trees import take
 from envs.world import World
@@ -389,9 +389,10 @@ def _check_scenarios(config: TrainConfig) -> None:
     for number, drawn in enumerate(config.training_scenarios()):
         draws = uniforms(0, 0, count, (1, drawn.dimensions)).swapaxes(0, 1)
         encounters, accepted = sample(drawn, draws, np)
+        check_training(drawn, encounters)
         if not ships(drawn):
             check_sampled(drawn, take(encounters, accepted))
-        jax.eval_shape(lambda values, of=drawn: sample(of, values, jnp), draws)
+            jax.eval_shape(lambda values, of=drawn: sample(of, values, jnp), draws)
         if accepted.mean() < _LEAST_ACCEPTED:
             raise ConfigError(
                 f"scenarios.{number}: {int(accepted.sum())} of {count} draws meet the conditions "

@@ -12,7 +12,7 @@ from envs.scenarios.names import (
     sampler_of,
     scenario,
 )
-from envs.scenarios.sampling import sample, ships
+from envs.scenarios.sampling import check_training, sample, ships
 from envs.scenarios.table import MODIFIERS, SCENARIOS, SHIPPED
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "SCENARIOS",
     "SHIPPED",
     "canonical",
+    "check_training",
     "expected",
     "is_loaded",
     "register",

@@ -38,13 +38,21 @@ def put_at_levels(
     share = (abs(sign) - (1.0 - CLIMBING)) / CLIMBING
     rate = between(scenario.vertical_rate, share)
     climb = xp.where(share > 0.0, xp.copysign(rate, sign), 0.0)
-    own: VehicleState[Any] = VehicleState(*(field[:, None] for field in encounter.own))
-    until = straight_cpa(own, encounter.intruders, xp).time
     above = between((-scenario.vertical_miss, scenario.vertical_miss), miss)
     level = xp.full_like(encounter.goal_x, LEVEL)
-    altitude = LEVEL + above - climb * until
+    altitude = begin_height(encounter, LEVEL, above, climb, xp)
     altitudes = Altitudes(level, steady(altitude, climb, scenario.aircraft.dt, xp))
     return encounter._replace(altitudes=altitudes), xp.ones_like(level, dtype=bool)
+
+
+def begin_height(
+    encounter: Encounter, level: float, above: Array, climb: Array, xp: ArrayModule
+) -> Array:
+    """Return the altitudes at which intruders ``[N, K]`` begin that climb evenly, m/s, and are so
+    far above the level of the ownship, m, at the closest approach on straight courses.
+    """
+    own: VehicleState[Any] = VehicleState(*(field[:, None] for field in encounter.own))
+    return level + above - climb * straight_cpa(own, encounter.intruders, xp).time
 
 
 def _numbers(aircraft: Aircraft) -> Mapping[str, Any]:

@@ -97,7 +97,7 @@ def _attempt(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encount
         accepted = fits if ours and modifier.moves else xp.logical_and(accepted, fits)
         encounter, first = changed, last
     if xp.__name__ != "numpy":
-        _check_training(scenario, encounter)
+        check_training(scenario, encounter)
     return encounter, accepted
 
 
@@ -143,7 +143,7 @@ def _own_encounters(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[
     return made
 
 
-def _check_training(scenario: Scenario, encounter: Encounter) -> None:
+def check_training(scenario: Scenario, encounter: Encounter) -> None:
     """Refuse encounters with what only evaluations know."""
     if any(getattr(encounter, name) is not None for name in ("wind", "areas", "altitudes")):
         raise EncounterError(

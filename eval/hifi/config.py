@@ -12,10 +12,8 @@ from agents.config.load import ConfigError, Strict
 from envs import draws
 from envs.c208.conditions import TURBULENCE, Conditions, Loading
 from envs.encounters import Encounter
-from envs.frames import Air
-from envs.kinematics import VehicleState
 from envs.profile import Height
-from envs.relative import straight_cpa
+from envs.scenarios.layered import begin_height
 from envs.wind import Wind
 from eval.config import FILE, MonteCarloConfig
 
@@ -267,9 +265,7 @@ def draw_heights(
     u = draws.uniforms(seed, number, 1, (3, encounter.mask.shape[-1]), stream=_STREAM + 3)
     above, climb = (low + (high - low) * u[:, row] for row, (low, high) in enumerate(levels))
     climb = np.where(u[:, 2] < 0.5, climb, 0.0)
-    own: VehicleState[Air] = VehicleState(*(field[:, None] for field in encounter.own))
-    closest = np.maximum(straight_cpa(own, encounter.intruders, np).time, 0.0)
-    return Height(altitude + above - climb * closest, climb)
+    return Height(begin_height(encounter, altitude, above, climb, np), climb)
 
 
 def _between(bounds: tuple[float, float], draw: float) -> float:
