@@ -83,7 +83,7 @@ def levelling(height: Height, acceleration: float) -> Profile:
     )
 
 
-def flown(profile: Profile, acceleration: float, time: Array) -> Height:
+def height_flown(profile: Profile, acceleration: float, time: Array) -> Height:
     """Return where a profile is flown at times, s after its request, ``[...]``, with climbs that
     change at an acceleration, m/s^2: round its corners.
     """

@@ -265,12 +265,12 @@ def _space(
 def _in_space(watch: Watch, given: Inputs, space: Space, own_altitude: Altitude | None) -> Inputs:
     """Return inputs with what plan and backup meet by their altitudes."""
     options, climb, time = watch.thresholds.options, watch.climb, float(given.time[0])
-    given = given._replace(levelling=space.met(level_off(own_altitude, options)))
+    given = given._replace(levelling=space.find_met(level_off(own_altitude, options)))
     if climb is None:
         return given
     error = np.array([climb.error(own_altitude, time)])
     allowed = np.array([options.vertical_margin + (own_altitude.error if own_altitude else 0.0)])
-    met = space.met(climb.flight(own_altitude, time, options))
+    met = space.find_met(climb.flight(own_altitude, time, options))
     return given._replace(on_profile=OnProfile(error, allowed, met))
 
 
@@ -333,7 +333,7 @@ def _what_answer_meets(
     assert ask.own_altitude is not None, "a plan climbs from an altitude"
     altitude = replace(ask.own_altitude, value=float(climb.profile.at(np.array(now))))
     flight = climb.flight(altitude, now, options)
-    return _space(watch, here, _last_levels(watch, now), now).met(flight)
+    return _space(watch, here, _last_levels(watch, now), now).find_met(flight)
 
 
 def _in_air_of(watch: _Watch, plan: Plan, time: float) -> _Watch:

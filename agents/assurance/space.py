@@ -31,7 +31,7 @@ class Space:
     ends: float  # when the plan that is flown ends, s; nan: there is none
     thresholds: Thresholds
 
-    def met(self, flight: Sequence[Line]) -> Met:
+    def find_met(self, flight: Sequence[Line]) -> Met:
         """Return what is met on a flight, ``[1]``; none: its altitude is unknown, which counts as
         level with all.
         """

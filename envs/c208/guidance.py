@@ -17,7 +17,7 @@ from envs.c208.autopilot import ROLL_DELAY
 from envs.follower import PERIOD, Vehicle
 from envs.frames import Air, Ground
 from envs.kinematics import Limits, VehicleState, advance
-from envs.profile import Height, Profile, flown
+from envs.profile import Height, Profile, height_flown
 from envs.waypoints import Legs
 from envs.wind import NO_WIND, Wind, over_ground
 
@@ -119,7 +119,7 @@ def height_to_hold(
     as the aircraft lags; the climb changes with an acceleration, m/s^2.
     """
     soon = np.array([time, time + gains.climb])
-    altitude, climb = flown(profile, acceleration, soon)
+    altitude, climb = height_flown(profile, acceleration, soon)
     return Height(float(altitude[0]), float(climb[1]))
 
 

@@ -25,7 +25,7 @@ from envs.c208.propulsion import DENSITY_0, HORSEPOWER, idle_thrust, maximum_thr
 from envs.c208.trim import REFERENCE_ALTITUDE, TrimError, solve
 from envs.c208.vehicle import C208Vehicle
 from envs.kinematics import VehicleState
-from envs.profile import Profile, flown
+from envs.profile import Profile, height_flown
 
 KNOT = 0.514444  # m/s
 
@@ -310,7 +310,9 @@ def profile_error(speed: float, yaw_rate: float = 0.0, gains: Lookahead = LOOKAH
         time = period * TICK
         vehicle.hold(height_to_hold(profile, _CHANGE, time, gains))
         vehicle.step(0.0, yaw_rate, TICK)
-        errors.append(vehicle.height.altitude - flown(profile, _CHANGE, time + TICK).altitude)
+        errors.append(
+            vehicle.height.altitude - height_flown(profile, _CHANGE, time + TICK).altitude
+        )
     return float(np.max(np.abs(errors)))
 
 

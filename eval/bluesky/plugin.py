@@ -25,8 +25,7 @@ from envs.aircraft import GREATEST_VERTICAL, LEAST_VERTICAL, Aircraft, Vertical,
 from envs.areas import Area, AreaError, Circle, Level, Polygon
 from envs.frames import Air, Ground
 from envs.kinematics import Limits, VehicleState, commands
-from envs.profile import Profile, corner_error, profile_of
-from envs.profile import flown as flown_height
+from envs.profile import Profile, corner_error, height_flown, profile_of
 from envs.trees import map_leaves, take
 from envs.waypoints import Legs, RoutePoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind, aim_point, over_ground, through_air
@@ -438,7 +437,7 @@ class RLCAS(_Resolution):
             self.tas[index] = planned.speed
             if made.profile is not None:
                 later = np.float64(now + dt - made.made)
-                height = float(flown_height(made.profile, _CHANGE, later).altitude)
+                height = float(height_flown(made.profile, _CHANGE, later).altitude)
                 climb = (height - float(traffic.alt[index])) / dt
                 # BlueSky climbs with this rate towards an altitude, and holds what it reaches.
                 self.vs[index] = abs(climb)

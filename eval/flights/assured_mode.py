@@ -40,10 +40,10 @@ from envs.world import State, begin, perceive_intruders
 from eval.flights.among_areas import in_air_at
 from eval.flights.in_space import (
     climbers,
+    find_met_holding,
+    find_met_levelling,
+    find_met_on_profiles,
     heights_at,
-    met_levelling,
-    met_on_profiles,
-    met_steadily,
     on_profiles,
     own_altitudes,
     reports,
@@ -161,7 +161,7 @@ def _begin(
         in_space = {"profile": profiles, "levelling": np.zeros(count, dtype=bool)}
         own = own_altitudes(_at_moment(profiles, 0.0, thresholds.options))
         known = reports(encounters.altitudes, 0, aircraft.dt)
-        met = met_on_profiles(profiles, own, known, 0.0, thresholds.options)
+        met = find_met_on_profiles(profiles, own, known, 0.0, thresholds.options)
         traffic = traffic._replace(window=met.all_times)
     monitor = assurance.start(count, encounters.mask.shape[1], thresholds)
     monitor = assurance.activate(
@@ -224,9 +224,9 @@ def _meetings(
 ) -> dict[str, Any]:
     """Return when intruders count for the monitors at a time, s, as they are given it."""
     own, known = heights.own, heights.known
-    given: dict[str, Any] = {"window": met_steadily(own, known, options).all_times}
+    given: dict[str, Any] = {"window": find_met_holding(own, known, options).all_times}
     if options.climbs and flights.profile is not None:
-        given["levelling"] = met_levelling(own, known, options)
+        given["levelling"] = find_met_levelling(own, known, options)
         given["on_profile"] = on_profiles(flights.profile, own, known, time, options)
     return given
 
@@ -372,4 +372,4 @@ class _MidFlightPlanner(NamedTuple):
         assert self.heights is not None
         own, known, level = self.heights.of(rows)
         profiles = _first_profiles(level, made.profile)
-        return met_on_profiles(profiles, own, known, 0.0, options)
+        return find_met_on_profiles(profiles, own, known, 0.0, options)

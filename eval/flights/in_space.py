@@ -21,7 +21,7 @@ from envs.encounters import Encounter, EncounterError
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.observation import criticality
-from envs.profile import Height, flown
+from envs.profile import Height, height_flown
 from envs.relative import relative_motion, step_separation
 from envs.trees import column, take
 from eval.flights.trajectories import Trajectories
@@ -89,11 +89,11 @@ def check_levels(encounters: Encounter, numbers: np.ndarray, options: Options) -
             )
 
 
-def met_steadily(
+def find_met_holding(
     own: Sequence[Altitude], known: Sequence[Sequence[Intruder[Air]]], options: Options[L]
 ) -> Met:
     """Return when intruders count while the own altitudes ``[M]`` go on changing as now."""
-    return _met([steady(each) for each in own], known, options)
+    return _find_met([steady(each) for each in own], known, options)
 
 
 def who_counts(traffic: Traffic, window: Window) -> Traffic:
@@ -101,14 +101,14 @@ def who_counts(traffic: Traffic, window: Window) -> Traffic:
     return traffic._replace(mask=traffic.mask & (window.begin <= window.end), window=window)
 
 
-def met_levelling(
+def find_met_levelling(
     own: Sequence[Altitude], known: Sequence[Sequence[Intruder[Air]]], options: Options[L]
 ) -> Met:
     """Return when intruders count while ownships ``[M]`` level off from their altitudes."""
-    return _met([level_off(each, options) for each in own], known, options)
+    return _find_met([level_off(each, options) for each in own], known, options)
 
 
-def met_on_profiles(
+def find_met_on_profiles(
     profiles: np.ndarray,
     own: Sequence[Altitude],
     known: Sequence[Sequence[Intruder[Air]]],
@@ -122,7 +122,7 @@ def met_on_profiles(
     """
     climbs = [Climb(profile, REFERENCE) for profile in profiles]
     flights = [climb.flight(each, time, options) for climb, each in zip(climbs, own, strict=True)]
-    return _met(flights, known, options)
+    return _find_met(flights, known, options)
 
 
 def on_profiles(
@@ -133,15 +133,17 @@ def on_profiles(
     options: Options[L],
 ) -> OnProfile:
     """Return how profiles ``[M]`` are flown at a time, s, and what they meet; arguments as of
-    :func:`met_on_profiles`.
+    :func:`find_met_on_profiles`.
     """
     climbs = [Climb(profile, REFERENCE) for profile in profiles]
     error = [climb.error(each, time) for climb, each in zip(climbs, own, strict=True)]
     allowed = np.full(len(error), options.vertical_margin)
-    return OnProfile(np.array(error), allowed, met_on_profiles(profiles, own, known, time, options))
+    return OnProfile(
+        np.array(error), allowed, find_met_on_profiles(profiles, own, known, time, options)
+    )
 
 
-def _met(
+def _find_met(
     flights: Sequence[Sequence[Line]],
     known: Sequence[Sequence[Intruder[Air]]],
     options: Options[L],
@@ -165,7 +167,7 @@ def heights_at(profiles: np.ndarray, time: np.ndarray, acceleration: float) -> H
     """
     altitude, climb = np.zeros((2, time.size, len(profiles)))
     for n, profile in enumerate(profiles):
-        altitude[:, n], climb[:, n] = flown(profile, acceleration, time)
+        altitude[:, n], climb[:, n] = height_flown(profile, acceleration, time)
     return Height(altitude, climb)
 
 

@@ -22,8 +22,8 @@ from envs.world import begin, perceive_intruders
 from eval.flights.among_areas import in_air_at
 from eval.flights.in_space import (
     climbers,
+    find_met_holding,
     heights_at,
-    met_steadily,
     own_altitudes,
     reports,
     who_counts,
@@ -68,7 +68,7 @@ def plan_at_start(
         known = reports(encounters.altitudes, 0, aircraft.dt)
         if options.climbs:
             return plan_each_in_space(request, climbers(own, level, known), policy, in_air)
-        window = met_steadily(own, known, options).all_times
+        window = find_met_holding(own, known, options).all_times
         request = request._replace(traffic=who_counts(request.traffic, window))
     if areas is None:
         return plan_many(request, policy, in_air)

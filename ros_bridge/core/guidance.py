@@ -205,7 +205,7 @@ def _flown(verdict: Assessment) -> _Flown:
     measured, in_height = verdict.measured, verdict.in_height
     if in_height is None:
         return _Flown(measured.traffic, 1, measured.areas)
-    met = in_height.space.met(in_height.flight)
+    met = in_height.space.find_met(in_height.flight)
     return _Flown(met.columns(measured.traffic), met.times, met.areas)
 
 

@@ -18,11 +18,10 @@ from envs.c208.guidance import Guide, Lookahead, Path
 from envs.follower import deviation, offset
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.profile import Profile
+from envs.profile import Height, Profile, height_flown
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
 from envs.wind import NO_WIND, Wind, through_air
 from ros_bridge.mavlink.vehicle import GRAVITY, HeightLag, Vehicle
-from ros_bridge.sim.climbing import Height, flown
 
 PERIOD = 0.1
 """Between two commands, s."""
@@ -96,9 +95,9 @@ class PlannedHeight(NamedTuple):
 
     def at(self, time: float) -> Height:
         """Return altitude and climb at a time, s."""
-        return flown(self.profile, self.acceleration, time)
+        return height_flown(self.profile, self.acceleration, time)
 
-    def told(self, time: float, lag: HeightLag) -> float:
+    def to_demand(self, time: float, lag: HeightLag) -> float:
         """Return the altitude that an autopilot is told at a time, s, so that it has the plan's, m
         above mean sea level.
         """
@@ -161,6 +160,6 @@ def command(
     told = Command(
         min(max(roll, -bank_max), bank_max),
         min(max(wanted, vehicle.airspeed_min), vehicle.airspeed_max),
-        None if follower.height is None else follower.height.told(time, vehicle.height_lag),
+        None if follower.height is None else follower.height.to_demand(time, vehicle.height_lag),
     )
     return told, follower._replace(late=guidance.late)

@@ -5,7 +5,7 @@ within what the aircraft can do.
 """
 
 from envs.aircraft import Vertical
-from envs.profile import Height, Profile, flown
+from envs.profile import Height, Profile, height_flown
 
 _GAIN = 0.5  # climb per error of altitude, 1/s
 
@@ -18,7 +18,7 @@ def follow(
     """
     climb = 0.0
     if profile is not None:
-        planned = flown(profile, vertical.acceleration, time + period)
+        planned = height_flown(profile, vertical.acceleration, time + period)
         off = planned.altitude - (height.altitude + height.climb * period)
         climb = planned.climb + _GAIN * off
     climb = min(max(climb, -vertical.descent_max), vertical.climb_max)

@@ -21,7 +21,7 @@ from envs.encounters import Encounter
 from envs.follower import PERIOD, KinematicVehicle, Vehicle, guidance
 from envs.frames import Air, Ground
 from envs.kinematics import C208_PUBLISHED, Limits, VehicleState, velocity
-from envs.profile import Height, Profile, flown, levelling
+from envs.profile import Height, Profile, height_flown, levelling
 from envs.relative import leg_separation, straight_cpa
 from envs.trees import take
 from envs.waypoints import Legs, Waypoint, at, legs, plan_states
@@ -269,7 +269,7 @@ class EncounterFlight:
         if self._profile is None or self._vertical is None:
             return None
         acceleration = self._vertical.acceleration
-        height = flown(self._profile, acceleration, np.float64(self.time - self._began))
+        height = height_flown(self._profile, acceleration, np.float64(self.time - self._began))
         return levelling(height, acceleration).since(began - self.time)
 
     def _nearest_level(self, distance: float) -> float:

@@ -14,7 +14,7 @@ from envs.profile import (
     corner_error,
     first_change,
     first_corner,
-    flown,
+    height_flown,
     levelling,
     profile_of,
 )
@@ -82,17 +82,17 @@ def test_a_profile_is_flown_as_small_steps_of_its_climb_add_up() -> None:
         1_000.0, 1.5, [20.0, 40.0, 60.0], [1_080.0, 1_080.0, 1_000.0], acceleration=1.0
     )
     times, altitudes = add_up(profile, 1.0, 60.0)
-    height = flown(profile, 1.0, times)
+    height = height_flown(profile, 1.0, times)
     assert height.altitude == pytest.approx(altitudes, abs=0.05)
     assert height.climb[:-1] == pytest.approx(np.diff(altitudes) / STEP, abs=0.02)
     # One time alone, as several.
-    assert flown(profile, 1.0, times[700]) == (height.altitude[700], height.climb[700])
+    assert height_flown(profile, 1.0, times[700]) == (height.altitude[700], height.climb[700])
 
 
 @pytest.mark.parametrize("climb", [-4.0, 0.0, 2.5])
 def test_an_aircraft_levels_off_at_once_and_evenly(climb: float) -> None:
     times = np.array([0.0, 0.5 * abs(climb), abs(climb), 60.0])
-    height = flown(levelling(Height(1_000.0, climb), 1.0), 1.0, times)
+    height = height_flown(levelling(Height(1_000.0, climb), 1.0), 1.0, times)
     assert height.climb == pytest.approx([climb, 0.5 * climb, 0.0, 0.0], abs=1e-9)
     assert height.altitude[0] == pytest.approx(1_000.0, abs=1e-9)
     assert height.altitude[2:] == pytest.approx(1_000.0 + 0.5 * climb * abs(climb), abs=1e-9)

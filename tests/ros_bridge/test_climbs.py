@@ -16,7 +16,7 @@ from agents.policy.inference import Policy
 from envs.areas import Level
 from envs.follower import PERIOD
 from envs.formats.local_frame import LocalFrame
-from envs.profile import Height, climbing, flown, rise_to_level
+from envs.profile import Height, climbing, height_flown, rise_to_level
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.waypoints import Waypoint, legs, plan_states
@@ -335,7 +335,7 @@ def test_an_ownship_follows_a_profile_within_its_limits_and_then_levels_off():
         height = follow(height, profile, time, VERTICAL, period)
         assert abs(height.climb - before.climb) <= VERTICAL.acceleration * period + 1e-9
         assert abs(height.climb) <= VERTICAL.climb_max
-        off = height.altitude - flown(profile, VERTICAL.acceleration, time + period).altitude
+        off = height.altitude - height_flown(profile, VERTICAL.acceleration, time + period).altitude
         assert abs(off) < 1.5
     assert height.altitude == pytest.approx(1_080.0, abs=0.1)
     falling = Height(1_000.0, -4.0)
@@ -397,7 +397,7 @@ def test_a_vehicle_with_lags_flies_a_climb_and_levels_off(vehicle: str):
     flight.fly(curves, 0.0, plan=True, profile=profile)
     for number in range(1, 801):
         flight.step()
-        planned = flown(profile, c208.vertical.acceleration, number * PERIOD)
+        planned = height_flown(profile, c208.vertical.acceleration, number * PERIOD)
         assert flight.height_at(flight.time).altitude == pytest.approx(planned.altitude, abs=1.0)
     flight.fly(curves, 0.0, plan=False)
     for _ in range(200):

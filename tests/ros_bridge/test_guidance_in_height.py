@@ -20,7 +20,7 @@ from agents.assurance.thresholds import Thresholds
 from agents.planner.request.options import Maneuvers
 from envs.areas import Level as Height
 from envs.kinematics import VehicleState
-from envs.profile import profile_of
+from envs.profile import height_flown, profile_of
 from envs.trees import take
 from envs.waypoints import at, legs, plan_states
 from ros_bridge.core.assurance import Supervision, activate, initial, step_monitor
@@ -35,7 +35,6 @@ from ros_bridge.display.background import supervise
 from ros_bridge.display.scene import DisplayScene, MonitorStatus
 from ros_bridge.display.scene import take as take_in
 from ros_bridge.display.scene_recording import encoder
-from ros_bridge.sim.climbing import flown
 from tests.ros_bridge.displays import guidance as guidance_message
 from tests.ros_bridge.displays import status as status_message
 from tests.ros_bridge.displays import up_and_down
@@ -112,7 +111,7 @@ def flight(off: float = 0.0) -> Iterator[tuple[float, int, Supervision]]:
     watch = activate(watch, fly(NOW, 500.0, 0.0, here), plan)
     for time in np.arange(0.0, 120.0, 3.0).tolist():
         now = NOW + round(time * SECOND)
-        rounded = flown(profile, VERTICAL.acceleration, time)
+        rounded = height_flown(profile, VERTICAL.acceleration, time)
         here = take(at(curves, np.array([time])), 0)
         watch = step_monitor(watch, fly(now, rounded.altitude + off, rounded.climb, here), now)
         yield time, now, watch

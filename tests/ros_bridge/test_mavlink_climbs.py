@@ -321,7 +321,7 @@ def test_the_altitude_that_is_told_undoes_the_autopilots_lag(
     step, told, flown = 0.05, [], 0.0
     for number in range(round(60.0 / step)):
         time = number * step
-        told.append(height.told(time, lag))
+        told.append(height.to_demand(time, lag))
         late = told[max(number - round(0.5 / step), 0)]
         flown += step * (late - flown) / filtered
         # The beginning that it is late for stays as an error that dies away.
