@@ -101,8 +101,9 @@ types: venv
 test: style
 	@$(MAKE) --no-print-directory --jobs 2 types tests
 
+# Interpreted: compiling takes a minute whenever a source has changed, and the run of compiled code is another.
 tests: venv
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest $(PYTEST_ARGS)
 
 test-slow: venv
 	$(BIN)/python -m pytest $(PYTEST_ARGS) -m "slow and not long"

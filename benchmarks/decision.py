@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     request_options(parser, 50)
     options = parser.parse_args(arguments)
     policy = Policy.load(options.policy)
-    if policy.decider is None or not compiled.installed():
+    if policy.decider is None or not compiled.may_compile():
         raise ConfigError(
             "there is no compiled code for this policy, or numba is missing; expected both"
         )

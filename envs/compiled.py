@@ -18,6 +18,7 @@ import hashlib
 import importlib.util
 import inspect
 import math
+import os
 import sys
 import threading
 import time
@@ -129,18 +130,21 @@ def records(columns: Mapping[str, Array]) -> Array:
     return made
 
 
-def installed() -> bool:
-    """Return whether numba is installed."""
-    return importlib.util.find_spec("numba") is not None
+def may_compile() -> bool:
+    """Return whether numba is installed, and its own variable NUMBA_DISABLE_JIT does not forbid it
+    to compile.
+    """
+    forbidden = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+    return not forbidden and importlib.util.find_spec("numba") is not None
 
 
 def prepare() -> bool:
-    """Compile all entries, or load them from the cache; return whether numba is there to do it.
+    """Compile all entries, or load them from the cache; return whether numba may do it.
 
     The first time that takes about a minute, later about a second. Processes that compile the same
     at the same time share the work.
     """
-    if not installed():
+    if not may_compile():
         return False
     with _PREPARING:
         _compile_waiting()

@@ -51,8 +51,9 @@ def _use_of_compiled_code() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def compiled_code() -> Iterator[None]:
-    """Fly by compiled code in a module of tests; passed over where there is none."""
-    pytest.importorskip("numba", reason="numba is not installed; to have it: pip install '.[fast]'")
+    """Fly by compiled code in a module of tests, which is slow: it compiles for a minute first."""
+    if not compiled.may_compile():
+        pytest.skip("numba may not compile; to have it: pip install '.[fast]'")
     before = compiled.in_use()
     compile_planner()
     yield
@@ -80,10 +81,13 @@ def pytest_collection() -> Generator[None, object, object]:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mix files that compute with those that wait, so that the last files are short; the order
-    within a file stays. A run of compiled code leaves out what is always run by it.
+    within a file stays. What compiles first is slow; a run of compiled code leaves it out.
     """
+    compiles = [item for item in items if "compiled_code" in _fixtures(item)]
+    for item in compiles:
+        item.add_marker(pytest.mark.slow)
     if config.getoption("--compiled"):
-        items[:] = [item for item in items if "compiled_code" not in _fixtures(item)]
+        items[:] = [item for item in items if item not in compiles]
     items.sort(key=lambda item: item.path.name, reverse=True)
 
 

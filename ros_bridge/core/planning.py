@@ -35,8 +35,8 @@ def prepare(policy: Policy | None = None) -> str:
     """Compile what is computed in flight, or load it, and return a sentence about it; ``policy``:
     that is flown. It takes about a minute the first time after an installation.
     """
-    if not compiled.installed():
-        return "computes interpreted, some times slower: the extra fast (numba) is not installed"
+    if not compiled.may_compile():
+        return "computes interpreted, some times slower: numba (extra fast) is missing or forbidden"
     compiled.prepare()
     if policy is not None and policy.decider is None:
         return "computes compiled but for the policy, which has inputs of its own or is of schema 1"

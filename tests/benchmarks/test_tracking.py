@@ -48,7 +48,7 @@ def test_ours_is_better_than_the_reports(flights: Flights) -> None:
         "ours_arrays_report_us",
         "ours_arrays_100_aircraft_ms",
         "ours_floats_report_us",
-        *(["ours_compiled_report_us"] if compiled.installed() else []),
+        *(["ours_compiled_report_us"] if compiled.may_compile() else []),
     }
     assert compiled.in_use() is in_use
 
