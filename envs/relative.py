@@ -165,15 +165,17 @@ def leg_separation_in_space(
     first, last = (relative_motion(*pair, np) for pair in zip(own, other, strict=True))
     apart = step_separation(first, last, dt, np).distance
     begin, end = (np.broadcast_to(flatness * height, apart.shape) for height in above)
-    # Only where the vertical distance may be the greater one it must be looked at.
-    decides = np.maximum(np.abs(begin), np.abs(end)) > apart
-    if not decides.any():
-        return apart
-    nearest = np.array(apart)
-    first, last = (
-        RelativeMotion(*(field[decides] for field in motion)) for motion in (first, last)
-    )
-    nearest[decides] = _nearest_in_space(first, last, (begin[decides], end[decides]), dt)
+    # It must be searched for only where neither distance is the greater one all the time.
+    level = np.where(begin * end <= 0.0, 0.0, np.minimum(np.abs(begin), np.abs(end)))
+    bend = 0.125 * dt * distance(last.vx - first.vx, last.vy - first.vy, np)
+    most = bend + np.maximum(distance(first.x, first.y, np), distance(last.x, last.y, np))
+    nearest = np.where(level >= most, level, apart)
+    both = (np.maximum(np.abs(begin), np.abs(end)) > apart) & (level < most)
+    if both.any():
+        first, last = (
+            RelativeMotion(*(field[both] for field in motion)) for motion in (first, last)
+        )
+        nearest[both] = _nearest_in_space(first, last, (begin[both], end[both]), dt)
     return nearest
 
 
