@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -18,7 +19,9 @@ from hypothesis import strategies as st
 from pyproj import Geod
 
 from envs.backend import FLOATS
+from envs.encounters import Encounter, Scenario
 from envs.kinematics import VehicleState
+from envs.surrogate import redraw_pool
 from envs.traffic.track_units import FOOT, KNOT
 
 __all__ = [
@@ -34,6 +37,7 @@ __all__ = [
     "mirror_state",
     "move_state",
     "one",
+    "pool_of",
     "random_states",
     "recorded_path",
     "reports_file",
@@ -42,6 +46,12 @@ __all__ = [
     "states",
     "yaw_rates",
 ]
+
+
+def pool_of(scenarios: list[Scenario], weights: list[float], rows: int, count: int) -> Encounter:
+    """Return a pool of starts ``[rows, count]`` of a mixture, drawn as trainings draw it."""
+    draw = jax.jit(lambda key: redraw_pool(key, scenarios, weights, rows, count))
+    return draw(jax.random.key(0))
 
 
 def recorded_path(name: str) -> Path:

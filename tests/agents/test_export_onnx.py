@@ -56,11 +56,11 @@ def random_policy(feature_set: str) -> PolicyFile:
     """Return a policy of random numbers."""
     encoder = (12,) if feature_set == "set" else ()
     actor = Actor((16, 24), feature_set, encoder=encoder)
-    own, intruders, mask, *goal = (jax.tree.map(jnp.asarray, part) for part in states(2, 3))
+    own, intruders, mask, *goal = states(2, 3)
     seen: Any = jnp.zeros((1, 8))
     if encoder:
         seen = set_inputs(
-            scene(own, intruders, mask, *goal, PAPER.limits, PAPER.separation, jnp), jnp
+            scene(own, intruders, mask, *goal, PAPER.limits, PAPER.separation, np), np
         )
     random = np.random.default_rng(4)
     weights = jax.tree.map(

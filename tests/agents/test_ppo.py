@@ -22,6 +22,7 @@ from agents.learning.ppo import Batch, LearnerState, Networks, PpoSettings
 from tests.probes import Probe, train_on_probe
 
 compiled_advantages = jax.jit(ppo.advantages)
+initial_state = jax.jit(ppo.initial_state, static_argnums=0)
 
 
 def advantages_by_loop(reward, value, value_next, terminated, discount, gae_lambda) -> np.ndarray:
@@ -229,7 +230,7 @@ ENCOUNTERS, STEPS = 6, 8
 @pytest.fixture(scope="module")
 def small() -> tuple[Networks, LearnerState, Batch]:
     parts = ppo.make_networks(Actor((8,), "none"), Critic((8,), "none"), SETTINGS)
-    state = ppo.initial_state(parts, jax.random.key(0), jnp.zeros((1, 3)))
+    state = initial_state(parts, jax.random.key(0), jnp.zeros((1, 3)))
     generator = np.random.default_rng(2)
     shape = (ENCOUNTERS, STEPS)
     observation, action = generator.normal(size=(*shape, 3)), generator.normal(size=(*shape, 2))
@@ -370,7 +371,7 @@ def test_initial_networks_are_those_of_the_recipe() -> None:
     parts = ppo.make_networks(
         Actor((16, 16), "none", -0.7), Critic((16, 16), "none"), PpoSettings()
     )
-    state = ppo.initial_state(parts, jax.random.key(4), jnp.zeros((1, 8)))
+    state = initial_state(parts, jax.random.key(4), jnp.zeros((1, 8)))
     actor, critic = state.actor["params"], state.critic["params"]
     np.testing.assert_allclose(actor["log_std"], -0.7)
     for network, gain in ((actor["trunk"], 0.01), (critic["trunk"], 1.0)):
@@ -461,18 +462,23 @@ def test_a_gradient_in_tiles_is_that_of_the_whole_minibatch(
 ) -> None:
     settings = PpoSettings(action_bound_coef=0.3, entropy=0.01)
     parts = ppo.make_networks(Actor((8,), "none"), Critic((8,), "none"), settings)
-    state = ppo.initial_state(parts, jax.random.key(0), jnp.zeros((1, 8)))
+    state = initial_state(parts, jax.random.key(0), jnp.zeros((1, 8)))
     draws = np.random.default_rng(3).normal(size=(13, 24)).astype(np.float32)
     batch = Batch(
         jnp.asarray(draws[:8].T), jnp.asarray(draws[8:10].T), *map(jnp.asarray, draws[10:])
     )
-    networks = state.actor, state.critic
-    whole = ppo.gradient_of(networks, batch, parts, settings)
+
+    def gradient() -> Any:
+        """Compile anew, since the tiles' size counts then."""
+        compiled = jax.jit(lambda *given: ppo.gradient_of(*given, parts, settings))
+        return compiled((state.actor, state.critic), batch)
+
+    whole = gradient()
     monkeypatch.setattr(ppo, "TILE", 8)
-    tiled = ppo.gradient_of(networks, batch, parts, settings)
+    tiled = gradient()
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=2e-5, atol=1e-6), whole, tiled)
     monkeypatch.setattr(ppo, "TILE", 7)  # does not divide 24: nothing is cut up
-    again = ppo.gradient_of(networks, batch, parts, settings)
+    again = gradient()
     jax.tree.map(np.testing.assert_array_equal, whole, again)
 
 

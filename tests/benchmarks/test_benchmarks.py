@@ -167,6 +167,7 @@ def test_training_says_how_to_get_the_peer(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_parts_of_an_update_are_measured_beside_their_limit():
     config = load(TrainConfig, None, [*TINY, "network.feature_set=set", "network.encoder=[4]"])
     figures = training_parts.measure(config, 0.001)

@@ -95,9 +95,9 @@ def test_a_row_does_not_depend_on_its_company() -> None:
     made = make(None, "multi", tuple(BASELINES))
     few = scenario("multi", PAPER, intruders=(2, 3), radius=(3_000.0, 4_000.0))
     made = made._replace(evaluation=made.evaluation._replace(source=few))
-    together, apart = comparison.columns(made, 0, 12), comparison.columns(made, 8, 2)
+    together, apart = comparison.columns(made, 0, 6), comparison.columns(made, 3, 2)
     for name, values in apart.items():
-        np.testing.assert_array_equal(values, together[name][8:10], err_msg=name)
+        np.testing.assert_array_equal(values, together[name][3:5], err_msg=name)
 
 
 def test_the_resolver_none_is_the_evaluation_s_direct_flight() -> None:
@@ -278,6 +278,7 @@ def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
     np.testing.assert_array_equal(theirs["plan_min_separation_m"], as_validated)
 
 
+@pytest.mark.slow
 def test_what_only_wider_limits_solve_is_resolvable_for_them_alone() -> None:
     # Proven lost at 3 deg/s; at the vehicle's 5 deg/s the search knows a flight.
     near = scenario("circle", PAPER, min_initial_separation=1300.0, radius=(3000.0, 3300.0))

@@ -254,6 +254,7 @@ def earlier(tmp_path_factory: pytest.TempPathFactory, share_programs: None) -> R
     return train_in(tmp_path_factory.mktemp("runs") / "earlier")
 
 
+@pytest.mark.slow
 def test_networks_and_optimiser_are_those_of_the_earlier_run(earlier: Run, tmp_path: Path) -> None:
     # Other encounters and another number of them: only the networks have to be the same.
     changes = ["seed=7", "environments=32", "scenarios=[{name: noisy}]"]
@@ -279,11 +280,12 @@ def test_a_checkpoint_is_as_good_as_its_run(earlier: Run, tmp_path: Path) -> Non
         np.testing.assert_array_equal(mine, theirs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("overrides", "said"),
     [
         (["network.hidden=[8, 9]"], "expected float32"),
-        pytest.param(["network.hidden=[8]"], "made by another structure", marks=pytest.mark.slow),
+        (["network.hidden=[8]"], "made by another structure"),
     ],
 )
 def test_other_networks_are_refused(
@@ -315,6 +317,7 @@ def policy(earlier: Run) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_policy_begins_a_training_with_a_fresh_critic(
     earlier: Run, policy: Path, tmp_path: Path
 ) -> None:
@@ -330,6 +333,7 @@ def same(one: object, other: object) -> bool:
     return all(np.array_equal(mine, theirs) for mine, theirs in leaves)
 
 
+@pytest.mark.slow
 def test_an_unfit_policy_file_is_refused(policy: Path, tmp_path: Path) -> None:
     with pytest.raises(
         ConfigError, match=r"warm_start: .*network\.hidden \(8, 8\); expected \(8, 9\)"

@@ -272,6 +272,7 @@ def test_every_ownship_begins_at_a_speed_that_it_flies() -> None:
     assert starts.mask.shape == (6, 32, 3)
 
 
+@pytest.mark.slow
 def test_an_update_learns_from_sets() -> None:
     task = build(tiny(FAMILY))
     state = task.initial()

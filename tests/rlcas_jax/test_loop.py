@@ -99,6 +99,7 @@ def final_state(directory: Path) -> bytes:
     return checkpoint.latest(directory / "checkpoints").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_run_leaves_what_is_promised(uninterrupted: Path) -> None:
     assert {
         "config.yaml",

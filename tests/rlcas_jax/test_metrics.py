@@ -330,6 +330,7 @@ def test_a_bad_phase_is_refused(phase: str, said: str) -> None:
         load(TrainConfig, None, [f"phases=[{phase}]"])
 
 
+@pytest.mark.slow
 def test_steps_and_updates_are_counted_over_all_phases(whole: Run) -> None:
     log = metrics.read(whole.directory)
     np.testing.assert_array_equal(log["update"], np.arange(1, UPDATES + 1))

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -69,9 +68,9 @@ NEAREST = Input(
 
 def content(*inputs: Input) -> PolicyFile:
     """Return a policy file of random weights with inputs."""
-    rows = jnp.asarray(random_scenes(3, FAMILY))
+    rows = random_scenes(3, FAMILY)
     actor = Actor((16,), "set", encoder=(12,))
-    seen = set_inputs(unpack_rows(rows), jnp, table(inputs))
+    seen = set_inputs(unpack_rows(rows), np, table(inputs))
     random = np.random.default_rng(4)
     weights = jax.tree.map(
         lambda leaf: random.normal(0.0, leaf.shape[0] ** -0.5, leaf.shape).astype("f4"),
@@ -273,6 +272,7 @@ def test_a_registered_input_is_named_in_a_configuration():
         load(TrainConfig, None, ["network.inputs=[wake]", "network.feature_set=mirror"])
 
 
+@pytest.mark.slow
 def test_onnx_has_the_input_too():
     pytest.importorskip("onnx")
     pytest.importorskip("jax2onnx")

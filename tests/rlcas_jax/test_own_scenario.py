@@ -12,7 +12,6 @@ import pytest
 
 from agents.config.load import ConfigError, load
 from commands.extension import load_extension
-from envs import surrogate
 from envs.aircraft import PAPER
 from envs.encounters import EncounterError, Sampler
 from envs.scenarios import SAMPLERS, register, resolve, sample, scenario
@@ -23,6 +22,7 @@ from eval.evidence.outside import training_box
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.loop import prepare
 from tests.stranger import python, python_blocks, run, settle
+from tests.support import pool_of
 
 MODULE, CALLS = python_blocks("howto/own-scenario.md")
 NAME = "my_scenarios:trail"
@@ -210,7 +210,7 @@ def test_names_and_things_that_are_none_are_refused():
 def test_scenarios_of_a_mixture_may_differ_in_their_intruders():
     resolve(NAME)
     mixed = [scenario("circle", PAPER), scenario(NAME, PAPER)]
-    pool = surrogate.redraw_pool(jax.random.key(0), mixed, [0.5, 0.5], 2, 64)
+    pool = pool_of(mixed, [0.5, 0.5], 2, 64)
     assert set(np.asarray(pool.mask.sum(axis=-1)).ravel().tolist()) == {1, 4}
 
 

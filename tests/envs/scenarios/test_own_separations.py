@@ -17,8 +17,9 @@ from envs.outcome import RULES
 from envs.scenarios import own_separations as module
 from envs.scenarios import scenario
 from envs.starts import EVERY_FIELD, cast, check_encounter, encounters_of_seed
-from envs.surrogate import World, redraw_pool
+from envs.surrogate import World
 from envs.trees import map_leaves
+from tests.support import pool_of
 
 NAME = "circle + own_separations"
 WORLD = World(RULES, PAPER)
@@ -104,12 +105,12 @@ def test_eight_numbers_hold_an_intruder_at_its_distance_in_its_own_separation(dr
 
 def test_a_pool_fills_in_the_usual_separation(chosen: Scenario):
     mixture = [scenario("circle", PAPER), chosen]
-    pool = redraw_pool(jax.random.key(0), mixture, [0.5, 0.5], 2, 200)
+    pool = pool_of(mixture, [0.5, 0.5], 2, 200)
     found = np.asarray(pool.separation)
     usual = (found == PAPER.separation).all(axis=-1)
     assert found.shape == pool.mask.shape
     assert usual.mean() == pytest.approx(0.5, abs=0.1)
-    assert redraw_pool(jax.random.key(0), mixture[:1], [1.0], 2, 8).separation is None
+    assert pool_of(mixture[:1], [1.0], 2, 8).separation is None
 
 
 def test_who_would_not_keep_them_is_refused(chosen: Scenario):

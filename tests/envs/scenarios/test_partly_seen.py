@@ -19,8 +19,9 @@ from envs.outcome import RULES
 from envs.perception import EVERYTHING, Coverage, report
 from envs.scenarios import scenario
 from envs.starts import EVERY_FIELD, cast, check_encounter, encounters_of_seed
-from envs.surrogate import World, redraw_pool
+from envs.surrogate import World
 from envs.trees import map_leaves
+from tests.support import pool_of
 
 NAME = "circle + partly_seen"
 WORLD = World(RULES, PAPER)
@@ -99,11 +100,11 @@ def test_what_is_not_known_changes_no_decision(drawn: Encounter):
 
 
 def test_a_pool_covers_the_others_wholly(chosen: Scenario):
-    pool = redraw_pool(jax.random.key(0), [scenario("circle", PAPER), chosen], [0.5, 0.5], 2, 200)
+    pool = pool_of([scenario("circle", PAPER), chosen], [0.5, 0.5], 2, 200)
     assert pool.coverage is not None
     everything: Any = np.isinf(np.asarray(pool.coverage.reach)).all(axis=-1)
     assert everything.mean() == pytest.approx(0.5, abs=0.1)
-    state = jax.vmap(surrogate.reset)(pool)
+    state = jax.jit(jax.vmap(surrogate.reset))(pool)
     first = map_leaves(lambda field: field[0], state)
     known = np.asarray(world.known_intruders(first, PAPER, jnp))
     np.testing.assert_array_equal(known[everything[0]], np.asarray(pool.mask)[0][everything[0]])

@@ -19,8 +19,9 @@ from envs.outcome import RULES
 from envs.reaction import GIVES_WAY, TURNS_INTO, Reaction, answer, sight_rate
 from envs.scenarios import scenario
 from envs.starts import EVERY_FIELD, cast, check_encounter, encounters_of_seed
-from envs.surrogate import World, redraw_pool
+from envs.surrogate import World
 from envs.trees import map_leaves
+from tests.support import pool_of
 
 NAMES = "giving_way", "turning_into", "reacting"
 WORLD = World(RULES._replace(separation=0.0), PAPER)  # flights go on after a loss
@@ -172,7 +173,7 @@ def test_the_shares_are_those_said_and_the_encounters_are_whole(drawn: dict[str,
 
 def test_a_pool_keeps_the_others_without_an_answer(drawn: dict[str, Encounter]):
     chosen = scenario("circle + giving_way", PAPER)
-    pool = redraw_pool(jax.random.key(0), [scenario("circle", PAPER), chosen], [0.5, 0.5], 2, 200)
+    pool = pool_of([scenario("circle", PAPER), chosen], [0.5, 0.5], 2, 200)
     assert pool.reaction is not None
     manner = np.asarray(pool.reaction.manner)
     assert (manner[..., 0] == GIVES_WAY).mean() == pytest.approx(0.5, abs=0.1)

@@ -279,6 +279,7 @@ def test_plans_that_keep_more_than_required_are_tried_first() -> None:
     assert wide.rejoin_by < in_time.rejoin_by == 100.0 < along.rejoin_by == OPTIONS.rejoin_by
 
 
+@pytest.mark.slow
 def test_a_plan_leaves_room_for_turns_before_they_begin(policy: Policy) -> None:
     """With what the plan at the start had to spare, neither plan nor backup was left when two of
     four turned.
@@ -288,6 +289,7 @@ def test_a_plan_leaves_room_for_turns_before_they_begin(policy: Policy) -> None:
     assert flown.flown.flights.outcome[0] == REACHED
 
 
+@pytest.mark.slow
 def test_noise_of_straight_traffic_asks_for_few_plans(policy: Policy) -> None:
     starts = encounters_of_seed(scenario("noisy", PAPER), 11, 0, 3)
     noise = sensor_noise(11, 0, *starts.mask.shape)
