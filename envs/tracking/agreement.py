@@ -29,6 +29,7 @@ _UNKNOWN, _DOUBT = 30.0, 3.0
 # A bias is another one from now on where chance makes one in 3 million reports; not within the
 # first reports, which leave open what it is, and how large random errors are.
 _ANEW, _SETTLED = 30.0, 8.0
+_LONG = 20.0  # s of reports, after which a bias that is not significant is no larger than noise
 
 # Of the random errors.
 ROUNDING = (1.0, 0.3)
@@ -133,14 +134,40 @@ def _errors(
     most = _IN_PLACES * position / xp.maximum(seconds, 1e-3)
     velocity = xp.minimum(scatter[1], most)
     further = position > _SHOWN * declared[0] + _SHOWN_LEAST[0]
-    # A manoeuvre between two reports changes a velocity the more the longer it lasts.
-    least = _SHOWN_LEAST[1] * xp.maximum(seconds, 1.0)
-    faster = velocity > _SHOWN * declared[1] + least
+    faster = velocity > _SHOWN * declared[1] + _least_shown(seconds, xp)
     # Who understates the error of one field is not believed about the other either.
     shown = xp.logical_and(count > _SETTLED, xp.logical_or(further, faster))
     far = xp.logical_and(shown, position > xp.maximum(declared[0], ROUNDING[0]))
     fast = xp.logical_and(shown, velocity > xp.maximum(declared[1], ROUNDING[1]))
     return xp.where(far, position, declared[0]), xp.where(fast, velocity, declared[1])
+
+
+@scalar
+def _least_shown(seconds: Array, xp: ArrayModule) -> Array:
+    """Return by how much random errors of velocities must exceed declared ones to count, m/s: a
+    manoeuvre between two reports changes a velocity the more the longer it lasts.
+    """
+    return _SHOWN_LEAST[1] * xp.maximum(seconds, 1.0)
+
+
+@scalar
+def hidden(agreement: Agreement, xp: ArrayModule) -> tuple[Array, Array]:
+    """Return what the random errors of positions and velocities may be, per axis, m and m/s,
+    ``[...]``, where reports declare none and have shown none yet.
+    """
+    position = xp.maximum(_UNKNOWN / agreement.count, _SHOWN_LEAST[0])
+    return position, _least_shown(agreement.seconds, xp)
+
+
+@scalar
+def suspicion(agreement: Agreement, xp: ArrayModule) -> Array:
+    """Return the variance of the velocity, per axis, m^2/s^2, that a bias makes which is not
+    significant, ``[...]``: such a one may be true, or chance. Few reports leave open any.
+    """
+    squared = agreement.bias_x * agreement.bias_x + agreement.bias_y * agreement.bias_y
+    long = xp.logical_and(agreement.count > _SETTLED, agreement.length >= _LONG)
+    counts = xp.logical_and(long, xp.logical_not(agreement.biased))
+    return xp.where(counts, 0.5 * squared, 0.0)
 
 
 @scalar

@@ -49,6 +49,9 @@ FASTEST_TURN = 0.6  # rad/s, 34 deg/s: a bank of 70 degrees at 45 m/s
 # variance counts as this many.
 _BIASED = 4.0
 
+# m, m/s: what errors of 10 m and 1 m/s hide of a bias. It widens the errors no further.
+_SUSPECTED = 20.0, 3.0
+
 # Of what follows from what.
 _JUMP = 50.0  # chi-square of 4 degrees of freedom that chance makes once in 3e9 reports
 _SILENCE = 30.0  # s without a report, after which an aircraft is as new: it may have turned back
@@ -201,18 +204,21 @@ def _measure(reports: Reports[F], agreement: Agreement, xp: ArrayModule) -> Meas
     """
     vx, vy = velocity(reports.state, xp)
     bias_x, bias_y, bias_variance = agreements.bias(agreement, xp)
-    variances = _variances(agreement, bias_variance, xp)
+    variances = _variances(agreement, reports.known, bias_variance, xp)
     x, y = reports.state.x, reports.state.y
     return Measurement(x, y, vx + bias_x, vy + bias_y, variances[0], variances[1])
 
 
 @scalar
-def _variances(agreement: Agreement, bias_variance: Array, xp: ArrayModule) -> tuple[Array, Array]:
+def _variances(
+    agreement: Agreement, known: Array, bias_variance: Array, xp: ArrayModule
+) -> tuple[Array, Array]:
     """Return the variances of the newest reports as the filters take them in, per axis, m^2 and
-    m^2/s^2.
+    m^2/s^2; ``known``: of which reports the errors are declared.
     """
-    near = xp.maximum(agreement.position_std, ROUNDING[0])
-    fast = xp.maximum(agreement.velocity_std, ROUNDING[1])
+    hidden = agreements.hidden(agreement, xp)
+    near = xp.maximum(agreement.position_std, xp.where(known, ROUNDING[0], hidden[0]))
+    fast = xp.maximum(agreement.velocity_std, xp.where(known, ROUNDING[1], hidden[1]))
     return near * near, fast * fast + _BIASED * bias_variance
 
 
@@ -270,10 +276,15 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
     # Which of two is wrong that differ by so much, nobody knows.
     doubtful = bias > _BOTH * xp.maximum(speed, reported.speed)
     # The newest report alone is as good as this.
-    alone = _variances(agreement, bias_variance, xp)
+    alone = _variances(agreement, newest.known, bias_variance, xp)
     c = flown.covariance
     place, motion = xp.clip(c.pp, 0.0, alone[0]), xp.clip(c.vv, 0.0, alone[1])
     # The error of a bias is the same in many reports, so that the filters average none of it.
+    # Positions that a wrong velocity draws along lag by the time that the filter averages them for.
+    suspicion = agreements.suspicion(agreement, xp)
+    lag = agreement.seconds * alone[0] / xp.maximum(place, 1e-3 * alone[0])
+    place = xp.minimum(place + lag * lag * suspicion, xp.maximum(alone[0], _SUSPECTED[0] ** 2))
+    motion = xp.minimum(motion + suspicion, xp.maximum(alone[1], _SUSPECTED[1] ** 2))
     position_std, velocity_std = xp.sqrt(place), xp.sqrt(motion + bias_variance)
     # Errors that nobody declared need not be white: no average makes them smaller.
     position_std = xp.where(near > least[0], xp.maximum(position_std, near), position_std)
@@ -288,7 +299,7 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
     c = tracks.turning.covariance
     turn_std = xp.sqrt(xp.maximum(c.aa + rate * rate * c.vv, 0.0) / xp.maximum(squared, 1.0))
     rate = xp.where(turns, rate, 0.0)
-    known = xp.logical_and(passes, exact)
+    known = xp.logical_and(xp.logical_and(passes, exact), newest.known)
     return Belief(
         VehicleState(
             xp.where(passes, reported.x, flown.x),

@@ -113,7 +113,7 @@ def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.n
         mask = np.isfinite(reported.x)
         time = number * aircraft.dt
         sightings = observe(sightings, Reports(reported, *flights.std), time, mask)
-        wrong |= (_contradict(sightings, time, thresholds.intruder_age) & mask).any(axis=-1)
+        wrong |= (contradict(sightings, time, thresholds.intruder_age) & mask).any(axis=-1)
         beliefs = believed(time, own, sightings, mask, thresholds.turn_time)
         memory, _own, _traffic, _causes, of_each = update(memory, beliefs, thresholds)
         causes |= np.bitwise_or.reduce(of_each, axis=-1)
@@ -128,7 +128,7 @@ def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.n
     return {"range": outside, "consistency": wrong, "novelty": new}
 
 
-def _contradict(sightings: Sightings[Air], time: float, oldest: float) -> np.ndarray:
+def contradict(sightings: Sightings[Air], time: float, oldest: float) -> np.ndarray:
     """Return of which intruders positions and velocities differ, scatter by more than they declare,
     or stand still for longer than ``oldest``, s, bool ``[N, K]``.
     """

@@ -265,11 +265,37 @@ def test_reports_without_errors_that_agree_pass_to_the_bit(
     for state, believed in zip(said, beliefs, strict=True):
         for field, value in zip(state, believed.state, strict=True):
             np.testing.assert_array_equal(value, field)
-        for value in (believed.position_std, believed.velocity_std, believed.turn_std):
+        for value in (believed.position_std, believed.velocity_std):
             np.testing.assert_array_equal(value, 0.0)
         assert not believed.doubtful.any() and not believed.bias.any()
     for rate, believed in zip(rates, beliefs[1:], strict=True):
-        np.testing.assert_allclose(believed.turn_rate, rate, atol=1e-6)
+        if known:
+            np.testing.assert_array_equal(believed.turn_std, 0.0)
+            np.testing.assert_allclose(believed.turn_rate, rate, atol=1e-6)
+        elif not any(rates):
+            np.testing.assert_array_equal(believed.turn_rate, 0.0)
+
+
+@pytest.mark.parametrize("errors", [(3.0, 0.15), (3.0, 1.0), ADSB])
+@pytest.mark.parametrize("dt", [1.0, 5.0])
+def test_what_reports_do_not_declare_is_no_turn(errors: tuple[float, float], dt: float) -> None:
+    states = fly(STRAIGHT, rows=200, dt=dt)
+    beliefs = track(states, errors, (0.0, 0.0), known=False, dt=dt)
+    assert np.mean([one.turn_rate != 0.0 for one in beliefs]) < 0.005
+
+
+def test_a_bias_that_is_not_significant_is_covered() -> None:
+    states = fly(STRAIGHT, rows=500)
+    for lack in (1.0, 2.0, 3.0, 5.0):
+
+        def change(state: VehicleState, lack: float = lack) -> VehicleState:
+            vx, vy = velocity(state, np)
+            return state_of(state.x, state.y, vx + lack, vy)
+
+        beliefs = track(states, ADSB, ADSB, change=change)
+        late = [errors_of(*pair) for pair in zip(beliefs, states, strict=True)][20:]
+        for covered in ("position_covered", "velocity_covered"):
+            assert np.mean([getattr(one, covered) for one in late]) > 0.98
 
 
 @pytest.mark.parametrize("errors", [COARSE, ADSB])
