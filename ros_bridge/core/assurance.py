@@ -382,7 +382,7 @@ def _own_altitude(supervision: Supervision, situation: Situation, now: int) -> A
 
 def _vertically_apart(other: Track, reach: Reach, supervision: Supervision) -> bool:
     """Return whether an aircraft stays above or below the ownship by its last good report."""
-    last = other.last
+    last = other.estimate
     if last is None:
         return False
     altitude = last.height(reach.unknown_climb)

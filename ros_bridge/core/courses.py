@@ -10,11 +10,15 @@ with that aircraft.
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+from agents.planner.request.request import Altitude
 from envs.backend import FLOATS
 from envs.formats.local_frame import displacement, fly_straight
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.tracking import heights
+from envs.tracking.heights import Heights, climb_of
 from envs.tracking.single import follow
 from envs.tracking.tracker import Belief, Reports, Tracks, begin, belief, repeats
 from ros_bridge.core.fields import SECOND
@@ -25,6 +29,15 @@ _HELD, _HELD_FLOWN = 3.0, 30.0
 _GREATEST = 15.0  # m/s^2, by which no aircraft's velocity changes
 _SIGMAS, _NOISE = 5.5, 1.0  # that excuse a greater change, of a noise that is this at least, m/s
 _DIFFERS = 0.02  # share of the speed: a smaller correction of the velocity is not told
+_CLIMB = 100.0  # m/s, that no vertical speed exceeds
+
+
+class Ascent(NamedTuple):
+    """Altitudes of one aircraft, all of one reference, up to the newest."""
+
+    reference: str
+    time: int  # of the newest, ns
+    heights: Heights
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +50,7 @@ class Course:
     belief: Belief[Ground]  # as of it
     # what is believed, as a report; where it cannot be believed, the newest itself
     estimate: Report
+    ascent: Ascent | None  # None: no altitude with a vertical speed is known
     contradiction: str = ""
     """Why the reports cannot be believed, as a sentence without its subject; empty: they can."""
     field: str = "position"  # that this lies in
@@ -59,6 +73,10 @@ class Course:
             if shown > least:
                 what = f"scatters by {shown:.2g} {unit} (one sigma), which its reports do not say"
                 sentences.append((field, what))
+        if self.ascent is not None and self.ascent.heights.wrong:
+            faster = -self.ascent.heights.lack
+            what = f"differs from its altitudes by {faster:+.1f} m/s: taken from altitudes"
+            sentences.append(("altitude.vertical_speed", what))
         return tuple(sentences)
 
 
@@ -75,7 +93,7 @@ def _difference(said: Report, estimate: Report) -> str:
 def begin_course(report: Report) -> Course:
     """Return a course of one report."""
     tracks = begin(_reports(report, 0.0, 0.0), FLOATS)
-    return _course(report, tracks, belief(tracks, FLOATS))
+    return _course(report, tracks, belief(tracks, FLOATS), _ascend(None, report))
 
 
 def extend(course: Course, report: Report) -> Course:
@@ -87,7 +105,7 @@ def extend(course: Course, report: Report) -> Course:
     if repeats(before, reports.state, seconds, FLOATS):
         return _held(course, report, seconds)
     tracks, believed, jumped = follow(course.tracks, reports, seconds)
-    extended = _course(report, tracks, believed)
+    extended = _course(report, tracks, believed, _ascend(course.ascent, report))
     off = math.hypot(report.east - taken.east, report.north - taken.north)
     noise = math.hypot(*(max(_NOISE, one.spread(EXACT)[1]) for one in (report, taken)))
     if jumped and off > _GREATEST * seconds + _SIGMAS * noise and not course.contradiction:
@@ -105,13 +123,47 @@ def _held(course: Course, report: Report, seconds: float) -> Course:
     return replace(course, contradiction=f"outside_domain: {what}", field="position")
 
 
-def _course(report: Report, tracks: Tracks[Ground], believed: Belief[Ground]) -> Course:
+def _course(
+    report: Report, tracks: Tracks[Ground], believed: Belief[Ground], ascent: Ascent | None
+) -> Course:
     """Return a course after a report, at whose place the origin of the tracks' map is."""
     if not believed.doubtful:
-        return Course(report, report, tracks, believed, _estimate(report, believed))
+        estimate = _climbing(_estimate(report, believed), ascent)
+        return Course(report, report, tracks, believed, estimate, ascent)
     what = f"differs from what the velocities make by {believed.bias:.0f} m/s"
     contradiction = f"outside_domain: {what}; neither can be believed"
-    return Course(report, report, tracks, believed, report, contradiction)
+    return Course(report, report, tracks, believed, report, ascent, contradiction)
+
+
+def _ascend(before: Ascent | None, report: Report) -> Ascent | None:
+    """Return what is known of altitudes after a report, later than those before; None where it says
+    no altitude or no vertical speed.
+    """
+    altitude = report.altitude
+    if altitude is None or altitude.vertical_speed is None:
+        return None
+    said = altitude.value, altitude.vertical_speed, altitude.error
+    if before is None or before.reference != altitude.reference:
+        known = heights.begin(*said, FLOATS)
+    else:
+        seconds = (report.time - before.time) / SECOND
+        known = heights.extend(before.heights, *said, seconds, FLOATS)
+    return Ascent(altitude.reference, report.time, known)
+
+
+def _climbing(report: Report, ascent: Ascent | None) -> Report:
+    """Return a report with the vertical speed that is believed."""
+    altitude = report.altitude
+    if altitude is None or ascent is None:
+        return report
+    believed = climb_of(ascent.heights, FLOATS)
+    if believed.error == 0.0:
+        return report
+    if abs(believed.climb) > _CLIMB:  # nobody knows
+        return replace(report, altitude=replace(altitude, vertical_speed=None))
+    error = max(altitude.climb_error, believed.error)
+    climbing = Altitude(altitude.value, altitude.reference, believed.climb, altitude.error, error)
+    return replace(report, altitude=climbing)
 
 
 def _estimate(report: Report, believed: Belief[Ground]) -> Report:

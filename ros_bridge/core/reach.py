@@ -123,7 +123,11 @@ def _places(track: Track, least: float) -> Iterator[tuple[Sighting, float]]:
         if one.sighting.place is not None:
             yield one.sighting._replace(time=one.time), FASTEST
     rival = None if track.rival is None else track.rival.newest
-    for report in (track.last, rival):
+    # Its altitude goes on as is believed of it.
+    last = track.last
+    if last is not None and track.estimate is not None:
+        last = replace(last, altitude=track.estimate.altitude)
+    for report in (last, rival):
         if report is not None:
             # Where places and velocities contradict each other, neither is believed.
             doubtful = track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION

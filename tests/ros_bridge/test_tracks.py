@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
+from agents.planner.request.request import Altitude
 from envs import kinematics
 from envs.formats.local_frame import LocalFrame
 from envs.kinematics import SURROGATE, VehicleState
@@ -355,6 +356,30 @@ def test_a_velocity_that_differs_from_the_places_is_taken_from_them(
     assert field == "velocity" and "taken from positions" in what
     assert (f"{abs(turn):.0f} deg" in what) == (turn != 0.0)
     assert (f"{80.0 * (unit - 1.0):+.0f} m/s" in what) == (unit != 1.0)
+
+
+@pytest.mark.parametrize("said", [5.0, -5.0, 0.0, 5.0 / 0.3048])
+def test_a_vertical_speed_that_differs_from_the_altitudes_is_taken_from_them(said: float):
+    track = UNKNOWN
+    for second in range(30):
+        plain = replace(report(float(second)), position_std=5.0)
+        altitude = Altitude(30.48 * round((900.0 + 5.0 * second) / 30.48), "pressure", said)
+        one = replace(plain, altitude=altitude)
+        track = take_in(track, one, "it", one.time, RULES)
+    assert track.fault is None and track.course is not None and track.estimate is not None
+    believed = track.estimate.altitude
+    assert believed is not None and track.last is not None
+    if said == 5.0:
+        assert believed == track.last.altitude and not track.course.corrections
+        return
+    assert believed.climb(10.0)[0] == pytest.approx(5.0, abs=believed.climb_error)
+    assert 0.0 < believed.climb_error < 2.0
+    (correction,) = track.course.corrections
+    assert correction[0] == "altitude.vertical_speed" and "taken from altitudes" in correction[1]
+    # What changes its reference, or says no vertical speed any more, begins anew.
+    for altitude in (Altitude(900.0, "wgs84", said), Altitude(900.0, "pressure")):
+        later = replace(report(30.0), altitude=altitude)
+        assert take_in(track, later, "it", later.time, RULES).estimate.altitude == altitude
 
 
 @pytest.mark.parametrize("unit", [0.3048, 1.0 / 0.3048, 3.6, 1.0 / 3.6])
