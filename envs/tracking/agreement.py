@@ -153,10 +153,18 @@ def _least_shown(seconds: Array, xp: ArrayModule) -> Array:
 @scalar
 def hidden(agreement: Agreement, xp: ArrayModule) -> tuple[Array, Array]:
     """Return what the random errors of positions and velocities may be, per axis, m and m/s,
-    ``[...]``, where reports declare none and have shown none yet.
+    ``[...]``, where reports declare none: their scatter, and of few reports more than that.
     """
-    position = xp.maximum(_UNKNOWN / agreement.count, _SHOWN_LEAST[0])
-    return position, _least_shown(agreement.seconds, xp)
+    least = _least_shown(agreement.seconds, xp)
+    doubt = 1.0 + _DOUBT / agreement.count
+    position = xp.maximum(_UNKNOWN / agreement.count, doubt * agreement.position_scatter)
+    speed = xp.maximum(least * _FEW / agreement.count, doubt * agreement.velocity_scatter)
+    # Long gaps show no scatter.
+    short = agreement.seconds <= _LONGEST
+    return (
+        xp.maximum(xp.where(short, position, _SHOWN_LEAST[0]), ROUNDING[0]),
+        xp.maximum(xp.where(short, speed, least), ROUNDING[1]),
+    )
 
 
 @scalar
