@@ -283,8 +283,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
     add = parser.add_argument
-    what = "scenes, of all kinds alike (default 10000)"
-    add("--scenes", type=whole(len(KINDS)), default=10_000, metavar="N", help=what)
+    what = "scenes, of all kinds alike (default 1000)"
+    add("--scenes", type=whole(len(KINDS)), default=1000, metavar="N", help=what)
     add("--seed", type=whole(0), default=100, help="seed of scenes and errors (default 100)")
     options = parser.parse_args(arguments)
     policy = Policy.load()
