@@ -150,6 +150,16 @@ class TrafficConfig(Strict):
     """The goal lies so many seconds ahead at the own speed, s."""
     attempts: int = Field(default=200, ge=1, le=10_000)
     """How many draws an encounter has to meet the conditions."""
+    position_std: float = Field(default=0.0, ge=0.0, le=1_000.0)
+    """Noise of reported positions, one sigma per axis, m."""
+    velocity_std: float = Field(default=0.0, ge=0.0, le=100.0)
+    """Noise of reported velocities, one sigma per axis, m/s."""
+    latency: float = Field(default=0.0, ge=0.0, le=20.0)
+    """Age of reports when they are used, s; at most two time steps of the aircraft."""
+    sensor_range: float | None = Field(default=None, gt=0.0, le=1_000_000.0)
+    """Distance beyond which no intruder is reported, m; null: any."""
+    field_of_view_deg: float = Field(default=360.0, gt=0.0, le=360.0)
+    """Angle ahead of the ownship in which intruders are reported, half of it to either side."""
 
     @model_validator(mode="after")
     def _check(self) -> "TrafficConfig":

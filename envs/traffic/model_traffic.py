@@ -39,6 +39,7 @@ from envs.encounters import Encounter, EncounterError, between
 from envs.frames import Air
 from envs.intruder import KnownFlight
 from envs.kinematics import FASTEST, VehicleState, advance
+from envs.perception import Coverage, Sensor
 from envs.relative import distance, leg_separation
 from envs.starts import check_number
 from envs.traffic.encounter_model import LAYER, EncounterModel
@@ -70,6 +71,21 @@ class ModelTraffic:
     attempts: int = 200  # how many draws an encounter has to meet the conditions
     # greatest vertical distance at the closest approach, m; None: all are at one level
     vertical_miss: float | None = None
+    position_std: float = 0.0  # of reports, one sigma per axis, m
+    velocity_std: float = 0.0  # likewise, m/s
+    latency: float = 0.0  # age of reports, s, at most two time steps
+    sensor_range: float = math.inf  # beyond which nobody is reported, m
+    field_of_view: float = 2.0 * math.pi  # in which intruders are reported, ahead, rad
+
+    @property
+    def flawed(self) -> bool:
+        """Whether reports have noise or age."""
+        return max(self.position_std, self.velocity_std, self.latency) > 0.0
+
+    @property
+    def partly_seen(self) -> bool:
+        """Whether there are intruders without reports."""
+        return math.isfinite(self.sensor_range) or self.field_of_view < 2.0 * math.pi
 
     @property
     def duration(self) -> int:
@@ -127,7 +143,20 @@ def encounters_with(
     if altitudes is not None:
         rows = _rows_at_steps(altitudes.intruders, traffic.aircraft.dt)
         encounters = encounters._replace(altitudes=altitudes._replace(intruders=rows))
-    return encounters, whole.weight
+    return _reported(encounters, traffic), whole.weight
+
+
+def _reported(encounters: Encounter, traffic: ModelTraffic) -> Encounter:
+    """Return encounters ``[N]`` with the sensors of their reports."""
+    each = np.ones(encounters.mask.shape)
+    sensor = Sensor(
+        traffic.position_std * each, traffic.velocity_std * each, traffic.latency * each
+    )
+    encounters = encounters._replace(sensor=sensor)
+    if not traffic.partly_seen:
+        return encounters
+    reach, half = traffic.sensor_range * each, 0.5 * traffic.field_of_view * each
+    return encounters._replace(coverage=Coverage(reach, half, 0.0 * each, 0.0 * each))
 
 
 def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:

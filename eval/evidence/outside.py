@@ -26,16 +26,15 @@ from commands.command import Parser, run_cli
 from commands.files import write_file
 from envs.aircraft import Aircraft, Ratios, new_aircraft
 from envs.angles import wrap
-from envs.draws import normals
 from envs.encounters import Encounter, pad
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
-from envs.perception import Sensor, carry_back, perceive
 from envs.scenarios import scenario
 from envs.starts import OF_INTRUDERS, encounters_of_seed, join
 from envs.tracking.tracker import Reports, Sightings, belief, observe
 from envs.trees import map_leaves, take
 from envs.wind import NO_WIND
+from eval.flights.reported import report_states
 from eval.stats.intervals import share
 
 _BEGIN = 10  # time steps of true reports before a shift begins
@@ -63,7 +62,7 @@ class Flights(NamedTuple):
 
 def fly_reported(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: int) -> Flights:
     """Fly encounters by the policy, and report their intruders with the noise of their sensors."""
-    from eval.flights.simulate import ByPolicy, fly
+    from eval.flights.simulate import ByPolicy, fly, sensor_noise
     from eval.flights.trajectories import TrajectoryRecorder
 
     recorder = TrajectoryRecorder(starts)
@@ -75,22 +74,9 @@ def fly_reported(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: in
     )
     sensor = starts.sensor
     std = float(np.max(sensor.position_std)), float(np.max(sensor.velocity_std))
-    reported = _report(others, sensor, aircraft.dt, seed) if max(std) > 0.0 else others
+    noise = sensor_noise(seed, 0, *starts.mask.shape)
+    reported = report_states(others, sensor, noise, aircraft.dt) if max(std) > 0.0 else others
     return Flights(flown.own, reported, others, (starts.goal_x, starts.goal_y), std)
-
-
-def _report(others: VehicleState[Air], sensor: Sensor, dt: float, seed: int) -> VehicleState[Air]:
-    """Return the reports of intruders ``[T, N, K]``, time steps of dt, s, apart."""
-    first = _at(others, 0)
-    before = carry_back(first, dt, np), carry_back(first, 2.0 * dt, np)
-    steps, count, most = others.x.shape
-    reports = []
-    for number in range(steps):
-        current = _at(others, number)
-        noise = np.moveaxis(normals(seed, 0, count, (4, most), stream=number + 1), 1, 0)
-        reports.append(perceive(current, *before, sensor, noise, dt, np))
-        before = current, before[0]
-    return map_leaves(lambda *fields: np.stack(fields), *reports)
 
 
 def _at(states: VehicleState[Air], step: int) -> VehicleState[Air]:

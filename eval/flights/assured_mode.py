@@ -36,8 +36,9 @@ from envs.profile import level as straight_on
 from envs.tracking.tracker import Reports, Sightings, observe
 from envs.trees import take
 from envs.wind import NO_WIND, Wind
-from envs.world import State, begin, perceive_intruders
+from envs.world import State, begin, known_intruders, perceive_intruders
 from eval.flights.among_areas import in_air_at
+from eval.flights.believed import is_carried
 from eval.flights.in_space import (
     climbers,
     find_met_holding,
@@ -116,7 +117,7 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
         amid = None if areas is None else in_air_at(areas[rows], take(wind, rows), time)
         in_space = flights.profile is not None
         heights = _heights(flights, time, aircraft, options) if in_space else None
-        flights, decision = _watch(flights, draws, amid, heights, time, dt, thresholds)
+        flights, decision = _watch(flights, draws, amid, heights, time, aircraft, thresholds)
         make = _MidFlightPlanner(flights, decision, amid, heights, time, policy, aircraft)
         flights, asked = _plan_anew(flights, decision, make, aircraft.t_max - time, thresholds)
         replans[rows] += asked
@@ -152,7 +153,7 @@ def _begin(
     ends = np.full(count, aircraft.t_max)
     air = Active(begin(encounters, np, history_dt=aircraft.dt), np.zeros(count), ends, asked.drift)
     reported = perceive_intruders(air.state, draws, aircraft.dt, np)
-    traffic = Traffic.straight(reported, encounters.mask)
+    traffic = Traffic.straight(reported, known_intruders(air.state, aircraft, np))
     traffic = traffic._replace(separation=encounters.separation)
     rows, made = np.arange(count), plans.candidates
     in_space: dict[str, Any] = {}
@@ -237,22 +238,25 @@ def _watch(
     areas: np.ndarray | None,
     heights: _Heights | None,
     time: float,
-    dt: float,
+    aircraft: Aircraft,
     thresholds: Thresholds[Narrowed],
 ) -> tuple[_Flights, Decision]:
-    """Let the monitors see the reports of a time, s, and the areas as they are then, and decide;
-    dt: since the reports before, s.
+    """Let the monitors see the reports of a time, s, and the areas as they are then, and decide.
+
+    Who is not reported any more is carried on as :mod:`eval.flights.believed` has it.
     """
     state = flights.air.state
-    reported = perceive_intruders(state, draws, dt, np)
+    reported = perceive_intruders(state, draws, aircraft.dt, np)
     noise = declared_errors(None if draws is None else state.sensor)
-    sightings = observe(flights.sightings, Reports(reported, *noise), time, state.mask)
+    there = known_intruders(state, aircraft, np)
+    sightings = observe(flights.sightings, Reports(reported, *noise), time, there)
+    mask = state.mask & is_carried(sightings, time, aircraft)
     known: dict[str, Any] = {"separation": state.separation}
     if areas is not None:
         known["areas"] = _areas_met(areas, state, flights.monitor, time, thresholds)
     if heights is not None:
         known |= _meetings(flights, heights, time, thresholds.options)
-    given = believed(time, state.own, sightings, state.mask, thresholds.turn_time, **known)
+    given = believed(time, state.own, sightings, mask, thresholds.turn_time, **known)
     monitor, decision = assurance.step(flights.monitor, given, thresholds)
     return flights._replace(monitor=monitor, sightings=sightings), decision
 

@@ -44,7 +44,7 @@ def carry_on(
         sightings, Reports(observation.intruders, *declared_errors(sensor)), time, observation.mask
     )
     age = time - sightings.time
-    carried = mask & ~observation.mask & (age <= CARRIED * aircraft.dt)
+    carried = mask & ~observation.mask & is_carried(sightings, time, aircraft)
     if not carried.any():
         return observation, sightings
     believed, turn_time = belief(sightings.tracks), TURN_STEPS * aircraft.dt
@@ -59,6 +59,13 @@ def carry_on(
         observation.intruders,
     )
     return observation._replace(intruders=intruders, mask=observation.mask | carried), sightings
+
+
+def is_carried(sightings: Sightings[Air], time: float, aircraft: Aircraft) -> np.ndarray:
+    """Return who was reported so lately at a time, s, that it is believed to be there, bool
+    ``[M, K]``.
+    """
+    return np.asarray(time - sightings.time <= CARRIED * aircraft.dt)
 
 
 def steer_alone(action: np.ndarray, observation: Observation, aircraft: Aircraft) -> np.ndarray:

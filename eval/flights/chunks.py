@@ -23,6 +23,7 @@ from envs.areas import Area
 from envs.encounters import Encounter, EncounterError, Scenario
 from envs.kinematics import Limits
 from envs.starts import OF_INTRUDERS, join
+from envs.traffic.model_traffic import ModelTraffic
 from envs.wind import Wind
 from envs.world import flatness_of
 from eval.flights.among_areas import areas_of, judge, together, with_breaches
@@ -93,12 +94,12 @@ class Evaluation(NamedTuple):
 
     @property
     def heeds(self) -> tuple[str, ...]:
-        """The optional fields of encounters that the mode heeds: a plan knows neither of reports
-        that are missing nor of intruders that answer it, the policy of no wind.
+        """The optional fields of encounters that the mode heeds: a plan knows of no intruders that
+        answer it, the policy of no wind.
         """
         if self.mode == "policy":
             return *OF_INTRUDERS, "areas", "altitudes"
-        return "separation", "wind", "areas", "altitudes"
+        return "separation", "coverage", "wind", "areas", "altitudes"
 
     def in_space(self, starts: Encounter, numbers: np.ndarray) -> Encounter:
         """Return encounters with these numbers as they are flown: with everybody at one level where
@@ -419,6 +420,8 @@ def noise_of(
     source = evaluation.source
     if isinstance(source, Scenario):
         flawed = source.position_std > 0.0 or source.velocity_std > 0.0 or source.latency[1] > 0.0
+    elif isinstance(source, ModelTraffic):
+        flawed = source.flawed
     else:
         flawed = isinstance(source, Encounter) and any(np.any(field) for field in source.sensor)
     return sensor_noise(evaluation.seed, first, *starts.mask.shape) if flawed else None

@@ -18,7 +18,7 @@ from envs.profile import Height
 from envs.trees import take
 from envs.waypoints import at, legs
 from envs.wind import Wind
-from envs.world import begin, perceive_intruders
+from envs.world import begin, known_intruders, perceive_intruders
 from eval.flights.among_areas import in_air_at
 from eval.flights.in_space import (
     climbers,
@@ -45,6 +45,14 @@ def perceive_at_start(
     return perceive_intruders(begin(encounters, np, history_dt=dt), noise, dt, np)
 
 
+def known_at_start(encounters: Encounter, aircraft: Aircraft) -> Encounter:
+    """Return encounters ``[N]`` with the intruders alone that are reported at the start."""
+    if encounters.coverage is None:
+        return encounters
+    state = begin(encounters, np, history_dt=aircraft.dt)
+    return encounters._replace(mask=known_intruders(state, aircraft, np))
+
+
 def plan_at_start(
     encounters: Encounter,
     policy: Policy,
@@ -59,6 +67,7 @@ def plan_at_start(
     ground, object ``[N]``; noise as of :func:`perceive_at_start`. Encounters in space have no
     areas; plans that do not climb leave out who stays above or below.
     """
+    encounters = known_at_start(encounters, aircraft)
     seen = perceive_at_start(encounters, aircraft.dt, noise)
     request = request_of(encounters, aircraft, seen)._replace(drift=drift_of(wind))
     in_air = in_wind(options, None)  # the wind is known exactly, and takes nothing off the limits
@@ -148,7 +157,8 @@ def promised_separation(
     if rows.size:
         seen = take(perceive_at_start(encounters, aircraft.dt, noise), rows)
         straight = Intent(*(np.zeros(seen.x.shape) for _ in Intent._fields))
-        asked = take(encounters, rows)._replace(intruders=seen, intent=straight)
+        asked = take(known_at_start(encounters, aircraft), rows)
+        asked = asked._replace(intruders=seen, intent=straight)
         if asked.altitudes is not None:
             evenly = asked.altitudes.intruders[..., :2]
             asked = asked._replace(altitudes=asked.altitudes._replace(intruders=evenly))

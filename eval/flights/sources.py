@@ -2,6 +2,7 @@
 model.
 """
 
+import math
 import sys
 from collections import Counter
 from collections.abc import Collection, Mapping
@@ -72,6 +73,12 @@ def read_model_traffic(path: Path, how: TrafficConfig, aircraft: Aircraft) -> Mo
         "min_initial_separation": unit,
     }
     numbers |= {name: value for name, value in how if value is not None}
+    numbers["field_of_view"] = math.radians(numbers.pop("field_of_view_deg"))
+    if how.latency > 2.0 * aircraft.dt:
+        raise EncounterError(
+            f"latency is {how.latency:g} s; expected at most two time steps of the aircraft, "
+            f"{2.0 * aircraft.dt:g} s"
+        )
     low, high = numbers["own_speed"]
     if low < limits.speed_min or high > limits.speed_max:
         reach = f"{limits.speed_min:g} to {limits.speed_max:g} m/s, the ownship's limits"
