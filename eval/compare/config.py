@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from agents.config.load import ConfigError
 from agents.config.world import AircraftConfig
 from eval.config import ChunksConfig, PlannerConfig, locate
 
@@ -36,8 +37,21 @@ class CompareConfig(ChunksConfig):
     """The ownship and its task; null: the aircraft of the policies."""
     planner: PlannerConfig = PlannerConfig()
     """Of the modes."""
+    maneuvers: tuple[Literal["horizontal", "vertical", "both"], ...] = ()
+    """What plans may do, each in every mode; none: planner.maneuvers."""
     baselines: tuple[str, ...] = ()
-    """Baselines: none, rules, mvp, mvp_speed, witness; none of them: all but witness."""
+    """Baselines: none, rules, mvp, mvp_speed, witness, or module:name of your own; none of them:
+    all but witness."""
+    well_clear: (
+        Literal["do365_en_route", "do365_terminal", "do365_non_cooperative", "f3442"] | None
+    ) = None
+    """Well-clear volume of the figures in the units of standards; null: those are left out."""
+
+    @model_validator(mode="after")
+    def _maneuvers(self) -> "CompareConfig":
+        if self.maneuvers and not self.modes:
+            raise ConfigError(f"maneuvers is {list(self.maneuvers)}; expected none without modes")
+        return self
 
     @field_validator("policies")
     @classmethod

@@ -1,6 +1,6 @@
 """Several resolvers on the same encounters, and the table of their flights."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from agents.config.load import ConfigError
 from agents.planner.request.options import Options
 from agents.policy.inference import Policy
 from agents.resolvability.classify import Verdict
+from commands.extension import is_extension, load_extension
 from commands.names import one_of
 from envs.aircraft import PAPER, Aircraft
 from envs.encounters import Encounter
@@ -22,10 +23,12 @@ from eval.flights.chunks import Conditioned, Evaluation, ReadyEvaluation, noise_
 from eval.flights.conditions import Flown, verdict_within
 from eval.flights.optimal import WitnessSearch, fly_witnesses
 from eval.flights.recorded import fly_in_mode
+from eval.flights.reported import report_flights
 from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
 from eval.flights.sources import draw
 from eval.flights.trajectories import Trajectories, TrajectoryRecorder, until
-from eval.metrics.volumes import VOLUMES, costs, losses, relative, severity
+from eval.metrics.alerting import first_alert
+from eval.metrics.volumes import VOLUMES, costs, first_loss, losses, relative, severity
 from eval.runner.options import check_digest
 
 REFERENCE = "none"  # the flight without a resolver, which is always flown: risk ratios need it
@@ -40,6 +43,7 @@ class Plans(NamedTuple):
 
     policy: Policy
     mode: str  # plan or assured
+    options: Options  # of its plans
 
 
 Resolver = Baseline | Plans | WitnessSearch
@@ -58,7 +62,8 @@ class Comparison(NamedTuple):
     """All that the result of a comparison follows from."""
 
     entries: tuple[Entry, ...]
-    evaluation: Evaluation  # source, seed, aircraft and options; nothing else of it counts
+    evaluation: Evaluation  # source, seed and aircraft; nothing else of it counts
+    well_clear: str | None = None  # name of the volume of alerts; None: no alerts are judged
 
     def starts(self, first: int, count: int) -> tuple[Encounter, np.ndarray]:
         """Return encounters from the first on, so many, and their weights.
@@ -68,52 +73,77 @@ class Comparison(NamedTuple):
         """
         evaluation = self.evaluation
         source, seed = evaluation.source, evaluation.seed
-        starts, weights = draw(source, seed, first, count, heeds=("altitudes",))
-        planned = any(isinstance(entry.resolver, Plans) for entry in self.entries)
-        flown = evaluation._replace(mode="plan") if planned else evaluation
-        return flown.in_space(starts, np.arange(first, first + count)), weights
+        starts, weights = draw(source, seed, first, count, heeds=("altitudes", "coverage"))
+        numbers = np.arange(first, first + count)
+        starts = evaluation.in_space(starts, numbers)
+        for entry in self.entries:
+            if isinstance(entry.resolver, Plans):
+                planned = evaluation._replace(mode="plan", given=entry.resolver.options)
+                starts = planned.in_space(starts, numbers)
+        return starts, weights
+
+
+class Modes(NamedTuple):
+    """In which modes policies are flown too, each with every kind of plans."""
+
+    names: tuple[str, ...] = ()
+    options: Mapping[str, Options] = {}  # of plans, by what an entry's name says of them
+
+    def resolvers(self, name: str, policy: Policy) -> dict[str, Plans]:
+        """Return those of a policy, by name."""
+        return {
+            ", ".join(filter(None, (name, mode, kind))): Plans(policy, mode, options)
+            for mode in self.names
+            for kind, options in self.options.items()
+        }
 
 
 def policy_entries(
-    path: Path | None, name: str, aircraft: Aircraft, modes: Sequence[str] = ()
+    path: Path | None, name: str, aircraft: Aircraft, modes: Modes | None = None
 ) -> tuple[Entry, ...]:
-    """Return the entries of a policy file (None: the one that ships): as it is, and in the modes
-    that are named.
+    """Return the entries of a policy file (None: the one that ships): as it is, and in the modes.
 
     A ``.nnet`` file is a logic of which no plans are made.
     """
     if path is not None and path.suffix == ".nnet":
         return (Entry(name, "nnet", load_logic(path, aircraft)),)
     policy = Policy.load(path).for_aircraft(aircraft)
-    resolvers = {
-        name: ByPolicy(policy),
-        **{f"{name}, {mode}": Plans(policy, mode) for mode in modes},
-    }
+    resolvers = {name: ByPolicy(policy), **(modes or Modes()).resolvers(name, policy)}
     return tuple(
         Entry(each, "policy", resolver, policy.sha256) for each, resolver in resolvers.items()
     )
 
 
 def baseline_entry(name: str, aircraft: Aircraft) -> Entry:
-    """Return the entry of a baseline, one of :data:`agents.baselines.BASELINES`, or of the
-    witness.
+    """Return the entry of a baseline, one of :data:`agents.baselines.BASELINES`, of the witness, or
+    of the user's own, ``module:name``, which is imported.
+
+    Raises:
+        InputError: there is none of that name, or it cannot be used.
     """
     if name == WITNESS:
         return Entry(name, WITNESS, WitnessSearch())
+    if is_extension(name):
+        make = load_extension(name, "a function of an aircraft that returns a baseline")
+        short = name.partition(":")[2]
+        if short in _NAMES:
+            raise ConfigError(f"--baseline: {name!r} is called {short}; expected another name")
+        return Entry(short, BASELINE, make(aircraft))
     return Entry(name, BASELINE, BASELINES[name](aircraft))
 
 
 def entries_of(
-    policies: Sequence[Path], modes: Sequence[str], baselines: Sequence[str], aircraft: Aircraft
+    policies: Sequence[Path], modes: Modes, baselines: Sequence[str], aircraft: Aircraft
 ) -> tuple[Entry, ...]:
     """Return the entries: the policies, the baselines, and always the flight without a resolver."""
     entries: list[Entry] = []
     for path, name in zip(policies or [None], policy_names(policies) or ["policy"], strict=True):
-        entries += policy_entries(path, name, aircraft, list(dict.fromkeys(modes)))
+        entries += policy_entries(path, name, aircraft, modes)
     wanted = dict.fromkeys([*(baselines or BASELINES), REFERENCE])
     for name in wanted:
-        if name not in _NAMES:
-            raise ConfigError(f"--baseline: {name!r}; {one_of(name, _NAMES)}")
+        if name not in _NAMES and not is_extension(name):
+            known = one_of(name, _NAMES, "module:name of your own")
+            raise ConfigError(f"--baseline: {name!r}; {known}")
     return (*entries, *(baseline_entry(name, aircraft) for name in wanted))
 
 
@@ -182,10 +212,18 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
             OUTCOMES.index("violation"),
             flights.outcome,
         )
-        limits = limits_of(entry.resolver, aircraft, evaluation.options)
+        limits = limits_of(entry.resolver, aircraft)
         flown_within.append(Flown(limits, outcome == OUTCOMES.index("reached")))
         made = _columns(outcome, flights, flown, starts.mask, aircraft.dt)
         made |= costs(starts, flights, flown, aircraft)
+        if comparison.well_clear is not None:
+            volume = VOLUMES[comparison.well_clear]
+            reported = report_flights(starts, flown, noise, aircraft.dt)
+            made |= {
+                "alert_s": first_alert(volume, reported, aircraft.dt),
+                "well_clear_loss_s": first_loss(volume, flown, starts.mask, aircraft.dt),
+                "altitude_deviation_m": _altitude_deviation(flown),
+            }
         table |= {f"{entry.name}.{name}": values for name, values in made.items()}
     lost = {
         limits: verdict_within(starts, aircraft, limits, flown_within).verdict
@@ -197,12 +235,20 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
     return table
 
 
-def limits_of(resolver: Resolver, aircraft: Aircraft, options: Options) -> Limits:
+def _altitude_deviation(flown: Trajectories[Air]) -> np.ndarray:
+    """Return the largest deviations from the altitude at the start, m, ``[N]``; 0 in the plane."""
+    if flown.altitudes is None:
+        return np.zeros(flown.own.x.shape[1])
+    own = flown.altitudes.own
+    return np.fmax.reduce(np.abs(own - own[:1]), axis=0)
+
+
+def limits_of(resolver: Resolver, aircraft: Aircraft) -> Limits:
     """Return the limits within which something flies, and within which its encounters are judged:
-    plans, made with options, are followed within those of the vehicle.
+    plans are followed within those of the vehicle.
     """
     if isinstance(resolver, Plans):
-        return options.limits
+        return resolver.options.limits
     return aircraft.limits
 
 
@@ -221,7 +267,8 @@ def _fly_on(
             starts, resolver, evaluation.aircraft, noise=noise, recorder=recorder, endless=True
         )
         return flights, recorder.stack()
-    ready = ReadyEvaluation(evaluation._replace(mode=resolver.mode), resolver.policy)
+    flown = evaluation._replace(mode=resolver.mode, given=resolver.options)
+    ready = ReadyEvaluation(flown, resolver.policy)
     _, flights = fly_in_mode(ready, Conditioned(starts, noise), recorder, endless=True)
     return flights, until(recorder.stack(), flights.duration, evaluation.aircraft.dt)
 

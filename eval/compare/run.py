@@ -8,16 +8,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from agents.baselines.baselines import BASELINES
 from agents.config.load import ConfigError, Parser
 from commands.command import whole
 from commands.figures import save_figure
 from commands.installation import versions
+from envs.aircraft import Aircraft
 from envs.traffic.replay import Replay
 from eval.compare.config import CompareConfig
 from eval.compare.resolvers import (
-    BASELINE,
-    WITNESS,
+    REFERENCE,
     Comparison,
+    Modes,
     aircraft_of_all,
     columns,
     entries_of,
@@ -171,27 +173,38 @@ def _resolve(config: CompareConfig, _: argparse.Namespace) -> Resolved:
     """Return what a configuration names, ready to be flown, and the configuration as resolved."""
     given = None if config.aircraft is None else config.aircraft.aircraft()
     aircraft = aircraft_of_all(config.policies, config.policies_sha256, given)
-    entries = entries_of(config.policies, config.modes, config.baselines, aircraft)
+    modes = _modes(config, aircraft)
+    entries = entries_of(config.policies, modes, config.baselines, aircraft)
     source, names, resolved = named_source(config, aircraft)
     learned = [entry.resolver for entry in entries if isinstance(entry.resolver, ByPolicy)]
     for resolver in learned:
         resolver.policy.check_intruders(most_intruders(source))
     resolved |= {
         "policies_sha256": tuple(resolver.policy.sha256 for resolver in learned),
-        "modes": tuple(dict.fromkeys(config.modes)),
-        "baselines": tuple(entry.name for entry in entries if entry.kind in (BASELINE, WITNESS)),
+        "modes": modes.names,
+        "baselines": tuple(dict.fromkeys([*(config.baselines or BASELINES), REFERENCE])),
     }
     say(source)
     if config.planner.maneuvers != "horizontal" and not config.modes:
         raise ConfigError(
             f"planner.maneuvers is {config.planner.maneuvers!r}; expected horizontal without modes"
         )
-    options = config.planner.options(aircraft)
-    evaluation = Evaluation(None, source, names, config.seed, aircraft, given=options)
-    comparison = Comparison(entries, evaluation)
+    evaluation = Evaluation(None, source, names, config.seed, aircraft)
+    comparison = Comparison(entries, evaluation, config.well_clear)
     comparison.starts(0, 1)
     row_bytes = 600 * len(entries)
     return Resolved(comparison, config.model_copy(update=resolved), (), row_bytes)
+
+
+def _modes(config: CompareConfig, aircraft: Aircraft) -> Modes:
+    """Return in which modes, and with which plans, policies are flown too."""
+    names = tuple(dict.fromkeys(config.modes))
+    if not config.maneuvers:
+        return Modes(names, {"": config.planner.options(aircraft)})
+    kinds = {
+        kind: config.planner.model_copy(update={"maneuvers": kind}) for kind in config.maneuvers
+    }
+    return Modes(names, {kind: planner.options(aircraft) for kind, planner in kinds.items()})
 
 
 def _prepare(comparison: Comparison, _: None) -> Comparison:
@@ -207,7 +220,7 @@ def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dic
     """Return what summary.json says."""
     config: CompareConfig = resolved.config
     comparison: Comparison = resolved.work
-    entries, evaluation = comparison
+    entries, evaluation = comparison.entries, comparison.evaluation
     weighted = bool((table["weight"] != 1.0).any())
     weights = table["weight"] if weighted else None
     found = Statistics(
@@ -217,7 +230,7 @@ def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dic
         config.resamples,
         config.seed,
         evaluation.aircraft,
-        evaluation.options,
+        comparison.well_clear,
         in_space=comparison.starts(0, 1)[0].altitudes is not None,
     )
     keys = ("scenario", "changes", "seed", "confidence", "resamples")

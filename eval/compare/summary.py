@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agents.planner.request.options import Options
 from envs.aircraft import Aircraft
 from envs.kinematics import Limits
 from eval.compare.resolvers import REFERENCE, WITNESS, Entry, limits_of
 from eval.flights.aircraft import format_limits
+from eval.metrics.standards import Sample, standards
 from eval.metrics.summary import print_table
 from eval.metrics.volumes import VOLUMES
 from eval.metrics.weighted import ratio
@@ -41,7 +41,7 @@ class Statistics(NamedTuple):
     resamples: int
     seed: int
     aircraft: Aircraft
-    options: Options  # of plans
+    well_clear: str | None = None  # name of the volume of the figures of standards; None: none
     in_space: bool = False  # whether the encounters have altitudes
 
     def summary(self, entries: Sequence[Entry]) -> dict[str, Any]:
@@ -64,6 +64,27 @@ class Statistics(NamedTuple):
             "volumes": {name: volume._asdict() for name, volume in VOLUMES.items()},
             "altitude": _IN_SPACE if self.in_space else _IN_PLANE,
             "entries": rows,
+            "well_clear": self.well_clear,
+            "standards": self._standards(entries),
+        }
+
+    def _standards(self, entries: Sequence[Entry]) -> list[dict[str, Any]]:
+        """Return the figures in the units of standards, by entry; none where none are asked for."""
+        if self.well_clear is None:
+            return []
+        how = (self.weights, self.confidence, self.resamples, self.seed)
+        sample = Sample(self.well_clear, *how)
+        columns = {entry.name: self._columns(entry.name) for entry in entries}
+        bare = columns[REFERENCE]
+        return [{"name": name, **standards(own, bare, sample)} for name, own in columns.items()]
+
+    def _columns(self, name: str) -> dict[str, np.ndarray]:
+        """Return the columns of an entry by their own names."""
+        head = f"{name}."
+        return {
+            column.removeprefix(head): values
+            for column, values in self.table.items()
+            if column.startswith(head)
         }
 
     def _of(self, entry: Entry, column: str) -> np.ndarray:
@@ -84,7 +105,7 @@ class Statistics(NamedTuple):
         means |= {"cross_track_max_mean_m": "cross_track_m"}
         return {
             **{key: getattr(entry, key) for key in ("name", "kind", "sha256")},
-            "limits": limits_of(entry.resolver, self.aircraft, self.options)._asdict(),
+            "limits": limits_of(entry.resolver, self.aircraft)._asdict(),
             "resolvable_rate": share(possible, total, self.confidence),
             "success_rate": share(np.count_nonzero(reached), total, self.confidence),
             "success_given_resolvable": share(np.count_nonzero(reached), possible, self.confidence),

@@ -102,21 +102,28 @@ def severity(volume: Volume, seen: Relative) -> np.ndarray:
 
 
 def losses(volume: Volume, flown: Trajectories[F], mask: np.ndarray, dt: float) -> np.ndarray:
-    """Return whether flights with time steps of dt, s, lose a volume to any intruder that exists,
-    mask ``[N, K]``: bool ``[N]``.
+    """Return whether flights lose a volume, bool ``[N]``; arguments as of :func:`first_loss`."""
+    return np.isfinite(first_loss(volume, flown, mask, dt))
+
+
+def first_loss(volume: Volume, flown: Trajectories[F], mask: np.ndarray, dt: float) -> np.ndarray:
+    """Return when flights with time steps of dt, s, first lose a volume to any intruder that
+    exists, mask ``[N, K]``: s, ``[N]``; inf: never.
 
     A cylinder is judged on the closest approach between the steps too, in space by the cylindrical
-    distance; a volume with tau at the steps.
+    distance, and is lost at the end of a step; a volume with tau at the steps.
     """
     if volume.tau == 0.0:
         apart = flown.separation
         if flown.altitudes is not None:
             apart = _cylindrical_distances(volume, flown, mask, dt)
-        # Not nanmin, which warns of a flight that never began.
-        return np.fmin.reduce(apart, axis=0) < volume.horizontal
-    # After the end of a flight every comparison is with nan, and false.
-    with np.errstate(invalid="ignore"):
-        return np.any(is_lost(volume, relative(flown)) & mask, axis=(0, 2))
+        # After the end of a flight every comparison is with nan, and false.
+        lost, first = apart < volume.horizontal, 1
+    else:
+        with np.errstate(invalid="ignore"):
+            lost, first = np.any(is_lost(volume, relative(flown)) & mask, axis=2), 0
+    step = np.argmax(lost, axis=0) + first
+    return np.where(lost.any(axis=0), step * dt, np.inf)
 
 
 def _cylindrical_distances(

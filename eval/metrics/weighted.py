@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from eval.stats.intervals import clopper_pearson, number, percentiles, resampled_sums
+from eval.stats.intervals import clopper_pearson, number, percentiles, resampled_sums, share
 from eval.stats.paired import pairs
 
 _FEW_EVENTS = 10  # events without the resolver below which a ratio says little
@@ -231,6 +231,45 @@ def summarise_weighted(
         **to_json(found),
         "warnings": list(found.warnings),
     }
+
+
+def weighted_rate(
+    counted: np.ndarray,
+    of: np.ndarray,
+    weights: np.ndarray | None,
+    confidence: float = 0.95,
+    resamples: int = 2_000,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Return the weight of what is counted, over that of the encounters that it is of, bool ``[N]``
+    both, in JSON types with the interval of :func:`summarise_weighted`; of equal weights (None)
+    that of Clopper and Pearson.
+    """
+    counted = counted & of
+    if weights is None:
+        return share(np.count_nonzero(counted), np.count_nonzero(of), confidence)
+    parts = np.stack([weights * counted, weights * of], axis=1)
+    return _rate(weights, counted, of, resampled_sums(parts, resamples, seed), confidence)
+
+
+def weighted_mean(
+    values: np.ndarray,
+    weights: np.ndarray | None,
+    confidence: float = 0.95,
+    resamples: int = 2_000,
+    seed: int = 0,
+) -> dict[str, float | None]:
+    """Return the mean of the finite ones of values ``[N]`` by weight (None: equal ones) and its
+    percentile bootstrap interval, in JSON types; None where there is no value.
+    """
+    known = np.isfinite(values)
+    weight = (np.ones(values.size) if weights is None else weights) * known
+    if not weight.any():
+        return {"value": None, "low": None, "high": None}
+    parts = np.stack([weight * np.where(known, values, 0.0), weight], axis=1)
+    low, high = _percentiles_of_ratio(resampled_sums(parts, resamples, seed), confidence)
+    value = float(parts[:, 0].sum() / weight.sum())
+    return {"value": value, "low": low, "high": high}
 
 
 def _rate(

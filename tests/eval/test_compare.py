@@ -19,6 +19,7 @@ from agents.config.load import ConfigError
 from agents.manoeuvres.escape_manoeuvre import steps, tracks
 from agents.manoeuvres.escape_search import Escapes
 from agents.planner.judge.validator import Findings
+from agents.planner.request.options import Options
 from agents.policy import file as policy_file
 from agents.policy.inference import OutsideDomainError
 from agents.resolvability.classify import Verdict, replay
@@ -40,6 +41,7 @@ from eval.compare.resolvers import (
     WITNESS,
     Comparison,
     Entry,
+    Modes,
     baseline_entry,
     policy_entries,
 )
@@ -62,6 +64,11 @@ def make(
     entries = policy_entries(policy_path, "ours", PAPER)
     entries += tuple(baseline_entry(each, PAPER) for each in baselines)
     return Comparison(entries, Evaluation(policy_path, scenario(name, PAPER), None, 4, PAPER))
+
+
+def modes(*names: str) -> Modes:
+    """Return modes of policies with the usual plans."""
+    return Modes(names, {"": Options.for_aircraft(PAPER)})
 
 
 SMALL = ("--set", "resamples=100", "--workers", "1")
@@ -256,7 +263,7 @@ def test_a_file_of_encounters_and_a_single_one(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["circle", "noisy"])
 def test_plans_and_the_assured_loop_fly_as_in_the_evaluation(name: str) -> None:
-    entries = policy_entries(None, "ours", PAPER, ("plan", "assured"))
+    entries = policy_entries(None, "ours", PAPER, modes("plan", "assured"))
     evaluation = Evaluation(None, scenario(name, PAPER), None, 4, PAPER, "assured")
     ours = comparison.columns(
         Comparison((*entries, baseline_entry("none", PAPER)), evaluation), 20, 25
@@ -292,7 +299,7 @@ def test_what_only_wider_limits_solve_is_resolvable_for_them_alone() -> None:
         assert (narrow, wide) == ([Verdict.UNRESOLVABLE], [Verdict.RESOLVABLE])
 
     evaluation = Evaluation(None, only_wider, None, 0, PAPER)
-    entries = (*policy_entries(None, "ours", PAPER, ("plan",)), baseline_entry("none", PAPER))
+    entries = (*policy_entries(None, "ours", PAPER, modes("plan")), baseline_entry("none", PAPER))
     table = comparison.columns(Comparison(entries, evaluation), 0, 1)
     lost = {name: bool(table[f"{name}.unresolvable"][0]) for name in ("ours", "ours, plan", "none")}
     assert lost == {"ours": True, "ours, plan": False, "none": True}
@@ -312,7 +319,7 @@ def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.Monk
 
     made = recorded_flights.plan_at_start
     monkeypatch.setattr(recorded_flights, "plan_at_start", hopeless)
-    entries = policy_entries(None, "ours", PAPER, ("plan",))
+    entries = policy_entries(None, "ours", PAPER, modes("plan"))
     evaluation = Evaluation(None, scenario("circle", PAPER), None, 4, PAPER)
     table = comparison.columns(
         Comparison((*entries, baseline_entry("none", PAPER)), evaluation), 0, 3
