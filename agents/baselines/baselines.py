@@ -41,6 +41,11 @@ class Observation(NamedTuple):
     left: float  # time that is left to reach the goal, s
     # aircraft's separation over that of each intruder, [M, K]; None: 1 of all
     distance_scale: Any = None
+    # altitudes, m, and vertical speeds, m/s, of the intruders above the ownship, which flies level,
+    # [M, K]; None: all are at one level
+    above: Any = None
+    climb: Any = None
+    number: Any = None  # of each encounter among those that are flown together, [M]
 
 
 class Baseline(Protocol):

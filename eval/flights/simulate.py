@@ -14,6 +14,7 @@ import numpy as np
 from agents.baselines.baselines import Baseline, Observation
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
+from envs.altitudes import climb_at
 from envs.draws import normals
 from envs.encounters import Encounter
 from envs.frames import Air
@@ -225,6 +226,12 @@ def _look(
     exists = known_intruders(state, aircraft, np)
     scale = distance_scales(state, aircraft, np)
     observation = Observation(state.own, seen, exists, state.goal_x, state.goal_y, left, scale)
+    observation = observation._replace(number=air.number)
+    if state.altitudes is not None:
+        observation = observation._replace(
+            above=above_own(state, 0.0),
+            climb=climb_at(state.altitudes.intruders, state.steps[:, None], aircraft.dt),
+        )
     if state.coverage is None:
         return observation, None
     sensor = None if draws is None else state.sensor
