@@ -20,7 +20,8 @@ class Entry(Strict):
 
     In the command ``{n}`` stands for the number of encounters and ``$RLCAS_DATA`` for the folder of
     public data. The claim is a figure, ``>=`` or ``<=``, and a number. With ``cells`` its table is
-    cut into cells of the domain.
+    cut into cells of the domain; of a table with ``each``, ``parts`` are shown alone (none: all).
+    Without the variable of the environment that it ``needs`` it is not run.
     """
 
     title: str
@@ -28,6 +29,8 @@ class Entry(Strict):
     n: int
     claim: tuple[str, Literal[">=", "<="], float] | None = None
     cells: bool = False
+    parts: tuple[str, ...] = ()
+    needs: str | None = None
 
 
 class Reading(Strict):

@@ -175,6 +175,8 @@ def _result(name: str, listed: Evidence, policy: str, options: argparse.Namespac
         return "there already"
     if "$RLCAS_DATA" in entry.command and not os.environ.get("RLCAS_DATA"):
         return "skipped: RLCAS_DATA names no folder of public data"
+    if entry.needs is not None and not os.environ.get(entry.needs):
+        return f"skipped: {entry.needs} names no program"
     reading = listed.readings[entry.command.split()[0]]
     command = entry.command.format(n=n)
     folder = options.out / f"{name}-{sha256(f'{policy} {command}'.encode()).hexdigest()[:8]}"

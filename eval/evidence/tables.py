@@ -56,10 +56,11 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
     names = [result for result in listed.rows(name) if result in results]
     if table.unmet:
         names = _unmet(listed, results, names)
-    rows = [["", *table.columns]]
+    several = table.each is not None and len(listed.rows(name)) > 1
+    rows = [["", *([""] if several else []), *table.columns]]
     for result in names:
         rows += (
-            _parts(results[result], table)
+            _parts(listed.results[result], results[result], table, several=several)
             if table.each
             else [
                 row_of(listed.results[result], {**results[result], "name": result}, table.columns)
@@ -95,8 +96,13 @@ def _unmet(listed: Evidence, results: Mapping[str, Any], names: list[str]) -> li
     return [name for verdict in order for name in names if verdicts[name] == verdict]
 
 
-def _parts(result: Mapping[str, Any], table: Table) -> list[list[str]]:
-    """Return a row for each part of a figure: its name, and cells of the figures below it."""
+def _parts(
+    entry: Entry, result: Mapping[str, Any], table: Table, *, several: bool
+) -> list[list[str]]:
+    """Return a row for each part of a figure: its name, and cells of the figures below it; before
+    them the result's title and size where the table has ``several`` results.
+    """
+    head = [f"{entry.title}; {_format_value(result['n'], '')}"] if several else []
     parts: dict[str, dict[str, Any]] = {}
     for path, value in result["figures"].items():
         group, _, below = path.partition("/")
@@ -104,8 +110,9 @@ def _parts(result: Mapping[str, Any], table: Table) -> list[list[str]]:
             name, _, key = below.rpartition("/")
             parts.setdefault(name, {})[key] = value
     return [
-        [name, *(_cell(cell, figures) for cell in table.columns.values())]
+        [*head, name, *(_cell(cell, figures) for cell in table.columns.values())]
         for name, figures in parts.items()
+        if name in (entry.parts or parts)
     ]
 
 
