@@ -10,6 +10,7 @@ speed and level, and hears the same reports as every other resolver.
 
 import os
 import subprocess
+import weakref
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -84,7 +85,13 @@ class Daidalus:
         self._running = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
+        weakref.finalize(self, _end, self._running)
         return self._running
+
+
+def _end(running: "subprocess.Popen[str]") -> None:
+    """End a program: it stops where nothing more is asked."""
+    running.communicate()
 
 
 def _request(observation: Observation, aircraft: Aircraft) -> list[str]:

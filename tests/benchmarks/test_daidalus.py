@@ -11,8 +11,12 @@ import pytest
 
 from agents.assurance.alerts import Alerting
 from agents.assurance.bands import heading_bands
+from agents.baselines.baselines import Observation
+from agents.config.world import AircraftConfig
 from agents.kernel.traffic import Requirement, Traffic
 from benchmarks.daidalus.edges import Edge, matches, our_edges, their_edges
+from benchmarks.daidalus.in_the_loop import VARIABLE as LOOP
+from benchmarks.daidalus.in_the_loop import daidalus_f3442
 from benchmarks.daidalus.program import (
     VARIABLE,
     Interval,
@@ -23,11 +27,14 @@ from benchmarks.daidalus.program import (
 from benchmarks.daidalus.run import HEADINGS, SETTING, VARIANTS, compare, fly_both
 from benchmarks.daidalus.sides import flight_of
 from benchmarks.daidalus.vertical import CHANGES, FOOT, compare_vertical, fine, our_bands
+from commands.command import InputError
 from envs.aircraft import PAPER
 from envs.formats.track_files import read_daidalus
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.traffic.tracks import Track
 from tests.support import one
+
+UAS = AircraftConfig.of_file(Path("uas")).aircraft()
 
 ANSWER = """# File: scenario.xyz
 Time: 3.0 [s]
@@ -186,3 +193,39 @@ def test_vertical_bands_of_a_crossing_agree(name: str) -> None:
     flights = CHANGES[name](head_on())
     for edges in compare_vertical(Path(os.environ[VARIABLE]), flights, fine(SETTING)):
         assert edges and all(not match.name for match in edges)
+
+
+def observe_ahead(apart: float, above: float) -> Observation:
+    """Return an encounter whose intruder is as far ahead, and above, m; the goal is ahead too."""
+    own = VehicleState(*(np.array([value]) for value in (0.0, 0.0, 0.0, 30.0)))
+    other = VehicleState(*(np.array([[value]]) for value in (apart, 0.0, np.pi, 50.0)))
+    goal, level = np.array([8_000.0]), np.array([[above]])
+    return Observation(
+        own,
+        other,
+        np.ones((1, 1), bool),
+        goal,
+        0.0 * goal,
+        UAS.t_max,
+        above=level,
+        climb=0.0 * level,
+        number=np.array([7]),
+    )
+
+
+def test_a_missing_program_of_the_loop_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    for value in ("", "nowhere"):
+        monkeypatch.setenv(LOOP, value)
+        with pytest.raises(InputError, match=r"DAIDALUS_LOOP is .*; expected the path of DAIDALUS"):
+            daidalus_f3442(UAS)
+
+
+@pytest.mark.skipif(
+    LOOP not in os.environ, reason=f"DAIDALUS is not here; to have it: {LOOP}=PROGRAM"
+)
+def test_it_turns_for_who_comes_near_alone() -> None:
+    memory = np.zeros(1, np.int8)
+    for apart, above, turns in ((2_500.0, 0.0, True), (2_500.0, 300.0, False), (9e3, 0.0, False)):
+        action, _ = daidalus_f3442(UAS).decide(observe_ahead(apart, above), memory)
+        assert (abs(action[0, 1]) > 0.1) == turns, (apart, above)
+        assert action[0, 0] == 0.0

@@ -54,7 +54,7 @@ def test_published_results_are_of_the_policy_that_ships(tmp_path: Path) -> None:
     results = read_results(STORE)
     assert results
     assert results == published_results(LISTED, Policy.load().sha256, results, tmp_path)
-    assert STORE.stat().st_size < 100_000
+    assert STORE.stat().st_size < 250_000
 
 
 def test_no_table_of_rates_stands_outside_markers() -> None:
@@ -125,6 +125,41 @@ def test_a_table_says_rate_interval_and_what_is_missing(tmp_path: Path) -> None:
     )
     with pytest.raises(ConfigError, match="'second'"):
         fill_in(tmp_path, tmp_path / "README.md", text.replace("first", "second"), some, {})
+
+
+def test_parts_of_several_results_say_whose_they_are(tmp_path: Path) -> None:
+    (tmp_path / "list.yaml").write_text(
+        LIST.replace("title: two,", "title: two, parts: [y], needs: NO_SUCH_PROGRAM,").replace(
+            "rows: [one]", "rows: [one, two], each: group"
+        ),
+        encoding="utf-8",
+    )
+    some = load(Evidence, tmp_path / "list.yaml")
+    figures = {f"group/{part}/success_given_resolvable": 0.5 for part in "xy"}
+    results = {name: result("", n, **figures) for name, n in (("one", 24), ("two", 999))}
+    text = "<!-- evidence: first -->\n<!-- /evidence -->\n"
+    made = fill_in(tmp_path, tmp_path / "README.md", text, some, results)
+    rows = [line for line in made.splitlines() if line.startswith("| ")]
+    assert rows == [
+        "|  |  | resolved |",
+        "| one; 24 | x | 0.5 |",
+        "| one; 24 | y | 0.5 |",
+        "| two; 999 | y | 0.5 |",
+    ]
+
+
+def test_a_result_without_its_program_is_not_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "list.yaml").write_text(
+        LIST.replace("title: two,", "title: two, needs: NO_SUCH_PROGRAM,"), encoding="utf-8"
+    )
+    monkeypatch.delenv("NO_SUCH_PROGRAM", raising=False)
+    out = tmp_path / "out"
+    where = ["--list", str(tmp_path / "list.yaml"), "--out", str(out)]
+    assert main([*where, "--only", "two"]) == 0
+    assert "two: skipped: NO_SUCH_PROGRAM names no program" in capsys.readouterr().out
+    assert not list(out.glob("two*"))
 
 
 def test_figures_are_found_by_path_and_name() -> None:

@@ -3,6 +3,7 @@ far above is nobody.
 """
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,16 +19,19 @@ from envs.aircraft import Aircraft
 from envs.altitudes import LEVEL, Altitudes, at_step, climb_at, steady
 from envs.encounters import Encounter, EncounterError
 from envs.kinematics import VehicleState
+from envs.perception import Coverage
 from envs.scenarios import sample, scenario
 from envs.scenarios.layered import RATE
 from envs.starts import encounters_of_seed
 from envs.traffic.encounter_model import read_model
 from envs.traffic.model_traffic import ModelTraffic, encounters_with
 from envs.trees import map_leaves
+from eval.config import TrafficConfig
 from eval.flights.chunks import Conditioned, Evaluation, ReadyEvaluation, columns
 from eval.flights.in_space import at_one_level
 from eval.flights.recorded import fly_in_mode, fly_recorded
 from eval.flights.simulate import OUTCOMES, Flights, Unmitigated, fly
+from eval.flights.sources import read_model_traffic
 from eval.flights.trajectories import TrajectoryRecorder
 from eval.monte_carlo import run as monte_carlo
 from tests.envs.formats.test_track_files import ONE
@@ -51,12 +55,20 @@ def layered(count: int = COUNT, seed: int = 3, aircraft: Aircraft = UAS) -> Enco
     return encounters_of_seed(source, seed, 0, count, heeds=("altitudes",))
 
 
-def fly_as(starts: Encounter, mode: str, policy: Policy, maneuvers: str = "horizontal") -> Flights:
-    """Fly encounters in a mode, endlessly where it is the policy's."""
+def fly_as(
+    starts: Encounter,
+    mode: str,
+    policy: Policy,
+    maneuvers: str = "horizontal",
+    *,
+    endless: bool = False,
+) -> Flights:
+    """Fly encounters in a mode."""
     options = Options.for_aircraft(UAS, maneuvers=Maneuvers(maneuvers))
     evaluation = Evaluation(None, scenario("circle", UAS), None, 3, UAS, mode, options)
     ready = ReadyEvaluation(evaluation, policy)
-    return fly_in_mode(ready, Conditioned(starts, None), TrajectoryRecorder(starts))[1]
+    given = Conditioned(starts, None)
+    return fly_in_mode(ready, given, TrajectoryRecorder(starts), endless=endless)[1]
 
 
 def assert_same(first: Flights, second: Flights) -> None:
@@ -297,3 +309,43 @@ def test_what_cannot_be_flown_is_refused(
     with pytest.raises(InputError, match=sentence):
         monte_carlo.main([*sets, "--encounters", "2", "--out", str(tmp_path / "none")])
     assert not (tmp_path / "none").exists()
+
+
+def hear(starts: Encounter, reach: float) -> Encounter:
+    """Return encounters whose intruders are reported all round within a range, m."""
+    each = np.ones(starts.mask.shape)
+    return starts._replace(coverage=Coverage(reach * each, math.pi * each, 0.0 * each, 0.0 * each))
+
+
+@pytest.mark.parametrize("mode", ["plan", pytest.param("assured", marks=pytest.mark.slow)])
+def test_reports_of_all_change_no_plan_and_of_none_none_is_avoided(
+    mode: str, policy: Policy
+) -> None:
+    starts = layered()
+    assert_same(fly_as(hear(starts, 1e6), mode, policy), fly_as(starts, mode, policy))
+    nobody = starts._replace(mask=np.zeros_like(starts.mask))
+    unseen, alone = (
+        fly_as(each, mode, policy, endless=True) for each in (hear(starts, 1.0), nobody)
+    )
+    np.testing.assert_array_equal(unseen.path_length, alone.path_length)
+    assert (unseen.min_separation < alone.min_separation).all()
+
+
+def test_traffic_of_a_model_has_the_sensors_that_are_stated(tmp_path: Path) -> None:
+    path = tmp_path / "small.txt"
+    path.write_text(SMALL)
+    plain = read_model_traffic(path, TrafficConfig(), UAS)
+    stated = {"position_std": 12.0, "velocity_std": 1.2, "latency": 1.0}
+    seen = replace(plain, **stated, sensor_range=4_000.0, field_of_view=math.pi)
+    (drawn, weights), (bare, same) = (encounters_with(each, 3, 0, 4) for each in (seen, plain))
+    for name, value in stated.items():
+        assert (getattr(drawn.sensor, name) == value).all()
+    assert drawn.coverage is not None and bare.coverage is None
+    assert (drawn.coverage.reach == 4_000.0).all()
+    assert (drawn.coverage.half_angle == 0.5 * math.pi).all()
+    assert not any(field.any() for field in bare.sensor)
+    np.testing.assert_array_equal(weights, same)
+    np.testing.assert_array_equal(drawn.intruders.x, bare.intruders.x)
+    late = TrafficConfig(latency=2.0 * UAS.dt + 0.1)
+    with pytest.raises(EncounterError, match=r"latency is 3\.5 s; expected at most two time steps"):
+        read_model_traffic(path, late, UAS)
