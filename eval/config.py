@@ -150,7 +150,7 @@ class TrafficConfig(Strict):
     """The goal lies so many seconds ahead at the own speed, s."""
     attempts: int = Field(default=200, ge=1, le=10_000)
     """How many draws an encounter has to meet the conditions."""
-    position_std: float = Field(default=0.0, ge=0.0, le=500.0)
+    position_std: float = Field(default=0.0, ge=0.0, le=400.0)
     """Noise of reported positions, one sigma per axis, m."""
     velocity_std: float = Field(default=0.0, ge=0.0, le=100.0)
     """Noise of reported velocities, one sigma per axis, m/s."""
