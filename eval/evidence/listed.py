@@ -137,18 +137,9 @@ def read_results(path: Path) -> dict[str, Any]:
 
 
 def written_results(results: Mapping[str, Any]) -> str:
-    """Return the text of a file of results: a line for each; figures have nine digits."""
+    """Return the text of a file of results: a line for each."""
     lines = (
-        f"{json.dumps(name)}: {json.dumps(_shortened(result), allow_nan=False)}"
+        f"{json.dumps(name)}: {json.dumps(result, allow_nan=False)}"
         for name, result in results.items()
     )
     return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def _shortened(value: Any) -> Any:
-    """Return a value of JSON with nine digits of each number that is not whole."""
-    if isinstance(value, dict):
-        return {key: _shortened(part) for key, part in value.items()}
-    if isinstance(value, list):
-        return [_shortened(part) for part in value]
-    return float(f"{value:.9g}") if isinstance(value, float) else value
