@@ -612,7 +612,7 @@ def test_the_command_says_how_much_longer_than_the_witness(
 def test_a_misspelt_witness_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(
         ConfigError,
-        match=r"--baseline: 'witnes'; expected one of .*witness; did you mean witness\?",
+        match=r"--baseline: 'witnes'; expected one of .*witness, or module:name of your own; did you mean witness\?",
     ):
         compare.main(["--baseline", "witnes", "--out", str(tmp_path / "run")])
 
