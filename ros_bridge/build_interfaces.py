@@ -35,9 +35,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # It remembers another environment, or paths of an earlier version of the wheels.
         shutil.rmtree(folder)
     for step in _steps(options.source, folder, options.prefix):
-        done = subprocess.run(step, env=_environment(), capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            print(done.stdout[-6000:], done.stderr[-6000:], sep="\n", file=sys.stderr)
+        completed = subprocess.run(
+            step, env=_environment(), capture_output=True, text=True, check=False
+        )
+        if completed.returncode != 0:
+            print(completed.stdout[-6000:], completed.stderr[-6000:], sep="\n", file=sys.stderr)
             failed = f"'{' '.join(step[:2])}' failed; its last lines are above"
             print(f"{parser.prog}: error: {failed}", file=sys.stderr)
             return 1

@@ -83,9 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m ros_bridge.demo", description=__doc__)
-    for name, default, what in _OPTIONS:
+    for name, default, meaning in _OPTIONS:
         parser.add_argument(
-            f"--{name}", type=type(default), default=default, help=f"{what} (default {default})"
+            f"--{name}", type=type(default), default=default, help=f"{meaning} (default {default})"
         )
     parser.add_argument(
         "--vehicle", default="kinematic", choices=MARGINS, help="of the ownship (default kinematic)"
@@ -107,7 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--maneuvers",
         default="horizontal",
-        choices=[one.value for one in Maneuvers],
+        choices=[choice.value for choice in Maneuvers],
         help="what plans may do; vertical needs an aircraft whose file says how it climbs, such "
         "as c208 (default horizontal)",
     )
@@ -132,9 +132,14 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="serve the traffic display meanwhile, at the address that it prints",
     )
-    shown = "show what the nodes log"
+    verbose_help = "show what the nodes log"
     parser.add_argument(
-        "--verbose", dest="level", action="store_const", const="info", default="fatal", help=shown
+        "--verbose",
+        dest="level",
+        action="store_const",
+        const="info",
+        default="fatal",
+        help=verbose_help,
     )
     return parser
 
@@ -155,16 +160,16 @@ def _encounters(options: argparse.Namespace, aircraft: Aircraft) -> Iterator[_Pl
     _check_numbers(options, aircraft)
     named = [name.strip() for name in options.scenarios.split(",")]
     named = [name for name in named if name not in ("", "none")]
-    wanted = [(name, options.each) for name in named]
+    groups = [(name, options.each) for name in named]
     if options.random:
-        wanted.append(("circle", options.random))
-    if not wanted:
+        groups.append(("circle", options.random))
+    if not groups:
         raise ValueError("--scenarios is none and --random 0, expected something to fly")
-    for name, count in wanted:
+    for name, count in groups:
         resolve(name)
-        every = encounters_of_seed(scenario(name, aircraft), options.seed, 0, count)
+        batch = encounters_of_seed(scenario(name, aircraft), options.seed, 0, count)
         for number in range(count):
-            yield _Planned(f"{name} {number}", take(every, [number]), number)
+            yield _Planned(f"{name} {number}", take(batch, [number]), number)
 
 
 def _check_numbers(options: argparse.Namespace, aircraft: Aircraft) -> None:
@@ -175,13 +180,13 @@ def _check_numbers(options: argparse.Namespace, aircraft: Aircraft) -> None:
         raise ValueError(f"--areas is {options.areas}, expected {MOST} at most")
     climbs = options.maneuvers != Maneuvers.HORIZONTAL.value
     if climbs and aircraft.vertical is None:
-        what = f"--maneuvers is {options.maneuvers}, expected horizontal"
-        raise ValueError(f"{what}: the aircraft states no limits of climb and descent")
+        problem = f"--maneuvers is {options.maneuvers}, expected horizontal"
+        raise ValueError(f"{problem}: the aircraft states no limits of climb and descent")
     if climbs and options.vehicle != "kinematic":
         raise ValueError(f"--vehicle is {options.vehicle}, expected kinematic: no other climbs")
-    most = 5.0 * aircraft.separation
-    if options.margin is not None and not 0.0 <= options.margin <= most:
-        raise ValueError(f"--margin is {options.margin:g} m, expected 0 to {most:g} m")
+    largest = 5.0 * aircraft.separation
+    if options.margin is not None and not 0.0 <= options.margin <= largest:
+        raise ValueError(f"--margin is {options.margin:g} m, expected 0 to {largest:g} m")
 
 
 def _run(options: argparse.Namespace, aircraft: Aircraft, planned: Sequence[_Planned]) -> int:
@@ -235,8 +240,8 @@ def _simulator(options: argparse.Namespace) -> "Simulator":
     }
     rclpy.init(args=["--ros-args", "--log-level", options.level])
     try:
-        given = [Parameter(name, value=value) for name, value in values.items()]
-        return Simulator(parameter_overrides=given)
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        return Simulator(parameter_overrides=overrides)
     except (ValueError, ParameterException) as error:
         rclpy.try_shutdown()
         raise ValueError(str(error)) from error
@@ -284,9 +289,9 @@ def _fly(
                 processes.append(_start(name, parameters, options.level))
             if options.display:
                 processes.append(_start_display(options.level))
-            for one in planned:
-                areas = _areas(options, one, simulator.aircraft)
-                simulator.begin(one.encounter, one.name, one.number, areas)
+            for flight in planned:
+                areas = _areas(options, flight, simulator.aircraft)
+                simulator.begin(flight.encounter, flight.name, flight.number, areas)
                 while simulator.flying:
                     executor.spin_once(timeout_sec=0.1)
                     _check_alive(processes)
@@ -298,12 +303,12 @@ def _fly(
         return error
     finally:
         # A second Ctrl-C must not break the cleaning up.
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
         stop(processes)
         executor.shutdown()
         simulator.destroy_node()
         rclpy.try_shutdown()
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, handler)
     return None
 
 
@@ -317,25 +322,25 @@ def _recording(simulator: "Simulator", file: Path | None) -> AbstractContextMana
 
 
 def _areas(
-    options: argparse.Namespace, one: _Planned, aircraft: Aircraft
+    options: argparse.Namespace, flight: _Planned, aircraft: Aircraft
 ) -> tuple[Area, ...] | None:
     """Return random areas along the way of an encounter; None where none are asked for."""
     if not options.areas:
         return None
-    own: VehicleState[Air] = VehicleState(*(float(field[0]) for field in one.encounter.own))
-    goal = float(one.encounter.goal_x[0]), float(one.encounter.goal_y[0])
-    return random_areas(options.seed, one.number, options.areas, own, goal, aircraft)
+    own: VehicleState[Air] = VehicleState(*(float(field[0]) for field in flight.encounter.own))
+    goal = float(flight.encounter.goal_x[0]), float(flight.encounter.goal_y[0])
+    return random_areas(options.seed, flight.number, options.areas, own, goal, aircraft)
 
 
 def _start(name: str, parameters: Mapping[str, Any], level: str) -> "subprocess.Popen[bytes]":
     """Start a node with those of the parameters that are not empty."""
-    given = [
+    arguments = [
         part
         for key, value in parameters.items()
         if value != ""
         for part in ("-p", f"{key}:={value}")
     ]
-    return start_node(f"ros_bridge.{name}", "--ros-args", "--log-level", level, *given)
+    return start_node(f"ros_bridge.{name}", "--ros-args", "--log-level", level, *arguments)
 
 
 def _start_display(level: str) -> "subprocess.Popen[bytes]":
@@ -345,9 +350,9 @@ def _start_display(level: str) -> "subprocess.Popen[bytes]":
 
 def _check_alive(processes: "Sequence[subprocess.Popen[bytes]]") -> None:
     """Raise ValueError where one of the processes has ended."""
-    ended = [process.returncode for process in processes if process.poll() is not None]
-    if ended:
-        raise ValueError(f"a node ended with exit code {ended[0]} (--verbose shows why)")
+    exit_codes = [process.returncode for process in processes if process.poll() is not None]
+    if exit_codes:
+        raise ValueError(f"a node ended with exit code {exit_codes[0]} (--verbose shows why)")
 
 
 def _evaluate(simulator: "Simulator", planned: Sequence[_Planned], margin: float) -> None:
@@ -361,12 +366,12 @@ def _evaluate(simulator: "Simulator", planned: Sequence[_Planned], margin: float
 
     aircraft = simulator.aircraft
     rules = aircraft.rules()._replace(separation=aircraft.separation + margin)
-    for log, one in zip(simulator.logs, planned, strict=False):
+    for log, flight in zip(simulator.logs, planned, strict=False):
         if log.first != NEVER_ASKED:
             # The first second is the time to receive all and to answer: what is lost by then
             # counts, too.
             solved = np.array([log.safe_at is not None])
-            verdict = classify(one.encounter, rules, aircraft.limits, solved=solved).verdict[0]
+            verdict = classify(flight.encounter, rules, aircraft.limits, solved=solved).verdict[0]
             log.resolvable = bool(verdict != Verdict.UNRESOLVABLE)
 
 

@@ -38,7 +38,9 @@ _SILENCE = 255  # s; the largest value that time since last communication can ha
 _INS_GOOD = 3  # INS_SOLUTION_GOOD (NovAtel OEM7, inertial solution status)
 
 
-def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, reference: str) -> Report:
+def nav_sat_fix(
+    message: Any, read_velocity: Callable[[], Any], identity: str, reference: str
+) -> Report:
     """Return a report from a NavSatFix and the velocity beside it.
 
     By the definition an altitude of NaN means that there is none; a covariance that is not finite
@@ -46,14 +48,14 @@ def nav_sat_fix(message: Any, beside: Callable[[], Any], identity: str, referenc
 
     Args:
         message: sensor_msgs/NavSatFix.
-        beside: returns a geometry_msgs/Twist with the velocity in ENU over the ground, m/s.
+        read_velocity: returns a geometry_msgs/Twist with the velocity in ENU over the ground, m/s.
         reference: of the altitude that the driver really publishes.
 
     Raises:
         FieldError: there is no fix or no velocity, or a field is not finite or out of range; with a
             sighting.
     """
-    fields = _FixFields(message, beside, reference)
+    fields = _FixFields(message, read_velocity, reference)
     return report(
         identifier("fix.id", identity),
         fields.time,
@@ -124,15 +126,23 @@ def odometry_velocity(message: Any) -> Any:
     if abs(length - 1.0) > 0.01:
         raise FieldError("odometry.orientation", f"has length {length:g}, expected 1")
     x, y, z, w = x / length, y / length, z / length, w / length
-    ahead, left, up = (
+    forward, leftward, up = (
         number(f"odometry.twist.linear.{a}", getattr(twist, a), -400.0, 400.0, "m/s") for a in "xyz"
     )
-    east = (1 - 2 * (y * y + z * z)) * ahead + 2 * (x * y - w * z) * left + 2 * (x * z + w * y) * up
+    east = (
+        (1 - 2 * (y * y + z * z)) * forward
+        + 2 * (x * y - w * z) * leftward
+        + 2 * (x * z + w * y) * up
+    )
     north = (
-        2 * (x * y + w * z) * ahead + (1 - 2 * (x * x + z * z)) * left + 2 * (y * z - w * x) * up
+        2 * (x * y + w * z) * forward
+        + (1 - 2 * (x * x + z * z)) * leftward
+        + 2 * (y * z - w * x) * up
     )
     climb = (
-        2 * (x * z - w * y) * ahead + 2 * (y * z + w * x) * left + (1 - 2 * (x * x + y * y)) * up
+        2 * (x * z - w * y) * forward
+        + 2 * (y * z + w * x) * leftward
+        + (1 - 2 * (x * x + y * y)) * up
     )
     return SimpleNamespace(linear=SimpleNamespace(x=east, y=north, z=climb))
 
@@ -305,8 +315,8 @@ class _AdsbFields(NamedTuple):
     def _has(self, bit: int) -> bool:
         return bool(integer("adsb.flags", self.message.flags, 0, 2**16 - 1) & bit)
 
-    def _demand(self, bit: int, what: str) -> None:
+    def _demand(self, bit: int, part: str) -> None:
         if not self._has(bit):
             raise FieldError(
-                "adsb.flags", f"is {self.message.flags:#x}, expected the bit of valid {what}"
+                "adsb.flags", f"is {self.message.flags:#x}, expected the bit of valid {part}"
             )

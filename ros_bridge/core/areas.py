@@ -42,9 +42,9 @@ class Placed(NamedTuple):
     far: str = ""  # a sentence on those that are left out; empty: none are
     changes: tuple[str, ...] = ()  # sentences: which were clipped or thinned
 
-    def at(self, now: int) -> tuple[Area, ...]:
-        """Return them as they are now, ns."""
-        return tuple(after(area, (now - self.time) / SECOND) for area in self.areas)
+    def at(self, moment: int) -> tuple[Area, ...]:
+        """Return them as they are at a moment, ns."""
+        return tuple(after(area, (moment - self.time) / SECOND) for area in self.areas)
 
 
 def areas(message: "Areas", name: str = "areas") -> AreaReport:
@@ -54,34 +54,34 @@ def areas(message: "Areas", name: str = "areas") -> AreaReport:
         raise FieldError(
             f"{name}.areas", f"has {len(message.areas)} areas, expected {_MOST} at most"
         )
-    found = (_area(f"{name}.areas[{n}]", one, time) for n, one in enumerate(message.areas))
-    return AreaReport(time, tuple(found))
+    reports = (_area(f"{name}.areas[{n}]", area, time) for n, area in enumerate(message.areas))
+    return AreaReport(time, tuple(reports))
 
 
-def to_local(report: AreaReport, frame: LocalFrame, now: int, within: float) -> tuple[Area, ...]:
+def to_local(report: AreaReport, frame: LocalFrame, moment: int, within: float) -> tuple[Area, ...]:
     """Return the areas in a local frame at the time of a request, or raise :class:`FieldError`.
 
     Args:
         report: what was reported last.
         frame: the local frame.
-        now: time of the request, ns.
+        moment: time of the request, ns.
         within: areas to be kept out of that lie farther from the frame's origin are left out, m.
     """
-    return place_areas(report, frame, within).at(now)
+    return place_areas(report, frame, within).at(moment)
 
 
 def place_areas(report: AreaReport, frame: LocalFrame, within: float) -> Placed:
     """Return the areas of a report in a local frame; see :func:`to_local`."""
     areas, far, changes = list[Area](), list[GeodeticArea](), list[str]()
     date = datetime.fromtimestamp(report.time / SECOND, UTC)
-    for one in report.areas:
+    for area in report.areas:
         try:
-            placed = to_plane([one._replace(where="is no area")], frame, date, within)
+            placed = to_plane([area._replace(where="is no area")], frame, date, within)
         except AreaError as problem:
-            raise FieldError(one.where, str(problem)) from None
+            raise FieldError(area.where, str(problem)) from None
         areas += placed.areas
         far += placed.far
-        changes += (change.replace("is no area", one.where, 1) for change in placed.changes)
+        changes += (change.replace("is no area", area.where, 1) for change in placed.changes)
     left_out = far_away(far, frame, within) if far else ""
     return Placed(report.time, tuple(areas), left_out, tuple(changes))
 
@@ -94,28 +94,28 @@ def areas_of_file(path: str) -> tuple[GeodeticArea, ...]:
     """
     if not path:
         return ()
-    found = geodetic_areas(path).areas
-    if not found:
+    areas = geodetic_areas(path).areas
+    if not areas:
         raise AreaError(f"{path}: holds no area that is an obstacle, expected one or more")
-    for one in found:
+    for area in areas:
         for name in ("velocity", "growth", "valid_from", "valid_until"):
-            if name in one.more and one.more[name] not in (0.0, (0.0, 0.0)):
+            if name in area.more and area.more[name] not in (0.0, (0.0, 0.0)):
                 raise AreaError(
-                    f"{one.where}: has {name}, expected an area that stands, valid between dates: "
+                    f"{area.where}: has {name}, expected an area that stands, valid between dates: "
                     "of what moves, or counts from a request on, messages tell"
                 )
         # What cannot be used is refused now, in a frame about it.
-        latitude, longitude = one.centre or one.rings[0][0]
-        to_plane([one], LocalFrame(min(max(latitude, -80.0), 80.0), longitude), None, math.inf)
-    return found
+        latitude, longitude = area.centre or area.rings[0][0]
+        to_plane([area], LocalFrame(min(max(latitude, -80.0), 80.0), longitude), None, math.inf)
+    return areas
 
 
 def _area(name: str, message: "AreaMessage", time: int) -> GeodeticArea:
     """Return an area of a message of a time, ns; its times are s after that."""
     valid = flags(f"{name}.valid", message.valid, FLOOR | CEILING | FROM | UNTIL)
     if len(message.id.encode()) > _LONGEST_ID or not message.id.isprintable():
-        what = f"is {message.id!r:.60}, expected a printable name of {_LONGEST_ID} bytes at most"
-        raise FieldError(f"{name}.id", what)
+        problem = f"is {message.id!r:.60}, expected a printable name of {_LONGEST_ID} bytes at most"
+        raise FieldError(f"{name}.id", problem)
     floor = ceiling = None
     if valid & FLOOR:
         floor = _level(f"{name}.floor", message.floor, message.floor_reference)
@@ -126,7 +126,7 @@ def _area(name: str, message: "AreaMessage", time: int) -> GeodeticArea:
         begin = (stamp(f"{name}.valid_from", message.valid_from) - time) / SECOND
     if valid & UNTIL:
         end = (stamp(f"{name}.valid_until", message.valid_until) - time) / SECOND
-    one = GeodeticArea(
+    area = GeodeticArea(
         name,
         keep=_SIDES[integer(f"{name}.keep", message.keep, 0, 1)],
         floor=floor,
@@ -145,10 +145,10 @@ def _area(name: str, message: "AreaMessage", time: int) -> GeodeticArea:
     )
     if message.rings:
         rings = (_ring(f"{name}.rings[{n}]", ring) for n, ring in enumerate(message.rings))
-        return one._replace(rings=tuple(rings))
+        return area._replace(rings=tuple(rings))
     centre = place(name, message.latitude, message.longitude)
     radius = number(f"{name}.radius", message.radius, 0.0, 3e4, "m")
-    return one._replace(centre=centre, radius=radius)
+    return area._replace(centre=centre, radius=radius)
 
 
 def _ring(name: str, message: "Ring") -> tuple[tuple[float, float], ...]:

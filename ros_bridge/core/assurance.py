@@ -69,9 +69,10 @@ class Supervision(Watch):
     categories: Categories = NO_CATEGORIES
     frame: LocalFrame | None = None
     zero: int = 0  # of the monitor's clock, ns
-    held: Published | None = None  # the plan that is monitored; None: none, or it was withdrawn
+    # The plan that is monitored; None: none, or it was withdrawn.
+    published_plan: Published | None = None
     revision: int = 0  # the greatest that was received
-    asked: int = 0  # when the last request went out, ns
+    request_time: int = 0  # when the last request went out, ns
     reported: "Mapping[str, Reported]" = field(default_factory=lambda: MappingProxyType({}))
     """What the monitor got last, by aircraft."""
     areas: "FrameAreas | None" = None  # None: none have been placed yet
@@ -123,9 +124,9 @@ def initial(
     thresholds: Thresholds, unknown: Unknown = USUAL, categories: Categories = NO_CATEGORIES
 ) -> Supervision:
     """Return a monitor without a plan; ``unknown`` is taken for what reports lack."""
-    begun = single.begin(thresholds)
+    watch = single.begin(thresholds)
     return Supervision(
-        begun.monitor, begun.names, thresholds, unknown=unknown, categories=categories
+        watch.monitor, watch.names, thresholds, unknown=unknown, categories=categories
     )
 
 
@@ -134,7 +135,7 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
     if published.revision <= supervision.revision:
         return supervision
     frame, zero = supervision.frame, supervision.zero
-    if frame is None or supervision.held is None or _is_far(frame, published):
+    if frame is None or supervision.published_plan is None or _is_far(frame, published):
         # Nothing that is remembered outlives a change of the frame.
         frame, zero = (
             LocalFrame(published.start.latitude, published.start.longitude),
@@ -162,7 +163,7 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
         for name, track in tracks
         if track is not None and track.estimate is not None
     }
-    began = single.activate(
+    watch = single.activate(
         supervision,
         reconstruct(waypoints, wind),
         own,
@@ -170,22 +171,22 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
         _clock(zero, published.began),
         own_altitude=altitude,
     )
-    return replace(began, held=published, revision=published.revision)
+    return replace(watch, published_plan=published, revision=published.revision)
 
 
 def withdraw(supervision: Supervision, revision: int) -> Supervision:
     """Withdraw the plan: the backup is flown until there is another."""
     if revision <= supervision.revision:
         return supervision
-    supervision = replace(supervision, revision=revision, held=None)
+    supervision = replace(supervision, revision=revision, published_plan=None)
     if supervision.frame is None or _state(supervision) is State.IDLE:
         return supervision
     return single.activate(supervision, reconstruct(()), _UNKNOWN, {}, 0.0)
 
 
-def step_monitor(supervision: Supervision, situation: Situation, now: int) -> Supervision:
-    """Return the monitor after the present moment, ``now`` in ns, with its verdict; it has none
-    before the first plan.
+def step_monitor(supervision: Supervision, situation: Situation, moment: int) -> Supervision:
+    """Return the monitor after the present moment, ns, with its verdict; it has none before the
+    first plan.
     """
     frame, zero = supervision.frame, supervision.zero
     if frame is None:
@@ -194,23 +195,23 @@ def step_monitor(supervision: Supervision, situation: Situation, now: int) -> Su
     own, own_age = None, 0.0
     track = situation.own
     if track.last is not None and track.fault is None:
-        own, own_age = to_local(frame, track.last), _age(zero, track.last.time, now)
-    traffic = _traffic(supervision, situation, now)
-    areas = _place_areas(supervision.areas, situation, frame, now)
-    after, verdict = single.step(
+        own, own_age = to_local(frame, track.last), _age(zero, track.last.time, moment)
+    traffic = _traffic(supervision, situation, moment)
+    areas = _place_areas(supervision.areas, situation, frame, moment)
+    watch, verdict = single.step(
         supervision,
-        _clock(zero, now),
+        _clock(zero, moment),
         own,
         traffic.intruders,
         own_age=own_age,
-        own_altitude=_own_altitude(supervision, situation, now),
-        gone=traffic.gone,
-        areas=[area for some in areas.placed for area in some.at(now)],
+        own_altitude=_own_altitude(supervision, situation, moment),
+        gone=traffic.forgotten,
+        areas=[area for placed_areas in areas.placed for area in placed_areas.at(moment)],
     )
     return replace(
-        after,
+        watch,
         reported=MappingProxyType(traffic.reported),
-        asked=now if verdict.ask is not None else supervision.asked,
+        request_time=moment if verdict.ask is not None else supervision.request_time,
         areas=areas,
         verdict=verdict,
     )
@@ -221,22 +222,22 @@ class _Traffic(NamedTuple):
 
     intruders: dict[str, Intruder[Ground]]  # of an unknown state where there is no good report
     reported: dict[str, Reported]  # that they were made of
-    gone: list[str]  # that it is to forget
+    forgotten: list[str]  # that it is to forget
 
 
-def _traffic(supervision: Supervision, situation: Situation, now: int) -> _Traffic:
+def _traffic(supervision: Supervision, situation: Situation, moment: int) -> _Traffic:
     """Return what the monitor is given; who cannot come near is left out."""
-    limits, known = supervision.thresholds, supervision.names
+    limits, watched = supervision.thresholds, supervision.names
     own, frame = situation.own.last, supervision.frame
     assert frame is not None, "reports are placed in a frame"
-    reach = None if own is None else _reach(own, now, supervision, situation)
+    reach = None if own is None else _reach(own, moment, supervision, situation)
     left_out = frozenset() if reach is None else _unusable_aircraft(situation, reach, limits)
     intruders: dict[str, Intruder[Ground]] = {}
     reported: dict[str, Reported] = {}
     for name, track in situation.traffic.items():
         if name in left_out:
             continue
-        usable = track.fault is None and track.age(now) <= limits.intruder_age
+        usable = track.fault is None and track.age(moment) <= limits.intruder_age
         if usable and reach is not None and _vertically_apart(track, reach, supervision):
             continue  # by its last report, which says nothing of an aircraft that is silent
         before = supervision.reported.get(name)
@@ -244,9 +245,9 @@ def _traffic(supervision: Supervision, situation: Situation, now: int) -> _Traff
         if report is not None:
             reported[name] = _placed(frame, report, before)
             intruders[name] = _intruder(
-                supervision, situation, reported[name], supervision.air.wind, now
+                supervision, situation, reported[name], supervision.air.wind, moment
             )
-        elif name not in known:
+        elif name not in watched:
             # An aircraft without any good report must be missed all the same.
             intruders[name] = Intruder(_UNKNOWN)
     silent = {
@@ -254,26 +255,26 @@ def _traffic(supervision: Supervision, situation: Situation, now: int) -> _Traff
         for name, track in situation.traffic.items()
         if track.fault is not None and name not in left_out
     }
-    gone = [name for name in known if name not in intruders and name not in silent]
-    return _Traffic(intruders, reported, gone)
+    forgotten = [name for name in watched if name not in intruders and name not in silent]
+    return _Traffic(intruders, reported, forgotten)
 
 
 def _place_areas(
-    before: FrameAreas | None, situation: Situation, frame: LocalFrame, now: int
+    previous: FrameAreas | None, situation: Situation, frame: LocalFrame, moment: int
 ) -> FrameAreas:
     """Return the areas in the monitor's frame, placed anew only where they are others: that takes
     longer than a step. Where one cannot be placed, for which the runner refuses to plan, those
     before stay.
     """
     source = AreaSource(situation.areas, situation.fixed_areas, frame)
-    if before is not None and before.source == source:
-        return before
+    if previous is not None and previous.source == source:
+        return previous
     try:
-        return FrameAreas(source, situation.areas_in(frame, now))
+        return FrameAreas(source, situation.areas_in(frame, moment))
     except FieldError:
-        if before is None or before.source.frame != frame:
+        if previous is None or previous.source.frame != frame:
             return FrameAreas(source, ())
-        return FrameAreas(source, before.placed)
+        return FrameAreas(source, previous.placed)
 
 
 def accept_answer(
@@ -289,13 +290,13 @@ def accept_answer(
         return single.answer(supervision, number, reconstruct(()))[0], False
     _, waypoints = to_frame(frame, published)
     # The runner began when the request arrived; the monitor counts from when it asked.
-    late = (published.began - supervision.asked) / SECOND
+    late = (published.began - supervision.request_time) / SECOND
     shifted = tuple(replace(point, time=point.time + late) for point in waypoints)
     plan = reconstruct(shifted, wind_of(frame, published))
-    after, taken_up = single.answer(supervision, number, plan)
+    watch, taken_up = single.answer(supervision, number, plan)
     revision = max(supervision.revision, published.revision)
-    held = published if taken_up else supervision.held
-    return replace(after, held=held, revision=revision), taken_up
+    flown_plan = published if taken_up else supervision.published_plan
+    return replace(watch, published_plan=flown_plan, revision=revision), taken_up
 
 
 def to_fly(supervision: Supervision) -> FlyMode:
@@ -328,25 +329,27 @@ def backup(supervision: Supervision, altitude: Altitude | None) -> Published | N
     return Published(bytes(16), 0, began, start, tuple(points), (), wind, float(air.std))
 
 
-def _reach(own: Report, now: int, supervision: Supervision, situation: Situation) -> Reach:
+def _reach(own: Report, moment: int, supervision: Supervision, situation: Situation) -> Reach:
     """Return what matters to the ownship while the plan that is held lasts."""
-    limits, held = supervision.thresholds, supervision.held
+    limits, published_plan = supervision.thresholds, supervision.published_plan
     options, unknown = limits.options, supervision.unknown
     separation, vertical = supervision.categories.greatest(
         limits.requirement.separation, options.vertical_separation
     )
-    left = 0.0 if held is None else (held.points[-1].time - now) / SECOND
-    horizon = max(left, _HORIZON * options.waypoints * options.interval)
+    remaining = (
+        0.0 if published_plan is None else (published_plan.points[-1].time - moment) / SECOND
+    )
+    horizon = max(remaining, _HORIZON * options.waypoints * options.interval)
     # Over the ground all are faster by the wind at most: the reported one, or the plan's.
-    winds = (own.wind or (0.0, 0.0), (0.0, 0.0) if held is None else held.wind)
+    winds = (own.wind or (0.0, 0.0), (0.0, 0.0) if published_plan is None else published_plan.wind)
     unsure = (
         unknown.wind_std if own.wind is None else unknown.reported_wind_std,
-        0.0 if held is None else held.wind_std,
+        0.0 if published_plan is None else published_plan.wind_std,
     )
     blows = max(math.hypot(*wind) for wind in winds) + limits.requirement.sigmas * max(unsure)
     return Reach(
         own=with_climbs(own, options),
-        now=now,
+        moment=moment,
         horizon=horizon,
         separation=separation + limits.requirement.margin,
         vertical=vertical,
@@ -371,18 +374,18 @@ def _undulation(situation: Situation) -> float | None:
     return None if origin is None else origin.undulation
 
 
-def _own_altitude(supervision: Supervision, situation: Situation, now: int) -> Altitude | None:
+def _own_altitude(supervision: Supervision, situation: Situation, moment: int) -> Altitude | None:
     """Return the ownship's altitude at a time, ns, by its last good report."""
     last = situation.own.last
     if last is None:
         return None
     climb = supervision.thresholds.options.unknown_climb
-    return level(last.altitude, now - last.time, _undulation(situation), climb)
+    return level(last.altitude, moment - last.time, _undulation(situation), climb)
 
 
-def _vertically_apart(other: Track, reach: Reach, supervision: Supervision) -> bool:
+def _vertically_apart(track: Track, reach: Reach, supervision: Supervision) -> bool:
     """Return whether an aircraft stays above or below the ownship by its last good report."""
-    last = other.estimate
+    last = track.estimate
     if last is None:
         return False
     altitude = last.height(reach.unknown_climb)
@@ -398,7 +401,7 @@ def _unusable_aircraft(situation: Situation, reach: Reach, limits: Thresholds) -
     return frozenset(
         name
         for name, track in situation.traffic.items()
-        if (track.fault is not None or track.age(reach.now) > limits.intruder_age)
+        if (track.fault is not None or track.age(reach.moment) > limits.intruder_age)
         and out_of_reach(track, reach) is not None
     )
 
@@ -411,21 +414,21 @@ def _clock(zero: int, time: int) -> float:
     return round((time - zero) / SECOND * _GRID) / _GRID
 
 
-def _age(zero: int, time: int, now: int) -> float:
-    return _clock(zero, now) - _clock(zero, time)
+def _age(zero: int, time: int, moment: int) -> float:
+    return _clock(zero, moment) - _clock(zero, time)
 
 
-def _placed(frame: LocalFrame, report: Report, before: Reported | None) -> Reported:
-    """Return a report with its state in a frame; ``before`` is what the aircraft had in it: to
+def _placed(frame: LocalFrame, report: Report, previous: Reported | None) -> Reported:
+    """Return a report with its state in a frame; ``previous`` is what the aircraft had in it: to
     place every report of many aircraft anew takes longer than a step.
     """
-    if before is not None and before.report is report:
-        return before
+    if previous is not None and previous.report is report:
+        return previous
     return Reported(report, to_local(frame, report))
 
 
 def _intruder(
-    supervision: Supervision, situation: Situation, reported: Reported, wind: Wind, now: int
+    supervision: Supervision, situation: Situation, reported: Reported, wind: Wind, moment: int
 ) -> Intruder[Ground]:
     """Return a report in the monitor's frame, with its separations, its altitude and its turn
     through the air of a wind.
@@ -438,7 +441,7 @@ def _intruder(
         limits.options.unknown_climb,
         _undulation(situation),
     )
-    age = _age(supervision.zero, report.time, now)
+    age = _age(supervision.zero, report.time, moment)
     return intruder_of(report, reported.state, age, wind, assumed)
 
 

@@ -47,10 +47,10 @@ def number_of(name: object) -> int:
     """Return the number of a category such as A5; 0, unknown, for what is none, and for A0, B0 and
     C0, which say nothing.
     """
-    found = _NAME.fullmatch(name.strip().upper()) if isinstance(name, str) else None
-    if found is None or found[2] == "0":
+    match = _NAME.fullmatch(name.strip().upper()) if isinstance(name, str) else None
+    if match is None or match[2] == "0":
         return 0
-    return 8 * "ABC".index(found[1]) + int(found[2])
+    return 8 * "ABC".index(match[1]) + int(match[2])
 
 
 def text_of(separations: Mapping[int, float]) -> str:
@@ -66,7 +66,7 @@ def separations_of(parameter: str, text: str) -> dict[int, float]:
     Raises:
         FieldError: it is none; the message begins with the parameter's name.
     """
-    found: dict[int, float] = {}
+    by_category: dict[int, float] = {}
     for part in text.split(",") if text.strip() else ():
         name, _, value = part.partition(":")
         category = number_of(name)
@@ -80,9 +80,9 @@ def separations_of(parameter: str, text: str) -> dict[int, float]:
                 f"holds {part.strip()!r:.60}, expected a category (A1 to C7), a colon and "
                 f"{_LEAST:g} to {_MOST:g} m, such as A5:2000",
             )
-        if category in found:
+        if category in by_category:
             raise FieldError(
                 parameter, f"names {name.strip().upper()} twice, expected each category once"
             )
-        found[category] = metres
-    return found
+        by_category[category] = metres
+    return by_category

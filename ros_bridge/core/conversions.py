@@ -122,7 +122,7 @@ def report(
     place: Callable[[], tuple[float, float]],
     velocity: Callable[[], tuple[float, float]],
     altitude: Callable[[], Altitude | None],
-    **more: Callable[[], Any],
+    **readers: Callable[[], Any],
 ) -> Report:
     """Return the report of a message, whatever its kind, from functions that read its parts.
 
@@ -130,14 +130,14 @@ def report(
         time: ns.
         place: latitude and longitude, degrees.
         velocity: true east and north, m/s.
-        **more: other fields of :class:`ros_bridge.core.reports.Report`.
+        **readers: other fields of :class:`ros_bridge.core.reports.Report`.
 
     Raises:
         FieldError: a part cannot be used; with a sighting of the parts that can.
     """
     try:
-        rest = ((name, read()) for name, read in more.items())  # read after the others
-        return Report(identity, time(), *place(), *velocity(), altitude(), **dict(rest))
+        fields = ((name, read()) for name, read in readers.items())  # read after the others
+        return Report(identity, time(), *place(), *velocity(), altitude(), **dict(fields))
     except FieldError as error:
         error.sighting = Sighting(identity, readable(time), readable(place), readable(altitude))
         raise
@@ -147,7 +147,8 @@ def velocity(name: str, east: Any, north: Any) -> tuple[float, float]:
     """Return a velocity over the ground, true east and north, m/s, or raise :class:`FieldError`."""
     axes = (("x", east), ("y", north))
     east, north = (
-        number(f"{name}.velocity.{axis}", one, -FASTEST, FASTEST, "m/s") for axis, one in axes
+        number(f"{name}.velocity.{axis}", component, -FASTEST, FASTEST, "m/s")
+        for axis, component in axes
     )
     speed = math.hypot(east, north)
     if speed > FASTEST:
@@ -169,11 +170,11 @@ def _altitude(
         integer(f"{name}.altitude_reference", message.altitude_reference, 0, 255)
     )
     if reference is None:
-        what = (
+        problem = (
             f"is {message.altitude_reference}, expected one of {sorted(ALTITUDE_CODES)} beside "
             "an altitude"
         )
-        raise FieldError(f"{name}.altitude_reference", what)
+        raise FieldError(f"{name}.altitude_reference", problem)
     return altitude(f"{name}.altitude", message.altitude, reference, climb)
 
 
@@ -209,12 +210,12 @@ class _AircraftParts(NamedTuple):
         """Return whether the message marks a part as valid."""
         return bool(flags(f"{self.name}.valid", self.message.valid, _BITS) & bit)
 
-    def demand_bit(self, bit: int, what: str) -> None:
+    def demand_bit(self, bit: int, part: str) -> None:
         """Refuse a message without a part that it must have."""
         if not self.has(bit):
             raise FieldError(
                 f"{self.name}.valid",
-                f"is {self.message.valid:#x}, expected the bit of the {what}",
+                f"is {self.message.valid:#x}, expected the bit of the {part}",
             )
 
     def place(self) -> tuple[float, float]:
@@ -253,11 +254,11 @@ class _AircraftParts(NamedTuple):
         (east, north), air = self.velocity(), self.wind()
         through_air = speed if air is None else math.hypot(east - air[0], north - air[1])
         if abs(through_air - speed) > _AIRSPEED_AGREES:
-            what = (
+            problem = (
                 f"is {speed:g} m/s, expected it within {_AIRSPEED_AGREES:g} m/s of what "
                 "velocity and wind make"
             )
-            raise FieldError(field, f"{what}, {through_air:g} m/s")
+            raise FieldError(field, f"{problem}, {through_air:g} m/s")
         return speed
 
     def std(self, bit: int, field: str, most: float, unit: str) -> float | None:
@@ -283,9 +284,10 @@ def alert(message: "TrafficAlert", name: str = "alert") -> Alert:
     time = stamp(f"{name}.header.stamp", message.header.stamp)
     level = integer(f"{name}.level", message.level, 0, 3)
     ids = tuple(
-        identifier(f"{name}.intruder_ids[{n}]", one) for n, one in enumerate(message.intruder_ids)
+        identifier(f"{name}.intruder_ids[{n}]", identity)
+        for n, identity in enumerate(message.intruder_ids)
     )
-    _once(ids, f"{name}.intruder_ids[{{}}]")
+    _check_unique(ids, f"{name}.intruder_ids[{{}}]")
     if (level == 0) != (not ids):
         raise FieldError(
             f"{name}.intruder_ids",
@@ -313,7 +315,7 @@ def route(waypoints: Collection["Waypoint"], name: str = "route") -> Route:
                 index, *place(at, point.latitude, point.longitude), _height(at, point, _ROUTE_BITS)
             )
         )
-    _once([point.index for point in points], f"{name}.waypoints[{{}}].index")
+    _check_unique([point.index for point in points], f"{name}.waypoints[{{}}].index")
     return tuple(points)
 
 
@@ -329,8 +331,8 @@ def plan_point(message: "Waypoint", name: str) -> PlanPoint:
     :class:`FieldError`.
     """
     valid = flags(f"{name}.valid", message.valid, _PLAN_BITS)
-    wanted = POINT_TRACK | POINT_SPEED | POINT_TIME
-    if valid & wanted != wanted:
+    required = POINT_TRACK | POINT_SPEED | POINT_TIME
+    if valid & required != required:
         raise FieldError(
             f"{name}.valid", f"is {valid:#x}, expected track, ground speed and time of arrival"
         )
@@ -354,7 +356,7 @@ def trajectory(message: "Trajectory", name: str = "trajectory") -> Published:
     points = tuple(
         plan_point(point, f"{name}.waypoints[{n}]") for n, point in enumerate(message.waypoints)
     )
-    _once([point.index for point in points], f"{name}.waypoints[{{}}].index")
+    _check_unique([point.index for point in points], f"{name}.waypoints[{{}}].index")
     for number_, (before, after) in enumerate(
         itertools.pairwise([began, *(point.time for point in points)])
     ):
@@ -378,13 +380,13 @@ def trajectory(message: "Trajectory", name: str = "trajectory") -> Published:
     )
 
 
-def _once(values: Sequence[object], field: str) -> None:
+def _check_unique(values: Sequence[object], field: str) -> None:
     """Refuse a value that stands twice; ``field`` has a place for its number."""
-    seen = set()
-    for number_, one in enumerate(values):
-        if one in seen:
-            raise FieldError(field.format(number_), f"is {one!r} again, expected it once")
-        seen.add(one)
+    earlier = set()
+    for number_, value in enumerate(values):
+        if value in earlier:
+            raise FieldError(field.format(number_), f"is {value!r} again, expected it once")
+        earlier.add(value)
 
 
 def _height(
@@ -402,8 +404,8 @@ def _climb(name: str, point: "Waypoint") -> float | None:
     if not point.valid & POINT_CLIMB:
         return None
     if not point.valid & POINT_ALTITUDE:
-        what = f"is {point.valid:#x}, expected the altitude beside the climb"
-        raise FieldError(f"{name}.valid", what)
+        problem = f"is {point.valid:#x}, expected the altitude beside the climb"
+        raise FieldError(f"{name}.valid", problem)
     return number(f"{name}.climb", point.climb, *_CLIMB)
 
 
@@ -421,7 +423,7 @@ def _check_climbs(start: PlanPoint, points: Sequence[PlanPoint], name: str) -> N
         if not _climbs(start):
             continue
         assert start.altitude is not None and point.altitude is not None
-        wanted = start.altitude.reference
-        if point.altitude.reference != wanted:
-            what = f"is that of {point.altitude.reference}, expected the start's, {wanted}"
-            raise FieldError(f"{field}.altitude_reference", what)
+        reference = start.altitude.reference
+        if point.altitude.reference != reference:
+            problem = f"is that of {point.altitude.reference}, expected the start's, {reference}"
+            raise FieldError(f"{field}.altitude_reference", problem)

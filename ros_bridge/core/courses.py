@@ -25,7 +25,7 @@ from ros_bridge.core.fields import SECOND
 from ros_bridge.core.reports import EXACT, Report
 
 # s, for which a place may stand still though its aircraft flies, and m, that it flies meanwhile.
-_HELD, _HELD_FLOWN = 3.0, 30.0
+_HOLD_TIME, _HOLD_DISTANCE = 3.0, 30.0
 _GREATEST = 15.0  # m/s^2, by which no aircraft's velocity changes
 _SIGMAS, _NOISE = 5.5, 1.0  # that excuse a greater change, of a noise that is this at least, m/s
 _DIFFERS = 0.02  # share of the speed: a smaller correction of the velocity is not told
@@ -60,31 +60,33 @@ class Course:
         """Fields that are not believed as they were reported, each with what is taken instead, a
         sentence without its subject.
         """
-        said, estimate = self.taken, self.estimate
+        reported, estimate = self.taken, self.estimate
         sentences = []
-        off = math.hypot(estimate.east - said.east, estimate.north - said.north)
-        if self.belief.bias > 0.0 and off > _DIFFERS * max(said.speed, estimate.speed):
-            sentences.append(("velocity", _difference(said, estimate)))
+        off = math.hypot(estimate.east - reported.east, estimate.north - reported.north)
+        if self.belief.bias > 0.0 and off > _DIFFERS * max(reported.speed, estimate.speed):
+            sentences.append(("velocity", _difference(reported, estimate)))
         newest, agreement = self.tracks.newest, self.tracks.agreement
-        for field, unit, shown, least in (
+        for field, unit, estimated, least in (
             ("position", "m", agreement.position_std, newest.position_std),
             ("velocity", "m/s", agreement.velocity_std, newest.velocity_std),
         ):
-            if shown > least:
-                what = f"scatters by {shown:.2g} {unit} (one sigma), which its reports do not say"
-                sentences.append((field, what))
+            if estimated > least:
+                correction = (
+                    f"scatters by {estimated:.2g} {unit} (one sigma), which its reports do not say"
+                )
+                sentences.append((field, correction))
         if self.ascent is not None and self.ascent.heights.wrong:
             faster = -self.ascent.heights.lack
-            what = f"differs from its altitudes by {faster:+.1f} m/s: taken from altitudes"
-            sentences.append(("altitude.vertical_speed", what))
+            correction = f"differs from its altitudes by {faster:+.1f} m/s: taken from altitudes"
+            sentences.append(("altitude.vertical_speed", correction))
         return tuple(sentences)
 
 
-def _difference(said: Report, estimate: Report) -> str:
+def _difference(reported: Report, estimate: Report) -> str:
     """Return by what a velocity differs from what the places make, as a sentence."""
-    turn = math.atan2(estimate.east, estimate.north) - math.atan2(said.east, said.north)
+    turn = math.atan2(estimate.east, estimate.north) - math.atan2(reported.east, reported.north)
     degrees = math.degrees(abs(math.remainder(turn, 2.0 * math.pi)))
-    faster = said.speed - estimate.speed
+    faster = reported.speed - estimate.speed
     parts = [f"{degrees:.0f} deg"] if degrees >= 1.0 else []
     parts += [f"{faster:+.0f} m/s"] if abs(faster) >= 1.0 else []
     return f"differs from its positions by {' and '.join(parts) or 'little'}: taken from positions"
@@ -98,29 +100,32 @@ def begin_course(report: Report) -> Course:
 
 def extend(course: Course, report: Report) -> Course:
     """Return a course with one more report, later than its newest."""
-    taken, before = course.taken, course.tracks.newest.state
+    taken, previous = course.taken, course.tracks.newest.state
     seconds = (report.time - taken.time) / SECOND
     east, north = displacement(*taken.place, *report.place)
     reports = _reports(report, east, north)
-    if repeats(before, reports.state, seconds, FLOATS):
-        return _held(course, report, seconds)
+    if repeats(previous, reports.state, seconds, FLOATS):
+        return _hold_place(course, report, seconds)
     tracks, believed, jumped = follow(course.tracks, reports, seconds)
     extended = _course(report, tracks, believed, _ascend(course.ascent, report))
     off = math.hypot(report.east - taken.east, report.north - taken.north)
-    noise = math.hypot(*(max(_NOISE, one.spread(EXACT)[1]) for one in (report, taken)))
+    noise = math.hypot(*(max(_NOISE, source.spread(EXACT)[1]) for source in (report, taken)))
     if jumped and off > _GREATEST * seconds + _SIGMAS * noise and not course.contradiction:
-        what = f"changed by {off:.0f} m/s in {seconds:.1f} s, which no aircraft does"
-        return replace(extended, contradiction=f"outside_domain: {what}", field="velocity")
+        contradiction = f"changed by {off:.0f} m/s in {seconds:.1f} s, which no aircraft does"
+        return replace(extended, contradiction=f"outside_domain: {contradiction}", field="velocity")
     return extended
 
 
-def _held(course: Course, report: Report, seconds: float) -> Course:
+def _hold_place(course: Course, report: Report, seconds: float) -> Course:
     """Return a course after a report whose place is that of some seconds before."""
-    course, flown = replace(course, newest=report), report.speed * seconds
-    if seconds < _HELD or flown < _HELD_FLOWN:
+    course, distance_flown = replace(course, newest=report), report.speed * seconds
+    if seconds < _HOLD_TIME or distance_flown < _HOLD_DISTANCE:
         return course
-    what = f"has not moved for {seconds:.1f} s while the reported velocities make {flown:.0f} m"
-    return replace(course, contradiction=f"outside_domain: {what}", field="position")
+    contradiction = (
+        f"has not moved for {seconds:.1f} s while the reported velocities make "
+        f"{distance_flown:.0f} m"
+    )
+    return replace(course, contradiction=f"outside_domain: {contradiction}", field="position")
 
 
 def _course(
@@ -130,24 +135,24 @@ def _course(
     if not believed.doubtful:
         estimate = _climbing(_estimate(report, believed), ascent)
         return Course(report, report, tracks, believed, estimate, ascent)
-    what = f"differs from what the velocities make by {believed.bias:.0f} m/s"
-    contradiction = f"outside_domain: {what}; neither can be believed"
+    difference = f"differs from what the velocities make by {believed.bias:.0f} m/s"
+    contradiction = f"outside_domain: {difference}; neither can be believed"
     return Course(report, report, tracks, believed, report, ascent, contradiction)
 
 
-def _ascend(before: Ascent | None, report: Report) -> Ascent | None:
+def _ascend(previous: Ascent | None, report: Report) -> Ascent | None:
     """Return what is known of altitudes after a report, later than those before; None where it says
     no altitude or no vertical speed.
     """
     altitude = report.altitude
     if altitude is None or altitude.vertical_speed is None:
         return None
-    said = altitude.value, altitude.vertical_speed, altitude.error
-    if before is None or before.reference != altitude.reference:
-        known = heights.begin(*said, FLOATS)
+    reported = altitude.value, altitude.vertical_speed, altitude.error
+    if previous is None or previous.reference != altitude.reference:
+        known = heights.begin(*reported, FLOATS)
     else:
-        seconds = (report.time - before.time) / SECOND
-        known = heights.extend(before.heights, *said, seconds, FLOATS)
+        seconds = (report.time - previous.time) / SECOND
+        known = heights.extend(previous.heights, *reported, seconds, FLOATS)
     return Ascent(altitude.reference, report.time, known)
 
 
@@ -169,10 +174,10 @@ def _climbing(report: Report, ascent: Ascent | None) -> Report:
 def _estimate(report: Report, believed: Belief[Ground]) -> Report:
     """Return what is believed, in a map about a report, as a report."""
     x, y, heading, speed = believed.state
-    said = math.atan2(report.north, report.east), report.speed
+    reported = math.atan2(report.north, report.east), report.speed
     stds = believed.position_std, believed.velocity_std
     turn = {"turn_rate": believed.turn_rate, "turn_std": believed.turn_std}
-    if (x, y, heading, speed) == (0.0, 0.0, *said):
+    if (x, y, heading, speed) == (0.0, 0.0, *reported):
         return replace(report, **turn)
     latitude, longitude = fly_straight(*report.place, x, y, 1.0)
     return replace(

@@ -29,29 +29,29 @@ class Failures:
         self._say, self._clock = say, clock
         self._failed: dict[str, _Failure] = {}
 
-    def attempt(self, what: str, work: Callable[[], object]) -> bool:
+    def attempt(self, name: str, work: Callable[[], object]) -> bool:
         """Do some work, and return whether it went well: what it raises is noted."""
         try:
             work()
         except Exception as error:
-            self.note(what, error)
+            self.note(name, error)
             return False
-        self.clear(what)
+        self.clear(name)
         return True
 
-    def note(self, what: str, error: Exception) -> None:
+    def note(self, name: str, error: Exception) -> None:
         """Note what an attempt raised."""
-        before = self._failed.get(what)
-        text = f"{what} failed: {_sentence(error)}"
-        if before is None or not self._is_told(before):
+        previous = self._failed.get(name)
+        text = f"{name} failed: {_sentence(error)}"
+        if previous is None or not self._is_told(previous):
             self._say(text)
-        self._failed[what] = _Failure(text, self._clock())
+        self._failed[name] = _Failure(text, self._clock())
 
-    def clear(self, what: str) -> None:
+    def clear(self, name: str) -> None:
         """Note that an attempt went well."""
-        before = self._failed.get(what)
-        if before is not None:
-            self._failed[what] = before._replace(over=True)
+        previous = self._failed.get(name)
+        if previous is not None:
+            self._failed[name] = previous._replace(over=True)
 
     def forget(self) -> None:
         """Forget everything."""
@@ -59,8 +59,10 @@ class Failures:
 
     def problems(self) -> list[str]:
         """Return what has failed of late, a sentence each."""
-        self._failed = {what: one for what, one in self._failed.items() if self._is_told(one)}
-        return [one.text for one in self._failed.values()]
+        self._failed = {
+            name: failure for name, failure in self._failed.items() if self._is_told(failure)
+        }
+        return [failure.text for failure in self._failed.values()]
 
     def _is_told(self, failure: _Failure) -> bool:
         return not failure.over or self._clock() - failure.at <= TOLD

@@ -59,8 +59,8 @@ def attempt(read: Callable[[], _T]) -> _T | FieldError:
 
 def readable(read: Callable[[], _T]) -> _T | None:
     """Return what ``read`` returns, or None where it raises :class:`FieldError`."""
-    found = attempt(read)
-    return None if isinstance(found, FieldError) else found
+    outcome = attempt(read)
+    return None if isinstance(outcome, FieldError) else outcome
 
 
 def number(name: str, value: Any, low: float, high: float, unit: str) -> float:
@@ -91,20 +91,22 @@ def place(name: str, latitude: Any, longitude: Any) -> tuple[float, float]:
 def stamp(name: str, value: "Time") -> int:
     """Return a time of ROS that was set (not 0) in nanoseconds, or raise :class:`FieldError`."""
     seconds = integer(f"{name}.sec", value.sec, -(2**31), 2**31 - 1)
-    rest = integer(f"{name}.nanosec", value.nanosec, 0, SECOND - 1)
-    total = seconds * SECOND + rest
+    nanoseconds = integer(f"{name}.nanosec", value.nanosec, 0, SECOND - 1)
+    total = seconds * SECOND + nanoseconds
     if total <= 0:
         raise FieldError(name, f"is {total / SECOND:g} s, expected a time after zero")
     return total
 
 
-def not_ahead(name: str, time: int, now: int, most: float) -> None:
-    """Raise :class:`FieldError` for a time that is more than ``most`` seconds ahead of the clock;
-    times in ns.
+def not_ahead(name: str, time: int, moment: int, tolerance: float) -> None:
+    """Raise :class:`FieldError` for a time that is more than ``tolerance`` seconds ahead of the
+    clock; times in ns.
     """
-    ahead = (time - now) / SECOND
-    if ahead > most:
-        raise FieldError(name, f"is {ahead:.3f} s ahead of the clock, expected {most:g} s at most")
+    ahead = (time - moment) / SECOND
+    if ahead > tolerance:
+        raise FieldError(
+            name, f"is {ahead:.3f} s ahead of the clock, expected {tolerance:g} s at most"
+        )
 
 
 def nanoseconds(value: "Time") -> int:

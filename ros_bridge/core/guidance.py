@@ -113,7 +113,7 @@ def blank(thresholds: Thresholds[L]) -> Shown:
     return Shown((), no_alerts(1, 0, Alerting.for_aircraft(thresholds.options.aircraft)))
 
 
-class _Flown(NamedTuple):
+class _OnCourse(NamedTuple):
     """What an ownship meets that goes on as now, but for its course or its speed."""
 
     traffic: Traffic  # [1, K T]: each intruder once for each time in which it counts
@@ -150,7 +150,7 @@ class _Look(NamedTuple):
         return {int(number) for kind in bands for number in np.unique(kind.area)}
 
 
-class _Met(NamedTuple):
+class _MetArea(NamedTuple):
     """An area that is shown."""
 
     area: ActiveArea
@@ -159,54 +159,56 @@ class _Met(NamedTuple):
     )
 
 
-def guidance(shown: Shown, judged: Supervision, now: int) -> tuple[Shown, Guidance | None]:
+def guidance(shown: Shown, supervision: Supervision, moment: int) -> tuple[Shown, Guidance | None]:
     """Return what is shown at a time, ns; None where the ownship's state is unknown, and within a
     time step of the last time. A clock that steps back begins anew.
 
-    ``judged`` is the monitor as it was when it came to its verdict.
+    ``supervision`` is the monitor as it was when it came to its verdict.
     """
-    verdict, frame, names = judged.verdict, judged.frame, judged.names
+    verdict, frame, names = supervision.verdict, supervision.frame, supervision.names
     if verdict is None or frame is None:
         return shown, None
-    thresholds = judged.thresholds_in_air
+    thresholds = supervision.thresholds_in_air
     measured, aircraft = verdict.measured, thresholds.options.aircraft
-    if shown.time is not None and 0 <= now - shown.time < aircraft.dt * SECOND:
+    if shown.time is not None and 0 <= moment - shown.time < aircraft.dt * SECOND:
         return shown, None
     if int(measured.causes[0]) & BLIND:
         return shown, None
     alerting = Alerting.for_aircraft(aircraft)
     look = _look(verdict, frame, thresholds, alerting.look_ahead)
-    met = _areas_met(shown, verdict, look, thresholds.requirement.margin, alerting.look_ahead)
-    after = _alerts(shown, names, look, met, now, alerting)
-    return after, _guidance(names, look, met, after.alerts, alerting, aircraft.separation)
+    met_areas = _areas_met(shown, verdict, look, thresholds.requirement.margin, alerting.look_ahead)
+    next_shown = _alerts(shown, names, look, met_areas, moment, alerting)
+    return next_shown, _guidance(
+        names, look, met_areas, next_shown.alerts, alerting, aircraft.separation
+    )
 
 
 def _look(
     verdict: Assessment, frame: LocalFrame, thresholds: Thresholds[Narrowed], look_ahead: float
 ) -> _Look:
-    own, flown = verdict.measured.own, _flown(verdict)
+    own, on_course = verdict.measured.own, _on_course(verdict)
     requirement, limits = thresholds.requirement, thresholds.manoeuvre
     convergence = float(frame.geodetic(own.x, own.y).convergence[0])
     targets = wrap(0.5 * math.pi - np.radians(TRACKS) + convergence, np)
-    traffic, areas = flown.traffic, flown.areas
+    traffic, areas = on_course.traffic, on_course.areas
     losses = losses_on_course(own, traffic, requirement, look_ahead)
     return _Look(
         heading_bands(own, traffic, requirement, limits, look_ahead, targets, areas),
         speed_bands(own, traffic, requirement, limits, look_ahead, areas=areas),
-        losses.reshape(1, -1, flown.times).min(axis=-1),
+        losses.reshape(1, -1, on_course.times).min(axis=-1),
         verdict.measured.traffic.mask,
         areas,
         _vertical(verdict, thresholds, look_ahead),
     )
 
 
-def _flown(verdict: Assessment) -> _Flown:
+def _on_course(verdict: Assessment) -> _OnCourse:
     """Return what counts where the ownship goes on up or down as it flies."""
     measured, in_height = verdict.measured, verdict.in_height
     if in_height is None:
-        return _Flown(measured.traffic, 1, measured.areas)
+        return _OnCourse(measured.traffic, 1, measured.areas)
     met = in_height.space.find_met(in_height.flight)
-    return _Flown(met.columns(measured.traffic), met.times, met.areas)
+    return _OnCourse(met.columns(measured.traffic), met.times, met.areas)
 
 
 def _vertical(
@@ -240,20 +242,24 @@ def _vertical(
 
 def _areas_met(
     shown: Shown, verdict: Assessment, look: _Look, margin: float, look_ahead: float
-) -> list[_Met]:
+) -> list[_MetArea]:
     """Return the areas that close a band or lie on the present course, or whose alert is shown."""
-    every = look.areas[0] if look.vertical is None else (*look.areas[0], *look.vertical.areas[0])
+    active = look.areas[0] if look.vertical is None else (*look.areas[0], *look.vertical.areas[0])
     # An area counts once for each of its times, or for bands up and down alone.
-    losses = {area.number: _Met(area, math.inf) for area in every}
+    losses = {area.number: _MetArea(area, math.inf) for area in active}
     on_course = area_losses(verdict.measured.own, look.areas[0], margin, look_ahead)
     for area, loss in zip(look.areas[0], on_course, strict=True):
-        losses[area.number] = min(losses[area.number], _Met(area, loss), key=lambda met: met.loss)
+        losses[area.number] = min(
+            losses[area.number], _MetArea(area, loss), key=lambda area_loss: area_loss.loss
+        )
     levels = zip(shown.subjects, shown.alerts.level[0], strict=True)
     raised = {subject for subject, level in levels if level}
     return [
-        met
-        for number, met in sorted(losses.items())
-        if math.isfinite(met.loss) or number in look.closing or _subject(met.area) in raised
+        area_loss
+        for number, area_loss in sorted(losses.items())
+        if math.isfinite(area_loss.loss)
+        or number in look.closing
+        or _subject(area_loss.area) in raised
     ]
 
 
@@ -265,34 +271,36 @@ def _alerts(
     shown: Shown,
     names: tuple[str, ...],
     look: _Look,
-    met: list[_Met],
-    now: int,
+    met_areas: list[_MetArea],
+    moment: int,
     alerting: Alerting,
 ) -> Shown:
     """Return the alerts of the intruders and of the areas after them, at a time, ns."""
     subjects = (
         *(Subject(Kind.INTRUDER, name) for name in names),
-        *(_subject(one.area) for one in met),
+        *(_subject(met.area) for met in met_areas),
     )
-    places = [shown.subjects.index(one) if one in shown.subjects else -1 for one in subjects]
-    before = rearrange(shown.alerts, places, alerting)
-    losses = np.concatenate([look.losses, [[one.loss for one in met]]], axis=1)
-    present = np.concatenate([look.present, np.ones((1, len(met)), dtype=bool)], axis=1)
-    alerts = update(before, np.array([now / SECOND]), losses, present, alerting)
-    return Shown(subjects, alerts, now)
+    places = [
+        shown.subjects.index(subject) if subject in shown.subjects else -1 for subject in subjects
+    ]
+    previous = rearrange(shown.alerts, places, alerting)
+    losses = np.concatenate([look.losses, [[met.loss for met in met_areas]]], axis=1)
+    present = np.concatenate([look.present, np.ones((1, len(met_areas)), dtype=bool)], axis=1)
+    alerts = update(previous, np.array([moment / SECOND]), losses, present, alerting)
+    return Shown(subjects, alerts, moment)
 
 
 def _guidance(
     names: tuple[str, ...],
     look: _Look,
-    met: list[_Met],
+    met_areas: list[_MetArea],
     alerts: Alerts,
     alerting: Alerting,
     separation: float,
 ) -> Guidance:
     """Return what a look found, as it is published."""
-    known = [k for k in range(len(names)) if look.present[0, k]]
-    places = {one.area.number: place for place, one in enumerate(met)}
+    existing = [k for k in range(len(names)) if look.present[0, k]]
+    places = {met.area.number: place for place, met in enumerate(met_areas)}
     way_out = recovery(look.headings, separation)
     number = int(way_out.index[0])
     some_free = number < 0
@@ -303,12 +311,12 @@ def _guidance(
         recovery=number,
         recovery_time=0.0 if some_free else _or_never(float(way_out.opens[0])),
         recovery_shortfall=0.0 if some_free else -float(way_out.clearance[0]),
-        intruders=tuple(names[k] for k in known),
-        levels=alerts.level[0, known].tolist(),
-        losses=[_or_never(loss) for loss in look.losses[0, known].tolist()],
-        areas=tuple(label(one.area) for one in met),
+        intruders=tuple(names[k] for k in existing),
+        levels=alerts.level[0, existing].tolist(),
+        losses=[_or_never(loss) for loss in look.losses[0, existing].tolist()],
+        areas=tuple(label(met.area) for met in met_areas),
         area_levels=alerts.level[0, len(names) :].tolist(),
-        area_losses=[_or_never(one.loss) for one in met],
+        area_losses=[_or_never(met.loss) for met in met_areas],
         vertical=None if look.vertical is None else _vertical_rows(look.vertical, alerting, places),
     )
 

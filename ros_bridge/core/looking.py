@@ -18,17 +18,16 @@ from ros_bridge.core.situation import ACCURATE, Situation
 _OTHER_WIND = 1.0  # m/s from the wind that it began in, from which on it begins anew
 
 
-def look(looking: Supervision, situation: Situation, now: int) -> Supervision:
-    """Return the monitor after the present moment, ``now`` in ns, with its verdict; it has none
-    while the ownship is unknown, or where its wind is so uncertain that nothing is left of its
-    limits.
+def look(looking: Supervision, situation: Situation, moment: int) -> Supervision:
+    """Return the monitor after the present moment, ns, with its verdict; it has none while the
+    ownship is unknown, or where its wind is so uncertain that nothing is left of its limits.
 
     It begins anew where the ownship has flown far, or where the wind has changed.
     """
     own = situation.own.last
     if own is not None and not _serves(looking, own):
-        looking = _begin(looking, own, now)
-    return step_monitor(looking, situation, now)
+        looking = _begin(looking, own, moment)
+    return step_monitor(looking, situation, moment)
 
 
 def _serves(looking: Supervision, own: Report) -> bool:
@@ -42,12 +41,12 @@ def _serves(looking: Supervision, own: Report) -> bool:
     return near and changed <= _OTHER_WIND and wind.std == before.std
 
 
-def _begin(looking: Supervision, own: Report, now: int) -> Supervision:
+def _begin(looking: Supervision, own: Report, moment: int) -> Supervision:
     frame = LocalFrame(own.latitude, own.longitude)
     wind = ownship_wind(frame, own, looking.unknown)
-    fresh = initial(looking.thresholds, looking.unknown, looking.categories)
+    begun = initial(looking.thresholds, looking.unknown, looking.categories)
     try:
-        fresh.thresholds.in_wind(wind)
+        begun.thresholds.in_wind(wind)
     except RequestError:
-        return fresh  # without a frame nothing is judged
-    return replace(fresh, air=frame_of(wind, 0.0), frame=frame, zero=now)
+        return begun  # without a frame nothing is judged
+    return replace(begun, air=frame_of(wind, 0.0), frame=frame, zero=moment)

@@ -24,10 +24,13 @@ __all__ = ["Turns", "carry_on", "expected_turn", "ownship_wind", "to_local", "tu
 
 def to_local(frame: LocalFrame, report: Report) -> VehicleState[Ground]:
     """Return a reported state in the local frame."""
-    at = frame.place(report.latitude, report.longitude)
-    heading = math.atan2(report.north, report.east) + float(at.convergence)
+    place = frame.place(report.latitude, report.longitude)
+    heading = math.atan2(report.north, report.east) + float(place.convergence)
     return VehicleState(
-        float(at.x), float(at.y), float(wrap(heading, np)), math.hypot(report.east, report.north)
+        float(place.x),
+        float(place.y),
+        float(wrap(heading, np)),
+        math.hypot(report.east, report.north),
     )
 
 
@@ -96,5 +99,5 @@ def ownship_wind(frame: LocalFrame, report: Report, unknown: Unknown) -> Wind:
     """
     if report.wind is None:
         return Wind(std=unknown.wind_std)
-    at = report.latitude, report.longitude
-    return wind_in(frame, *at, report.wind, unknown.reported_wind_std) or NO_WIND
+    place = report.latitude, report.longitude
+    return wind_in(frame, *place, report.wind, unknown.reported_wind_std) or NO_WIND

@@ -12,7 +12,7 @@ _MORE = MOST // 4  # beyond them before it is cut down, so that not every report
 
 
 def keep_nearest(
-    tracks: Mapping[str, Track], here: tuple[float, float] | None
+    tracks: Mapping[str, Track], own_place: tuple[float, float] | None
 ) -> tuple[Mapping[str, Track], int]:
     """Return the tracks, or of too many the :data:`MOST` nearest, and how many were dropped.
 
@@ -20,27 +20,29 @@ def keep_nearest(
 
     Args:
         tracks: by name.
-        here: latitude and longitude of the ownship, degrees; None: unknown, and of too many the
-            first ones are dropped.
+        own_place: latitude and longitude of the ownship, degrees; None: unknown, and of too many
+            the first ones are dropped.
     """
     if len(tracks) <= MOST + _MORE:
         return tracks, 0
     names = list(tracks)[::-1]
-    if here is not None:
-        names.sort(key=lambda name: _distance(tracks[name], *here))
-    kept = frozenset(names[:MOST])
-    return {name: track for name, track in tracks.items() if name in kept}, len(names) - MOST
+    if own_place is not None:
+        names.sort(key=lambda name: _distance(tracks[name], *own_place))
+    nearest = frozenset(names[:MOST])
+    return {name: track for name, track in tracks.items() if name in nearest}, len(names) - MOST
 
 
 def _distance(track: Track, latitude: float, longitude: float) -> float:
     """Return about how far a track was last from a place, degrees; 0: nobody knows."""
-    places = [one.sighting.place for one in track.sightings if one.sighting.place is not None]
+    places = [
+        sighted.sighting.place for sighted in track.sightings if sighted.sighting.place is not None
+    ]
     if track.last is not None:
         places.append(track.last.place)
     if not places:
         return 0.0
     shrink = math.cos(math.radians(latitude))
     return min(
-        math.hypot(one[0] - latitude, shrink * math.remainder(one[1] - longitude, 360.0))
-        for one in places
+        math.hypot(place[0] - latitude, shrink * math.remainder(place[1] - longitude, 360.0))
+        for place in places
     )

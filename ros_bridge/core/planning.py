@@ -15,19 +15,19 @@ from envs.waypoints import RoutePoint
 from ros_bridge.core.tasks import PlanTask
 
 
-def plan_task(wanted: PlanTask, policy: Policy, *, exhaustive: bool) -> Plan:
+def plan_task(task: PlanTask, policy: Policy, *, exhaustive: bool) -> Plan:
     """Return the plan for a task; an exhaustive search has no deadline."""
-    deadline = math.inf if exhaustive else wanted.options.deadline_s
-    options = replace(wanted.options, exhaustive=exhaustive, deadline_s=deadline)
+    deadline = math.inf if exhaustive else task.options.deadline_s
+    options = replace(task.options, exhaustive=exhaustive, deadline_s=deadline)
     return plan(
-        wanted.own,
-        wanted.intruders,
-        wanted.points,
+        task.own,
+        task.intruders,
+        task.points,
         policy,
         options,
-        own_altitude=wanted.own_altitude,
-        wind=wanted.wind,
-        areas=wanted.areas,
+        own_altitude=task.own_altitude,
+        wind=task.wind,
+        areas=task.areas,
     )
 
 
@@ -45,10 +45,10 @@ def prepare(policy: Policy | None = None) -> str:
 
 def rehearse(policy: Policy, options: Options) -> None:
     """Plan once for traffic ahead, so that the first request is answered as fast as the others."""
-    far, speed = options.aircraft.separation, 0.75 * options.aircraft.limits.speed_max
-    route = [RoutePoint(index, 5.0 * far * (index + 1), 0.0) for index in range(10)]
+    spacing, speed = options.aircraft.separation, 0.75 * options.aircraft.limits.speed_max
+    route = [RoutePoint(index, 5.0 * spacing * (index + 1), 0.0) for index in range(10)]
     own: VehicleState[Ground] = VehicleState(0.0, 0.0, 0.0, speed)
-    other: VehicleState[Ground] = VehicleState(9.0 * far, 0.0, 3.1, speed)
+    intruder: VehicleState[Ground] = VehicleState(9.0 * spacing, 0.0, 3.1, speed)
     level = Altitude(0.0, "wgs84", vertical_speed=0.0)
     options = replace(options, extend_route=True, deadline_s=math.inf, floor=None, ceiling=None)
-    plan(own, [other], route, policy, options, own_altitude=level)
+    plan(own, [intruder], route, policy, options, own_altitude=level)

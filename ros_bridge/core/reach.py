@@ -26,7 +26,7 @@ class Reach:
     """What matters to an ownship."""
 
     own: Report
-    now: int  # ns
+    moment: int  # ns
     horizon: float  # for how long a plan lasts at most, s
     separation: float  # to be kept horizontally, m
     vertical: float  # vertical separation beyond which an aircraft is left out, m
@@ -64,10 +64,10 @@ def comparable(options: Options[L], undulation: float | None) -> Options[L]:
     if undulation is None or not options.climbs:
         return options
     floor, ceiling = (
-        Level(given.value + undulation, "wgs84")
-        if given is not None and given.reference == "msl"
-        else given
-        for given in (options.floor, options.ceiling)
+        Level(limit.value + undulation, "wgs84")
+        if limit is not None and limit.reference == "msl"
+        else limit
+        for limit in (options.floor, options.ceiling)
     )
     return replace(options, floor=floor, ceiling=ceiling)
 
@@ -85,14 +85,14 @@ def with_climbs(own: Report, options: Options[L]) -> Report:
     return replace(own, altitude=altitude)
 
 
-def vertically_apart(own: Report, other: Altitude | None, time: int, reach: Reach) -> float:
+def vertically_apart(own: Report, altitude: Altitude | None, time: int, reach: Reach) -> float:
     """Return by how much an aircraft with an altitude at a time (ns) stays above the ownship until
     the horizon, m, negative where it stays below.
 
     It is 0 where altitudes are unknown or of different references, or they may pass each other.
     """
-    mine = level(own.altitude, reach.now - own.time, reach.undulation, reach.unknown_climb)
-    theirs = level(other, reach.now - time, reach.undulation, reach.unknown_climb)
+    mine = level(own.altitude, reach.moment - own.time, reach.undulation, reach.unknown_climb)
+    theirs = level(altitude, reach.moment - time, reach.undulation, reach.unknown_climb)
     if mine is None or theirs is None:
         return 0.0
     return vertical_gap(mine, theirs, 0.0, reach.horizon, reach.unknown_climb)
@@ -100,9 +100,11 @@ def vertically_apart(own: Report, other: Altitude | None, time: int, reach: Reac
 
 def out_of_reach(track: Track, reach: Reach) -> str | None:
     """Return why an aircraft cannot come near by any of its last places, or None."""
-    if track.last is None and any(one.sighting.place is None for one in track.sightings):
+    if track.last is None and any(sighted.sighting.place is None for sighted in track.sightings):
         return None  # a second aircraft without a place may bear the name
-    reasons = [_beyond(place, speed, reach) for place, speed in _places(track, reach.traffic)]
+    reasons = [
+        _reason_out_of_reach(place, speed, reach) for place, speed in _places(track, reach.traffic)
+    ]
     return reasons[0] if reasons and all(reasons) else None
 
 
@@ -110,8 +112,8 @@ def _reach_of_both(speed: float, time: int, reach: Reach) -> float:
     """Return how far an aircraft, m/s, since a time (ns), and the ownship can come until the
     horizon, m.
     """
-    age = max((reach.now - time) / SECOND, 0.0)
-    own_age = abs(reach.now - reach.own.time) / SECOND
+    age = max((reach.moment - time) / SECOND, 0.0)
+    own_age = abs(reach.moment - reach.own.time) / SECOND
     return speed * (age + reach.horizon) + reach.speed * (own_age + reach.horizon)
 
 
@@ -119,9 +121,9 @@ def _places(track: Track, least: float) -> Iterator[tuple[Sighting, float]]:
     """Yield where and how fast the aircraft may have been: unusable messages, its last good report,
     a rival's.
     """
-    for one in track.sightings:
-        if one.sighting.place is not None:
-            yield one.sighting._replace(time=one.time), FASTEST
+    for sighted in track.sightings:
+        if sighted.sighting.place is not None:
+            yield sighted.sighting._replace(time=sighted.time), FASTEST
     rival = None if track.rival is None else track.rival.newest
     # Its altitude goes on as is believed of it.
     last = track.last
@@ -137,17 +139,17 @@ def _places(track: Track, least: float) -> Iterator[tuple[Sighting, float]]:
             )
 
 
-def _beyond(seen: Sighting, speed: float, reach: Reach) -> str | None:
+def _reason_out_of_reach(sighting: Sighting, speed: float, reach: Reach) -> str | None:
     """Return why an aircraft that was seen at a place cannot come near until the horizon,
     or None.
     """
-    assert seen.place is not None and seen.time is not None
-    own, age = reach.own, max((reach.now - seen.time) / SECOND, 0.0)
-    away = distance(*own.place, *seen.place)
-    since = f"{age:.1f} s ago, and cannot come near within {reach.horizon:.0f} s"
-    if away - _reach_of_both(speed, seen.time, reach) > reach.separation:
-        return f"was {away / 1e3:.0f} km away {since}"
-    gap = vertically_apart(own, seen.altitude, seen.time, reach)
+    assert sighting.place is not None and sighting.time is not None
+    own, age = reach.own, max((reach.moment - sighting.time) / SECOND, 0.0)
+    metres = distance(*own.place, *sighting.place)
+    ending = f"{age:.1f} s ago, and cannot come near within {reach.horizon:.0f} s"
+    if metres - _reach_of_both(speed, sighting.time, reach) > reach.separation:
+        return f"was {metres / 1e3:.0f} km away {ending}"
+    gap = vertically_apart(own, sighting.altitude, sighting.time, reach)
     if abs(gap) - _CLIMB * age > reach.vertical:
-        return f"was {abs(gap):.0f} m {'above' if gap > 0.0 else 'below'} {since}"
+        return f"was {abs(gap):.0f} m {'above' if gap > 0.0 else 'below'} {ending}"
     return None

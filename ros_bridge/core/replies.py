@@ -69,10 +69,12 @@ def to_frame(
     """Return a published plan in a frame, not only its writer's: the first state, and the
     waypoints, times in s.
     """
-    every = [plan.start, *plan.points]
-    at = frame.place([point.latitude for point in every], [point.longitude for point in every])
-    track = np.radians([point.track_deg for point in every])
-    heading = wrap(0.5 * math.pi - track + at.convergence, np)
+    points = [plan.start, *plan.points]
+    places = frame.place(
+        [point.latitude for point in points], [point.longitude for point in points]
+    )
+    track = np.radians([point.track_deg for point in points])
+    heading = wrap(0.5 * math.pi - track + places.convergence, np)
     waypoints = [
         Waypoint(
             point.index,
@@ -83,7 +85,7 @@ def to_frame(
             (point.time - plan.began) / SECOND,
             *_planned_altitude(plan, point),
         )
-        for point, x, y, psi in zip(every, at.x, at.y, heading, strict=True)
+        for point, x, y, psi in zip(points, places.x, places.y, heading, strict=True)
     ]
     first = waypoints[0]
     return VehicleState(first.x, first.y, first.heading, first.speed), tuple(waypoints[1:])
@@ -115,9 +117,9 @@ def geodetic_points(
     """
     if not waypoints:
         return ()
-    at = frame.geodetic([point.x for point in waypoints], [point.y for point in waypoints])
+    places = frame.geodetic([point.x for point in waypoints], [point.y for point in waypoints])
     track = np.degrees(
-        0.5 * math.pi - np.array([point.heading for point in waypoints]) + at.convergence
+        0.5 * math.pi - np.array([point.heading for point in waypoints]) + places.convergence
     )
     track = np.remainder(track, 360.0)
     track = np.where(track >= 360.0, 0.0, track)
@@ -141,6 +143,10 @@ def geodetic_points(
             time + round(point.time * SECOND),
         )
         for point, latitude, longitude, direction in zip(
-            waypoints, at.latitude.tolist(), at.longitude.tolist(), track.tolist(), strict=True
+            waypoints,
+            places.latitude.tolist(),
+            places.longitude.tolist(),
+            track.tolist(),
+            strict=True,
         )
     )

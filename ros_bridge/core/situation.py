@@ -45,17 +45,17 @@ class Situation:
     fixed_areas: tuple[GeodeticArea, ...] = ()  # of a file, or an autopilot's fence
     areas_file: str = ""  # of which some must lie near; empty: there is none
 
-    def areas_in(self, frame: LocalFrame, now: int) -> tuple[Placed, ...]:
+    def areas_in(self, frame: LocalFrame, moment: int) -> tuple[Placed, ...]:
         """Return all areas that there are in a local frame, or raise :class:`FieldError`."""
-        fixed = self.fixed_in(frame, now)
+        fixed = self.fixed_in(frame, moment)
         moving = self.areas.value
         return (fixed,) if moving is None else (fixed, place_areas(moving, frame, ACCURATE))
 
-    def fixed_in(self, frame: LocalFrame, now: int) -> Placed:
+    def fixed_in(self, frame: LocalFrame, moment: int) -> Placed:
         """Return the fixed areas in a local frame; a :class:`FieldError` where none of a file lies
         near.
         """
-        fixed = place_areas(AreaReport(now, self.fixed_areas), frame, ACCURATE)
+        fixed = place_areas(AreaReport(moment, self.fixed_areas), frame, ACCURATE)
         if self.areas_file and not fixed.areas:
             raise FieldError(
                 "areas_file", f"{self.areas_file}: nothing of it lies near: {fixed.far}"

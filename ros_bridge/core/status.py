@@ -41,19 +41,21 @@ def status(supervision: Supervision) -> Status:
         return Status()
     monitor, measured = supervision.monitor, supervision.verdict.measured
     limits = supervision.thresholds
-    causes, flown = int(monitor.causes[0]), to_fly(supervision)
-    found = Status(
+    causes, fly_mode = int(monitor.causes[0]), to_fly(supervision)
+    current = Status(
         State(int(monitor.state[0])),
-        flown,
+        fly_mode,
         causes,
         tuple(
-            why.message
-            for why in reasons(measured._replace(causes=monitor.causes), limits, supervision.names)
+            reason.message
+            for reason in reasons(
+                measured._replace(causes=monitor.causes), limits, supervision.names
+            )
         ),
-        flown is FlyMode.PLAN and not causes & int(_BLIND),
+        fly_mode is FlyMode.PLAN and not causes & int(_BLIND),
     )
-    if not found.measured:
-        return found
+    if not current.measured:
+        return current
     full = limits.sustained * limits.memory
     cross, along, late = (
         float(sum_ / (limit * full))
@@ -63,7 +65,7 @@ def status(supervision: Supervision) -> Status:
             strict=True,
         )
     )
-    return found._replace(
+    return current._replace(
         cross_track=float(measured.cross_track[0]),
         along_track=float(measured.along_track[0]),
         time_error=float(measured.time_error[0]),

@@ -80,7 +80,7 @@ class AgeCodes(NamedTuple):
 REQUEST_AGE = AgeCodes(Code.STALE_REQUEST, Code.FUTURE_REQUEST)
 
 
-class _Input(NamedTuple):
+class _InputCodes(NamedTuple):
     """An input that there must be, and the status codes of what may be wrong with it."""
 
     name: str  # in fields of refusals
@@ -88,11 +88,11 @@ class _Input(NamedTuple):
     invalid: Code
 
 
-_ORIGIN = _Input("geo_reference", Code.NO_GEO_REFERENCE, Code.INVALID_GEO_REFERENCE)
-_ROUTE = _Input("route", Code.NO_ROUTE, Code.INVALID_ROUTE)
+_ORIGIN = _InputCodes("geo_reference", Code.NO_GEO_REFERENCE, Code.INVALID_GEO_REFERENCE)
+_ROUTE = _InputCodes("route", Code.NO_ROUTE, Code.INVALID_ROUTE)
 
 
-class _Aircraft(NamedTuple):
+class _AircraftCodes(NamedTuple):
     """An aircraft whose reports are planned with, and the status codes of what may be wrong."""
 
     name: str  # in fields of refusals
@@ -101,7 +101,7 @@ class _Aircraft(NamedTuple):
     age: AgeCodes
 
 
-_OWNSHIP = _Aircraft(
+_OWNSHIP = _AircraftCodes(
     "ownship",
     Code.NO_OWNSHIP,
     Code.INVALID_OWNSHIP,
@@ -109,10 +109,10 @@ _OWNSHIP = _Aircraft(
 )
 
 
-def _intruder_called(name: str) -> _Aircraft:
+def _intruder_codes(name: str) -> _AircraftCodes:
     """Return what refusals say of an aircraft of the traffic."""
     age = AgeCodes(Code.STALE_INTRUDER, Code.FUTURE_INTRUDER)
-    return _Aircraft(f"intruder {name}", Code.NO_INTRUDER, Code.INVALID_INTRUDER, age)
+    return _AircraftCodes(f"intruder {name}", Code.NO_INTRUDER, Code.INVALID_INTRUDER, age)
 
 
 @dataclass(frozen=True)
@@ -161,14 +161,14 @@ class PlanTask:
 
 
 def task(
-    situation: Situation, now: int, settings: Settings, asked_route: Route | None = None
+    situation: Situation, moment: int, settings: Settings, requested_route: Route | None = None
 ) -> PlanTask:
     """Return the task at a moment, ns, for the route of a request or else the published one.
 
     Raises :class:`Refusal` where something is missing, stale, from the future, invalid or
     inconsistent.
     """
-    if now <= 0:
+    if moment <= 0:
         raise Refusal(
             Code.NO_CLOCK,
             "clock",
@@ -176,22 +176,22 @@ def task(
         )
     frame, undulation = _newest_usable(situation.origin, _ORIGIN, "has not been received")
     fresh = settings.freshness
-    report = _usable_report(situation.own, _OWNSHIP, now, fresh.own, fresh.future)
+    report = _usable_report(situation.own, _OWNSHIP, moment, fresh.own, fresh.future)
     wind, notes = _wind(frame, report, settings)
-    own = _own_now(frame, situation.own, report, wind, now, settings)
-    far = math.hypot(own.x, own.y)
-    if far > ACCURATE:
-        raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", _too_far(far))
-    alerted = _aircraft_of_alert(situation, now, settings)
+    own = _own_state(frame, situation.own, report, wind, moment, settings)
+    from_origin = math.hypot(own.x, own.y)
+    if from_origin > ACCURATE:
+        raise Refusal(Code.INVALID_OWNSHIP, "ownship.position", _too_far(from_origin))
+    alerted = _aircraft_of_alert(situation, moment, settings)
     unknown_climb = settings.options.unknown_climb
-    own_altitude = level(report.altitude, now - report.time, undulation, unknown_climb)
-    route, places = _route(situation, frame, asked_route)
+    own_altitude = level(report.altitude, moment - report.time, undulation, unknown_climb)
+    route, places = _route(situation, frame, requested_route)
     points, of_altitude = _with_altitudes(places, route, own_altitude, undulation, settings)
-    reach = _reach(report, undulation, own, points, wind, now, settings)
-    traffic = _traffic(situation, _Frame(frame, wind), now, settings, alerted, reach)
+    reach = _reach(report, undulation, own, points, wind, moment, settings)
+    traffic = _traffic(situation, _Frame(frame, wind), moment, settings, alerted, reach)
     return PlanTask(
         frame=frame,
-        time=now,
+        time=moment,
         own=own,
         own_altitude=own_altitude,
         identifiers=tuple(traffic.names),
@@ -200,20 +200,20 @@ def task(
         route=route,
         points=points,
         options=comparable(settings.options, undulation),
-        notes=notes + of_altitude + tuple(_remarks(own, traffic, situation, settings.unknown)),
+        notes=notes + of_altitude + tuple(_advisories(own, traffic, situation, settings.unknown)),
         wind=wind,
-        areas=_areas(situation, frame, now),
+        areas=_areas(situation, frame, moment),
     )
 
 
-def _own_now(
-    frame: LocalFrame, track: Track, report: Report, wind: Wind, now: int, settings: Settings
+def _own_state(
+    frame: LocalFrame, track: Track, report: Report, wind: Wind, moment: int, settings: Settings
 ) -> VehicleState[Ground]:
     """Return the ownship's state at a moment, ns, on the turn that its reports show."""
     state = to_local(frame, report)
     last = track.estimate or report
     turn = turn_through_air(state, turn_of(last, settings.turns), wind)
-    carried = carry_on(state, turn, math.inf, (now - report.time) / SECOND, wind)
+    carried = carry_on(state, turn, math.inf, (moment - report.time) / SECOND, wind)
     return VehicleState(*(float(value) for value in carried))
 
 
@@ -223,7 +223,7 @@ def _reach(
     own: VehicleState[Ground],
     points: Sequence[RoutePoint],
     wind: Wind,
-    now: int,
+    moment: int,
     settings: Settings,
 ) -> Reach:
     """Return who may matter to a plan along a route, at a moment, ns: the ownship's report, and its
@@ -242,7 +242,7 @@ def _reach(
     end = _options_in_wind(options, wind).latest_end(airspeed, x, y, wind=float(wind.speed))
     return Reach(
         own=with_climbs(report, options),
-        now=now,
+        moment=moment,
         horizon=float(end),
         separation=separation + options.requirement.margin,
         vertical=vertical,
@@ -253,13 +253,15 @@ def _reach(
     )
 
 
-def _areas(situation: Situation, frame: LocalFrame, now: int) -> tuple[Area, ...]:
+def _areas(situation: Situation, frame: LocalFrame, moment: int) -> tuple[Area, ...]:
     """Return the areas that there are, as of a moment, ns."""
     fault = situation.areas.fault
     if fault is not None:
         raise Refusal(Code.INVALID_TASK, fault.field, fault.problem)
     try:
-        return tuple(area for some in situation.areas_in(frame, now) for area in some.at(now))
+        return tuple(
+            area for placed in situation.areas_in(frame, moment) for area in placed.at(moment)
+        )
     except FieldError as error:
         raise Refusal(Code.INVALID_TASK, error.field, error.problem) from error
 
@@ -281,7 +283,7 @@ def in_terms_of_messages(field_: Field | str, identifiers: Sequence[str]) -> str
     intruders by their names.
     """
     if not isinstance(field_, Field):
-        return _NUMBERED.sub(lambda found: f"intruder {identifiers[int(found[1])]}", field_)
+        return _NUMBERED.sub(lambda match: f"intruder {identifiers[int(match[1])]}", field_)
     if field_.number is None:
         return str(field_)
     if field_.subject is not Subject.INTRUDERS:
@@ -289,7 +291,7 @@ def in_terms_of_messages(field_: Field | str, identifiers: Sequence[str]) -> str
     return field_.within(f"intruder {identifiers[field_.number]}")
 
 
-def _remarks(
+def _advisories(
     own: VehicleState[Ground], traffic: _Traffic, situation: Situation, unknown: Unknown
 ) -> Iterator[Advisory]:
     """Yield what is assumed of each intruder, and whether it may be a copy of the ownship."""
@@ -298,8 +300,8 @@ def _remarks(
         yield from _assumptions(number, situation.traffic[name], unknown)
         if _is_like(own, intruder.state):
             copy = Field(Subject.INTRUDERS, number=number)
-            what = "is at the ownship's place and velocity; a copy of it (TIS-B) is not recognised"
-            yield Advisory(AdvisoryCode.POSSIBLE_COPY, copy, what)
+            text = "is at the ownship's place and velocity; a copy of it (TIS-B) is not recognised"
+            yield Advisory(AdvisoryCode.POSSIBLE_COPY, copy, text)
 
 
 def _assumptions(number: int, track: Track, unknown: Unknown) -> Iterator[Advisory]:
@@ -313,77 +315,77 @@ def _assumptions(number: int, track: Track, unknown: Unknown) -> Iterator[Adviso
     for name, value, unit in assumed:
         if getattr(report, name) is None:
             field_ = Field(Subject.INTRUDERS, name, number)
-            what = f"is unknown and taken as {value:g} {unit}"
-            yield Advisory(AdvisoryCode.ASSUMED, field_, what)
+            text = f"is unknown and taken as {value:g} {unit}"
+            yield Advisory(AdvisoryCode.ASSUMED, field_, text)
     if report.time_std > 0.0:
         field_ = Field(Subject.INTRUDERS, "header.stamp", number)
-        what = f"is known within {report.time_std:.2g} s (one sigma)"
-        yield Advisory(AdvisoryCode.TIME_UNCERTAIN, field_, what)
-    for name, what in () if track.course is None else track.course.corrections:
-        yield Advisory(AdvisoryCode.ASSUMED, Field(Subject.INTRUDERS, name, number), what)
+        text = f"is known within {report.time_std:.2g} s (one sigma)"
+        yield Advisory(AdvisoryCode.TIME_UNCERTAIN, field_, text)
+    for name, text in () if track.course is None else track.course.corrections:
+        yield Advisory(AdvisoryCode.ASSUMED, Field(Subject.INTRUDERS, name, number), text)
     if track.divided:
-        what = "is a name of several aircraft, which are told apart by their places"
-        yield Advisory(AdvisoryCode.ASSUMED, Field(Subject.INTRUDERS, "id", number), what)
+        text = "is a name of several aircraft, which are told apart by their places"
+        yield Advisory(AdvisoryCode.ASSUMED, Field(Subject.INTRUDERS, "id", number), text)
 
 
 def check_age(codes: AgeCodes, name: str, age: float, oldest: float, future: float) -> None:
     """Refuse a stamp, called ``name``, that is too old or ahead; s."""
     if age > oldest:
-        what = f"is {age:.2f} s old, expected {oldest:g} s at most"
-        raise Refusal(codes.stale, name, what)
+        problem = f"is {age:.2f} s old, expected {oldest:g} s at most"
+        raise Refusal(codes.stale, name, problem)
     if -age > future:
-        what = f"is {-age:.2f} s ahead of the clock, expected {future:g} s at most"
-        raise Refusal(codes.future, name, what)
+        problem = f"is {-age:.2f} s ahead of the clock, expected {future:g} s at most"
+        raise Refusal(codes.future, name, problem)
 
 
-def _newest_usable(held: Held[_T], wanted: _Input, missing: str) -> _T:
+def _newest_usable(message: Held[_T], codes: _InputCodes, missing: str) -> _T:
     """Return an input that there must be, whose newest message can be used."""
-    if held.fault is not None:
-        raise Refusal(wanted.invalid, held.fault.field, held.fault.problem)
-    if held.value is None:
-        raise Refusal(wanted.missing, wanted.name, missing)
-    return held.value
+    if message.fault is not None:
+        raise Refusal(codes.invalid, message.fault.field, message.fault.problem)
+    if message.value is None:
+        raise Refusal(codes.missing, codes.name, missing)
+    return message.value
 
 
 def _usable_report(
-    track: Track, whose: _Aircraft, now: int, oldest: float, future: float
+    track: Track, codes: _AircraftCodes, moment: int, oldest: float, future: float
 ) -> Report:
     """Return the last good report of an aircraft if nothing newer spoils it and it is fresh."""
     if track.fault is not None:
         ahead = track.fault.verdict is Verdict.FUTURE
-        code = whose.age.future if ahead else whose.invalid
+        code = codes.age.future if ahead else codes.invalid
         raise Refusal(code, track.fault.field, track.fault.problem)
     if track.last is None:
-        raise Refusal(whose.missing, whose.name, "has not been received")
-    stamp = f"{whose.name}.header.stamp"
-    check_age(whose.age, stamp, track.age(now), oldest, future)
+        raise Refusal(codes.missing, codes.name, "has not been received")
+    stamp = f"{codes.name}.header.stamp"
+    check_age(codes.age, stamp, track.age(moment), oldest, future)
     return track.last
 
 
-def _aircraft_of_alert(situation: Situation, now: int, settings: Settings) -> frozenset[str]:
+def _aircraft_of_alert(situation: Situation, moment: int, settings: Settings) -> frozenset[str]:
     """Return the aircraft that an alert that holds is about."""
     alert, fault = situation.alert
     # What cannot be read counts for as long as what can.
-    if fault is not None and (now - fault.arrived) / SECOND <= settings.freshness.alert:
+    if fault is not None and (moment - fault.arrived) / SECOND <= settings.freshness.alert:
         raise Refusal(Code.INVALID_ALERT, fault.field, fault.problem)
-    if alert is None or (now - alert.time) / SECOND > settings.freshness.alert:
+    if alert is None or (moment - alert.time) / SECOND > settings.freshness.alert:
         return frozenset()
-    held = {name: sharing(situation.traffic, name) for name in alert.identifiers}
-    unknown = [name for name, aircraft in held.items() if not aircraft]
+    followed = {name: sharing(situation.traffic, name) for name in alert.identifiers}
+    unknown = [name for name, aircraft in followed.items() if not aircraft]
     if unknown:
-        what = (
+        problem = (
             f"is the subject of an alert of level {alert.level}, and no state of it has been "
             "received"
         )
-        raise Refusal(Code.NO_INTRUDER, f"intruder {unknown[0]}", what)
-    return frozenset(name for aircraft in held.values() for name in aircraft)
+        raise Refusal(Code.NO_INTRUDER, f"intruder {unknown[0]}", problem)
+    return frozenset(name for aircraft in followed.values() for name in aircraft)
 
 
-def _is_like(own: VehicleState[Ground], other: VehicleState[Ground]) -> bool:
+def _is_like(own: VehicleState[Ground], intruder: VehicleState[Ground]) -> bool:
     """Return whether an aircraft is reported where the ownship is, and as it flies."""
-    turn = math.remainder(own.heading - other.heading, 2.0 * math.pi)
-    near = math.hypot(own.x - other.x, own.y - other.y) < _COPY_DISTANCE
-    return near and abs(own.speed - other.speed) < _COPY_SPEED and abs(turn) < _COPY_TURN
+    turn = math.remainder(own.heading - intruder.heading, 2.0 * math.pi)
+    near = math.hypot(own.x - intruder.x, own.y - intruder.y) < _COPY_DISTANCE
+    return near and abs(own.speed - intruder.speed) < _COPY_SPEED and abs(turn) < _COPY_TURN
 
 
 class _Frame(NamedTuple):
@@ -396,7 +398,7 @@ class _Frame(NamedTuple):
 def _traffic(
     situation: Situation,
     frame: _Frame,
-    now: int,
+    moment: int,
     settings: Settings,
     alerted: frozenset[str],
     reach: Reach,
@@ -406,24 +408,24 @@ def _traffic(
     Raises :class:`Refusal` for an aircraft that cannot be planned with, unless it is out of reach
     and no alert is about it.
     """
-    found, fresh = _Traffic([], [], []), settings.freshness
+    traffic, fresh = _Traffic([], [], []), settings.freshness
     for name, track in sorted(situation.traffic.items()):
-        whose = _intruder_called(name)
+        codes = _intruder_codes(name)
         try:
-            _usable_report(track, whose, now, fresh.intruder, fresh.future)
+            _usable_report(track, codes, moment, fresh.intruder, fresh.future)
         except Refusal:
-            why = None if name in alerted else out_of_reach(track, reach)
-            if why is None:
+            reason = None if name in alerted else out_of_reach(track, reach)
+            if reason is None:
                 raise
-            found.excluded.append(LeftOut(name, why))
+            traffic.excluded.append(LeftOut(name, reason))
             continue
-        found.names.append(name)
-        found.intruders.append(_intruder(track, frame, now, settings, reach))
-    return found
+        traffic.names.append(name)
+        traffic.intruders.append(_intruder(track, frame, moment, settings, reach))
+    return traffic
 
 
 def _intruder(
-    track: Track, frame: _Frame, now: int, settings: Settings, reach: Reach
+    track: Track, frame: _Frame, moment: int, settings: Settings, reach: Reach
 ) -> Intruder[Ground]:
     """Return what the planner is told of an aircraft whose report can be used, at a moment, ns."""
     report = track.estimate
@@ -436,19 +438,19 @@ def _intruder(
         reach.unknown_climb,
         reach.undulation,
     )
-    return intruder_of(report, state, (now - report.time) / SECOND, frame.wind, assumed)
+    return intruder_of(report, state, (moment - report.time) / SECOND, frame.wind, assumed)
 
 
 def _route(
-    situation: Situation, frame: LocalFrame, asked: Route | None
+    situation: Situation, frame: LocalFrame, requested: Route | None
 ) -> tuple[Route, tuple[RoutePoint, ...]]:
     missing = "has not been received, and the request holds none"
-    route = asked or _newest_usable(situation.route, _ROUTE, missing)
-    at = frame.place([point.latitude for point in route], [point.longitude for point in route])
-    for number, far in enumerate(np.hypot(at.x, at.y).tolist()):
-        if far > ACCURATE:
-            raise Refusal(Code.INVALID_ROUTE, f"route.waypoints[{number}]", _too_far(far))
-    places = zip(route, at.x.tolist(), at.y.tolist(), strict=True)
+    route = requested or _newest_usable(situation.route, _ROUTE, missing)
+    local = frame.place([point.latitude for point in route], [point.longitude for point in route])
+    for number, from_origin in enumerate(np.hypot(local.x, local.y).tolist()):
+        if from_origin > ACCURATE:
+            raise Refusal(Code.INVALID_ROUTE, f"route.waypoints[{number}]", _too_far(from_origin))
+    places = zip(route, local.x.tolist(), local.y.tolist(), strict=True)
     return route, tuple(RoutePoint(point.index, x, y) for point, x, y in places)
 
 
@@ -465,20 +467,25 @@ def _with_altitudes(
     if not settings.options.climbs or own is None:
         return points, ()
     levels = [level(station.altitude, 0, undulation, 0.0) for station in route]
-    other = [at for at in levels if at is not None and at.reference != own.reference]
-    heights = [
-        at.value if at is not None and at.reference == own.reference else None for at in levels
+    incomparable = [
+        altitude
+        for altitude in levels
+        if altitude is not None and altitude.reference != own.reference
     ]
-    kept = tuple(
+    heights = [
+        altitude.value if altitude is not None and altitude.reference == own.reference else None
+        for altitude in levels
+    ]
+    points_at_altitude = tuple(
         replace(point, altitude=height) for point, height in zip(points, heights, strict=True)
     )
-    if not other:
-        return kept, ()
-    what = (
-        f"is that of {other[0].reference}, not comparable with the ownship's, {own.reference}, and "
-        "not kept"
+    if not incomparable:
+        return points_at_altitude, ()
+    text = (
+        f"is that of {incomparable[0].reference}, not comparable with the ownship's, "
+        f"{own.reference}, and not kept"
     )
-    return kept, (Advisory(AdvisoryCode.ASSUMED, "route.altitude", what),)
+    return points_at_altitude, (Advisory(AdvisoryCode.ASSUMED, "route.altitude", text),)
 
 
 def _too_far(far: float) -> str:

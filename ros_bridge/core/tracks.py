@@ -120,9 +120,9 @@ class Track:
         """
         return 0.0 if self.estimate is None else self.estimate.turn_rate
 
-    def age(self, now: int) -> float:
+    def age(self, moment: int) -> float:
         """Return the age of the last good report, s; infinite without one."""
-        return float("inf") if self.last is None else (now - self.last.time) / SECOND
+        return float("inf") if self.last is None else (moment - self.last.time) / SECOND
 
 
 UNKNOWN = Track()  # of an aircraft without any report
@@ -141,33 +141,35 @@ class _Arrival(NamedTuple):
     """Whose report is taken in, when, and what it must keep to."""
 
     name: str  # such as ``intruder 4b1a2c``
-    now: int  # ns
+    moment: int  # ns
     rules: Rules
 
 
-def take_in(track: Track, report: Report, name: str, now: int, rules: Rules) -> Track:
-    """Take in a report, checked, of an aircraft with a name such as ``intruder 4b1a2c``; ``now`` is
-    in ns.
+def take_in(track: Track, report: Report, name: str, moment: int, rules: Rules) -> Track:
+    """Take in a report, checked, of an aircraft with a name such as ``intruder 4b1a2c``, at a
+    moment, ns.
     """
-    arrival, track = _Arrival(name, now, rules), replace(track, arrived=now)
+    arrival, track = _Arrival(name, moment, rules), replace(track, arrived=moment)
     try:
-        not_ahead(f"{name}.header.stamp", report.time, now, rules.future)
+        not_ahead(f"{name}.header.stamp", report.time, moment, rules.future)
     except FieldError as error:
-        track = _add_sighting(track, report.sighting._replace(time=None), now, rules)
-        return _set_fault(track, Verdict.FUTURE, error.field, error.problem, now)
+        track = _add_sighting(track, report.sighting._replace(time=None), moment, rules)
+        return _set_fault(track, Verdict.FUTURE, error.field, error.problem, moment)
     track = _forget_rival(track, report, rules)
     course = track.course
     if course is None:
         return _take_good(track, begin_course(report), arrival)
-    found = _compare(course.newest, report, rules)
-    if found.verdict is Verdict.TAKEN:
+    comparison = _compare(course.newest, report, rules)
+    if comparison.verdict is Verdict.TAKEN:
         track = replace(track, since=track.since + 1)
         return _take_good(track, _next(course, report, rules), arrival)
-    if found.verdict not in FAULTS:
-        return _count_verdict(track, found.verdict)
-    if found.elsewhere:
-        return _take_elsewhere(track, course, report, found, arrival)
-    return _set_fault(track, found.verdict, f"{name}.{found.field}", found.problem, now)
+    if comparison.verdict not in FAULTS:
+        return _count_verdict(track, comparison.verdict)
+    if comparison.elsewhere:
+        return _take_elsewhere(track, course, report, comparison, arrival)
+    return _set_fault(
+        track, comparison.verdict, f"{name}.{comparison.field}", comparison.problem, moment
+    )
 
 
 def _forget_rival(track: Track, report: Report, rules: Rules) -> Track:
@@ -181,36 +183,40 @@ def _forget_rival(track: Track, report: Report, rules: Rules) -> Track:
 
 
 def follow(
-    tracks: Mapping[str, Track], name: str, found: Report | FieldError, now: int, rules: Rules
+    tracks: Mapping[str, Track], name: str, outcome: Report | FieldError, moment: int, rules: Rules
 ) -> dict[str, Track]:
     """Return the tracks of traffic after a report under a name, or after why it cannot be used.
 
     Aircraft that share a name are told apart by their places: the second is called ``name#2``.
     """
-    key = _holder(tracks, name, found.sighting, rules)
-    before = tracks.get(key, UNKNOWN)
-    if isinstance(found, FieldError):
-        return {**tracks, key: note_refused(before, found, now, rules)}
-    after = take_in(before, found, f"intruder {key}", now, rules)
-    free = [one for one in _shared_names(name) if one != key and one not in tracks]
-    if not after.shared or after.rival is None or not free:
-        return {**tracks, key: after}
-    rival = after.rival
-    other = Track(rival.taken, rival.estimate, course=rival, divided=True, arrived=now)
+    key = _holder(tracks, name, outcome.sighting, rules)
+    previous = tracks.get(key, UNKNOWN)
+    if isinstance(outcome, FieldError):
+        return {**tracks, key: note_refused(previous, outcome, moment, rules)}
+    track = take_in(previous, outcome, f"intruder {key}", moment, rules)
+    free = [
+        free_name
+        for free_name in _shared_names(name)
+        if free_name != key and free_name not in tracks
+    ]
+    if not track.shared or track.rival is None or not free:
+        return {**tracks, key: track}
+    rival = track.rival
+    second = Track(rival.taken, rival.estimate, course=rival, divided=True, arrived=moment)
     problem = rival.contradiction
     if problem:
-        other = _set_fault(
-            other, Verdict.CONTRADICTION, f"intruder {free[0]}.{rival.field}", problem, now
+        second = _set_fault(
+            second, Verdict.CONTRADICTION, f"intruder {free[0]}.{rival.field}", problem, moment
         )
-    alone = replace(after, rival=None, since=0, shared=False, divided=True)
-    if after.fault is not None and after.fault.verdict is Verdict.SHARED:
+    alone = replace(track, rival=None, since=0, shared=False, divided=True)
+    if track.fault is not None and track.fault.verdict is Verdict.SHARED:
         alone = replace(alone, fault=None)
-    return {**tracks, key: alone, free[0]: other}
+    return {**tracks, key: alone, free[0]: second}
 
 
 def sharing(tracks: Mapping[str, Track], name: str) -> tuple[str, ...]:
     """Return under which names the aircraft that report a name are followed."""
-    return tuple(one for one in _shared_names(name) if one in tracks)
+    return tuple(shared_name for shared_name in _shared_names(name) if shared_name in tracks)
 
 
 def _shared_names(name: str) -> tuple[str, ...]:
@@ -218,53 +224,60 @@ def _shared_names(name: str) -> tuple[str, ...]:
     return name, *(f"{name}#{number}" for number in range(2, _MOST_SHARING + 1))
 
 
-def _holder(tracks: Mapping[str, Track], name: str, seen: Sighting | None, rules: Rules) -> str:
+def _holder(tracks: Mapping[str, Track], name: str, reported: Sighting | None, rules: Rules) -> str:
     """Return the name of the aircraft, of those that share a name, that a report is about: the
     nearest to where it is expected, or else the first.
     """
-    held = sharing(tracks, name)
-    if held in ((), (name,)) or seen is None or seen.place is None or seen.time is None:
+    names = sharing(tracks, name)
+    if (
+        names in ((), (name,))
+        or reported is None
+        or reported.place is None
+        or reported.time is None
+    ):
         return name
     fits = []
-    for one in held:
-        course = tracks[one].course
+    for candidate in names:
+        course = tracks[candidate].course
         if course is None:
             continue
-        off = course.newest.off(seen.place, seen.time)
-        if off <= rules.allowed_distance(seen.time - course.newest.time):
-            fits.append((off, one))
+        off = course.newest.off(reported.place, reported.time)
+        if off <= rules.allowed_distance(reported.time - course.newest.time):
+            fits.append((off, candidate))
     return min(fits)[1] if fits else name
 
 
-def note_refused(track: Track, error: FieldError, now: int, rules: Rules) -> Track:
+def note_refused(track: Track, error: FieldError, moment: int, rules: Rules) -> Track:
     """Note that a report could not be used."""
-    track = replace(track, arrived=now)
-    track = track if error.sighting is None else _add_sighting(track, error.sighting, now, rules)
-    return _set_fault(track, Verdict.INVALID, error.field, error.problem, now)
+    track = replace(track, arrived=moment)
+    track = track if error.sighting is None else _add_sighting(track, error.sighting, moment, rules)
+    return _set_fault(track, Verdict.INVALID, error.field, error.problem, moment)
 
 
 def forget_silent(
-    tracks: Mapping[str, Track], now: int, after: float
+    tracks: Mapping[str, Track], moment: int, limit: float
 ) -> tuple[dict[str, Track], tuple[str, ...]]:
     """Return the tracks that are still reported, and the names of those of which no message has
-    arrived for ``after`` seconds. What still arrives is not silent, however old it says that it is.
+    arrived for ``limit`` seconds. What still arrives is not silent, however old it says that it is.
     """
-    silent = tuple(name for name, track in tracks.items() if (now - track.arrived) / SECOND > after)
+    silent = tuple(
+        name for name, track in tracks.items() if (moment - track.arrived) / SECOND > limit
+    )
     return {name: track for name, track in tracks.items() if name not in silent}, silent
 
 
-def _add_sighting(track: Track, sighting: Sighting, now: int, rules: Rules) -> Track:
+def _add_sighting(track: Track, sighting: Sighting, moment: int, rules: Rules) -> Track:
     """Return the track with a sighting, which replaces those that may be of the same aircraft."""
-    new, others = Sighted(sighting, now), []
+    new, others = Sighted(sighting, moment), []
     for old in track.sightings:
-        if (now - old.arrived) / SECOND > rules.elsewhere:
+        if (moment - old.arrived) / SECOND > rules.elsewhere:
             continue
-        here, there = sighting.place, old.sighting.place
-        if here is None or there is None:
-            same = here is there
+        place, old_place = sighting.place, old.sighting.place
+        if place is None or old_place is None:
+            same = place is old_place
         else:
             reach = rules.jump_distance + FASTEST * abs(new.time - old.time) / SECOND
-            same = distance(*here, *there) <= reach
+            same = distance(*place, *old_place) <= reach
         if same:
             new = new._replace(again=True)
         else:
@@ -273,59 +286,61 @@ def _add_sighting(track: Track, sighting: Sighting, now: int, rules: Rules) -> T
 
 
 def _unexplained_sightings(
-    track: Track, report: Report, now: int, rules: Rules
+    track: Track, report: Report, moment: int, rules: Rules
 ) -> tuple[Sighted, ...]:
     """Return the sightings that were elsewhere than a good report says."""
-    found = []
-    for one in track.sightings:
-        place = one.sighting.place
-        if place is None or (now - one.arrived) / SECOND > rules.elsewhere:
+    unexplained = []
+    for sighted in track.sightings:
+        place = sighted.sighting.place
+        if place is None or (moment - sighted.arrived) / SECOND > rules.elsewhere:
             continue
-        if report.off(place, one.time) > rules.allowed_distance(one.time - report.time):
-            found.append(one._replace(since=one.since + 1))
-    return tuple(found)
+        if report.off(place, sighted.time) > rules.allowed_distance(sighted.time - report.time):
+            unexplained.append(sighted._replace(since=sighted.since + 1))
+    return tuple(unexplained)
 
 
 def _take_good(track: Track, course: Course, arrival: _Arrival) -> Track:
     """Return the track with a report that follows from those before it."""
-    name, now, rules = arrival
-    sightings = _unexplained_sightings(track, course.newest, now, rules)
+    name, moment, rules = arrival
+    sightings = _unexplained_sightings(track, course.newest, moment, rules)
     track = replace(track, course=course, sightings=sightings)
     if course.contradiction:
         problem = course.contradiction
-        return _set_fault(track, Verdict.CONTRADICTION, f"{name}.{course.field}", problem, now)
+        return _set_fault(track, Verdict.CONTRADICTION, f"{name}.{course.field}", problem, moment)
     track = replace(track, last=course.taken, estimate=course.estimate)
     if track.shared and track.rival is not None:
         apart = distance(*course.newest.place, *track.rival.newest.place)
         problem = f"is the name of two aircraft {apart / 1e3:.1f} km apart, expected one"
-        return _set_fault(track, Verdict.SHARED, f"{name}.id", problem, now)
+        return _set_fault(track, Verdict.SHARED, f"{name}.id", problem, moment)
     # One good report after a doubtful one may be the first of two aircraft, in turns.
     doubtful = track.rival is not None and track.since < _OUTLIER
     # So may one after a report that cannot be used and comes from elsewhere; several of those are a
     # second aircraft.
-    doubtful |= any(one.again or one.since < _OUTLIER for one in track.sightings)
+    doubtful |= any(sighted.again or sighted.since < _OUTLIER for sighted in track.sightings)
     return _count_verdict(replace(track, fault=track.fault if doubtful else None), Verdict.TAKEN)
 
 
 def _take_elsewhere(
-    track: Track, course: Course, report: Report, found: _Comparison, arrival: _Arrival
+    track: Track, course: Course, report: Report, comparison: _Comparison, arrival: _Arrival
 ) -> Track:
     """Return the track with a report of another place than its course's, of which a comparison
     says how it is a fault.
     """
-    name, now, rules = arrival
+    name, moment, rules = arrival
     rival = track.rival
-    again = Verdict.JUMP if rival is None else _compare(rival.newest, report, rules).verdict
-    if rival is None or again in FAULTS:
+    rival_verdict = Verdict.JUMP if rival is None else _compare(rival.newest, report, rules).verdict
+    if rival is None or rival_verdict in FAULTS:
         if rival is not None:
-            track = _add_sighting(track, rival.newest.sighting, now, rules)
+            track = _add_sighting(track, rival.newest.sighting, moment, rules)
         track = replace(track, rival=begin_course(report), since=0, shared=False)
-        return _set_fault(track, found.verdict, f"{name}.{found.field}", found.problem, now)
-    if again is not Verdict.TAKEN:
-        return _count_verdict(track, again)
+        return _set_fault(
+            track, comparison.verdict, f"{name}.{comparison.field}", comparison.problem, moment
+        )
+    if rival_verdict is not Verdict.TAKEN:
+        return _count_verdict(track, rival_verdict)
     rival = _next(rival, report, rules)
-    gone = (report.time - course.newest.time) / SECOND > rules.elsewhere
-    if not gone and (track.since or track.shared or found.verdict is Verdict.CONFLICT):
+    silent = (report.time - course.newest.time) / SECOND > rules.elsewhere
+    if not silent and (track.since or track.shared or comparison.verdict is Verdict.CONFLICT):
         return _take_good(replace(track, rival=rival, since=0, shared=True), course, arrival)
     # Nothing came from the old place since: the aircraft is here. If the old place is reported
     # again, there are two.
@@ -333,25 +348,27 @@ def _take_elsewhere(
     return _take_good(alone, rival, arrival)
 
 
-def _compare(before: Report, report: Report, rules: Rules) -> _Comparison:
-    first, second = (before, report) if report.time >= before.time else (report, before)
+def _compare(newest: Report, report: Report, rules: Rules) -> _Comparison:
+    first, second = (newest, report) if report.time >= newest.time else (report, newest)
     off, seconds = first.off(second.place, second.time), (second.time - first.time) / SECOND
     allowed = rules.allowed_distance(second.time - first.time)
     if off > allowed and seconds <= rules.fresh_start:
         verdict = Verdict.JUMP if seconds > 0.0 else Verdict.CONFLICT
-        what = (
+        difference = (
             f"is {off:.0f} m from where another report lets it be expected, allowed {allowed:.0f} m"
         )
-        return _Comparison(verdict, elsewhere=True, field="position", problem=what)
-    if report.time > before.time:
+        return _Comparison(verdict, elsewhere=True, field="position", problem=difference)
+    if report.time > newest.time:
         return _Comparison(Verdict.TAKEN)
-    if report.time < before.time:
+    if report.time < newest.time:
         return _Comparison(Verdict.REORDERED)
-    faster = max(abs(before.east - report.east), abs(before.north - report.north))
+    faster = max(abs(newest.east - report.east), abs(newest.north - report.north))
     if off <= rules.same and faster <= rules.same:
         return _Comparison(Verdict.DUPLICATE)
-    what = f"belongs to two reports that differ by {off:.1f} m and {faster:.1f} m/s, expected one"
-    return _Comparison(Verdict.CONFLICT, field="header.stamp", problem=what)
+    difference = (
+        f"belongs to two reports that differ by {off:.1f} m and {faster:.1f} m/s, expected one"
+    )
+    return _Comparison(Verdict.CONFLICT, field="header.stamp", problem=difference)
 
 
 def _next(course: Course, report: Report, rules: Rules) -> Course:
@@ -360,9 +377,9 @@ def _next(course: Course, report: Report, rules: Rules) -> Course:
     return begin_course(report) if silence > rules.fresh_start else extend(course, report)
 
 
-def _set_fault(track: Track, verdict: Verdict, field: str, problem: str, now: int) -> Track:
+def _set_fault(track: Track, verdict: Verdict, field: str, problem: str, moment: int) -> Track:
     """Return the track after a report that cannot be used."""
-    return _count_verdict(replace(track, fault=Fault(verdict, field, problem, now)), verdict)
+    return _count_verdict(replace(track, fault=Fault(verdict, field, problem, moment)), verdict)
 
 
 def _count_verdict(track: Track, verdict: Verdict) -> Track:

@@ -48,8 +48,8 @@ another one was taken for it by mistake. Of traffic it counts as long as an airc
 """
 
 
-def ownship(situation: Situation, message: "AircraftState", now: int, rules: Rules) -> Situation:
-    """Take in an AircraftState of the ownship; ``now`` in ns.
+def ownship(situation: Situation, message: "AircraftState", moment: int, rules: Rules) -> Situation:
+    """Take in an AircraftState of the ownship; ``moment`` in ns.
 
     With the first one of an id, its transmission, received as traffic before, goes.
     """
@@ -57,18 +57,18 @@ def ownship(situation: Situation, message: "AircraftState", now: int, rules: Rul
         situation.own,
         attempt(lambda: conversions.aircraft(message, "ownship")),
         "ownship",
-        now,
+        moment,
         replace(rules, elsewhere=_OWN_ELSEWHERE),
     )
-    traffic, before, last = situation.traffic, situation.own.last, own.last
-    if last is not None and (before is None or before.identifier != last.identifier):
+    traffic, previous, last = situation.traffic, situation.own.last, own.last
+    if last is not None and (previous is None or previous.identifier != last.identifier):
         echo = traffic.get(last.identifier, UNKNOWN).last
         if echo is None or may_be_own(last, echo.sighting, rules):
             traffic = {name: track for name, track in traffic.items() if name != last.identifier}
     return replace(situation, own=own, traffic=traffic)
 
 
-def traffic(situation: Situation, message: "AircraftState", now: int, rules: Rules) -> Situation:
+def traffic(situation: Situation, message: "AircraftState", moment: int, rules: Rules) -> Situation:
     """Take in an AircraftState of an intruder; the own transmission, received again, is passed
     over.
 
@@ -78,76 +78,86 @@ def traffic(situation: Situation, message: "AircraftState", now: int, rules: Rul
     """
     name = readable(lambda: identifier("", message.id)) or called(message.id)
     field = f"intruder {name}"
-    found, own = attempt(lambda: conversions.aircraft(message, field)), situation.own.last
-    if own is not None and own.identifier == name and may_be_own(own, found.sighting, rules):
+    outcome, own = attempt(lambda: conversions.aircraft(message, field)), situation.own.last
+    if own is not None and own.identifier == name and may_be_own(own, outcome.sighting, rules):
         return situation
-    return replace(situation, traffic=follow(situation.traffic, name, found, now, rules))
+    return replace(situation, traffic=follow(situation.traffic, name, outcome, moment, rules))
 
 
 def traffic_array(
-    situation: Situation, message: "TrafficArray", now: int, rules: Rules
+    situation: Situation, message: "TrafficArray", moment: int, rules: Rules
 ) -> Situation:
     """Take in a TrafficArray: each state as if it had come alone."""
     for state in message.states:
-        situation = traffic(situation, state, now, rules)
+        situation = traffic(situation, state, moment, rules)
     return situation
 
 
-def alert(situation: Situation, message: "TrafficAlert", now: int, rules: Rules) -> Situation:
+def alert(situation: Situation, message: "TrafficAlert", moment: int, rules: Rules) -> Situation:
     """Take in a TrafficAlert; one that is older than the last is passed over."""
 
     def read() -> conversions.Alert:
         new = conversions.alert(message)
-        not_ahead("alert.header.stamp", new.time, now, rules.future)
+        not_ahead("alert.header.stamp", new.time, moment, rules.future)
         return new
 
-    held, before = _update_held(situation.alert, read, now), situation.alert.value
-    late = held.value is not None and before is not None and held.value.time < before.time
-    return situation if late else replace(situation, alert=held)
+    newest, previous = _update_message(situation.alert, read, moment), situation.alert.value
+    late = newest.value is not None and previous is not None and newest.value.time < previous.time
+    return situation if late else replace(situation, alert=newest)
 
 
-def route(situation: Situation, message: "Trajectory", now: int, rules: Rules) -> Situation:
+def route(situation: Situation, message: "Trajectory", moment: int, rules: Rules) -> Situation:
     """Take in a Trajectory of status ROUTE."""
     return replace(
         situation,
-        route=_update_held(situation.route, lambda: conversions.published_route(message), now),
+        route=_update_message(
+            situation.route, lambda: conversions.published_route(message), moment
+        ),
     )
 
 
 def geo_reference(
-    situation: Situation, message: "GeoReference", now: int, rules: Rules
+    situation: Situation, message: "GeoReference", moment: int, rules: Rules
 ) -> Situation:
     """Take in a GeoReference."""
     return replace(
         situation,
-        origin=_update_held(situation.origin, lambda: conversions.geo_reference(message), now),
+        origin=_update_message(
+            situation.origin, lambda: conversions.geo_reference(message), moment
+        ),
     )
 
 
-def areas(situation: Situation, message: "Areas", now: int, rules: Rules) -> Situation:
+def areas(situation: Situation, message: "Areas", moment: int, rules: Rules) -> Situation:
     """Take in an Areas message, which holds all areas that there are."""
-    return replace(situation, areas=_update_held(situation.areas, lambda: read_areas(message), now))
+    return replace(
+        situation, areas=_update_message(situation.areas, lambda: read_areas(message), moment)
+    )
 
 
-def may_be_own(own: Report, seen: Sighting | None, rules: Rules) -> bool:
+def may_be_own(own: Report, sighting: Sighting | None, rules: Rules) -> bool:
     """Return whether an aircraft of the ownship's id may be the ownship: where it is expected, or
     at no known place.
     """
-    if seen is None or seen.time is None or seen.place is None:
+    if sighting is None or sighting.time is None or sighting.place is None:
         return True
-    return own.off(seen.place, seen.time) <= rules.allowed_distance(seen.time - own.time)
+    return own.off(sighting.place, sighting.time) <= rules.allowed_distance(
+        sighting.time - own.time
+    )
 
 
-def _update_held(before: Held[_T], read: Callable[[], _T], now: int) -> Held[_T]:
-    found = attempt(read)
-    if isinstance(found, FieldError):
-        return before._replace(fault=Fault(Verdict.INVALID, found.field, found.problem, now))
-    return Held(found)
+def _update_message(previous: Held[_T], read: Callable[[], _T], moment: int) -> Held[_T]:
+    outcome = attempt(read)
+    if isinstance(outcome, FieldError):
+        return previous._replace(
+            fault=Fault(Verdict.INVALID, outcome.field, outcome.problem, moment)
+        )
+    return Held(outcome)
 
 
 def _update_track(
-    before: Track, found: Report | FieldError, name: str, now: int, rules: Rules
+    previous: Track, outcome: Report | FieldError, name: str, moment: int, rules: Rules
 ) -> Track:
-    if isinstance(found, FieldError):
-        return note_refused(before, found, now, rules)
-    return take_in(before, found, name, now, rules)
+    if isinstance(outcome, FieldError):
+        return note_refused(previous, outcome, moment, rules)
+    return take_in(previous, outcome, name, moment, rules)

@@ -52,27 +52,27 @@ class Receiving:
         self._thread.join()
 
     def _pass_on(self) -> None:
-        looked = time.monotonic()
+        checked_at = time.monotonic()
         while not self._stopped.wait(_DRAINED):
             try:
                 self._take()
             except Exception as error:  # of our own: what follows is read all the same
                 text = f"failed for an error of the display: {error!r}"
-                self._live.feed(partial(note, name="traffic", text=text, now=time.time_ns()))
-            if time.monotonic() - looked > _LOOK:
-                looked = time.monotonic()
+                self._live.feed(partial(note, name="traffic", text=text, moment=time.time_ns()))
+            if time.monotonic() - checked_at > _LOOK:
+                checked_at = time.monotonic()
                 counts = +self._reports.left_out, +self._reports.doubted
                 self._live.feed(partial(_connect, problem=self._reports.take_problem()))
                 self._live.feed(partial(_count, counts=counts))
 
     def _take(self) -> None:
-        for found, arrived in self._reports.take():
-            own = self._is_own(found)
-            self._live.feed(partial(take_report, found=found, now=arrived, own=own))
+        for report, arrived in self._reports.take():
+            own = self._is_own(report)
+            self._live.feed(partial(take_report, report=report, moment=arrived, own=own))
 
-    def _is_own(self, found: Report | FieldError) -> bool:
-        seen = found.sighting
-        return seen is not None and self._reports.is_own(seen.identifier)
+    def _is_own(self, report: Report | FieldError) -> bool:
+        sighting = report.sighting
+        return sighting is not None and self._reports.is_own(sighting.identifier)
 
 
 def _count(scene: DisplayScene, counts: tuple[Counter[str], Counter[str]]) -> DisplayScene:
@@ -83,8 +83,8 @@ def _count(scene: DisplayScene, counts: tuple[Counter[str], Counter[str]]) -> Di
 
 def _connect(scene: DisplayScene, problem: str) -> DisplayScene:
     """Return the scene with the state of the connection, which is looked at now."""
-    now = max(time.time_ns(), scene.latest)
+    moment = max(time.time_ns(), scene.latest)
     if problem:
-        return note(scene, "receiver", problem, now)
-    left = {name: what for name, what in scene.problems.items() if name != "receiver"}
-    return replace(scene, problems=left, arrived={**scene.arrived, "receiver": now})
+        return note(scene, "receiver", problem, moment)
+    problems = {name: health for name, health in scene.problems.items() if name != "receiver"}
+    return replace(scene, problems=problems, arrived={**scene.arrived, "receiver": moment})

@@ -61,7 +61,7 @@ class NextChange(NamedTuple):
     """The first change after the next waypoint."""
 
     change: Change
-    left: float  # until it begins, s
+    remaining: float  # until it begins, s
 
 
 class Advice(NamedTuple):
@@ -83,19 +83,19 @@ def advise(picture: Picture) -> Advice:
     own, monitor, bands = picture.own.air, picture.monitor, picture.bands
     silent = monitor is None or monitor.state is None
     if monitor is not None:
-        flown, code = _flown(picture, monitor.fly)
-        if flown is not None:
+        plan, code = _plan_to_fly(picture, monitor.fly)
+        if plan is not None:
             # A backup levels off where the ownship may climb.
             level = LEVEL if code is Do.BACKUP and bands is not None and bands.climbs else None
-            return _along(flown, own, code, level)
+            return _follow(plan, own, code, level)
         if monitor.state is State.MONITORING and picture.plan is not None:
-            return _along(picture.plan, own, Do.ADVISED)
+            return _follow(picture.plan, own, Do.ADVISED)
     if bands is not None and picture.alerts:
         return _by_bands(bands, own, picture.own.plane.climb)
     return NOTHING if silent else Advice(Do.OWN_ROUTE)
 
 
-def _flown(picture: Picture, mode: FlyMode) -> tuple[DrawnPlan | None, Do]:
+def _plan_to_fly(picture: Picture, mode: FlyMode) -> tuple[DrawnPlan | None, Do]:
     """Return the trajectory that is to be flown, and its code; None: there is none."""
     if mode is FlyMode.PLAN:
         return picture.plan, Do.PLAN
@@ -107,20 +107,20 @@ def _flown(picture: Picture, mode: FlyMode) -> tuple[DrawnPlan | None, Do]:
 class _Leg(NamedTuple):
     """What is flown to a waypoint."""
 
-    left: float  # until it is reached, s
+    remaining: float  # until it is reached, s
     velocity: Velocity
     rise: Rise | None
 
 
-def _along(plan: DrawnPlan, own: Velocity, do: Do, level: Rise | None = None) -> Advice:
+def _follow(plan: DrawnPlan, own: Velocity, do: Do, level: Rise | None = None) -> Advice:
     """Return what a trajectory asks for until its next waypoint, and the first change after it;
     ``level`` is what one in the plane asks for in height.
     """
     rises = [level] * len(plan.points) if plan.profile is None else _rises(plan.profile)
     coming = [
-        _Leg(point.left, point.air, rise)
+        _Leg(point.remaining, point.air, rise)
         for point, rise in zip(plan.points, rises, strict=True)
-        if point.left > 0.0 and point.air
+        if point.remaining > 0.0 and point.air
     ]
     if not coming:
         return Advice(do, Change(Side.HOLD, own, level))
@@ -148,7 +148,7 @@ def _first_change(coming: Sequence[_Leg]) -> NextChange | None:
         turn = _turn(before.velocity, after.velocity.track_deg)
         faster = abs(after.velocity.speed - before.velocity.speed) > _HELD_SPEED
         if turn is not Side.HOLD or faster or _climbs_otherwise(before.rise, after.rise):
-            return NextChange(Change(turn, after.velocity, after.rise), before.left)
+            return NextChange(Change(turn, after.velocity, after.rise), before.remaining)
     return None
 
 
@@ -190,9 +190,9 @@ def _onto(own: Velocity, track: float) -> Change:
     return Change(_turn(own, track), Velocity(track, own.speed))
 
 
-def _apart(track: float, other: float) -> float:
+def _apart(track: float, target: float) -> float:
     """Return the turn from one track to another, degrees, positive to the right."""
-    return (other - track + 180.0) % 360.0 - 180.0
+    return (target - track + 180.0) % 360.0 - 180.0
 
 
 def _turn(course: Velocity, track: float) -> Side:

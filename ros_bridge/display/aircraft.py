@@ -39,7 +39,7 @@ _NO_CLIMB = 10.0  # m/s either way where it is unknown, as the nodes' parameter 
 
 
 def draw_aircraft(
-    scene: DisplayScene, frame: LocalFrame, threats: Mapping[str, Threat], now: int
+    scene: DisplayScene, frame: LocalFrame, threats: Mapping[str, Threat], moment: int
 ) -> tuple[DrawnOwnship | None, list[DrawnIntruder]]:
     """Return the ownship, None where it is unknown, and the traffic, sorted by name."""
     own, fresh = scene.situation.own, scene.fresh
@@ -49,14 +49,14 @@ def draw_aircraft(
         if track.last is not None
     ]
     tracks = [track for _, track in traffic]
-    planes = _planes(tracks if own.last is None else [*tracks, own], frame, now, fresh)
-    drawn = None
+    planes = _planes(tracks if own.last is None else [*tracks, own], frame, moment, fresh)
+    drawn_own = None
     if own.last is not None:
-        plane = planes.pop()._replace(state=_state(own, now, math.inf, fresh.own))
+        plane = planes.pop()._replace(state=_state(own, moment, math.inf, fresh.own))
         air = velocity_through_air(own.last.east, own.last.north, own.last.wind)
-        drawn = DrawnOwnship(plane, air)
-    return drawn, [
-        _intruder(track, plane, threats.get(name, NO_THREAT), scene, drawn, now)
+        drawn_own = DrawnOwnship(plane, air)
+    return drawn_own, [
+        _intruder(track, plane, threats.get(name, NO_THREAT), scene, drawn_own, moment)
         for (name, track), plane in zip(traffic, planes, strict=True)
     ]
 
@@ -76,18 +76,18 @@ def _intruder(
     threat: Threat,
     scene: DisplayScene,
     own: DrawnOwnship | None,
-    now: int,
+    moment: int,
 ) -> DrawnIntruder:
     origin, report = scene.situation.origin.value, _last(track)
     undulation = None if origin is None else origin.undulation
-    above = _relative(scene.situation.own.last, report, now, undulation)
-    near = own is not None and _is_near(plane, own.plane, above, scene.separation)
+    above = _relative(scene.situation.own.last, report, moment, undulation)
+    is_near = own is not None and _is_near(plane, own.plane, above, scene.separation)
     return DrawnIntruder(
         plane=plane,
         threat=threat,
         relative_altitude=above,
         separation=scene.by_category.get(report.category),
-        proximate=threat.level == 0 and near,
+        proximate=threat.level == 0 and is_near,
     )
 
 
@@ -103,13 +103,14 @@ def _is_near(
 
 
 def _relative(
-    own: Report | None, other: Report, now: int, undulation: float | None
+    own: Report | None, intruder: Report, moment: int, undulation: float | None
 ) -> float | None:
     """Return by how much an aircraft is above the ownship, m; None: not comparable."""
     if own is None:
         return None
     mine, theirs = (
-        level(report.altitude, now - report.time, undulation, _NO_CLIMB) for report in (own, other)
+        level(report.altitude, moment - report.time, undulation, _NO_CLIMB)
+        for report in (own, intruder)
     )
     if mine is None or theirs is None or mine.reference != theirs.reference:
         return None
@@ -128,28 +129,28 @@ class _Motion(NamedTuple):
 
 
 def _planes(
-    tracks: Sequence[Track], frame: LocalFrame, now: int, fresh: Freshness
+    tracks: Sequence[Track], frame: LocalFrame, moment: int, fresh: Freshness
 ) -> list[DrawnPlane]:
     """Return the aircraft at a time, ns; each has a report."""
     if not tracks:
         return []
-    motion = _carry_on(tracks, frame, now)
-    return [_plane(track, motion, number, now, fresh) for number, track in enumerate(tracks)]
+    motion = _carry_on(tracks, frame, moment)
+    return [_plane(track, motion, number, moment, fresh) for number, track in enumerate(tracks)]
 
 
-def _carry_on(tracks: Sequence[Track], frame: LocalFrame, now: int) -> _Motion:
+def _carry_on(tracks: Sequence[Track], frame: LocalFrame, moment: int) -> _Motion:
     """Return where aircraft are at a time, ns: on a turn over the ground from the report on, for
     some seconds, and straight on after it.
     """
     reports = [_last(track) for track in tracks]
-    here = frame.place(
+    places = frame.place(
         [report.latitude for report in reports], [report.longitude for report in reports]
     )
     east = np.array([report.east for report in reports])
     north = np.array([report.north for report in reports])
-    age = np.array([(now - report.time) / SECOND for report in reports])
-    heading = np.arctan2(north, east) + here.convergence
-    start: VehicleState[Ground] = VehicleState(here.x, here.y, heading, np.hypot(east, north))
+    age = np.array([(moment - report.time) / SECOND for report in reports])
+    heading = np.arctan2(north, east) + places.convergence
+    start: VehicleState[Ground] = VehicleState(places.x, places.y, heading, np.hypot(east, north))
     rates = np.array([_turn_rate(track) for track in tracks])
     state = carry_on(start, rates, TURN_STEPS, age, NO_WIND)
     vx, vy = state.speed * np.cos(state.heading), state.speed * np.sin(state.heading)
@@ -158,7 +159,7 @@ def _carry_on(tracks: Sequence[Track], frame: LocalFrame, now: int) -> _Motion:
         y=state.y,
         vx=vx,
         vy=vy,
-        track_deg=np.degrees(np.arctan2(vx, vy) + here.convergence) % 360.0,
+        track_deg=np.degrees(np.arctan2(vx, vy) + places.convergence) % 360.0,
         age=age,
     )
 
@@ -168,7 +169,7 @@ def _turn_rate(track: Track) -> float:
     return carried_turn(track.turn_rate, _last(track).turn_std, TURN_STEPS, FLOATS)[0]
 
 
-def _plane(track: Track, motion: _Motion, number: int, now: int, fresh: Freshness) -> DrawnPlane:
+def _plane(track: Track, motion: _Motion, number: int, moment: int, fresh: Freshness) -> DrawnPlane:
     """Return an aircraft whose motion has a number."""
     report, age = _last(track), float(motion.age[number])
     height = report.altitude
@@ -187,7 +188,7 @@ def _plane(track: Track, motion: _Motion, number: int, now: int, fresh: Freshnes
         reference=None if height is None else height.reference,
         climb=None if climb is None else round(climb, 1),
         age=round(age, 3),
-        state=_state(track, now, _COASTING * fresh.intruder, fresh.intruder),
+        state=_state(track, moment, _COASTING * fresh.intruder, fresh.intruder),
         fault="" if track.fault is None else track.fault.message,
         accuracy=_accuracy(report, age),
         correction="" if track.course is None else _correction(track.course),
@@ -204,7 +205,7 @@ def _accuracy(report: Report, age: float) -> float | None:
 
 def _correction(course: Course) -> str:
     """Return what is not believed as it is reported."""
-    return "; ".join(f"{field} {what}" for field, what in course.corrections)
+    return "; ".join(f"{field} {text}" for field, text in course.corrections)
 
 
 def _last(track: Track) -> Report:
@@ -214,9 +215,9 @@ def _last(track: Track) -> Report:
 
 
 def _state(
-    track: Track, now: int, coasting: float, stale: float
+    track: Track, moment: int, coasting: float, stale: float
 ) -> Literal["fresh", "coasting", "stale", "faulty"]:
-    age = track.age(now)
+    age = track.age(moment)
     if track.fault is not None:
         return "faulty"
     if age > stale:

@@ -58,9 +58,9 @@ class BackgroundServer:
             asyncio.run(self._serve())
 
     async def _serve(self) -> None:
-        here, loop = asyncio.current_task(), asyncio.get_running_loop()
-        assert here is not None
-        self._end = lambda: loop.call_soon_threadsafe(here.cancel)
+        task, loop = asyncio.current_task(), asyncio.get_running_loop()
+        assert task is not None
+        self._end = lambda: loop.call_soon_threadsafe(task.cancel)
         await self.display.serve(self._listener, self._begun.set)
 
 
@@ -69,7 +69,7 @@ def supervise(
     situation: Situation,
     supervision: Supervision,
     shown: guidance.Shown,
-    now: int,
+    moment: int,
 ) -> tuple[DisplayScene, guidance.Shown]:
     """Return the scene of a program that supervises a plan by the monitor's core, at a time, ns.
 
@@ -78,64 +78,66 @@ def supervise(
         situation: what the program has received.
         supervision: its monitor.
         shown: the alerts of the last time (:func:`ros_bridge.core.guidance.blank`: none).
-        now: the program's clock, ns.
+        moment: the program's clock, ns.
     """
     limits = supervision.thresholds_in_air
     scene = replace(
-        scene.at(now),
+        scene.at(moment),
         situation=situation,
-        plan=supervision.held,
+        plan=supervision.published_plan,
         separation=limits.requirement.separation,
         by_category=supervision.categories.separations,
-        arrived={**scene.arrived, **_arrivals(situation), "status": now},
+        arrived={**scene.arrived, **_arrivals(situation), "status": moment},
     )
     if supervision.verdict is None:
         return replace(scene, monitor=None), shown
-    said = status(supervision)
-    flown = _backup(supervision, situation, said.fly, scene)
-    scene = replace(scene, monitor=MonitorStatus(now, said), backup=flown)
-    shown, found = guidance.guidance(shown, supervision, now)
-    if found is None:
+    monitor_status = status(supervision)
+    backup_plan = _backup(supervision, situation, monitor_status.fly, scene)
+    scene = replace(scene, monitor=MonitorStatus(moment, monitor_status), backup=backup_plan)
+    shown, bands = guidance.guidance(shown, supervision, moment)
+    if bands is None:
         return scene, shown
-    return replace(scene, guidance=_guidance(found, now)), shown
+    return replace(scene, guidance=_guidance(bands, moment)), shown
 
 
 def _arrivals(situation: Situation) -> dict[str, int]:
     """Return when the ownship and other aircraft were last heard of, ns."""
     own = situation.own.last
-    others = [track.last.time for track in situation.traffic.values() if track.last is not None]
-    found = {} if own is None else {"ownship": own.time}
-    return found | ({"traffic": max(others)} if others else {})
+    intruder_times = [
+        track.last.time for track in situation.traffic.values() if track.last is not None
+    ]
+    arrivals = {} if own is None else {"ownship": own.time}
+    return arrivals | ({"traffic": max(intruder_times)} if intruder_times else {})
 
 
 def _backup(
-    supervision: Supervision, situation: Situation, flown: FlyMode, scene: DisplayScene
+    supervision: Supervision, situation: Situation, mode: FlyMode, scene: DisplayScene
 ) -> Published | None:
-    if flown is not FlyMode.BACKUP:
+    if mode is not FlyMode.BACKUP:
         return None
     own = situation.own.last
-    made = backup(supervision, None if own is None else own.altitude)
+    plan = backup(supervision, None if own is None else own.altitude)
     revision = 0 if scene.backup is None else scene.backup.revision
-    return None if made is None else made._replace(revision=revision)
+    return None if plan is None else plan._replace(revision=revision)
 
 
-def _guidance(found: guidance.Guidance, now: int) -> Guidance:
+def _guidance(bands: guidance.Guidance, moment: int) -> Guidance:
     vertical = None
-    if found.vertical is not None:
-        speeds, altitudes, reference = found.vertical
+    if bands.vertical is not None:
+        speeds, altitudes, reference = bands.vertical
         vertical = VerticalBands(_bands(speeds), _bands(altitudes), reference)
-    levels = zip(found.levels, found.losses, strict=True)
-    of_areas = zip(found.area_levels, found.area_losses, strict=True)
+    levels = zip(bands.levels, bands.losses, strict=True)
+    of_areas = zip(bands.area_levels, bands.area_losses, strict=True)
     return Guidance(
-        now,
-        found.look_ahead,
-        _bands(found.tracks),
-        _bands(found.speeds),
-        found.recovery,
-        found.recovery_time,
-        found.recovery_shortfall,
-        dict(zip(found.intruders, levels, strict=True)),
-        dict(zip(found.areas, of_areas, strict=True)),
+        moment,
+        bands.look_ahead,
+        _bands(bands.tracks),
+        _bands(bands.speeds),
+        bands.recovery,
+        bands.recovery_time,
+        bands.recovery_shortfall,
+        dict(zip(bands.intruders, levels, strict=True)),
+        dict(zip(bands.areas, of_areas, strict=True)),
         vertical,
     )
 

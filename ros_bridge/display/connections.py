@@ -14,9 +14,9 @@ class Connections:
     def __init__(self) -> None:
         self._idle: dict[ServerConnection, asyncio.BaseTransport] = {}
 
-    def make(self, *given: Any, **more: Any) -> ServerConnection:
+    def make(self, *positional: Any, **named: Any) -> ServerConnection:
         """Return a new connection, as websockets makes it."""
-        return _Connection(self, *given, **more)
+        return _Connection(self, *positional, **named)
 
     def begin(self, connection: ServerConnection, transport: asyncio.BaseTransport) -> None:
         """Hold a connection that has just been made."""
@@ -33,8 +33,8 @@ class Connections:
 class _Connection(ServerConnection):
     """A connection that says when it begins and ends."""
 
-    def __init__(self, connections: Connections, *given: Any, **more: Any) -> None:
-        super().__init__(*given, **more)
+    def __init__(self, connections: Connections, *positional: Any, **named: Any) -> None:
+        super().__init__(*positional, **named)
         self._connections = connections
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:

@@ -89,7 +89,7 @@ def _waypoint(point: DrawnPoint) -> Document:
         "index": point.number,
         "x": point.x,
         "y": point.y,
-        "in": point.left,
+        "in": point.remaining,
         "track_deg": point.track_deg,
         "speed": point.speed,
         "air": None if point.air is None else point.air._asdict(),
@@ -170,5 +170,5 @@ def _change(change: Change) -> Document:
     return {"turn": change.turn.value, **change.velocity._asdict(), **rise}
 
 
-def _next_change(then: NextChange) -> Document:
-    return {**_change(then.change), "in": then.left}
+def _next_change(next_change: NextChange) -> Document:
+    return {**_change(next_change.change), "in": next_change.remaining}

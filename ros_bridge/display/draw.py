@@ -34,56 +34,56 @@ from ros_bridge.display.shapes import draw_areas, draw_plan, draw_route
 _REMARKS = Cause.OUTSIDE_RANGE  # causes that ask for nothing
 
 
-def draw(scene: DisplayScene, now: int, centre: tuple[float, float] | None = None) -> Picture:
+def draw(scene: DisplayScene, moment: int, centre: tuple[float, float] | None = None) -> Picture:
     """Return the picture of a scene at a time, ns.
 
     Args:
         scene: what is known.
-        now: the time of the source's clock.
+        moment: the time of the source's clock.
         centre: latitude and longitude, degrees, that the map is drawn about where the ownship is
             unknown; None: the first aircraft.
     """
-    scene = scene.at(now)
+    scene = scene.at(moment)
     frame = _map(scene, centre)
     if frame is None:
-        return empty(scene, now)
-    guidance = _fresh_guidance(scene, now)
-    threats = _threats(scene, guidance, now)
-    own, traffic = draw_aircraft(scene, frame, threats, now)
+        return empty(scene, moment)
+    guidance = _fresh_guidance(scene, moment)
+    threats = _threats(scene, guidance, moment)
+    own, traffic = draw_aircraft(scene, frame, threats, moment)
     report = scene.situation.own.last
     wind = None if report is None else report.wind
     heights = Heights.of(scene.situation)
     return Picture(
-        time=_seconds(now),
+        time=_seconds(moment),
         separation=scene.separation,
-        monitor=_monitor(scene, now),
-        health=health_lines(scene, now),
+        monitor=_monitor(scene, moment),
+        health=health_lines(scene, moment),
         origin=(frame.latitude, frame.longitude),
         own=own,
         traffic=traffic,
         wind=None if wind is None else (tenths(wind[0]), tenths(wind[1])),
-        plan=_plan(scene.plan, frame, wind, heights, now),
-        backup=_plan(_backup_to_fly(scene, now), frame, wind, heights, now),
-        unresolved=_plan(scene.unresolved, frame, wind, heights, now),
+        plan=_plan(scene.plan, frame, wind, heights, moment),
+        backup=_plan(_backup_to_fly(scene, moment), frame, wind, heights, moment),
+        unresolved=_plan(scene.unresolved, frame, wind, heights, moment),
         route=draw_route(scene.situation.route.value, frame),
-        areas=draw_areas(scene.areas, frame, now),
-        bands=None if guidance is None else _bands(guidance, heights, now),
-        alerts=_alerts(threats, _area_threats(guidance, now)),
+        areas=draw_areas(scene.areas, frame, moment),
+        bands=None if guidance is None else _bands(guidance, heights, moment),
+        alerts=_alerts(threats, _area_threats(guidance, moment)),
     )
 
 
-def empty(scene: DisplayScene, now: int) -> Picture:
+def empty(scene: DisplayScene, moment: int) -> Picture:
     """Return a picture without a map."""
     return Picture(
-        time=_seconds(now),
+        time=_seconds(moment),
         separation=scene.separation,
-        monitor=_monitor(scene, now),
-        health=health_lines(scene, now),
+        monitor=_monitor(scene, moment),
+        health=health_lines(scene, moment),
     )
 
 
-def _seconds(now: int) -> float:
-    return round(now / SECOND, 3)
+def _seconds(moment: int) -> float:
+    return round(moment / SECOND, 3)
 
 
 def _map(scene: DisplayScene, centre: tuple[float, float] | None) -> LocalFrame | None:
@@ -110,40 +110,40 @@ def _plan(
     frame: LocalFrame,
     wind: tuple[float, float] | None,
     heights: Heights,
-    now: int,
+    moment: int,
 ) -> DrawnPlan | None:
-    return None if published is None else draw_plan(published, frame, wind, heights, now)
+    return None if published is None else draw_plan(published, frame, wind, heights, moment)
 
 
-def _fresh_guidance(scene: DisplayScene, now: int) -> Guidance | None:
+def _fresh_guidance(scene: DisplayScene, moment: int) -> Guidance | None:
     """Return bands and alerts of the monitor while they hold."""
     guidance = scene.guidance
-    if guidance is None or (now - guidance.time) / SECOND > scene.fresh.guidance:
+    if guidance is None or (moment - guidance.time) / SECOND > scene.fresh.guidance:
         return None
     return guidance
 
 
-def _threats(scene: DisplayScene, guidance: Guidance | None, now: int) -> dict[str, Threat]:
+def _threats(scene: DisplayScene, guidance: Guidance | None, moment: int) -> dict[str, Threat]:
     """Return the alerts of intruders: of the monitor's bands and of other functions."""
-    threats = {} if guidance is None else _left(guidance.levels, guidance, now)
+    threats = {} if guidance is None else _count_down(guidance.levels, guidance, moment)
     alert = scene.situation.alert.value
-    if alert is not None and (now - alert.time) / SECOND <= scene.fresh.alert:
+    if alert is not None and (moment - alert.time) / SECOND <= scene.fresh.alert:
         for name in alert.identifiers:
-            before = threats.get(name, NO_THREAT)
-            threats[name] = before._replace(level=max(before.level, alert.level))
+            threat = threats.get(name, NO_THREAT)
+            threats[name] = threat._replace(level=max(threat.level, alert.level))
     return threats
 
 
-def _area_threats(guidance: Guidance | None, now: int) -> dict[str, Threat]:
+def _area_threats(guidance: Guidance | None, moment: int) -> dict[str, Threat]:
     """Return the alerts of areas, of the monitor's bands."""
-    return {} if guidance is None else _left(guidance.areas, guidance, now)
+    return {} if guidance is None else _count_down(guidance.areas, guidance, moment)
 
 
-def _left(
-    levels: Mapping[str, tuple[int, float]], guidance: Guidance, now: int
+def _count_down(
+    levels: Mapping[str, tuple[int, float]], guidance: Guidance, moment: int
 ) -> dict[str, Threat]:
     """Return alerts with the times to loss that are left."""
-    since = (now - guidance.time) / SECOND
+    since = (moment - guidance.time) / SECOND
     return {
         name: Threat(level, None if loss < 0.0 else tenths(max(loss - since, 0.0)))
         for name, (level, loss) in levels.items()
@@ -165,8 +165,8 @@ def by_level(alerts: list[DrawnAlert]) -> list[DrawnAlert]:
     return sorted(raised, key=lambda alert: -alert.threat.level)
 
 
-def _bands(guidance: Guidance, heights: Heights, now: int) -> DrawnBands:
-    since = (now - guidance.time) / SECOND
+def _bands(guidance: Guidance, heights: Heights, moment: int) -> DrawnBands:
+    since = (moment - guidance.time) / SECOND
     tracks, vertical = guidance.tracks, guidance.vertical
     above = None if vertical is None else heights.offset(vertical.reference)
     return DrawnBands(
@@ -202,28 +202,28 @@ def _way_out(guidance: Guidance, since: float) -> WayOut | None:
     )
 
 
-def _backup_to_fly(scene: DisplayScene, now: int) -> Published | None:
+def _backup_to_fly(scene: DisplayScene, moment: int) -> Published | None:
     """Return the backup while it is what is to be flown."""
     monitor = scene.monitor
-    if monitor is None or _is_silent(monitor, scene, now):
+    if monitor is None or _is_silent(monitor, scene, moment):
         return None
     return scene.backup if monitor.status.fly is FlyMode.BACKUP else None
 
 
-def _is_silent(monitor: MonitorStatus, scene: DisplayScene, now: int) -> bool:
+def _is_silent(monitor: MonitorStatus, scene: DisplayScene, moment: int) -> bool:
     """Return whether what a monitor said holds no longer."""
-    return (now - monitor.time) / SECOND > scene.fresh.monitor
+    return (moment - monitor.time) / SECOND > scene.fresh.monitor
 
 
-def _monitor(scene: DisplayScene, now: int) -> DrawnMonitor | None:
+def _monitor(scene: DisplayScene, moment: int) -> DrawnMonitor | None:
     monitor = scene.monitor
     if monitor is None:
         return None
-    silent = _is_silent(monitor, scene, now)
+    silent = _is_silent(monitor, scene, moment)
     status = Status(reasons=("the monitor is silent",)) if silent else monitor.status
     reasons, remarks = _reasons(status)
     return DrawnMonitor(
-        age=round((now - monitor.time) / SECOND, 2),
+        age=round((moment - monitor.time) / SECOND, 2),
         state=None if silent else status.state,
         fly=status.fly,
         reasons=reasons,
@@ -232,13 +232,13 @@ def _monitor(scene: DisplayScene, now: int) -> DrawnMonitor | None:
         cross_track=tenths(status.cross_track),
         along_track=tenths(status.along_track),
         time_error=round(status.time_error, 2),
-        separation=_told(status.separation),
-        time_to_loss=_told(status.time_to_loss),
+        separation=_or_none(status.separation),
+        time_to_loss=_or_none(status.time_to_loss),
         altitude_error=None if status.altitude_error_limit < 0.0 else tenths(status.altitude_error),
     )
 
 
-def _told(value: float) -> float | None:
+def _or_none(value: float) -> float | None:
     """Return a value of which -1 says that there is none."""
     return tenths(value) if value >= 0.0 else None
 

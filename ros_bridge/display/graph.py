@@ -49,11 +49,11 @@ class Listening:
         except (ValueError, RuntimeError) as error:
             rclpy.try_shutdown()
             raise InputError(f"ROS arguments cannot be used: {error}") from error
-        self.live = LiveSource(self._now, centre, separation)
+        self.live = LiveSource(self._clock, centre, separation)
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._spin, name="graph", daemon=True)
 
-    def _now(self) -> int:
+    def _clock(self) -> int:
         return self._node.get_clock().now().nanoseconds
 
     def __enter__(self) -> "Listening":
@@ -73,9 +73,9 @@ class Listening:
 
     def _hear(self, name: str, message: Any) -> None:
         """Feed a message of a topic, once simulated time has begun."""
-        now = self._now()
-        if now > 0:
-            self.live.feed(partial(take, name=name, message=message, now=now))
+        moment = self._clock()
+        if moment > 0:
+            self.live.feed(partial(take, name=name, message=message, moment=moment))
 
     def _spin(self) -> None:
         # It waits for events instead of building a set of what to wait for at every message.

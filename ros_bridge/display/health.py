@@ -28,40 +28,40 @@ _OK = Health(0, 0, "")
 _SILENT = Health(0, 3, "silent")
 
 
-def health_lines(scene: DisplayScene, now: int) -> list[HealthLine]:
+def health_lines(scene: DisplayScene, moment: int) -> list[HealthLine]:
     """Return the inputs that were ever heard, or must be, and the nodes."""
-    return list(_lines(scene, now))
+    return list(_lines(scene, moment))
 
 
-def _lines(scene: DisplayScene, now: int) -> Iterator[HealthLine]:
+def _lines(scene: DisplayScene, moment: int) -> Iterator[HealthLine]:
     fresh = scene.fresh
-    latest = {"status": fresh.monitor, "guidance": fresh.guidance, "diagnostics": fresh.node}
-    for short, called in _NAMES.items():
-        heard, problem = scene.arrived.get(short), scene.problems.get(short)
+    limits = {"status": fresh.monitor, "guidance": fresh.guidance, "diagnostics": fresh.node}
+    for short, label in _NAMES.items():
+        arrival, problem = scene.arrived.get(short), scene.problems.get(short)
         if problem is not None:
-            yield _line(called, problem, problem.time, now)
+            yield _line(label, problem, problem.time, moment)
         elif short == "ownship":
-            yield _line(called, _own_health(scene.situation.own, now, fresh.own), heard, now)
-        elif heard is not None:
-            late = (now - heard) / SECOND > latest.get(short, math.inf)
-            yield _line(called, _SILENT if late else _OK, heard, now)
+            yield _line(label, _own_health(scene.situation.own, moment, fresh.own), arrival, moment)
+        elif arrival is not None:
+            late = (moment - arrival) / SECOND > limits.get(short, math.inf)
+            yield _line(label, _SILENT if late else _OK, arrival, moment)
     for name, problem in sorted(scene.problems.items()):
         if name not in _NAMES:
-            yield _line(name, problem, problem.time, now)
+            yield _line(name, problem, problem.time, moment)
     for name, state in sorted(scene.nodes.items()):
-        late = (now - state.time) / SECOND > fresh.node
-        yield _line(name, _SILENT if late else state, state.time, now)
+        late = (moment - state.time) / SECOND > fresh.node
+        yield _line(name, _SILENT if late else state, state.time, moment)
 
 
-def _own_health(own: Track, now: int, oldest: float) -> Health:
+def _own_health(own: Track, moment: int, oldest: float) -> Health:
     if own.last is None:
-        return Health(now, 2, "not heard yet")
+        return Health(moment, 2, "not heard yet")
     if own.fault is not None:
-        return Health(now, 2, own.fault.message)
-    return Health(now, 2, "silent") if own.age(now) > oldest else _OK
+        return Health(moment, 2, own.fault.message)
+    return Health(moment, 2, "silent") if own.age(moment) > oldest else _OK
 
 
-def _line(name: str, health: Health, heard: int | None, now: int) -> HealthLine:
+def _line(name: str, health: Health, arrival: int | None, moment: int) -> HealthLine:
     """Return a line about what was heard at a time, ns; None: never."""
-    age = None if heard is None else round((now - heard) / SECOND, 1)
+    age = None if arrival is None else round((moment - arrival) / SECOND, 1)
     return HealthLine(name, health.level, health.text, age)

@@ -83,7 +83,7 @@ class DrawnPoint(NamedTuple):
     number: int
     x: float
     y: float
-    left: float  # until it is reached
+    remaining: float  # until it is reached
     track_deg: float | None = None  # over the ground, as the speed
     speed: float | None = None
     air: Velocity | None = None

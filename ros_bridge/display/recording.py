@@ -57,17 +57,17 @@ class _Message(NamedTuple):
 class _Moment(NamedTuple):
     """What is known after some messages."""
 
-    done: int  # messages
+    message_count: int  # so far
     time: float  # of the last of them, s from the beginning
-    now: int  # of the clock at that time, ns
+    clock: int  # of the clock at that time, ns
     scene: DisplayScene
 
 
 def read(path: Path, separation: float | None = None) -> "GraphRecording | FlightRecording":
     """Return a recording, or raise ``InputError``; the separation, m, where the file has none."""
     if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
-        raise InputError(f"{path} {what}, expected a recording (.mcap) or an encounter (.json)")
+        problem = "is a folder" if path.is_dir() else "does not exist"
+        raise InputError(f"{path} {problem}, expected a recording (.mcap) or an encounter (.json)")
     if path.suffix == ".json":
         return FlightRecording(path)
     return GraphRecording(path, separation)
@@ -79,34 +79,40 @@ class GraphRecording:
     def __init__(self, path: Path, separation: float | None = None) -> None:
         self.name = path.name
         self._messages, self.cut = _contents(path)
-        self._messages.sort(key=lambda one: one.time)
-        if not any(one.name for one in self._messages):
+        self._messages.sort(key=lambda message: message.time)
+        if not any(message.name for message in self._messages):
             raise InputError(f"{path} holds no message of {', '.join(INPUTS)}")
         self.length = self._messages[-1].time
-        self._times = [one.time for one in self._messages]
+        self._times = [message.time for message in self._messages]
         self.marks: list[tuple[float, int]] = []
         step = max(_APART, self.length / _KEPT)
         scene = DisplayScene(separation=separation)
         if self.cut:
             scene = note(scene, "recording", self.cut, self._first_clock())
         moment = _Moment(0, 0.0, self._first_clock(), scene)
-        self._kept = [moment]
-        before = 0
+        self._moments = [moment]
+        previous = 0
         for count in range(1, len(self._messages) + 1):
-            moment = self._after(moment, count)
-            held = moment.scene.guidance
-            every = [] if held is None else [*held.levels.values(), *held.areas.values()]
-            highest = max((level for level, _ in every), default=0)
-            if highest != before:
-                before = highest
+            moment = self._advance(moment, count)
+            guidance = moment.scene.guidance
+            threats = (
+                [] if guidance is None else [*guidance.levels.values(), *guidance.areas.values()]
+            )
+            highest = max((level for level, _ in threats), default=0)
+            if highest != previous:
+                previous = highest
                 self.marks.append((round(moment.time, 3), highest))
-            if moment.time >= self._kept[-1].time + step:
-                moment = moment._replace(scene=moment.scene.at(moment.now))
-                self._kept.append(moment)
+            if moment.time >= self._moments[-1].time + step:
+                moment = moment._replace(scene=moment.scene.at(moment.clock))
+                self._moments.append(moment)
 
     def _first_clock(self) -> int:
         """Return what the recording's clock shows at its beginning, ns; 0: it has none."""
-        ticks = (one for one in self._messages if one.name == "/clock" and one.decode is not None)
+        ticks = (
+            message
+            for message in self._messages
+            if message.name == "/clock" and message.decode is not None
+        )
         first = next(ticks, None)
         if first is None or first.decode is None:
             return 0
@@ -114,45 +120,48 @@ class GraphRecording:
 
     def player(self) -> Callable[[float], Picture]:
         """Return what gives the picture of a time, s from the beginning."""
-        moment = self._kept[0]
+        moment = self._moments[0]
 
         def show(time: float) -> Picture:
             nonlocal moment
             count = bisect.bisect_right(self._times, time)
-            place = bisect.bisect_right(self._kept, count, key=lambda one: one.done) - 1
-            kept = self._kept[place]
-            if not kept.done <= moment.done <= count:
-                moment = kept
-            moment = self._after(moment, count)
-            now = moment.now + round((time - moment.time) * SECOND)
-            return draw(moment.scene, max(now, moment.scene.latest))
+            place = (
+                bisect.bisect_right(self._moments, count, key=lambda moment: moment.message_count)
+                - 1
+            )
+            nearest = self._moments[place]
+            if not nearest.message_count <= moment.message_count <= count:
+                moment = nearest
+            moment = self._advance(moment, count)
+            clock = moment.clock + round((time - moment.time) * SECOND)
+            return draw(moment.scene, max(clock, moment.scene.latest))
 
         return show
 
-    def _after(self, moment: _Moment, count: int) -> _Moment:
+    def _advance(self, moment: _Moment, count: int) -> _Moment:
         """Return what is known after so many messages, as many or more as before."""
-        done, _, now, scene = moment
+        first, _, clock, scene = moment
         time = moment.time
-        for one in self._messages[done:count]:
+        for entry in self._messages[first:count]:
             # The clock of the recording goes on between its ticks.
-            now += round((one.time - time) * SECOND)
-            time = one.time
-            if one.topic.endswith(_VIEWS):
+            clock += round((entry.time - time) * SECOND)
+            time = entry.time
+            if entry.topic.endswith(_VIEWS):
                 continue
-            if one.decode is None:
-                scene = note(scene, one.topic, f"{one.kind} is not shown", now)
+            if entry.decode is None:
+                scene = note(scene, entry.topic, f"{entry.kind} is not shown", clock)
                 continue
             try:
-                message = one.decode(one.data)
+                message = entry.decode(entry.data)
             except Exception as error:  # whatever a decoder makes of bytes that are no message
-                scene = note(scene, one.topic, f"cannot be read: {error or error!r}", now)
+                scene = note(scene, entry.topic, f"cannot be read: {error or error!r}", clock)
                 continue
-            if one.name == "/clock":
-                now = clock_of(message)
-            elif now == 0:
-                now = _stamp_of(message)
-            scene = take(scene, one.name, message, now)
-        return _Moment(count, time, now, scene)
+            if entry.name == "/clock":
+                clock = clock_of(message)
+            elif clock == 0:
+                clock = _stamp_of(message)
+            scene = take(scene, entry.name, message, clock)
+        return _Moment(count, time, clock, scene)
 
 
 def _stamp_of(message: Any) -> int:
@@ -182,8 +191,8 @@ def _contents(path: Path) -> _Contents:
         raise
     except Exception as problem:  # whatever the libraries make of bytes that are no file
         if not messages:
-            what = "expected one with a message that is whole"
-            raise InputError(f"{path} is no whole MCAP file, {what}") from problem
+            expectation = "expected one with a message that is whole"
+            raise InputError(f"{path} is no whole MCAP file, {expectation}") from problem
         length = messages[-1].time
         return _Contents(messages, f"{path.name} is cut or damaged {length:.1f} s after its start")
     return _Contents(messages, "")
@@ -198,7 +207,7 @@ def _messages(stream: BinaryIO) -> Iterator[_Message]:
     # Without the summary at its end, which a file that is cut has lost.
     for schema, channel, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
         begin = message.log_time if begin is None else begin
-        name = next((one for one in INPUTS if _is(channel.topic, one)), "")
+        name = next((known_name for known_name in INPUTS if _is(channel.topic, known_name)), "")
         kind = "a message without a type" if schema is None else schema.name
         name = name if name and INPUTS[name].kind == kind else ""
         if name and channel.id not in decoders:
@@ -243,29 +252,31 @@ class FlightRecording:
         self._dt = float(document["dt"])
         self._document = document
         own = document["own"]
-        self._planes = np.array([[one["x"], one["y"]] for one in (own, *document["intruders"])])
+        self._planes = np.array(
+            [[aircraft["x"], aircraft["y"]] for aircraft in (own, *document["intruders"])]
+        )
         steps = self._planes.shape[2]
         if steps < 2 or not (self._dt > 0.0 and np.isfinite(self._planes).all()):
             raise ValueError("places are not finite, or fewer than two")
         self.length = (steps - 1) * self._dt
         self._separation = float(document["separation"])
         self._separations = [
-            float(one["separation"]) if "separation" in one else None
-            for one in document["intruders"]
+            float(intruder["separation"]) if "separation" in intruder else None
+            for intruder in document["intruders"]
         ]
-        self._goal = [float(one) for one in document["goal"]]
+        self._goal = [float(coordinate) for coordinate in document["goal"]]
         self._bands = document["bands"]
         wind = document.get("wind")
         self._wind = None if wind is None else (float(wind[0]), float(wind[1]))
         for step in range(steps):  # nothing that cannot be sent is met while it is shown
             json.dumps(to_json(self._picture(step * self._dt)), allow_nan=False)
         self.marks: list[tuple[float, int]] = []
-        before = 0
+        previous = 0
         for step, levels in enumerate([] if self._bands is None else self._bands["level"]):
             highest = max(levels, default=0)
-            if highest != before:
+            if highest != previous:
                 self.marks.append((step * self._dt, highest))
-                before = highest
+                previous = highest
 
     def player(self) -> Callable[[float], Picture]:
         """Return what gives the picture of a time, s from the beginning."""

@@ -34,8 +34,8 @@ _LOCAL = "127.0.0.1"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve what the command line asks for until Ctrl-C, and return the exit status."""
-    given, ros = _split(sys.argv[1:] if arguments is None else list(arguments))
-    options = _parser().parse_args(given)
+    own_arguments, ros = _split(sys.argv[1:] if arguments is None else list(arguments))
+    options = _parser().parse_args(own_arguments)
     if ros and (options.recording or options.adsb):
         raise InputError("--ros-args goes with the ROS graph only, not with --adsb or a recording")
     if options.recording and options.adsb:
@@ -56,9 +56,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _split(given: list[str]) -> tuple[list[str], list[str]]:
-    place = given.index("--ros-args") if "--ros-args" in given else len(given)
-    return given[:place], given[place:]
+def _split(words: list[str]) -> tuple[list[str], list[str]]:
+    place = words.index("--ros-args") if "--ros-args" in words else len(words)
+    return words[:place], words[place:]
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -154,13 +154,13 @@ def _source(
 async def _serve(source: LiveSource | Recording, name: str, listener: socket.socket) -> None:
     """Serve until a signal ends it."""
     display = DisplayServer(source, visible(name), _say)
-    here = asyncio.current_task()
-    assert here is not None
+    task = asyncio.current_task()
+    assert task is not None
     for ending in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(ending, here.cancel)
+        asyncio.get_running_loop().add_signal_handler(ending, task.cancel)
     address, port, *_ = listener.getsockname()
-    shown = f"[{address}]" if ":" in address else address
-    await display.serve(listener, lambda: print(f"http://{shown}:{port}/", flush=True))
+    host = f"[{address}]" if ":" in address else address
+    await display.serve(listener, lambda: print(f"http://{host}:{port}/", flush=True))
 
 
 def _say(sentence: str) -> None:

@@ -118,98 +118,100 @@ class DisplayScene:
     @property
     def fresh(self) -> Freshness:
         """For how long things count where they do for any node; where none says, what is usual."""
-        said = self.freshness.values()
-        return reduce(Freshness.longest, said) if said else USUAL_FRESHNESS
+        told = self.freshness.values()
+        return reduce(Freshness.longest, told) if told else USUAL_FRESHNESS
 
-    def at(self, now: int) -> "DisplayScene":
+    def at(self, moment: int) -> "DisplayScene":
         """Return what is known at a time, ns: a clock that steps back begins anew, and aircraft
         that are silent are forgotten.
         """
-        if now < self.latest - _BACKWARD:
+        if moment < self.latest - _BACKWARD:
             return DisplayScene(
                 separation=self.separation,
                 by_category=self.by_category,
                 freshness=self.freshness,
                 nodes=self.nodes,
-                latest=now,
+                latest=moment,
             )
-        traffic, silent = forget_silent(self.situation.traffic, now, self.fresh.silence)
+        traffic, silent = forget_silent(self.situation.traffic, moment, self.fresh.silence)
         situation = replace(self.situation, traffic=traffic) if silent else self.situation
-        return replace(self, latest=max(now, self.latest), situation=situation)
+        return replace(self, latest=max(moment, self.latest), situation=situation)
 
 
-def _note_arrival(scene: DisplayScene, name: str, now: int) -> DisplayScene:
+def _note_arrival(scene: DisplayScene, name: str, moment: int) -> DisplayScene:
     """Return the scene in which something of an input has just arrived."""
-    if now < scene.latest - _BACKWARD:
-        scene = scene.at(now)
-    arrived = {**scene.arrived, name: now}
-    return replace(scene, latest=max(now, scene.latest), arrived=arrived)
+    if moment < scene.latest - _BACKWARD:
+        scene = scene.at(moment)
+    arrived = {**scene.arrived, name: moment}
+    return replace(scene, latest=max(moment, scene.latest), arrived=arrived)
 
 
-def take(scene: DisplayScene, name: str, message: Any, now: int) -> DisplayScene:
-    """Return the scene after a message of an input (:data:`INPUTS`) that arrives at ``now``, ns."""
+def take(scene: DisplayScene, name: str, message: Any, moment: int) -> DisplayScene:
+    """Return the scene after a message of an input (:data:`INPUTS`) that arrives at a time, ns."""
     # Traffic is one input, by itself or in arrays.
     short = name.rpartition("/")[2].removesuffix("_array")
-    scene = _note_arrival(scene, short, now)
+    scene = _note_arrival(scene, short, moment)
     try:
-        found = attempt(lambda: INPUTS[name].change(scene, message, now))
+        outcome = attempt(lambda: INPUTS[name].change(scene, message, moment))
     except AttributeError as error:  # another version of the message
-        found = FieldError(short, f"has no field {error.name}, expected {INPUTS[name].kind}")
-    if isinstance(found, FieldError):
-        return note(scene, short, str(found), now)
-    if short in found.problems:
-        left = {one: what for one, what in found.problems.items() if one != short}
-        found = replace(found, problems=left)
-    return found
+        outcome = FieldError(short, f"has no field {error.name}, expected {INPUTS[name].kind}")
+    if isinstance(outcome, FieldError):
+        return note(scene, short, str(outcome), moment)
+    if short in outcome.problems:
+        problems = {key: health for key, health in outcome.problems.items() if key != short}
+        outcome = replace(outcome, problems=problems)
+    return outcome
 
 
 def take_report(
-    scene: DisplayScene, found: Report | FieldError, now: int, *, own: bool = False
+    scene: DisplayScene, report: Report | FieldError, moment: int, *, own: bool = False
 ) -> DisplayScene:
     """Return the scene after a report of a source that has no messages, such as a receiver.
 
     Args:
         scene: what was known.
-        found: the report, or why it cannot be used.
-        now: when it arrived, ns.
+        report: the report, or why it cannot be used.
+        moment: when it arrived, ns.
         own: whether it is about the ownship.
     """
     name = "ownship" if own else "traffic"
-    scene = _note_arrival(scene, name, now)
+    scene = _note_arrival(scene, name, moment)
     situation = scene.situation
-    if isinstance(found, FieldError) and found.sighting is None:
-        return note(scene, name, str(found), now)
-    seen = found.sighting
-    assert seen is not None
+    if isinstance(report, FieldError) and report.sighting is None:
+        return note(scene, name, str(report), moment)
+    sighting = report.sighting
+    assert sighting is not None
     if not own:
-        here = None if situation.own.last is None else situation.own.last.place
-        traffic = follow(situation.traffic, seen.identifier, found, now, _RULES)
-        traffic, dropped = keep_nearest(traffic, here)
+        own_place = None if situation.own.last is None else situation.own.last.place
+        traffic = follow(situation.traffic, sighting.identifier, report, moment, _RULES)
+        traffic, dropped = keep_nearest(traffic, own_place)
         if dropped:
-            scene = note(scene, "traffic", f"the nearest {MOST} aircraft alone are shown", now)
+            scene = note(scene, "traffic", f"the nearest {MOST} aircraft alone are shown", moment)
         return replace(scene, situation=replace(situation, traffic=traffic))
-    if isinstance(found, FieldError):
-        after = note_refused(situation.own, found, now, _RULES)
+    if isinstance(report, FieldError):
+        own_track = note_refused(situation.own, report, moment, _RULES)
     else:
-        after = take_in(situation.own, found, "ownship", now, _RULES)
-    return replace(scene, situation=replace(situation, own=after))
+        own_track = take_in(situation.own, report, "ownship", moment, _RULES)
+    return replace(scene, situation=replace(situation, own=own_track))
 
 
-def note(scene: DisplayScene, name: str, text: str, now: int) -> DisplayScene:
+def note(scene: DisplayScene, name: str, text: str, moment: int) -> DisplayScene:
     """Return the scene with a problem of an input."""
-    return replace(scene, problems={**scene.problems, name: Health(now, 2, text)})
+    return replace(scene, problems={**scene.problems, name: Health(moment, 2, text)})
 
 
 def left_out_lines(
-    left_out: Mapping[str, int], doubted: Mapping[str, int], now: int
+    left_out: Mapping[str, int], doubted: Mapping[str, int], moment: int
 ) -> dict[str, Health]:
     """Return lines of health on reports that were left out of the traffic, and on those that were
-    taken although a field forbids it, by how often for which reason; ``now`` in ns.
+    taken although a field forbids it, by how often for which reason; ``moment`` in ns.
     """
     named = (("traffic left out", 0, left_out), ("traffic doubted", 1, doubted))
     return {
         name: Health(
-            now, level, ", ".join(f"{count} {why}" for why, count in sorted(counts.items()))
+            moment,
+            level,
+            ", ".join(f"{count} {reason}" for reason, count in sorted(counts.items())),
         )
         for name, level, counts in named
         if any(counts.values())
@@ -219,31 +221,31 @@ def left_out_lines(
 def _situation(
     update: Callable[..., Situation],
 ) -> Callable[[DisplayScene, Any, int], DisplayScene]:
-    def change(scene: DisplayScene, message: Any, now: int) -> DisplayScene:
-        after = update(scene.situation, message, now, _RULES)
-        for held in (after.origin, after.route, after.alert):
-            if held.fault is not None and held.fault.arrived == now:
-                raise FieldError(held.fault.field, held.fault.problem)
-        return replace(scene, situation=after)
+    def change(scene: DisplayScene, message: Any, moment: int) -> DisplayScene:
+        situation = update(scene.situation, message, moment, _RULES)
+        for received in (situation.origin, situation.route, situation.alert):
+            if received.fault is not None and received.fault.arrived == moment:
+                raise FieldError(received.fault.field, received.fault.problem)
+        return replace(scene, situation=situation)
 
     return change
 
 
-def _plan(scene: DisplayScene, message: "Trajectory", now: int) -> DisplayScene:
+def _plan(scene: DisplayScene, message: "Trajectory", moment: int) -> DisplayScene:
     if message.status == _WITHDRAWN:
         return replace(scene, plan=None)
     _expect("trajectory", message, _SAFE)
     return replace(scene, plan=_with_points(message, "trajectory"), unresolved=None)
 
 
-def _advisory(scene: DisplayScene, message: "Trajectory", now: int) -> DisplayScene:
+def _advisory(scene: DisplayScene, message: "Trajectory", moment: int) -> DisplayScene:
     _expect("advisory", message, _UNRESOLVED)
     # The runner publishes the best known trajectory; without any there is nothing to draw.
-    found = _with_points(message, "advisory") if len(message.waypoints) else None
-    return replace(scene, unresolved=found)
+    plan = _with_points(message, "advisory") if len(message.waypoints) else None
+    return replace(scene, unresolved=plan)
 
 
-def _backup(scene: DisplayScene, message: "Trajectory", now: int) -> DisplayScene:
+def _backup(scene: DisplayScene, message: "Trajectory", moment: int) -> DisplayScene:
     _expect("backup", message, _BACKUP)
     return replace(scene, backup=_with_points(message, "backup"))
 
@@ -260,16 +262,16 @@ def _expect(name: str, message: "Trajectory", status: int) -> None:
         raise FieldError(f"{name}.status", f"is {message.status}, expected {status}")
 
 
-def _status(scene: DisplayScene, message: "AssuranceStatus", now: int) -> DisplayScene:
+def _status(scene: DisplayScene, message: "AssuranceStatus", moment: int) -> DisplayScene:
     def real(name: str) -> float:
         return number(f"status.{name}", getattr(message, name), -_LONGEST, _LONGEST, "")
 
     time = stamp("status.header.stamp", message.header.stamp)
-    found = Status(
+    status = Status(
         state=State(integer("status.state", message.state, 0, 4)),
         fly=FlyMode(integer("status.fly", message.fly, 0, 2)),
         causes=integer("status.causes", message.causes, 0, 2**32 - 1),
-        reasons=tuple(str(one) for one in list(message.reasons)[:_MOST]),
+        reasons=tuple(str(reason) for reason in list(message.reasons)[:_MOST]),
         measured=bool(message.measured),
         cross_track=real("cross_track"),
         along_track=real("along_track"),
@@ -278,20 +280,20 @@ def _status(scene: DisplayScene, message: "AssuranceStatus", now: int) -> Displa
         time_to_loss=real("time_to_loss"),
     )
     if hasattr(message, "altitude_error"):  # a recording of an earlier version has none
-        found = found._replace(
+        status = status._replace(
             altitude_error=real("altitude_error"),
             altitude_error_limit=real("altitude_error_limit"),
         )
-    return replace(scene, monitor=MonitorStatus(time, found))
+    return replace(scene, monitor=MonitorStatus(time, status))
 
 
-def _guidance(scene: DisplayScene, message: "GuidanceBands", now: int) -> DisplayScene:
+def _guidance(scene: DisplayScene, message: "GuidanceBands", moment: int) -> DisplayScene:
     levels, areas = _levels(message, "intruder"), _levels(message, "area")
     tracks, speeds = (
         _bands(message, target, kind, len(areas))
         for target, kind in (("track_deg", "track"), ("speed", "speed"))
     )
-    found = Guidance(
+    guidance = Guidance(
         time=stamp("guidance.header.stamp", message.header.stamp),
         look_ahead=number("guidance.look_ahead", message.look_ahead, 0.0, _LONGEST, "s"),
         tracks=tracks,
@@ -305,7 +307,7 @@ def _guidance(scene: DisplayScene, message: "GuidanceBands", now: int) -> Displa
         areas=areas,
         vertical=_vertical(message, len(areas)),
     )
-    return replace(scene, guidance=found)
+    return replace(scene, guidance=guidance)
 
 
 def _vertical(message: "GuidanceBands", areas: int) -> VerticalBands | None:
@@ -320,8 +322,8 @@ def _vertical(message: "GuidanceBands", areas: int) -> VerticalBands | None:
     code = integer("guidance.altitude_reference", message.altitude_reference, 0, 255)
     reference = ALTITUDE_CODES.get(code)
     if reference is None:
-        what = f"is {code}, expected one of {sorted(ALTITUDE_CODES)} beside bands of altitudes"
-        raise FieldError("guidance.altitude_reference", what)
+        problem = f"is {code}, expected one of {sorted(ALTITUDE_CODES)} beside bands of altitudes"
+        raise FieldError("guidance.altitude_reference", problem)
     return VerticalBands(speeds, altitudes, reference)
 
 
@@ -331,55 +333,57 @@ def _levels(message: "GuidanceBands", kind: str) -> dict[str, tuple[int, float]]
     columns = [list(getattr(message, f"{kind}_{name}")) for name in ("level", "loss")]
     for name, column in zip(("level", "loss"), columns, strict=True):
         if len(column) != len(ids):
-            what = f"has {len(column)} values, expected {len(ids)} as {kind}_ids"
-            raise FieldError(f"guidance.{kind}_{name}", what)
+            problem = f"has {len(column)} values, expected {len(ids)} as {kind}_ids"
+            raise FieldError(f"guidance.{kind}_{name}", problem)
     return {
-        str(one): (
+        str(identity): (
             integer(f"guidance.{kind}_level", int(level), 0, 3),
             number(f"guidance.{kind}_loss", loss, -1.0, _LONGEST, "s"),
         )
-        for one, level, loss in zip(ids, *columns, strict=True)
+        for identity, level, loss in zip(ids, *columns, strict=True)
     }
 
 
 def _bands(message: "GuidanceBands", target: str, kind: str, areas: int, low: float = 0.0) -> Bands:
-    rest = ("region", "loss", "area")
-    columns = [getattr(message, name) for name in (target, *(f"{kind}_{one}" for one in rest))]
+    parts = ("region", "loss", "area")
+    columns = [getattr(message, name) for name in (target, *(f"{kind}_{part}" for part in parts))]
     lengths = {len(column) for column in columns}
     if len(lengths) != 1 or max(lengths) > _MOST:
-        what = f"and its regions, losses and areas have {sorted(lengths)} values"
-        raise FieldError(f"guidance.{target}", f"{what}, expected as many of each, {_MOST} at most")
+        problem = f"and its regions, losses and areas have {sorted(lengths)} values"
+        raise FieldError(
+            f"guidance.{target}", f"{problem}, expected as many of each, {_MOST} at most"
+        )
     targets, regions, losses, by_areas = columns
     return Bands(
-        tuple(number(f"guidance.{target}", one, low, _LONGEST, "") for one in targets),
-        tuple(integer(f"guidance.{kind}_region", int(one), 0, 4) for one in regions),
-        tuple(number(f"guidance.{kind}_loss", one, -1.0, _LONGEST, "s") for one in losses),
-        tuple(integer(f"guidance.{kind}_area", int(one), -1, areas - 1) for one in by_areas),
+        tuple(number(f"guidance.{target}", value, low, _LONGEST, "") for value in targets),
+        tuple(integer(f"guidance.{kind}_region", int(region), 0, 4) for region in regions),
+        tuple(number(f"guidance.{kind}_loss", loss, -1.0, _LONGEST, "s") for loss in losses),
+        tuple(integer(f"guidance.{kind}_area", int(area), -1, areas - 1) for area in by_areas),
     )
 
 
-def _areas(scene: DisplayScene, message: "Areas", now: int) -> DisplayScene:
-    found = areas(message)
-    for one in found.areas:  # what no map can hold is refused now
-        centre = one.centre or one.rings[0][0]
-        to_local(AreaReport(found.time, (one,)), LocalFrame(*centre), found.time, _FAR)
-    return replace(scene, areas=HeldAreas(found))
+def _areas(scene: DisplayScene, message: "Areas", moment: int) -> DisplayScene:
+    report = areas(message)
+    for area in report.areas:  # what no map can hold is refused now
+        centre = area.centre or area.rings[0][0]
+        to_local(AreaReport(report.time, (area,)), LocalFrame(*centre), report.time, _FAR)
+    return replace(scene, areas=HeldAreas(report))
 
 
-def _diagnostics(scene: DisplayScene, message: "DiagnosticArray", now: int) -> DisplayScene:
+def _diagnostics(scene: DisplayScene, message: "DiagnosticArray", moment: int) -> DisplayScene:
     nodes, separation, by_category = dict(scene.nodes), scene.separation, scene.by_category
     freshness = dict(scene.freshness)
-    for one in list(message.status)[:_MOST]:
-        level = one.level[0] if isinstance(one.level, bytes) else int(one.level)
-        nodes[str(one.name)] = Health(now, min(level, 3), str(one.message))
-        values = {pair.key: pair.value for pair in one.values}
+    for node in list(message.status)[:_MOST]:
+        level = node.level[0] if isinstance(node.level, bytes) else int(node.level)
+        nodes[str(node.name)] = Health(moment, min(level, 3), str(node.message))
+        values = {pair.key: pair.value for pair in node.values}
         if "separation, m" in values:
             separation = number("separation", values["separation, m"], 0.0, _LONGEST, "m")
         if BY_CATEGORY in values:
             by_category = separations_of(BY_CATEGORY, values[BY_CATEGORY])
-        said = Freshness.of_texts(values)
-        if said is not None:
-            freshness[str(one.name)] = said
+        node_freshness = Freshness.of_texts(values)
+        if node_freshness is not None:
+            freshness[str(node.name)] = node_freshness
     if len(nodes) > _MOST:  # names that are made up anew each time
         nodes, freshness = {}, {}
     return replace(
@@ -387,7 +391,7 @@ def _diagnostics(scene: DisplayScene, message: "DiagnosticArray", now: int) -> D
     )
 
 
-def _clock(scene: DisplayScene, message: "Clock", now: int) -> DisplayScene:
+def _clock(scene: DisplayScene, message: "Clock", moment: int) -> DisplayScene:
     return scene
 
 

@@ -47,23 +47,29 @@ def definition(kind: str) -> str:
     texts: dict[str, str] = {}
     waiting = [first]
     while waiting:
-        one = waiting.pop(0)
-        if one in texts:
+        definition_name = waiting.pop(0)
+        if definition_name in texts:
             continue
-        package, _, name = one.partition("/")
+        package, _, name = definition_name.partition("/")
         file = _FOLDER / f"{name}.msg"
-        texts[one] = file.read_text("utf-8") if package == "rlcas_msgs" else _OTHERS[one]
-        waiting += _parts(package, texts[one])
-    rest = [f"MSG: {one}\n{text}" for one, text in texts.items() if one != first]
-    return f"\n{'=' * 80}\n".join([texts[first], *rest])
+        texts[definition_name] = (
+            file.read_text("utf-8") if package == "rlcas_msgs" else _OTHERS[definition_name]
+        )
+        waiting += _parts(package, texts[definition_name])
+    parts = [
+        f"MSG: {definition_name}\n{text}"
+        for definition_name, text in texts.items()
+        if definition_name != first
+    ]
+    return f"\n{'=' * 80}\n".join([texts[first], *parts])
 
 
 def _parts(package: str, text: str) -> list[str]:
     """Return the messages that a definition's fields are of."""
     lines = (line.partition("#")[0].split() for line in text.splitlines())
     kinds = {words[0].partition("[")[0] for words in lines if words}
-    whole = {kind if "/" in kind else f"{package}/{kind}" for kind in kinds}
-    return sorted(one for one in whole if one in _OTHERS or _is_ours(one))
+    names = {kind if "/" in kind else f"{package}/{kind}" for kind in kinds}
+    return sorted(full_name for full_name in names if full_name in _OTHERS or _is_ours(full_name))
 
 
 def _is_ours(kind: str) -> bool:
@@ -76,28 +82,28 @@ def time_fields(time: int) -> Fields:
     return {"sec": time // SECOND, "nanosec": time % SECOND}
 
 
-def clock(now: int) -> Fields:
+def clock(moment: int) -> Fields:
     """Return a Clock."""
-    return {"clock": time_fields(now)}
+    return {"clock": time_fields(moment)}
 
 
-def aircraft(one: Report | Sighting) -> Fields:
+def aircraft(report: Report | Sighting) -> Fields:
     """Return an AircraftState of a report, or of what is left of one that could not be used."""
-    seen = one if isinstance(one, Sighting) else one.sighting
-    fields: Fields = {**_header(seen.time or 0), "id": seen.identifier, "valid": 0}
-    if seen.place is not None:
-        latitude, longitude = seen.place
+    sighting = report if isinstance(report, Sighting) else report.sighting
+    fields: Fields = {**_header(sighting.time or 0), "id": sighting.identifier, "valid": 0}
+    if sighting.place is not None:
+        latitude, longitude = sighting.place
         _add(fields, codes.POSITION, latitude=latitude, longitude=longitude)
-    climb = None if seen.altitude is None else seen.altitude.vertical_speed
-    if seen.altitude is not None:
-        _add(fields, codes.ALTITUDE, **_altitude(seen.altitude))
+    climb = None if sighting.altitude is None else sighting.altitude.vertical_speed
+    if sighting.altitude is not None:
+        _add(fields, codes.ALTITUDE, **_altitude(sighting.altitude))
     if climb is not None:
         _add(fields, codes.VERTICAL_SPEED)
     velocity = {"z": climb or 0.0}
-    if isinstance(one, Report):
+    if isinstance(report, Report):
         _add(fields, codes.VELOCITY)
-        velocity |= {"x": one.east, "y": one.north}
-        _add_accuracy(fields, one)
+        velocity |= {"x": report.east, "y": report.north}
+        _add_accuracy(fields, report)
     return fields | {"velocity": velocity}
 
 
@@ -123,13 +129,18 @@ def geo_reference(origin: codes.Origin) -> Fields:
     return fields | {"geoid_undulation_valid": True, "geoid_undulation": origin.undulation}
 
 
-def route(stations: Route, now: int) -> Fields:
+def route(stations: Route, moment: int) -> Fields:
     """Return a Trajectory of status ROUTE."""
     points = [
-        _point(one.index, codes.ROUTE_POINT, (one.latitude, one.longitude), one.altitude)
-        for one in stations
+        _point(
+            station.index,
+            codes.ROUTE_POINT,
+            (station.latitude, station.longitude),
+            station.altitude,
+        )
+        for station in stations
     ]
-    return _trajectory(codes.STATUS_ROUTE, now, 0, waypoints=points)
+    return _trajectory(codes.STATUS_ROUTE, moment, 0, waypoints=points)
 
 
 def plan(published: Published, status: int = codes.STATUS_SAFE) -> Fields:
@@ -147,9 +158,9 @@ def plan(published: Published, status: int = codes.STATUS_SAFE) -> Fields:
     )
 
 
-def withdrawal(revision: int, now: int) -> Fields:
+def withdrawal(revision: int, moment: int) -> Fields:
     """Return the Trajectory that withdraws a plan."""
-    return _trajectory(3, now, revision)
+    return _trajectory(3, moment, revision)
 
 
 def status(monitor: MonitorStatus, revision: int) -> Fields:
@@ -162,21 +173,21 @@ def status(monitor: MonitorStatus, revision: int) -> Fields:
     }
 
 
-def guidance(found: Guidance) -> Fields:
+def guidance(bands: Guidance) -> Fields:
     """Return a GuidanceBands."""
-    up_and_down: Fields = {} if found.vertical is None else _vertical(found.vertical)
+    up_and_down: Fields = {} if bands.vertical is None else _vertical(bands.vertical)
     return {
-        **_header(found.time),
-        "look_ahead": found.look_ahead,
-        "track_deg": found.tracks.target,
-        **_bands("track", found.tracks),
-        "speed": found.speeds.target,
-        **_bands("speed", found.speeds),
-        "recovery": found.recovery,
-        "recovery_time": found.recovery_time,
-        "recovery_shortfall": found.recovery_shortfall,
-        **_levels("intruder", found.levels),
-        **_levels("area", found.areas),
+        **_header(bands.time),
+        "look_ahead": bands.look_ahead,
+        "track_deg": bands.tracks.target,
+        **_bands("track", bands.tracks),
+        "speed": bands.speeds.target,
+        **_bands("speed", bands.speeds),
+        "recovery": bands.recovery,
+        "recovery_time": bands.recovery_time,
+        "recovery_shortfall": bands.recovery_shortfall,
+        **_levels("intruder", bands.levels),
+        **_levels("area", bands.areas),
         **up_and_down,
     }
 
@@ -195,18 +206,18 @@ def _bands(kind: str, bands: Bands) -> Fields:
     return {f"{kind}_{name}": getattr(bands, name) for name in ("region", "loss", "area")}
 
 
-def _levels(what: str, levels: Mapping[str, tuple[int, float]]) -> Fields:
+def _levels(kind: str, levels: Mapping[str, tuple[int, float]]) -> Fields:
     """Return alert levels and times to loss by name."""
     return {
-        f"{what}_ids": list(levels),
-        f"{what}_level": [level for level, _ in levels.values()],
-        f"{what}_loss": [loss for _, loss in levels.values()],
+        f"{kind}_ids": list(levels),
+        f"{kind}_level": [level for level, _ in levels.values()],
+        f"{kind}_loss": [loss for _, loss in levels.values()],
     }
 
 
-def areas(every: tuple[GeodeticArea, ...], now: int) -> Fields:
+def areas(geodetic_areas: tuple[GeodeticArea, ...], moment: int) -> Fields:
     """Return an Areas of areas as they are now, ns."""
-    return {**_header(now), "areas": [_area(one, now) for one in every]}
+    return {**_header(moment), "areas": [_area(area, moment) for area in geodetic_areas]}
 
 
 def diagnostics(
@@ -214,7 +225,7 @@ def diagnostics(
     separation: float | None,
     by_category: Mapping[int, float],
     fresh: Freshness,
-    now: int,
+    moment: int,
 ) -> Fields:
     """Return a DiagnosticArray; the separation, m, those by category, and for how long things count
     stand beside each state of health.
@@ -223,11 +234,11 @@ def diagnostics(
     values = [{"key": key, "value": text} for key, text in texts.items()]
     if separation is not None:
         values.append({"key": "separation, m", "value": f"{separation:g}"})
-    every = [
-        {"level": one.level, "name": name, "message": one.text, "values": values}
-        for name, one in nodes.items()
+    statuses = [
+        {"level": health.level, "name": name, "message": health.text, "values": values}
+        for name, health in nodes.items()
     ]
-    return {**_header(now), "status": every}
+    return {**_header(moment), "status": statuses}
 
 
 def _header(time: int) -> Fields:
@@ -275,25 +286,25 @@ def _plan_point(point: PlanPoint) -> Fields:
     return fields
 
 
-def _area(one: GeodeticArea, now: int) -> Fields:
-    more = one.more
-    east, north = more.get("velocity", (0.0, 0.0))
-    fields: Fields = {"id": one.name, "keep": int(one.keep is Keep.IN), "valid": 0}
+def _area(area: GeodeticArea, moment: int) -> Fields:
+    extra = area.more
+    east, north = extra.get("velocity", (0.0, 0.0))
+    fields: Fields = {"id": area.name, "keep": int(area.keep is Keep.IN), "valid": 0}
     fields |= {"velocity": {"x": east, "y": north}}
-    fields |= {name: more.get(name, 0.0) for name in ("growth", "clearance")}
+    fields |= {name: extra.get(name, 0.0) for name in ("growth", "clearance")}
     fields["rings"] = [
         {"latitude": [place[0] for place in ring], "longitude": [place[1] for place in ring]}
-        for ring in one.rings
+        for ring in area.rings
     ]
-    if one.centre is not None:
-        latitude, longitude = one.centre
-        fields |= {"latitude": latitude, "longitude": longitude, "radius": one.radius}
-    for side, level, bit in (("floor", one.floor, FLOOR), ("ceiling", one.ceiling, CEILING)):
+    if area.centre is not None:
+        latitude, longitude = area.centre
+        fields |= {"latitude": latitude, "longitude": longitude, "radius": area.radius}
+    for side, level, bit in (("floor", area.floor, FLOOR), ("ceiling", area.ceiling, CEILING)):
         if level is not None:
             _add(fields, bit, **_level(side, level))
     for side, bit in (("valid_from", FROM), ("valid_until", UNTIL)):
-        if math.isfinite(more.get(side, math.inf)):
-            _add(fields, bit, **{side: time_fields(now + round(more[side] * SECOND))})
+        if math.isfinite(extra.get(side, math.inf)):
+            _add(fields, bit, **{side: time_fields(moment + round(extra[side] * SECOND))})
     return fields
 
 

@@ -28,10 +28,10 @@ class SceneRecorder:
     def __init__(self, path: Path) -> None:
         self._file, self._scene = McapFile(path), DisplayScene()
         self._channels: dict[str, tuple[int, Callable[[Mapping[str, Any]], bytes]]] = {}
-        for name, one in INPUTS.items():
-            text = messages.definition(one.kind)
-            channel = self._file.channel(f"/{name.lstrip('/')}", one.kind, text)
-            self._channels[name] = channel, encoder(one.kind, text)
+        for name, known_input in INPUTS.items():
+            text = messages.definition(known_input.kind)
+            channel = self._file.channel(f"/{name.lstrip('/')}", known_input.kind, text)
+            self._channels[name] = channel, encoder(known_input.kind, text)
         self._file.flush()
 
     def feed(self, change: Callable[[DisplayScene], DisplayScene]) -> None:
@@ -43,60 +43,60 @@ class SceneRecorder:
         """Finish the file, or raise OSError."""
         self._file.close()
 
-    def _write_changes(self, before: DisplayScene, scene: DisplayScene) -> None:
-        now = scene.latest
-        self._write("/clock", messages.clock(now), now)
-        was, held = before.situation, scene.situation
-        if held.origin.value is not None and held.origin.value != was.origin.value:
-            fields = messages.geo_reference(held.origin.value)
-            self._write(f"{_RUNNER}/input/geo_reference", fields, now)
-        self._write_track("ownship", was.own, held.own, now)
-        for name, track in held.traffic.items():
-            self._write_track("traffic", was.traffic.get(name, UNKNOWN), track, now)
-        stations = held.route.value or ()
-        if len(stations) > 1 and stations != was.route.value:
-            self._write(f"{_RUNNER}/input/route", messages.route(stations, now), now)
+    def _write_changes(self, previous: DisplayScene, scene: DisplayScene) -> None:
+        moment = scene.latest
+        self._write("/clock", messages.clock(moment), moment)
+        old, new = previous.situation, scene.situation
+        if new.origin.value is not None and new.origin.value != old.origin.value:
+            fields = messages.geo_reference(new.origin.value)
+            self._write(f"{_RUNNER}/input/geo_reference", fields, moment)
+        self._write_track("ownship", old.own, new.own, moment)
+        for name, track in new.traffic.items():
+            self._write_track("traffic", old.traffic.get(name, UNKNOWN), track, moment)
+        stations = new.route.value or ()
+        if len(stations) > 1 and stations != old.route.value:
+            self._write(f"{_RUNNER}/input/route", messages.route(stations, moment), moment)
         if scene.areas is not None and (
-            before.areas is None or scene.areas.report != before.areas.report
+            previous.areas is None or scene.areas.report != previous.areas.report
         ):
-            fields = messages.areas(scene.areas.report.areas, now)
-            self._write(f"{_RUNNER}/input/areas", fields, now)
-        self._write_decisions(before, scene, now)
+            fields = messages.areas(scene.areas.report.areas, moment)
+            self._write(f"{_RUNNER}/input/areas", fields, moment)
+        self._write_decisions(previous, scene, moment)
 
-    def _write_decisions(self, before: DisplayScene, scene: DisplayScene, now: int) -> None:
+    def _write_decisions(self, previous: DisplayScene, scene: DisplayScene, moment: int) -> None:
         plan = f"{_RUNNER}/output/trajectory"
-        if scene.plan is None and before.plan is not None:
-            self._write(plan, messages.withdrawal(before.plan.revision + 1, now), now)
-        elif scene.plan is not None and scene.plan != before.plan:
-            self._write(plan, messages.plan(scene.plan), now)
-        if scene.backup is not None and scene.backup != before.backup:
+        if scene.plan is None and previous.plan is not None:
+            self._write(plan, messages.withdrawal(previous.plan.revision + 1, moment), moment)
+        elif scene.plan is not None and scene.plan != previous.plan:
+            self._write(plan, messages.plan(scene.plan), moment)
+        if scene.backup is not None and scene.backup != previous.backup:
             fields = messages.plan(scene.backup, STATUS_BACKUP)
-            self._write(f"{_MONITOR}/output/backup", fields, now)
-        if scene.monitor is not None and scene.monitor != before.monitor:
+            self._write(f"{_MONITOR}/output/backup", fields, moment)
+        if scene.monitor is not None and scene.monitor != previous.monitor:
             revision = 0 if scene.plan is None else scene.plan.revision
             fields = messages.status(scene.monitor, revision)
-            self._write(f"{_MONITOR}/output/status", fields, now)
-        if scene.guidance is not None and scene.guidance != before.guidance:
+            self._write(f"{_MONITOR}/output/status", fields, moment)
+        if scene.guidance is not None and scene.guidance != previous.guidance:
             fields = messages.guidance(scene.guidance)
-            self._write(f"{_MONITOR}/output/guidance", fields, now)
-        if scene.nodes != before.nodes:
+            self._write(f"{_MONITOR}/output/guidance", fields, moment)
+        if scene.nodes != previous.nodes:
             fields = messages.diagnostics(
-                scene.nodes, scene.separation, scene.by_category, scene.fresh, now
+                scene.nodes, scene.separation, scene.by_category, scene.fresh, moment
             )
-            self._write("/diagnostics", fields, now)
+            self._write("/diagnostics", fields, moment)
 
-    def _write_track(self, name: str, before: Track, track: Track, now: int) -> None:
+    def _write_track(self, name: str, previous: Track, track: Track, moment: int) -> None:
         """Write the newest report, and the place of one that could not be used."""
         topic = f"{_RUNNER}/input/{name}"
-        if track.last is not None and track.last != before.last:
-            self._write(topic, messages.aircraft(track.last), now)
-        for one in track.sightings:
-            if one not in before.sightings:
-                self._write(topic, messages.aircraft(one.sighting), now)
+        if track.last is not None and track.last != previous.last:
+            self._write(topic, messages.aircraft(track.last), moment)
+        for sighted in track.sightings:
+            if sighted not in previous.sightings:
+                self._write(topic, messages.aircraft(sighted.sighting), moment)
 
-    def _write(self, name: str, fields: Mapping[str, Any], now: int) -> None:
+    def _write(self, name: str, fields: Mapping[str, Any], moment: int) -> None:
         channel, encode = self._channels[name]
-        self._file.write(channel, encode(fields), now)
+        self._file.write(channel, encode(fields), moment)
 
 
 def encoder(kind: str, definition: str) -> Callable[[Mapping[str, Any]], bytes]:

@@ -106,13 +106,13 @@ class LiveSource:
         self._replace_by("what was received", change)
         self._changed.set()
 
-    def _replace_by(self, what: str, change: Callable[[DisplayScene], DisplayScene]) -> None:
+    def _replace_by(self, name: str, change: Callable[[DisplayScene], DisplayScene]) -> None:
         """Replace the scene; where that fails, the one before stays, and grows old."""
 
         def attempt() -> None:
             self.scene = change(self.scene)
 
-        self._failures.attempt(what, attempt)
+        self._failures.attempt(name, attempt)
 
     async def wait(self) -> None:
         """Wait for the next change, at most so often and at least so rarely."""
@@ -130,19 +130,19 @@ class LiveSource:
         is no picture for it, without a map.
         """
         try:
-            made = self._text(draw(self.scene, self.clock(), self._centre), number)
+            picture_text = self._text(draw(self.scene, self.clock(), self._centre), number)
         except Exception as error:
             self._failures.note("the picture", error)
             return self._text(empty(DisplayScene(), self.clock()), number)
         self._failures.clear("the picture")
-        return made
+        return picture_text
 
     def _text(self, picture: Picture, number: int) -> str:
         return _text(to_json(self._tell_failures(picture)) | {"number": number})
 
     def _tell_failures(self, picture: Picture) -> Picture:
-        told = [HealthLine("display", 2, text, None) for text in self._failures.problems()]
-        return replace(picture, health=[*told, *picture.health])
+        failure_lines = [HealthLine("display", 2, text, None) for text in self._failures.problems()]
+        return replace(picture, health=[*failure_lines, *picture.health])
 
 
 def _ignore(_: str) -> None:
@@ -186,16 +186,16 @@ class DisplayServer:
         self._clients: set[_Client] = set()
         self._dropped = 0
 
-    async def serve(self, listener: socket.socket, begun: Callable[[], object]) -> None:
-        """Serve the source at a bound socket, and begin what feeds it, until cancelled; ``begun``
-        is called once clients are waited for.
+    async def serve(self, listener: socket.socket, on_begin: Callable[[], object]) -> None:
+        """Serve the source at a bound socket, and begin what feeds it, until cancelled;
+        ``on_begin`` is called once clients are waited for.
         """
         async with asyncio.TaskGroup() as group:
             if isinstance(self._source, LiveSource):
                 self._source.begin(self._say)
                 group.create_task(self.broadcast())
             group.create_task(run_server(self, listener, self._say))
-            begun()
+            on_begin()
 
     async def broadcast(self) -> None:
         """Send pictures of a live source until cancelled."""
@@ -237,10 +237,10 @@ class DisplayServer:
 
     def _hello(self) -> Document:
         live = isinstance(self._source, LiveSource)
-        found: Document = {"type": "hello", "version": VERSION, "source": self._name, "live": live}
+        hello: Document = {"type": "hello", "version": VERSION, "source": self._name, "live": live}
         if not isinstance(self._source, LiveSource):
-            found |= {"length": self._source.length, "marks": self._source.marks}
-        return found
+            hello |= {"length": self._source.length, "marks": self._source.marks}
+        return hello
 
     async def _live(self, client: _Client) -> None:
         sending = asyncio.create_task(client.send_all())
@@ -297,11 +297,15 @@ class _OneLine(logging.Handler):
         root = problem
         while root is not None and root.__cause__ is not None:
             root = root.__cause__
-        what = "" if root is None else f": {str(root) or type(root).__name__}"
-        text, now = f"a client: {record.getMessage()}{what}", time.monotonic()
-        self._said = {one: at for one, at in self._said.items() if now - at < _AGAIN}
+        cause = "" if root is None else f": {str(root) or type(root).__name__}"
+        text, moment = f"a client: {record.getMessage()}{cause}", time.monotonic()
+        self._said = {
+            said_text: said_at
+            for said_text, said_at in self._said.items()
+            if moment - said_at < _AGAIN
+        }
         if text not in self._said:
-            self._said[text] = now
+            self._said[text] = moment
             self._say(text)
 
 
@@ -366,21 +370,21 @@ def _handle_exception(
 def _answer(display: DisplayServer, request: Request) -> Response | None:
     """Return a file or a refusal; None where the WebSocket may be opened."""
     try:
-        asked = request.headers.get("Host", "")
+        host = request.headers.get("Host", "")
         origin = request.headers.get("Origin")
         asks_socket = "upgrade" in request.headers.get("Connection", "").lower()
     except LookupError:
         return _refusal(HTTPStatus.BAD_REQUEST, "a header stands twice, expected it once")
-    if not _ours(asked):
+    if not _ours(host):
         return _refusal(
             HTTPStatus.FORBIDDEN, "the Host is another one's; expected this one's address or name"
         )
     path = request.path.partition("?")[0]
     if asks_socket:
-        return _socket_refusal(display, path, asked, origin)
+        return _socket_refusal(display, path, host, origin)
     if path not in _FILES:
         return _refusal(HTTPStatus.NOT_FOUND, "there is no such file")
-    return _file_response(path, asked)
+    return _file_response(path, host)
 
 
 def _socket_refusal(
@@ -392,8 +396,8 @@ def _socket_refusal(
     if origin is not None and urlsplit(origin).netloc != host:
         return _refusal(HTTPStatus.FORBIDDEN, "another page may not open this WebSocket")
     if display.full():
-        there = f"{_MOST_CLIENTS} clients are there already"
-        return _refusal(HTTPStatus.SERVICE_UNAVAILABLE, there)
+        problem = f"{_MOST_CLIENTS} clients are there already"
+        return _refusal(HTTPStatus.SERVICE_UNAVAILABLE, problem)
     return None
 
 
@@ -441,8 +445,8 @@ def _ours(host: str) -> bool:
     try:
         ipaddress.ip_address(name)
     except ValueError:
-        here = socket.gethostname().lower()
-        return name in ("localhost", here, f"{here}.local")
+        own_name = socket.gethostname().lower()
+        return name in ("localhost", own_name, f"{own_name}.local")
     return True
 
 
@@ -455,8 +459,8 @@ def _file(path: str) -> tuple[bytes, str]:
 def _time_of(message: Any) -> float | None:
     """Return the time that a client asks for, s; None where it asks for something else."""
     try:
-        asked = parse_json(message)
-        value = asked["time"] if set(asked) == {"time"} else None
+        request = parse_json(message)
+        value = request["time"] if set(request) == {"time"} else None
     except (ValueError, TypeError, KeyError, RecursionError):
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):

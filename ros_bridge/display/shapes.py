@@ -40,7 +40,7 @@ def draw_plan(
     frame: LocalFrame,
     wind: tuple[float, float] | None,
     heights: Heights,
-    now: int,
+    moment: int,
 ) -> DrawnPlan:
     """Return a plan with the times that are left to its waypoints at a time, ns; the wind, m/s east
     and north, where it is known.
@@ -51,7 +51,7 @@ def draw_plan(
             number=point.index,
             x=place[0],
             y=place[1],
-            left=tenths((point.time - now) / SECOND),
+            remaining=tenths((point.time - moment) / SECOND),
             track_deg=tenths(point.track_deg),
             speed=tenths(point.speed),
             air=_through_air(point, wind),
@@ -97,11 +97,15 @@ class _Curve(NamedTuple):
 @lru_cache(maxsize=8)
 def _curve(published: Published, frame: LocalFrame) -> _Curve:
     """Return the curve of a plan over its times, s of the source's clock."""
-    every = (published.start, *published.points)
-    here = frame.place([point.latitude for point in every], [point.longitude for point in every])
+    plan_points = (published.start, *published.points)
+    places = frame.place(
+        [point.latitude for point in plan_points], [point.longitude for point in plan_points]
+    )
     states = [
-        _on_map(point, float(here.x[n]), float(here.y[n]), float(here.convergence[n]), published)
-        for n, point in enumerate(every)
+        _on_map(
+            point, float(places.x[n]), float(places.y[n]), float(places.convergence[n]), published
+        )
+        for n, point in enumerate(plan_points)
     ]
     first = states[0]
     wind = wind_of(frame, published)
@@ -136,23 +140,23 @@ def draw_route(route: Route | None, frame: LocalFrame) -> list[Point]:
     """Return the points of a filed route."""
     if not route:
         return []
-    here = frame.place([point.latitude for point in route], [point.longitude for point in route])
-    return [_place(x, y) for x, y in zip(here.x.tolist(), here.y.tolist(), strict=True)]
+    places = frame.place([point.latitude for point in route], [point.longitude for point in route])
+    return [_place(x, y) for x, y in zip(places.x.tolist(), places.y.tolist(), strict=True)]
 
 
-def draw_areas(held: HeldAreas | None, frame: LocalFrame, now: int) -> list[DrawnArea]:
+def draw_areas(areas: HeldAreas | None, frame: LocalFrame, moment: int) -> list[DrawnArea]:
     """Return areas as they are at a time, ns."""
-    if held is None:
+    if areas is None:
         return []
-    later = (now - held.report.time) / SECOND
-    return [_area(area, later) for area in _local_areas(held, frame)]
+    later = (moment - areas.report.time) / SECOND
+    return [_area(area, later) for area in _local_areas(areas, frame)]
 
 
 @lru_cache(maxsize=2)
-def _local_areas(held: HeldAreas, frame: LocalFrame) -> tuple[Area, ...]:
+def _local_areas(areas: HeldAreas, frame: LocalFrame) -> tuple[Area, ...]:
     """Return areas on a map as they are at their own time; none where the map cannot hold them."""
     try:
-        return to_local(held.report, frame, held.report.time, _NEAR)
+        return to_local(areas.report, frame, areas.report.time, _NEAR)
     except (FieldError, AreaError):
         return ()
 

@@ -53,20 +53,20 @@ class SceneAdapter:
 
     def after(self, scene: DisplayScene, view: View) -> DisplayScene:
         """Return the scene of a view."""
-        situation, now, judgement = view.received.situation, view.time, view.judgement
-        if now < scene.latest:  # the autopilot has begun anew
+        situation, time, judgement = view.received.situation, view.time, view.judgement
+        if time < scene.latest:  # the autopilot has begun anew
             self._looking, self._shown = self._begin()
         flies = view.control.phase in (Phase.TAKING, Phase.GUIDING)
         if flies and judgement.supervision.verdict is not None:
             supervision = judgement.supervision
         else:
-            supervision = self._looking = look(self._looking, situation, now)
+            supervision = self._looking = look(self._looking, situation, time)
         filed = replace(situation, route=Held(_route(view)))
-        scene, self._shown = supervise(scene, filed, supervision, self._shown, now)
+        scene, self._shown = supervise(scene, filed, supervision, self._shown, time)
         if supervision is self._looking:
-            plan = judgement.supervision.held if judgement.safe or flies else None
+            plan = judgement.supervision.published_plan if judgement.safe or flies else None
             scene = replace(scene, plan=plan, monitor=_advice(view))
-        arrived = {**scene.arrived, "route": now} if view.mission else scene.arrived
+        arrived = {**scene.arrived, "route": time} if view.mission else scene.arrived
         fence = situation.fixed_areas
         areas = HeldAreas(AreaReport(0, fence)) if fence else None
         return replace(
@@ -150,13 +150,13 @@ def host_and_port(address: str) -> tuple[str, int]:
 def _route(view: View) -> tuple[Station, ...]:
     """Return the rest of the mission, from where its first leg begins."""
     current = view.received.current
-    left = mission.remaining_items(view.mission, current)
-    came_from = mission.before(view.mission, current)
-    items = left if came_from is None else (came_from, *left)
+    remaining = mission.remaining_items(view.mission, current)
+    came_from = mission.item_before(view.mission, current)
+    items = remaining if came_from is None else (came_from, *remaining)
     offset = view.received.altitude_offset
     return tuple(
-        Station(one.number, *one.place, mission.altitude_of(one, view.mission, offset))
-        for one in items
+        Station(item.number, *item.place, mission.altitude_of(item, view.mission, offset))
+        for item in items
     )
 
 
@@ -166,11 +166,11 @@ def _advice(view: View) -> MonitorStatus:
     """
     judgement = view.judgement
     reasons = [judgement.problem] if judgement.problem else []
-    found = judgement.conflict
-    if found is not None:
-        left = max(found.time, 0.0)
-        reasons.append(f"{found.name}: on the mission it is too near in {left:.0f} s")
-    if found is not None and judgement.plan is not None and not judgement.safe:
+    conflict = judgement.conflict
+    if conflict is not None:
+        seconds = max(conflict.time, 0.0)
+        reasons.append(f"{conflict.name}: on the mission it is too near in {seconds:.0f} s")
+    if conflict is not None and judgement.plan is not None and not judgement.safe:
         reasons.append("no plan is safe")
     state = State.MONITORING if judgement.safe else State.IDLE
     return MonitorStatus(view.time, Status(state, FlyMode.NOTHING, reasons=tuple(reasons)))
@@ -178,9 +178,11 @@ def _advice(view: View) -> MonitorStatus:
 
 def _nodes(view: View) -> dict[str, Health]:
     """Return the states of autopilot and program."""
-    found = {"rlcas_mavlink": Health(view.time, 0, view.control.phase.value)}
-    said = view.received.heartbeat
-    if said is not None:
-        armed = "armed" if said.armed else "disarmed"
-        found["autopilot"] = Health(view.received.heard, 0, f"{said.mode_name}, {armed}")
-    return found | left_out_lines(view.left_out, view.doubted, view.time)
+    nodes = {"rlcas_mavlink": Health(view.time, 0, view.control.phase.value)}
+    heartbeat = view.received.heartbeat
+    if heartbeat is not None:
+        armed = "armed" if heartbeat.armed else "disarmed"
+        nodes["autopilot"] = Health(
+            view.received.heartbeat_at, 0, f"{heartbeat.mode_name}, {armed}"
+        )
+    return nodes | left_out_lines(view.left_out, view.doubted, view.time)

@@ -148,8 +148,8 @@ def _note_current(state: State, before: Received, time: int) -> Advance:
         return Advance(replace(state, pilot=replace(state.pilot, left_at=current)))
     if current in (before.current, left_at):
         return Advance(state)
-    what = f"item {current} set by others"
-    return tell(state, what, f"{what}: AUTO goes on there", time, send=True)
+    event = f"item {current} set by others"
+    return tell(state, event, f"{event}: AUTO goes on there", time, send=True)
 
 
 def _note_parameter(state: State, message: Any) -> Advance:
@@ -185,8 +185,8 @@ def _begin_anew(state: State, event: Restart, setup: Setup) -> Advance:
     was.
     """
     text = "the autopilot has begun anew: all that was received is forgotten"
-    told = tell(state, "begun", text, event.time, send=True)
-    state, before = told.state.without_plan(setup.rules), state.received
+    announced = tell(state, "begun", text, event.time, send=True)
+    state, before = announced.state.without_plan(setup.rules), state.received
     state = replace(
         state,
         received=Received(
@@ -202,7 +202,7 @@ def _begin_anew(state: State, event: Restart, setup: Setup) -> Advance:
         entered_auto=-math.inf,
         refresh=refresh.hasten(state.refresh),
     )
-    return Advance(state, (*told.effects, AskRates()))
+    return Advance(state, (*announced.effects, AskRates()))
 
 
 def _tell_failure(state: State, event: ShowingFailed, _: Setup) -> Advance:
@@ -216,9 +216,9 @@ def _go_on(state: State, event: Tick, setup: Setup) -> Advance:
     """Ask for what is due: messages, mission and fence, a judgement."""
     moment = event.moment
     after = _ask_rates(state, moment, setup)
-    done = refresh.ask(after.state.refresh, moment.time / SECOND)
-    state = replace(after.state, refresh=done.refresh, moved=False)
-    after = Advance(state, (*after.effects, *done.effects))
+    asked = refresh.ask(after.state.refresh, moment.time / SECOND)
+    state = replace(after.state, refresh=asked.refresh, moved=False)
+    after = Advance(state, (*after.effects, *asked.effects))
     return after.then(_begin_judgement, moment) if _is_due(state, moment.time) else after
 
 
@@ -236,8 +236,8 @@ def _is_due(state: State, time: int) -> bool:
 
 
 def _begin_judgement(state: State, moment: Moment) -> Advance:
-    seconds, judged = moment.time / SECOND, state.pace.judged
-    after = _keep_pace(state, seconds - judged, moment) if judged else Advance(state)
+    seconds, last_judged = moment.time / SECOND, state.pace.judged
+    after = _keep_pace(state, seconds - last_judged, moment) if last_judged else Advance(state)
     pace = replace(after.state.pace, judged=seconds)
     return Advance(replace(after.state, pace=pace), (*after.effects, Judge(moment)))
 

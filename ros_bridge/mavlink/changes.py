@@ -25,15 +25,15 @@ def areas_of(corners: Sequence[Item], clearance: float) -> tuple[GeodeticArea, .
 
 def take_item(state: State, message: Any, time: int, margin: float) -> Advance:
     """Take in an item, or their count; what cannot be read leaves what is there."""
-    done = refresh.take(state.refresh, message)
-    after = Advance(replace(state, refresh=done.refresh), done.effects)
-    if done.problem is not None:
-        return after.then(tell, "download", str(done.problem), time, send=True)
-    if done.whole is None:
+    taken = refresh.take(state.refresh, message)
+    after = Advance(replace(state, refresh=taken.refresh), taken.effects)
+    if taken.problem is not None:
+        return after.then(tell, "download", str(taken.problem), time, send=True)
+    if taken.whole is None:
         return after
-    if done.whole.kind == FENCE:
-        return after.then(_change_fence, done.whole.items, time, margin)
-    return after.then(_change_mission, done.whole.items, time)
+    if taken.whole.kind == FENCE:
+        return after.then(_change_fence, taken.whole.items, time, margin)
+    return after.then(_change_mission, taken.whole.items, time)
 
 
 def _change_mission(state: State, items: tuple[Item, ...], time: int) -> Advance:

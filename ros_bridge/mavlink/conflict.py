@@ -46,8 +46,8 @@ def conflict(task: PlanTask, look_ahead: float) -> Conflict | None:
 
 def earliest(conflicts: Iterable[Conflict | None]) -> Conflict | None:
     """Return the first of some conflicts; None: none."""
-    some = (conflict for conflict in conflicts if conflict is not None)
-    return min(some, key=lambda conflict: conflict.time, default=None)
+    known = (conflict for conflict in conflicts if conflict is not None)
+    return min(known, key=lambda conflict: conflict.time, default=None)
 
 
 class _Course(NamedTuple):
@@ -66,15 +66,15 @@ def _along_route(task: PlanTask, look_ahead: float) -> _Course:
     x = np.array([own.x, *(point.x for point in points)])
     y = np.array([own.y, *(point.y for point in points)])
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    flown = float(own.speed) * look_ahead
+    distance_ahead = float(own.speed) * look_ahead
     length = max(way[-1] - way[-2], _SHORT)
-    on = 1.0 + max(flown - way[-1], 0.0) / length
-    end_x, end_y = (field[-2] + on * (field[-1] - field[-2]) for field in (x, y))
+    overshoot = 1.0 + max(distance_ahead - way[-1], 0.0) / length
+    end_x, end_y = (field[-2] + overshoot * (field[-1] - field[-2]) for field in (x, y))
     x, y = np.append(x[:-1], end_x), np.append(y[:-1], end_y)
-    way = np.append(way[:-1], way[-2] + on * length)
+    way = np.append(way[:-1], way[-2] + overshoot * length)
     # The corners that are reached, each once, and where the ownship is at the end.
     corners = np.flatnonzero(np.diff(way, prepend=-np.inf) > _SHORT)
-    ways = np.append(way[corners][way[corners] < flown - _SHORT], flown)
+    ways = np.append(way[corners][way[corners] < distance_ahead - _SHORT], distance_ahead)
     time = ways / max(float(own.speed), _SHORT)
     return _Course(
         *(field[None] for field in (np.interp(ways, way, x), np.interp(ways, way, y), time))
@@ -121,11 +121,11 @@ def _first_intruder(task: PlanTask, course: _Course) -> Conflict | None:
     if not counted:
         return None
     (x, y, time), wind, keep = course, task.wind, task.options.requirement
-    flown = straight(x - wind.east * time, y - wind.north * time, time)
+    trajectory = straight(x - wind.east * time, y - wind.north * time, time)
     keeping = separation(request.traffic, request.own, keep)
-    kept = clearance(flown, keeping)
-    first = int(np.argmin(kept.loss[0]))
-    loss = float(kept.loss[0, first])
+    clearances = clearance(trajectory, keeping)
+    first = int(np.argmin(clearances.loss[0]))
+    loss = float(clearances.loss[0, first])
     if not math.isfinite(loss):
         return None
     grown = growth(take(request.traffic, (0, slice(first, first + 1))), np.array(loss), keep.sigmas)
@@ -154,9 +154,9 @@ def _first_area(task: PlanTask, course: _Course) -> Conflict | None:
     ]
     if not outside:
         return None
-    kept = clearance(straight(x, y, time), area_clearance(outside, x[:, 0], y[:, 0], margin))
-    first = int(np.argmin(kept.loss[0]))
-    loss = float(kept.loss[0, first])
+    clearances = clearance(straight(x, y, time), area_clearance(outside, x[:, 0], y[:, 0], margin))
+    first = int(np.argmin(clearances.loss[0]))
+    loss = float(clearances.loss[0, first])
     if not math.isfinite(loss):
         return None
     area = outside[first]

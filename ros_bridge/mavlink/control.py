@@ -52,7 +52,7 @@ class Order(Enum):
     RESTORE = "restore"  # the operator's mode that a request of ours crossed
 
 
-class Seen(NamedTuple):
+class Observation(NamedTuple):
     """What is known at a moment."""
 
     time: float  # s
@@ -72,7 +72,7 @@ class Control:
 
     phase: Phase = Phase.WATCHING
     since: float = 0.0  # when the phase began, s
-    asked: float = 0.0  # when the last request to change the mode went out, s
+    request_time: float = 0.0  # when the last request to change the mode went out, s
     conflict_at: float = 0.0  # when there was a conflict last, s
     restore: int | None = None  # the operator's mode that a request of ours may yet overwrite
     unanswered: bool = False  # whether it has yielded only because a request had no answer
@@ -100,98 +100,102 @@ def begin_anew(control: Control, time: float) -> Control:
     return Control(Phase.YIELDED, since=time, conflict_at=time)
 
 
-def step(control: Control, seen: Seen, *, fly: bool) -> Step:
+def step(control: Control, observation: Observation, *, fly: bool) -> Step:
     """Return what follows from a moment; with ``fly`` false nothing is taken over or steered, and
     what is flown is handed back.
     """
-    if seen.conflict:
-        control = replace(control, conflict_at=seen.time)
+    if observation.conflict:
+        control = replace(control, conflict_at=observation.time)
     if not fly:
-        return _end(control, seen)
-    if seen.failsafe and control.phase is not Phase.WATCHING:
+        return _end(control, observation)
+    if observation.failsafe and control.phase is not Phase.WATCHING:
         text = "AUTO set by the failsafe, watching again"
-        return Step(_enter(control, Phase.WATCHING, seen), (), text)
-    return _STEPS[control.phase](control, seen)
+        return Step(_enter(control, Phase.WATCHING, observation), (), text)
+    return _STEPS[control.phase](control, observation)
 
 
-def _end(control: Control, seen: Seen) -> Step:
+def _end(control: Control, observation: Observation) -> Step:
     if control.phase is Phase.WATCHING:
         return Step(control)
-    if control.phase is Phase.TAKING and seen.mode == Mode.AUTO:
-        return _yield(control, seen, "off", crossed=True)
-    if control.phase in (Phase.TAKING, Phase.GUIDING) and seen.mode == Mode.GUIDED:
-        back = _enter(control, Phase.RETURNING, seen, asks=True)
+    if control.phase is Phase.TAKING and observation.mode == Mode.AUTO:
+        return _yield(control, observation, "off", crossed=True)
+    if control.phase in (Phase.TAKING, Phase.GUIDING) and observation.mode == Mode.GUIDED:
+        back = _enter(control, Phase.RETURNING, observation, asks=True)
         return Step(back, (Order.GIVE_BACK,), "off: back to AUTO")
-    return _STEPS[control.phase](control, seen)
+    return _STEPS[control.phase](control, observation)
 
 
-def _watch(control: Control, seen: Seen) -> Step:
-    wanted = seen.conflict and seen.flyable and seen.fresh
-    if not (wanted and seen.armed and seen.mode == Mode.AUTO):
+def _watch(control: Control, observation: Observation) -> Step:
+    engages = observation.conflict and observation.flyable and observation.fresh
+    if not (engages and observation.armed and observation.mode == Mode.AUTO):
         return Step(control)
-    return Step(_enter(control, Phase.TAKING, seen, asks=True), (Order.TAKE_OVER,))
+    return Step(_enter(control, Phase.TAKING, observation, asks=True), (Order.TAKE_OVER,))
 
 
-def _take(control: Control, seen: Seen) -> Step:
-    if seen.mode == Mode.GUIDED:
-        return Step(_enter(control, Phase.GUIDING, seen), (), "guiding round the conflict")
-    if seen.mode != Mode.AUTO:
-        return _yield(control, seen, crossed=True)
-    if seen.time - control.since > ANSWER:
-        why = "the autopilot has not changed to GUIDED"
-        ended = _yield(control, seen, why, crossed=True)
-        return ended._replace(control=replace(ended.control, unanswered=True))
-    return _ask_again(control, seen, Order.TAKE_OVER)
+def _take(control: Control, observation: Observation) -> Step:
+    if observation.mode == Mode.GUIDED:
+        return Step(_enter(control, Phase.GUIDING, observation), (), "guiding round the conflict")
+    if observation.mode != Mode.AUTO:
+        return _yield(control, observation, crossed=True)
+    if observation.time - control.since > ANSWER:
+        reason = "the autopilot has not changed to GUIDED"
+        yielded = _yield(control, observation, reason, crossed=True)
+        return yielded._replace(control=replace(yielded.control, unanswered=True))
+    return _ask_again(control, observation, Order.TAKE_OVER)
 
 
-def _guide(control: Control, seen: Seen) -> Step:
-    if seen.mode != Mode.GUIDED:
-        return _yield(control, seen)
-    if seen.diverted:
-        return _yield(control, seen, "target set by others, commanding ends")
-    if seen.rejoined or not seen.flyable:
-        back = _enter(control, Phase.RETURNING, seen, asks=True)
-        why = "clear" if seen.rejoined else "there is no plan to fly"
-        return Step(back, (Order.GIVE_BACK,), f"{why}: back to AUTO")
-    return Step(control, (Order.STEER,) if seen.fresh else ())
+def _guide(control: Control, observation: Observation) -> Step:
+    if observation.mode != Mode.GUIDED:
+        return _yield(control, observation)
+    if observation.diverted:
+        return _yield(control, observation, "target set by others, commanding ends")
+    if observation.rejoined or not observation.flyable:
+        back = _enter(control, Phase.RETURNING, observation, asks=True)
+        reason = "clear" if observation.rejoined else "there is no plan to fly"
+        return Step(back, (Order.GIVE_BACK,), f"{reason}: back to AUTO")
+    return Step(control, (Order.STEER,) if observation.fresh else ())
 
 
-def _return(control: Control, seen: Seen) -> Step:
-    if seen.mode == Mode.AUTO:
-        return Step(_enter(control, Phase.WATCHING, seen))
-    if seen.mode != Mode.GUIDED:
-        return _yield(control, seen, crossed=True)
-    return _ask_again(control, seen, Order.GIVE_BACK)
+def _return(control: Control, observation: Observation) -> Step:
+    if observation.mode == Mode.AUTO:
+        return Step(_enter(control, Phase.WATCHING, observation))
+    if observation.mode != Mode.GUIDED:
+        return _yield(control, observation, crossed=True)
+    return _ask_again(control, observation, Order.GIVE_BACK)
 
 
-def _rest(control: Control, seen: Seen) -> Step:
-    if control.restore is not None and seen.mode != control.restore:
-        crossing = seen.time - control.since <= CROSSING
-        ours = seen.mode in (Mode.GUIDED, Mode.AUTO)
+def _stay_yielded(control: Control, observation: Observation) -> Step:
+    if control.restore is not None and observation.mode != control.restore:
+        crossing = observation.time - control.since <= CROSSING
+        ours = observation.mode in (Mode.GUIDED, Mode.AUTO)
         if crossing and ours:
             return Step(replace(control, restore=None), (Order.RESTORE,))
         control = replace(control, restore=None)
-    waited = control.unanswered and seen.time - control.since > CROSSING
-    if seen.mode == Mode.AUTO and (waited or seen.time - control.conflict_at > CLEAR):
-        return Step(_enter(control, Phase.WATCHING, seen), (), "watching again")
+    waited = control.unanswered and observation.time - control.since > CROSSING
+    if observation.mode == Mode.AUTO and (waited or observation.time - control.conflict_at > CLEAR):
+        return Step(_enter(control, Phase.WATCHING, observation), (), "watching again")
     return Step(control)
 
 
-def _yield(control: Control, seen: Seen, why: str = "", *, crossed: bool = False) -> Step:
-    text = why or f"{mode_name(seen.mode)} set by others, commanding ends"
-    restore = seen.mode if crossed else None
-    return Step(replace(_enter(control, Phase.YIELDED, seen), restore=restore), (), text)
+def _yield(
+    control: Control, observation: Observation, reason: str = "", *, crossed: bool = False
+) -> Step:
+    text = reason or f"{mode_name(observation.mode)} set by others, commanding ends"
+    restore = observation.mode if crossed else None
+    return Step(replace(_enter(control, Phase.YIELDED, observation), restore=restore), (), text)
 
 
-def _ask_again(control: Control, seen: Seen, order: Order) -> Step:
-    if seen.time - control.asked < AGAIN:
+def _ask_again(control: Control, observation: Observation, order: Order) -> Step:
+    if observation.time - control.request_time < AGAIN:
         return Step(control)
-    return Step(replace(control, asked=seen.time), (order,))
+    return Step(replace(control, request_time=observation.time), (order,))
 
 
-def _enter(control: Control, phase: Phase, seen: Seen, *, asks: bool = False) -> Control:
-    asked = seen.time if asks else control.asked
-    return Control(phase, seen.time, asked, control.conflict_at)
+def _enter(
+    control: Control, phase: Phase, observation: Observation, *, asks: bool = False
+) -> Control:
+    request_time = observation.time if asks else control.request_time
+    return Control(phase, observation.time, request_time, control.conflict_at)
 
 
 _STEPS = {
@@ -199,5 +203,5 @@ _STEPS = {
     Phase.TAKING: _take,
     Phase.GUIDING: _guide,
     Phase.RETURNING: _return,
-    Phase.YIELDED: _rest,
+    Phase.YIELDED: _stay_yielded,
 }

@@ -64,7 +64,7 @@ class _Way(NamedTuple):
 def course(
     items: Sequence[Item],
     current: int,
-    left: Sequence[Item],
+    remaining: Sequence[Item],
     began: Place,
     own: Report,
     *,
@@ -77,33 +77,33 @@ def course(
     Args:
         items: of the mission.
         current: number of the item that is flown.
-        left: the plain waypoints that are flown first.
+        remaining: the plain waypoints that are flown first.
         began: where the first leg begins, degrees.
         own: the ownship.
         spacing: of the points that may be rejoined at, m.
         radius: WP_LOITER_RAD, m.
         offset: ALT_OFFSET, m.
     """
-    altitudes = {one.number: mission.altitude_of(one, items, offset) for one in left}
-    walk = _Walk({one.number: one for one in items if one.number}, items, radius, spacing)
+    altitudes = {item.number: mission.altitude_of(item, items, offset) for item in remaining}
+    walk = _Walk({item.number: item for item in items if item.number}, items, radius, spacing)
     item = walk.items.get(current)
-    if not left and (item is None or item.command in _TAKE_OFF):
+    if not remaining and (item is None or item.command in _TAKE_OFF):
         raise FieldError("mission", f"is at item {current}, where no waypoint is flown to")
-    number = left[-1].number + 1 if left else current
-    here = left[-1].place if left else own.place
-    ways = list(islice(walk.ways(number, here, (), frozenset()), _MOST_WAYS))
-    if not left:
-        on = fly_straight(*own.place, own.east, own.north, _AHEAD)
-        ways = [way if way.places else _Way((on,)) for way in ways]
+    number = remaining[-1].number + 1 if remaining else current
+    begins_at = remaining[-1].place if remaining else own.place
+    ways = list(islice(walk.ways(number, begins_at, (), frozenset()), _MOST_WAYS))
+    if not remaining:
+        straight_on = fly_straight(*own.place, own.east, own.north, _AHEAD)
+        ways = [way if way.places else _Way((straight_on,)) for way in ways]
 
     def through(places: Sequence[Place]) -> Route:
         onward = Onward(number, tuple(places))
-        return near(mission.route(began, left, spacing, onward, altitudes), own.place)
+        return near(mission.route(began, remaining, spacing, onward, altitudes), own.place)
 
     watched = tuple(
         through((*way.places[:-1], *way.circle) if way.circle else way.places) for way in ways
     )
-    leaves = bool(left) or (item is not None and (item.circles or item.command == WAYPOINT))
+    leaves = bool(remaining) or (item is not None and (item.circles or item.command == WAYPOINT))
     return Course(
         through(ways[0].places), watched, "" if leaves else f"item {current} cannot be left"
     )
@@ -111,13 +111,15 @@ def course(
 
 def near(route: Route, own: Place) -> Route:
     """Return the points of a route that are near the ownship, in a row; all where none is."""
-    at = LocalFrame(*own).place([one.latitude for one in route], [one.longitude for one in route])
-    counts = np.hypot(at.x, at.y) <= NEAR
+    places = LocalFrame(*own).place(
+        [station.latitude for station in route], [station.longitude for station in route]
+    )
+    counts = np.hypot(places.x, places.y) <= NEAR
     if not counts.any():
         return route
     first = int(np.argmax(counts))
-    beyond = np.flatnonzero(~counts[first:])
-    return route[first : first + int(beyond[0])] if beyond.size else route[first:]
+    far = np.flatnonzero(~counts[first:])
+    return route[first : first + int(far[0])] if far.size else route[first:]
 
 
 class _Walk(NamedTuple):
@@ -129,24 +131,26 @@ class _Walk(NamedTuple):
     spacing: float  # of points, m
 
     def ways(
-        self, number: int, last: Place, places: tuple[Place, ...], taken: frozenset[int]
+        self, number: int, last: Place, places: tuple[Place, ...], taken_jumps: frozenset[int]
     ) -> Iterator[_Way]:
         """Yield the ways from an item on, after the place ``last`` and those that are flown to
         already; a jump that is taken is not taken again, and what lies farther than plans reach is
         left out.
         """
-        flown = 0.0
-        while (item := self.items.get(number)) is not None and flown < BEYOND * self.spacing:
+        distance_flown = 0.0
+        while (
+            item := self.items.get(number)
+        ) is not None and distance_flown < BEYOND * self.spacing:
             if item.command == WAYPOINT and item.has_place:
-                flown += distance(*last, *item.place)
+                distance_flown += distance(*last, *item.place)
                 last, places = item.place, (*places, item.place)
             elif item.jumps and item.second != 0.0:
                 target = self._target(item)
                 if target is None:  # the mission ends
                     yield from self._end(None, last, places)
                     return
-                if number not in taken:
-                    yield from self.ways(target, last, places, taken | {number})
+                if number not in taken_jumps:
+                    yield from self.ways(target, last, places, taken_jumps | {number})
                 elif item.second == _FOREVER:
                     yield _Way(places)
                 if item.second == _FOREVER:
@@ -154,7 +158,7 @@ class _Walk(NamedTuple):
             elif item.flies and item.command != WAYPOINT:
                 break
             number += 1
-        if flown < BEYOND * self.spacing:
+        if distance_flown < BEYOND * self.spacing:
             yield from self._end(item, last, places)
         else:
             yield _Way(places)
@@ -164,9 +168,9 @@ class _Walk(NamedTuple):
         if jump.command == JUMP:
             return int(jump.parameter) if jump.parameter in self.items else None
         tags = (
-            one.number
-            for one in self.items.values()
-            if one.command == JUMP_TAG and one.parameter == jump.parameter
+            item.number
+            for item in self.items.values()
+            if item.command == JUMP_TAG and item.parameter == jump.parameter
         )
         return min(tags, default=None)
 
@@ -180,7 +184,7 @@ class _Walk(NamedTuple):
             yield _Way((*places, item.place))
             return
         yield _Way(places)
-        homes = (one.place for one in self.all_items if one.number == 0)
+        homes = (mission_item.place for mission_item in self.all_items if mission_item.number == 0)
         home = next(homes, (0.0, 0.0))
         if (item is None or item.command == _RETURN) and home != (0.0, 0.0):
             yield _Way((*places, home))
@@ -188,13 +192,13 @@ class _Walk(NamedTuple):
     def _circle(self, item: Item, centre: Place, came_from: Place) -> tuple[Place, ...]:
         """Return corners of a circle, from where it is reached on, as often as plans reach."""
         own_radius = item.second if item.command == _TO_ALTITUDE else item.third
-        set_ones = (one for one in (own_radius, self.radius) if abs(one) > 1.0)
-        radius = next(set_ones, _DEFAULT_RADIUS)
+        radii = (radius_set for radius_set in (own_radius, self.radius) if abs(radius_set) > 1.0)
+        radius = next(radii, _DEFAULT_RADIUS)
         size = max(abs(radius), _LEAST_RADIUS * self.spacing)
         frame = LocalFrame(*centre)
-        at = frame.place(*came_from)
+        entry = frame.place(*came_from)
         step = math.copysign(_CORNER * self.spacing / size, -radius)
         count = math.ceil(BEYOND / _CORNER) + 1
-        angle = math.atan2(float(at.y), float(at.x)) + step * np.arange(count)
-        on = frame.geodetic(size * np.cos(angle), size * np.sin(angle))
-        return tuple(zip(on.latitude.tolist(), on.longitude.tolist(), strict=True))
+        angle = math.atan2(float(entry.y), float(entry.x)) + step * np.arange(count)
+        corners = frame.geodetic(size * np.cos(angle), size * np.sin(angle))
+        return tuple(zip(corners.latitude.tolist(), corners.longitude.tolist(), strict=True))

@@ -34,15 +34,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise InputError(f"--wind is {options.wind:g} m/s; expected 0 to {_STRONGEST:g} m/s")
     crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
     encounter = Encounter(0, (crossing,), options.wind, 300.0)
-    more = () if options.display is None else ("--display", options.display)
-    more += () if options.record is None else ("--record", str(options.record))
-    options_of(["--connect", "tcp:127.0.0.1:5760", *more])  # refuses before anything flies
+    extra = () if options.display is None else ("--display", options.display)
+    extra += () if options.record is None else ("--record", str(options.record))
+    options_of(["--connect", "tcp:127.0.0.1:5760", *extra])  # refuses before anything flies
     _check_picture(options.out)
-    flight = fly(encounter, "ours_horizontal", instance=options.instance, until=_UNTIL, more=more)
+    flight = fly(encounter, "ours_horizontal", instance=options.instance, until=_UNTIL, more=extra)
     for text in flight.texts:
         if text.startswith("RLCAS"):
             print(text)
-    good = not flight.lost and flight.taken_over > 0 and flight.rows[-1].mode == Mode.AUTO
+    succeeded = not flight.lost and flight.taken_over > 0 and flight.rows[-1].mode == Mode.AUTO
     print(
         f"smallest distance {flight.separation:.0f} m, to be kept {SEPARATION:g} m; "
         f"{flight.on_mission:.0f} of {flight.rows[-1].time:.0f} s in AUTO"
@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"picture: {options.out}")
     if options.record is not None:
         print(f"recorded: {options.record} ({options.record.stat().st_size / 1e6:.1f} MB)")
-    return 0 if good else 1
+    return 0 if succeeded else 1
 
 
 def _check_picture(file: Path) -> None:

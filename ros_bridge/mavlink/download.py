@@ -16,22 +16,22 @@ class Download:
     kind: int  # MAV_MISSION_TYPE
     count: int | None = None  # None: not known yet
     items: tuple[Item, ...] = ()
-    asked: float = float("-inf")  # when, s
+    request_time: float = float("-inf")  # when, s
 
     @property
-    def done(self) -> bool:
+    def complete(self) -> bool:
         """Whether all has come."""
         return self.count is not None and len(self.items) >= self.count
 
 
-def due(download: Download, now: float) -> bool:
+def due(download: Download, seconds: float) -> bool:
     """Return whether something is to be asked: the number of items, or the next one."""
-    return not download.done and not 0.0 <= now - download.asked < AGAIN
+    return not download.complete and not 0.0 <= seconds - download.request_time < AGAIN
 
 
-def note_question(download: Download, now: float) -> Download:
+def note_question(download: Download, seconds: float) -> Download:
     """Return the download after a question."""
-    return replace(download, asked=now)
+    return replace(download, request_time=seconds)
 
 
 def accept(download: Download, message: Any) -> Download:
@@ -40,11 +40,11 @@ def accept(download: Download, message: Any) -> Download:
     An item that is none raises :class:`ros_bridge.core.fields.FieldError`.
     """
     kind = message.get_type()
-    if download.done or getattr(message, "mission_type", 0) != download.kind:
+    if download.complete or getattr(message, "mission_type", 0) != download.kind:
         return download
     if kind == "MISSION_COUNT" and download.count is None:
-        return replace(download, count=int(message.count), asked=float("-inf"))
+        return replace(download, count=int(message.count), request_time=float("-inf"))
     if kind == "MISSION_ITEM_INT" and download.count and message.seq == len(download.items):
         items = (*download.items, item(message))
-        return replace(download, items=items, asked=float("-inf"))
+        return replace(download, items=items, request_time=float("-inf"))
     return download

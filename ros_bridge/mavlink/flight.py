@@ -135,28 +135,32 @@ class Result(NamedTuple):
     planned: tuple[Spent, ...]  # what our plans took from their requests
 
 
-def place_of(one: Intruder, time: float, cruise: float) -> tuple[float, float, float]:
+def place_of(intruder: Intruder, time: float, cruise: float) -> tuple[float, float, float]:
     """Return x, y, m, and the course of an intruder, rad, at a time."""
-    x, y = BEGIN + cruise * one.cpa, 0.0
-    cosine, sine = math.cos(one.course), math.sin(one.course)
-    x, y = x - one.miss * sine, y + one.miss * cosine
-    if time <= one.turn_at:
-        way = one.speed * (time - one.cpa)
-        return x + way * cosine, y + way * sine, one.course
-    begun = one.speed * (one.turn_at - one.cpa)
-    x, y = x + begun * cosine, y + begun * sine
-    turned = math.copysign(min(abs(one.turn), one.turn_rate * (time - one.turn_at)), one.turn)
-    radius = math.copysign(one.speed / one.turn_rate, one.turn)
-    course = one.course + turned
+    x, y = BEGIN + cruise * intruder.cpa, 0.0
+    cosine, sine = math.cos(intruder.course), math.sin(intruder.course)
+    x, y = x - intruder.miss * sine, y + intruder.miss * cosine
+    if time <= intruder.turn_at:
+        way = intruder.speed * (time - intruder.cpa)
+        return x + way * cosine, y + way * sine, intruder.course
+    flown = intruder.speed * (intruder.turn_at - intruder.cpa)
+    x, y = x + flown * cosine, y + flown * sine
+    turned = math.copysign(
+        min(abs(intruder.turn), intruder.turn_rate * (time - intruder.turn_at)), intruder.turn
+    )
+    radius = math.copysign(intruder.speed / intruder.turn_rate, intruder.turn)
+    course = intruder.course + turned
     x += radius * (math.sin(course) - sine)
     y -= radius * (math.cos(course) - cosine)
-    left = one.speed * max(time - one.turn_at - abs(one.turn) / one.turn_rate, 0.0)
-    return x + left * math.cos(course), y + left * math.sin(course), course
+    straight = intruder.speed * max(
+        time - intruder.turn_at - abs(intruder.turn) / intruder.turn_rate, 0.0
+    )
+    return x + straight * math.cos(course), y + straight * math.sin(course), course
 
 
-def apart(row: Row, one: Intruder, cruise: float) -> float:
+def apart(row: Row, intruder: Intruder, cruise: float) -> float:
     """Return the horizontal distance to an intruder at a row of a flight, m."""
-    return math.dist((row.x, row.y), place_of(one, row.time, cruise)[:2])
+    return math.dist((row.x, row.y), place_of(intruder, row.time, cruise)[:2])
 
 
 def fly(  # noqa: PLR0913 - all that a flight is
@@ -187,7 +191,7 @@ def fly(  # noqa: PLR0913 - all that a flight is
     Raises:
         RuntimeError: it went on unseen for longer, or says nothing any more.
     """
-    given = {
+    all_parameters = {
         **parameters,
         "SIM_WIND_SPD": encounter.wind,
         "SIM_WIND_DIR": encounter.wind_from,
@@ -195,7 +199,7 @@ def fly(  # noqa: PLR0913 - all that a flight is
         **AVOIDANCES.get(method, {}),
     }
     frame = LocalFrame(encounter.home[0], encounter.home[1])
-    with Sitl(instance, speedup, given, encounter.home) as sitl:
+    with Sitl(instance, speedup, all_parameters, encounter.home) as sitl:
         sitl.upload([Leg(100.0, 0.0, 60.0, 22, 15.0), *_legs(encounter)])
         if encounter.fence:
             sitl.upload_fence(encounter.fence, keep_in=False)
@@ -219,9 +223,9 @@ def program_beside(sitl: Sitl, more: Sequence[str] = (), traffic: Sequence[str] 
     """Return the program with --fly beside a simulation, with options that say how exactly the
     traffic is known, and more options; --connect may be one of them.
     """
-    given = f"--simulated --fly --quiet --separation {SEPARATION:g}"
+    words = f"--simulated --fly --quiet --separation {SEPARATION:g}"
     address = [] if "--connect" in more else ["--connect", sitl.address]
-    options: argparse.Namespace = options_of([*given.split(), *traffic, *address, *more])
+    options: argparse.Namespace = options_of([*words.split(), *traffic, *address, *more])
     link = Link(options.connect, system=options.system, simulated=True)
     program = Program(link, options)
     program.show()
@@ -240,14 +244,14 @@ def advance(sitl: Sitl, positions: int) -> list[Any]:
     sent.
     """
     with sitl.awake():
-        found = [sitl.station.recv_match(blocking=True, timeout=0.05)]
+        messages = [sitl.station.recv_match(blocking=True, timeout=0.05)]
         until = time.monotonic() + 0.2 * positions
         while positions and time.monotonic() < until:
             message = sitl.station.recv_match(blocking=True, timeout=0.005)
-            found.append(message)
+            messages.append(message)
             positions -= message is not None and message.get_type() == "GLOBAL_POSITION_INT"
-    found += iter(sitl.station.recv_match, None)  # what is there, until it is None
-    return [message for message in found if message is not None]
+    messages += iter(sitl.station.recv_match, None)  # what is there, until it is None
+    return [message for message in messages if message is not None]
 
 
 class _Log:
@@ -315,47 +319,47 @@ def _fly(
     stall: float,
 ) -> Result:
     log = _Log(encounter, frame)
-    told, heard = -1.0, time.monotonic()
+    traffic_sent_at, heard_at = -1.0, time.monotonic()
     while not log.over(until):
         sitl.beat()
         if program is not None:
             program.turn(0.0)
         before = log.rows[-1].time if log.rows else math.inf
         for message in advance(sitl, _positions(program)):
-            heard = time.monotonic()
+            heard_at = time.monotonic()
             row = log.take(message)
             if row is None:
                 continue
             if row.time - before > stall:
                 raise RuntimeError(f"encounter {encounter.number}: the machine is too busy")
-            if row.time - told >= 1.0:
-                told = row.time
+            if row.time - traffic_sent_at >= 1.0:
+                traffic_sent_at = row.time
                 _traffic(encounter, sitl, row.time)
             if watch is not None:
                 watch(sitl, row.time, row)
-        if time.monotonic() - heard > _STILL:
+        if time.monotonic() - heard_at > _STILL:
             raise RuntimeError(f"encounter {encounter.number}: the simulation says nothing")
     return _judge(encounter, log, program)
 
 
 def _traffic(encounter: Encounter, sitl: Sitl, seconds: float) -> None:
     """Send where the intruders are."""
-    for number, one in enumerate(encounter.intruders):
-        x, y, course = place_of(one, seconds, encounter.cruise)
+    for number, intruder in enumerate(encounter.intruders):
+        x, y, course = place_of(intruder, seconds, encounter.cruise)
         track = 90.0 - math.degrees(course)
-        above = one.above(seconds)
-        sitl.traffic(0xA00001 + number, x, y, track, one.speed, above, one.climb)
+        above = intruder.above(seconds)
+        sitl.traffic(0xA00001 + number, x, y, track, intruder.speed, above, intruder.climb)
 
 
 def _judge(encounter: Encounter, log: _Log, program: Program | None) -> Result:
     rows, fence = log.rows, encounter.fence
     least, lost = math.inf, False
     for row in rows:
-        for one in encounter.intruders:
-            away = apart(row, one, encounter.cruise)
-            if abs(row.above - one.above(row.time)) < VERTICAL:
-                least = min(least, away)
-                lost = lost or away < SEPARATION
+        for intruder in encounter.intruders:
+            distance = apart(row, intruder, encounter.cruise)
+            if abs(row.above - intruder.above(row.time)) < VERTICAL:
+                least = min(least, distance)
+                lost = lost or distance < SEPARATION
     pairs = list(itertools.pairwise(rows))
     return Result(
         rows=tuple(rows),

@@ -51,24 +51,28 @@ def _draw_tracks(axis: "Axes", encounter: Encounter, flight: Result) -> None:
     """Draw where all were until the mission is flown again, with the times, and the separation
     about each intruder where it was nearest.
     """
-    shown = _until_back(flight)
+    rows = _until_back(flight)
     for mode, colour in _MODES.items():
-        flown = [(row.x, row.y) if row.mode == mode else (math.nan, math.nan) for row in shown]
-        axis.plot(*zip(*flown, strict=True), lw=2, color=colour, label=mode.name)
+        places_in_mode = [
+            (row.x, row.y) if row.mode == mode else (math.nan, math.nan) for row in rows
+        ]
+        axis.plot(*zip(*places_in_mode, strict=True), lw=2, color=colour, label=mode.name)
     if encounter.fence:
         axis.fill(*zip(*encounter.fence, strict=True), color="C1", alpha=0.3, label="fence")
     axis.set(xlabel="east, m", ylabel="north, m", aspect="equal")
-    axis.set_xlim(shown[0].x - _ROOM, shown[-1].x + _ROOM)
-    axis.set_ylim(min(row.y for row in shown) - _ROOM, max(row.y for row in shown) + _ROOM)
-    marks = _marked(shown)
+    axis.set_xlim(rows[0].x - _ROOM, rows[-1].x + _ROOM)
+    axis.set_ylim(min(row.y for row in rows) - _ROOM, max(row.y for row in rows) + _ROOM)
+    marks = _marked(rows)
     _mark(axis, [(row.time, row.x, row.y) for row in marks], "C0")
-    for number, one in enumerate(encounter.intruders):
-        places = [place_of(one, row.time, encounter.cruise)[:2] for row in shown]
+    for number, intruder in enumerate(encounter.intruders):
+        places = [place_of(intruder, row.time, encounter.cruise)[:2] for row in rows]
         label = "_" if number else "traffic"
         axis.plot(*zip(*places, strict=True), "--", lw=1, color=_OTHER, label=label)
-        others = [(row.time, *place_of(one, row.time, encounter.cruise)[:2]) for row in marks]
-        _mark(axis, others, _OTHER)
-        _draw_nearest(axis, one, encounter, flight)
+        intruder_marks = [
+            (row.time, *place_of(intruder, row.time, encounter.cruise)[:2]) for row in marks
+        ]
+        _mark(axis, intruder_marks, _OTHER)
+        _draw_nearest(axis, intruder, encounter, flight)
     axis.legend(loc="upper right")
 
 
@@ -88,22 +92,24 @@ def _mark(axis: "Axes", places: Sequence[tuple[float, float, float]], colour: st
         )
 
 
-def _draw_nearest(axis: "Axes", one: Intruder, encounter: Encounter, flight: Result) -> None:
+def _draw_nearest(axis: "Axes", intruder: Intruder, encounter: Encounter, flight: Result) -> None:
     """Draw the required separation about an intruder when it was nearest, and where it was seen
     from.
     """
     from matplotlib.patches import Circle
 
-    nearest = min(flight.rows, key=lambda row: apart(row, one, encounter.cruise))
-    x, y, _ = place_of(one, nearest.time, encounter.cruise)
+    nearest = min(flight.rows, key=lambda row: apart(row, intruder, encounter.cruise))
+    x, y, _ = place_of(intruder, nearest.time, encounter.cruise)
     axis.add_patch(Circle((x, y), SEPARATION, fill=False, color=_OTHER, ls=":"))
     axis.plot([nearest.x, x], [nearest.y, y], "-", lw=1, color="black")
 
 
 def _draw_distances(axis: "Axes", encounter: Encounter, flight: Result) -> None:
     times = [row.time for row in flight.rows]
-    for one in encounter.intruders:
-        axis.plot(times, [apart(row, one, encounter.cruise) for row in flight.rows], color=_OTHER)
+    for intruder in encounter.intruders:
+        axis.plot(
+            times, [apart(row, intruder, encounter.cruise) for row in flight.rows], color=_OTHER
+        )
     axis.axhline(SEPARATION, color=_OTHER, ls=":", label="to be kept")
     axis.set(xlabel="time, s", ylabel="distance over the ground, m", ylim=(0, None))
     axis.legend()
@@ -113,10 +119,10 @@ def _draw_altitudes(axis: "Axes", encounter: Encounter, flight: Result) -> None:
     times = [row.time for row in flight.rows]
     own = [row.above for row in flight.rows]
     for mode, colour in _MODES.items():
-        flown = [row.above if row.mode == mode else math.nan for row in flight.rows]
-        axis.plot(times, flown, color=colour)
-    for one in encounter.intruders:
-        axis.plot(times, [one.above(time) for time in times], "--", lw=1, color=_OTHER)
+        heights_in_mode = [row.above if row.mode == mode else math.nan for row in flight.rows]
+        axis.plot(times, heights_in_mode, color=colour)
+    for intruder in encounter.intruders:
+        axis.plot(times, [intruder.above(time) for time in times], "--", lw=1, color=_OTHER)
     low, high = min(own) - 2.0 * VERTICAL, max(own) + 2.0 * VERTICAL
     axis.set(xlabel="time, s", ylabel="above mean sea level, m", ylim=(low, high))
 
@@ -137,7 +143,7 @@ def _until_back(flight: Result) -> tuple[Row, ...]:
 
 def _marked(rows: Sequence[Row]) -> list[Row]:
     """Return the first row of every so many seconds."""
-    found: dict[int, Row] = {}
+    marked: dict[int, Row] = {}
     for row in rows:
-        found.setdefault(int(row.time) // _MARKS, row)
-    return list(found.values())
+        marked.setdefault(int(row.time) // _MARKS, row)
+    return list(marked.values())

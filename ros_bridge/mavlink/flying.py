@@ -8,7 +8,7 @@ from agents.assurance.state import FlyMode
 from ros_bridge.core.assurance import to_fly
 from ros_bridge.core.fields import SECOND
 from ros_bridge.mavlink import pilot
-from ros_bridge.mavlink.control import Control, Order, Phase, Seen, step
+from ros_bridge.mavlink.control import Control, Observation, Order, Phase, step
 from ros_bridge.mavlink.effects import Log, SetMode
 from ros_bridge.mavlink.judging import Judgement, to_follow
 from ros_bridge.mavlink.pilot import Piloted
@@ -25,29 +25,29 @@ def decide(state: State, time: int, setup: Setup, *, failsafe: bool) -> Advance:
     if before.phase is Phase.GUIDING:
         noted = pilot.note_target(state.pilot, state.received.target)
         state = replace(state, pilot=noted)
-    seen = _seen(state, time, setup)._replace(failsafe=failsafe)
-    done = step(before, seen, fly=state.fly)
-    after = Advance(replace(state, control=done.control))
-    if done.text:
-        after = after.then(log_and_say, done.text, time)
-    if done.control.phase is not before.phase:
+    observation = _observe(state, time, setup)._replace(failsafe=failsafe)
+    stepped = step(before, observation, fly=state.fly)
+    after = Advance(replace(state, control=stepped.control))
+    if stepped.text:
+        after = after.then(log_and_say, stepped.text, time)
+    if stepped.control.phase is not before.phase:
         after = after.then(_change_phase, before.phase, time, setup)
-    for order in done.orders:
+    for order in stepped.orders:
         after = after.then(_obey, order, time, before, setup)
-    if done.control.phase is Phase.GUIDING and not seen.fresh:
+    if stepped.control.phase is Phase.GUIDING and not observation.fresh:
         text = "own state cannot be used, nothing commanded"
         after = after.then(tell, "stale", text, time, send=True)
     return after
 
 
-def _seen(state: State, time: int, setup: Setup) -> Seen:
+def _observe(state: State, time: int, setup: Setup) -> Observation:
     """Return what the step is to know."""
     judgement, received, phase = state.judgement, state.received, state.control.phase
     track, rejoin, seconds = received.situation.own, judgement.rejoin, time / SECOND
     judges = seconds - state.pace.failing <= LATE  # else nobody watches what is flown
     watching = phase is Phase.WATCHING
     on_plan = to_fly(judgement.supervision) is FlyMode.PLAN
-    return Seen(
+    return Observation(
         time=seconds,
         mode=received.mode,
         armed=received.heartbeat is not None and received.heartbeat.armed,
@@ -72,10 +72,10 @@ def _may_conflict(judgement: Judgement, engage: float) -> bool:
     return judgement.conflict.time <= engage
 
 
-def _change_phase(state: State, was: Phase, time: int, setup: Setup) -> Advance:
+def _change_phase(state: State, previous: Phase, time: int, setup: Setup) -> Advance:
     """Log that another phase has begun, and forget what belongs to the one before."""
     control = state.control
-    line = Log(f"{was.value} -> {control.phase.value}", time)
+    line = Log(f"{previous.value} -> {control.phase.value}", time)
     if not control.flies:
         released = pilot.release(state.pilot)
         state = replace(state, pilot=released, refresh=hasten(state.refresh))
@@ -97,10 +97,12 @@ def _obey(state: State, order: Order, time: int, before: Control, setup: Setup) 
 
 
 def _piloted(state: State, order: Order, time: int, setup: Setup) -> Piloted:
-    flown, judgement, received = state.pilot, state.judgement, state.received
+    current, judgement, received = state.pilot, state.judgement, state.received
     if order is Order.TAKE_OVER:
         own = received.situation.own.last
-        return pilot.take_over(flown, judgement.supervision.held, own, received.altitude_offset)
+        return pilot.take_over(
+            current, judgement.supervision.published_plan, own, received.altitude_offset
+        )
     if order is Order.STEER:
-        return pilot.steer(flown, judgement, received, setup.vehicle, time)
-    return pilot.give_back(flown, received.current, judgement.rejoin, state.items)
+        return pilot.steer(current, judgement, received, setup.vehicle, time)
+    return pilot.give_back(current, received.current, judgement.rejoin, state.items)

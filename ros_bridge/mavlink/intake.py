@@ -50,7 +50,7 @@ class Received:
 
     situation: Situation = field(default_factory=Situation)
     heartbeat: Heartbeat | None = None
-    heard: int = 0  # when the autopilot's heartbeat came last, ns
+    heartbeat_at: int = 0  # when the autopilot's heartbeat came last, ns
     wind: tuple[float, float] | None = None
     wind_at: int = 0
     airspeed: float | None = None
@@ -93,21 +93,21 @@ class Reading:
 
 
 def take(
-    received: Received, message: "dialect.MAVLink_message", now: int, reading: Reading
+    received: Received, message: "dialect.MAVLink_message", time: int, reading: Reading
 ) -> Received:
-    """Return what is known after a message of the autopilot or through it; ``now`` is its clock,
+    """Return what is known after a message of the autopilot or through it; ``time`` is its clock,
     ns. Kinds that play no part are passed over.
     """
     read = _KINDS.get(message.get_type())
-    return received if read is None else read(received, message, now, reading)
+    return received if read is None else read(received, message, time, reading)
 
 
-def forget(received: Received, now: int, after: float) -> Received:
+def forget(received: Received, time: int, patience: float) -> Received:
     """Return what is known without aircraft that have been silent for so many seconds."""
-    left, silent = forget_silent(received.situation.traffic, now, after)
+    traffic, silent = forget_silent(received.situation.traffic, time, patience)
     if not silent:
         return received
-    return replace(received, situation=replace(received.situation, traffic=left))
+    return replace(received, situation=replace(received.situation, traffic=traffic))
 
 
 def failsafe_acted(before: Received, after: Received, patience: float) -> bool:
@@ -116,26 +116,31 @@ def failsafe_acted(before: Received, after: Received, patience: float) -> bool:
     Its status says so where it is still on; the silence before the heartbeat does, where it has
     lasted for longer than ``patience``, s, and the link, which is back, has ended the failsafe.
     """
-    was, found = before.heartbeat, after.heartbeat
-    if was is None or found is None or was.mode == Mode.AUTO or found.mode != Mode.AUTO:
+    previous, current = before.heartbeat, after.heartbeat
+    if (
+        previous is None
+        or current is None
+        or previous.mode == Mode.AUTO
+        or current.mode != Mode.AUTO
+    ):
         return False
-    begun = math.isfinite(patience) and found.failsafe and not was.failsafe
-    return begun or (after.heard - before.heard) / SECOND > patience
+    declared = math.isfinite(patience) and current.failsafe and not previous.failsafe
+    return declared or (after.heartbeat_at - before.heartbeat_at) / SECOND > patience
 
 
 def take_traffic(
-    received: Received, name: str, found: Report | FieldError, now: int, reading: Reading
+    received: Received, name: str, outcome: Report | FieldError, time: int, reading: Reading
 ) -> Received:
     """Return what is known after a report of traffic, whoever brought it; of too many aircraft the
     nearest stay.
     """
     situation = received.situation
     own = situation.own.last
-    traffic = follow(situation.traffic, name, found, now, reading.rules)
-    kept, dropped = keep_nearest(traffic, None if own is None else own.place)
+    traffic = follow(situation.traffic, name, outcome, time, reading.rules)
+    nearest, dropped = keep_nearest(traffic, None if own is None else own.place)
     if dropped:
         received = leave_out(received, f"beyond the nearest {MOST} aircraft", dropped)
-    return replace(received, situation=replace(situation, traffic=kept))
+    return replace(received, situation=replace(situation, traffic=nearest))
 
 
 def leave_out(received: Received, reason: str, count: int = 1) -> Received:
@@ -145,29 +150,29 @@ def leave_out(received: Received, reason: str, count: int = 1) -> Received:
 
 
 def _heartbeat(
-    received: Received, message: "dialect.MAVLink_heartbeat_message", now: int, _: Reading
+    received: Received, message: "dialect.MAVLink_heartbeat_message", time: int, _: Reading
 ) -> Received:
-    return replace(received, heartbeat=messages.heartbeat(message), heard=now)
+    return replace(received, heartbeat=messages.heartbeat(message), heartbeat_at=time)
 
 
 def _position(
     received: Received,
     message: "dialect.MAVLink_global_position_int_message",
-    now: int,
+    time: int,
     reading: Reading,
 ) -> Received:
     counts = USUAL_FRESHNESS.wind * SECOND
-    wind = received.wind if now - received.wind_at <= counts else None
-    fast = received.airspeed if now - received.airspeed_at <= counts else None
-    before = received.situation
-    found = attempt(lambda: messages.ownship(message, wind, fast))
+    wind = received.wind if time - received.wind_at <= counts else None
+    fast = received.airspeed if time - received.airspeed_at <= counts else None
+    situation = received.situation
+    outcome = attempt(lambda: messages.ownship(message, wind, fast))
     if received.problem:
-        found = FieldError(f"{messages.OWN}.position", f"is not to be used: {received.problem}")
-    own = _follow(before.own, found, messages.OWN, now, reading.rules)
-    origin = before.origin
-    if isinstance(found, Report) and own.last is not None and _needs_origin(origin, found):
-        origin = Held(Origin(LocalFrame(found.latitude, found.longitude), None))
-    return replace(received, situation=replace(before, own=own, origin=origin))
+        outcome = FieldError(f"{messages.OWN}.position", f"is not to be used: {received.problem}")
+    own = _follow(situation.own, outcome, messages.OWN, time, reading.rules)
+    origin = situation.origin
+    if isinstance(outcome, Report) and own.last is not None and _needs_origin(origin, outcome):
+        origin = Held(Origin(LocalFrame(outcome.latitude, outcome.longitude), None))
+    return replace(received, situation=replace(situation, own=own, origin=origin))
 
 
 def _needs_origin(origin: Held[Origin], report: Report) -> bool:
@@ -178,21 +183,21 @@ def _needs_origin(origin: Held[Origin], report: Report) -> bool:
 
 
 def _hud(
-    received: Received, message: "dialect.MAVLink_vfr_hud_message", now: int, _: Reading
+    received: Received, message: "dialect.MAVLink_vfr_hud_message", time: int, _: Reading
 ) -> Received:
     fast = attempt(lambda: messages.airspeed(message))
     if isinstance(fast, FieldError):
         return received
-    return replace(received, airspeed=fast, airspeed_at=now)
+    return replace(received, airspeed=fast, airspeed_at=time)
 
 
 def _wind(
-    received: Received, message: "dialect.MAVLink_wind_message", now: int, _: Reading
+    received: Received, message: "dialect.MAVLink_wind_message", time: int, _: Reading
 ) -> Received:
-    found = attempt(lambda: messages.wind(message))
-    if isinstance(found, FieldError):
+    wind = attempt(lambda: messages.wind(message))
+    if isinstance(wind, FieldError):
         return replace(received, wind=None)
-    return replace(received, wind=found, wind_at=now)
+    return replace(received, wind=wind, wind_at=time)
 
 
 def _estimate(
@@ -211,14 +216,14 @@ def _fix(
 
 
 def _traffic(
-    received: Received, message: "dialect.MAVLink_adsb_vehicle_message", now: int, reading: Reading
+    received: Received, message: "dialect.MAVLink_adsb_vehicle_message", time: int, reading: Reading
 ) -> Received:
     name = messages.traffic_name(message)
     own = received.situation.own.last
-    found = attempt(lambda: messages.traffic(message, now, reading.references, own))
-    if found is None:
+    outcome = attempt(lambda: messages.traffic(message, time, reading.references, own))
+    if outcome is None:
         return leave_out(received, "surface vehicle on the ground")
-    return take_traffic(received, name, found, now, reading)
+    return take_traffic(received, name, outcome, time, reading)
 
 
 def _clock(
@@ -227,41 +232,41 @@ def _clock(
     return replace(received, utc=remote_id.utc_offset(message))
 
 
-def _drone_name(received: Received, message: Any, now: int, _: Reading) -> Received:
+def _drone_name(received: Received, message: Any, time: int, _: Reading) -> Received:
     """Take in a BASIC_ID; with its first name a drone goes by that, not by its transmitter's
     address.
     """
-    known, address = remote_id.basic_id(message), remote_id.address_of(message)
-    if known is None:
+    identity, address = remote_id.basic_id(message), remote_id.address_of(message)
+    if identity is None:
         return received
-    drone = received.drones.get(address, Drone(now))
-    if known.name in drone.names or len(drone.ids) == _MOST_IDS:
+    drone = received.drones.get(address, Drone(time))
+    if identity.name in drone.names or len(drone.ids) == _MOST_IDS:
         return received
     if not drone.ids:
         received = _without(received, _unnamed(address).name)
-    return _remember_drone(received, address, drone._replace(ids=(*drone.ids, known)))
+    return _remember_drone(received, address, drone._replace(ids=(*drone.ids, identity)))
 
 
-def _drone_state(received: Received, message: Any, now: int, reading: Reading) -> Received:
+def _drone_state(received: Received, message: Any, time: int, reading: Reading) -> Received:
     """Take in a LOCATION, which may be an echo of the own one."""
     address = remote_id.address_of(message)
-    drone = received.drones.get(address, Drone(now))
+    drone = received.drones.get(address, Drone(time))
     received = _remember_drone(received, address, drone)
     # Among so many strangers nobody waits for a name: they may hide those that have one.
     few = len(received.drones) < _MOST_DRONES
-    if few and address and not drone.ids and now - drone.since < _NAMED_WITHIN * SECOND:
+    if few and address and not drone.ids and time - drone.since < _NAMED_WITHIN * SECOND:
         return leave_out(received, _NAMELESS)
     if not remote_id.is_placed(message):
         return leave_out(received, WITHOUT_POSITION)
-    known = drone.ids[0] if drone.ids else _unnamed(address)
-    moment, own = Moment(now, received.utc), received.situation.own.last
-    found = attempt(lambda: remote_id.location(message, moment, known, own))
-    if found is None:
+    identity = drone.ids[0] if drone.ids else _unnamed(address)
+    moment, own = Moment(time, received.utc), received.situation.own.last
+    outcome = attempt(lambda: remote_id.location(message, moment, identity, own))
+    if outcome is None:
         return leave_out(received, "on the ground")
     reason = _own_reason(received, drone, address, reading)
-    if reason and _may_be_own_drone(own, found, reading.rules):
-        return leave_out(_without(received, known.name), reason)
-    return take_traffic(received, known.name, found, now, reading)
+    if reason and _may_be_own_drone(own, outcome, reading.rules):
+        return leave_out(_without(received, identity.name), reason)
+    return take_traffic(received, identity.name, outcome, time, reading)
 
 
 def _own_reason(received: Received, drone: Drone, address: str, reading: Reading) -> str:
@@ -270,32 +275,34 @@ def _own_reason(received: Received, drone: Drone, address: str, reading: Reading
     The own one has no address of a transmitter. A receiver that tells none of others breaks the
     protocol: with two names of one register they are others', and with less it is told about.
     """
-    said = received.drones.get("")
-    alone = said is not None and not said.is_several
-    names = reading.own_drone | (said.names if said is not None and alone else frozenset())
+    own_drone = received.drones.get("")
+    alone = own_drone is not None and not own_drone.is_several
+    names = reading.own_drone | (
+        own_drone.names if own_drone is not None and alone else frozenset()
+    )
     if address or drone.names & reading.own_drone:
         return _OWN_ECHO if drone.names & names else ""
     return _NO_ADDRESS if alone else ""
 
 
-def _may_be_own_drone(own: Report | None, found: Report | FieldError, rules: Rules) -> bool:
+def _may_be_own_drone(own: Report | None, outcome: Report | FieldError, rules: Rules) -> bool:
     """Return whether a drone may be the ownship: about where it is, and as fast."""
     if own is None:
         return True
-    if isinstance(found, Report):
-        apart = math.hypot(found.east - own.east, found.north - own.north)
+    if isinstance(outcome, Report):
+        apart = math.hypot(outcome.east - own.east, outcome.north - own.north)
         if apart > _OWN_VELOCITY:
             return False
-    return may_be_own(own, found.sighting, rules)
+    return may_be_own(own, outcome.sighting, rules)
 
 
-def _drone_pack(received: Received, message: Any, now: int, reading: Reading) -> Received:
+def _drone_pack(received: Received, message: Any, time: int, reading: Reading) -> Received:
     """Take in the messages of a pack."""
     parts = attempt(lambda: list(remote_id.unpack(message)))
     if isinstance(parts, FieldError):
         return leave_out(received, UNREADABLE)
     for kind, part in parts:
-        received = _KINDS[kind](received, part, now, reading)
+        received = _KINDS[kind](received, part, time, reading)
     return received
 
 
@@ -344,14 +351,16 @@ def _target(
 def _parameter(
     received: Received, message: "dialect.MAVLink_param_value_message", _: int, __: Reading
 ) -> Received:
-    held = {**received.parameters, message.param_id: float(message.param_value)}
-    return replace(received, parameters=MappingProxyType(held))
+    parameters = {**received.parameters, message.param_id: float(message.param_value)}
+    return replace(received, parameters=MappingProxyType(parameters))
 
 
-def _follow(before: Track, found: Report | FieldError, name: str, now: int, rules: Rules) -> Track:
-    if isinstance(found, FieldError):
-        return note_refused(before, found, now, rules)
-    return take_in(before, found, name, now, rules)
+def _follow(
+    track: Track, outcome: Report | FieldError, name: str, time: int, rules: Rules
+) -> Track:
+    if isinstance(outcome, FieldError):
+        return note_refused(track, outcome, time, rules)
+    return take_in(track, outcome, name, time, rules)
 
 
 _KINDS: dict[str, Callable[[Received, Any, int, Reading], Received]] = {

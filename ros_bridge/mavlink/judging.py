@@ -190,12 +190,12 @@ def rules(
 
 def answer(question: Question, rules: Rules) -> Judgement:
     """Return the judgement that follows; it computes for as long as the rules let a plan take."""
-    held, known, ahead = question.judgement, question.situation, question.course
+    judgement, situation, ahead = question.judgement, question.situation, question.course
     if question.flown:
-        return supervise(held, known, ahead.route, question.time, rules)
+        return supervise(judgement, situation, ahead.route, question.time, rules)
     return watch(
-        held,
-        known,
+        judgement,
+        situation,
         ahead.route,
         question.time,
         rules,
@@ -208,7 +208,7 @@ def watch(
     judgement: Judgement,
     situation: Situation,
     route: Route,
-    now: int,
+    time: int,
     rules: Rules,
     *,
     ways: Sequence[Route] = (),
@@ -222,16 +222,16 @@ def watch(
         judgement: that holds.
         situation: what is known.
         route: that a plan may rejoin.
-        now: ns.
+        time: ns.
         rules: how it is watched and planned.
         ways: that may be flown and are watched; empty: the route.
         unplanned: why nothing is to be planned; "": it is.
     """
     first = None
     try:
-        request = task(situation, now, rules.settings, route)
+        request = task(situation, time, rules.settings, route)
         tasks = [replace(request, points=_points(request, way)) for way in ways] or [request]
-        conflicts = (conflict(_ahead(one, 0.0), rules.look_ahead) for one in tasks)
+        conflicts = (conflict(_ahead(on_way, 0.0), rules.look_ahead) for on_way in tasks)
         first = earliest(conflicts)
         judgement = replace(judgement, remarks=_remarks(request))
         if first is None or first.time > rules.engage:
@@ -249,72 +249,77 @@ def supervise(
     judgement: Judgement,
     situation: Situation,
     route: Route,
-    now: int,
+    time: int,
     rules: Rules,
 ) -> Judgement:
     """Check the plan that is flown, and plan anew where the monitor asks for it."""
-    supervision = step_monitor(judgement.supervision, situation, now)
+    supervision = step_monitor(judgement.supervision, situation, time)
     judgement, verdict = replace(judgement, supervision=supervision), supervision.verdict
     if verdict is None or verdict.ask is None:
         return judgement
     number = verdict.ask.number
     try:
-        wanted = task(situation, now, rules.settings, route)
-        wanted = _with_rejoin_altitude(_not_before(wanted, judgement.rejoin))
-        answer = _plan(wanted, rules)
+        request = task(situation, time, rules.settings, route)
+        request = _with_rejoin_altitude(_not_before(request, judgement.rejoin))
+        answer = _plan(request, rules)
     except Refusal as refusal:
-        after, _ = accept_answer(supervision, number, None)
-        return replace(judgement, supervision=after, problem=str(refusal))
-    judgement = replace(judgement, remarks=_remarks(wanted, answer))
-    sent = publish(answer, wanted, supervision.revision + 1) if answer.safe else None
-    after, taken_up = accept_answer(supervision, number, sent)
-    judgement = replace(judgement, supervision=after, problem="")
+        answered, _ = accept_answer(supervision, number, None)
+        return replace(judgement, supervision=answered, problem=str(refusal))
+    judgement = replace(judgement, remarks=_remarks(request, answer))
+    published = publish(answer, request, supervision.revision + 1) if answer.safe else None
+    answered, taken_up = accept_answer(supervision, number, published)
+    judgement = replace(judgement, supervision=answered, problem="")
     if not taken_up:
-        why = "; ".join(reason.message for reason in answer.reasons)
-        return replace(judgement, problem=why or "the plan came too late")
-    return replace(judgement, plan=answer, rejoin=_rejoin(answer, wanted))
+        reasons = "; ".join(reason.message for reason in answer.reasons)
+        return replace(judgement, problem=reasons or "the plan came too late")
+    return replace(judgement, plan=answer, rejoin=_rejoin(answer, request))
 
 
-def _points(wanted: PlanTask, route: Route) -> tuple[RoutePoint, ...]:
+def _points(request: PlanTask, route: Route) -> tuple[RoutePoint, ...]:
     """Return a route's points in a task's frame."""
-    at = wanted.frame.place([one.latitude for one in route], [one.longitude for one in route])
-    places = zip(route, at.x.tolist(), at.y.tolist(), strict=True)
+    local = request.frame.place(
+        [station.latitude for station in route], [station.longitude for station in route]
+    )
+    places = zip(route, local.x.tolist(), local.y.tolist(), strict=True)
     return tuple(
-        RoutePoint(one.index, x, y, one.altitude and one.altitude.value) for one, x, y in places
+        RoutePoint(station.index, x, y, station.altitude and station.altitude.value)
+        for station, x, y in places
     )
 
 
-def _with_rejoin_altitude(wanted: PlanTask) -> PlanTask:
+def _with_rejoin_altitude(request: PlanTask) -> PlanTask:
     """Return a task whose plan comes back to the altitude of the last point that it may rejoin at:
     the planner regains that of the last point that has one. Where the next point has none it plans
     in the plane.
     """
-    if not wanted.options.climbs:
-        return wanted
-    points = wanted.points
+    if not request.options.climbs:
+        return request
+    points = request.points
     if points[0].altitude is None:
-        options = replace(wanted.options, maneuvers=Maneuvers.HORIZONTAL, floor=None, ceiling=None)
-        notes = *wanted.notes, Advisory(AdvisoryCode.ASSUMED, "mission", _UNKNOWN_ALTITUDE)
-        return replace(wanted, options=options, notes=notes)
-    beyond = (replace(point, altitude=None) for point in points[_GOALS:])
-    return replace(wanted, points=(*points[:_GOALS], *beyond))
+        options = replace(request.options, maneuvers=Maneuvers.HORIZONTAL, floor=None, ceiling=None)
+        notes = *request.notes, Advisory(AdvisoryCode.ASSUMED, "mission", _UNKNOWN_ALTITUDE)
+        return replace(request, options=options, notes=notes)
+    behind = (replace(point, altitude=None) for point in points[_GOALS:])
+    return replace(request, points=(*points[:_GOALS], *behind))
 
 
-def publish(answer: Plan, wanted: PlanTask, revision: int) -> Published:
+def publish(answer: Plan, request: PlanTask, revision: int) -> Published:
     """Return a plan as the monitor takes it."""
-    left_out = {one.number for one in answer.excluded}
-    names = (name for n, name in enumerate(wanted.identifiers) if n not in left_out)
+    left_out = {exclusion.number for exclusion in answer.excluded}
+    names = (name for n, name in enumerate(request.identifiers) if n not in left_out)
     climbs = answer.waypoints[0].altitude is not None
-    start = start_point(wanted.frame, wanted.own, wanted.time, wanted.own_altitude, climbs=climbs)
+    start = start_point(
+        request.frame, request.own, request.time, request.own_altitude, climbs=climbs
+    )
     wind = answer.wind or NO_WIND
     return Published(
         revision.to_bytes(16, "big"),
         revision,
-        wanted.time,
+        request.time,
         start,
-        plan_points(answer, wanted),
+        plan_points(answer, request),
         tuple(names),
-        true_wind(wanted.frame, wind, start.latitude, start.longitude),
+        true_wind(request.frame, wind, start.latitude, start.longitude),
         float(wind.std),
     )
 
@@ -337,95 +342,104 @@ def to_follow(judgement: Judgement, altitude: Altitude | None = None) -> ToFly |
     off.
     """
     supervision = judgement.supervision
-    frame, held, kind = supervision.frame, supervision.held, to_fly(supervision)
-    if frame is None or held is None:
+    frame, published, kind = supervision.frame, supervision.published_plan, to_fly(supervision)
+    if frame is None or published is None:
         return None
-    wind = wind_of(frame, held)
+    wind = wind_of(frame, published)
     if kind is FlyMode.PLAN:
-        key = ("plan", held.revision)
-        own, waypoints = to_frame(frame, held)
-        profile = _profile(held, waypoints, supervision.thresholds.options)
-        return ToFly(key, frame, held.began, own, waypoints, wind, profile)
-    made = backup(supervision, altitude) if kind is FlyMode.BACKUP else None
-    if made is None:
+        key = ("plan", published.revision)
+        own, waypoints = to_frame(frame, published)
+        profile = _profile(published, waypoints, supervision.thresholds.options)
+        return ToFly(key, frame, published.began, own, waypoints, wind, profile)
+    backup_plan = backup(supervision, altitude) if kind is FlyMode.BACKUP else None
+    if backup_plan is None:
         return None
-    height, climbs = made.start.altitude, supervision.thresholds.options.climbs
+    height, climbs = backup_plan.start.altitude, supervision.thresholds.options.climbs
     profile = level(height.value) if climbs and height is not None else None
-    return ToFly(("backup", made.began), frame, made.began, *to_frame(frame, made), wind, profile)
+    return ToFly(
+        ("backup", backup_plan.began),
+        frame,
+        backup_plan.began,
+        *to_frame(frame, backup_plan),
+        wind,
+        profile,
+    )
 
 
-def _profile(held: Published, waypoints: tuple[Waypoint, ...], options: Options) -> Profile | None:
+def _profile(
+    published: Published, waypoints: tuple[Waypoint, ...], options: Options
+) -> Profile | None:
     """Return the altitude of a plan, times from its request; None: it is one in the plane."""
-    start = held.start.altitude
-    if not held.climbs or start is None:
+    start = published.start.altitude
+    if not published.climbs or start is None:
         return None
     return profile_of(start.value, start.climb(0.0)[0], waypoints, options.vertical.acceleration)
 
 
-def _plan(wanted: PlanTask, rules: Rules) -> Plan:
+def _plan(request: PlanTask, rules: Rules) -> Plan:
     try:
-        return plan_task(wanted, rules.policy, exhaustive=False)
+        return plan_task(request, rules.policy, exhaustive=False)
     except RequestError as error:
-        raise refusal_of(error, wanted) from error
+        raise refusal_of(error, request) from error
 
 
 def _take_up(
-    judgement: Judgement, situation: Situation, wanted: PlanTask, rules: Rules
+    judgement: Judgement, situation: Situation, request: PlanTask, rules: Rules
 ) -> Judgement:
-    answer = _plan(wanted, rules)
-    judgement = replace(judgement, remarks=_remarks(wanted, answer))
+    answer = _plan(request, rules)
+    judgement = replace(judgement, remarks=_remarks(request, answer))
     if not answer.safe:
         return replace(judgement, plan=answer, problem="")
-    sent = publish(answer, wanted, judgement.supervision.revision + 1)
-    supervision = activate(judgement.supervision, situation, sent)
+    published = publish(answer, request, judgement.supervision.revision + 1)
+    supervision = activate(judgement.supervision, situation, published)
     return replace(
         judgement,
         supervision=supervision,
         plan=answer,
-        rejoin=_rejoin(answer, wanted),
+        rejoin=_rejoin(answer, request),
         problem="",
     )
 
 
-def _remarks(wanted: PlanTask, answer: Plan | None = None) -> tuple[str, ...]:
+def _remarks(request: PlanTask, answer: Plan | None = None) -> tuple[str, ...]:
     """Return what is remarked of a task and its answer, a sentence each."""
-    said = wanted.notes if answer is None else (*answer.advisories, *wanted.notes)
-    return tuple(text for text in (_remark(one, wanted) for one in said) if text)
+    advisories = request.notes if answer is None else (*answer.advisories, *request.notes)
+    return tuple(text for text in (_remark(advisory, request) for advisory in advisories) if text)
 
 
-def _remark(advisory: Advisory, wanted: PlanTask) -> str:
+def _remark(advisory: Advisory, request: PlanTask) -> str:
     """Return an advisory as a sentence; none of a point that is skipped between two waypoints."""
     point = advisory.field
     if advisory.code is AdvisoryCode.SKIPPED and isinstance(point, Field):
-        item, part = divmod(wanted.points[point.number or 0].index, SUB)
+        item, part = divmod(request.points[point.number or 0].index, SUB)
         return f"waypoint {item} skipped" if part == SUB - 1 else ""
-    return f"{in_terms_of_messages(point, wanted.identifiers)} {advisory.text}"
+    return f"{in_terms_of_messages(point, request.identifiers)} {advisory.text}"
 
 
-def _rejoin(answer: Plan, wanted: PlanTask) -> Rejoin:
+def _rejoin(answer: Plan, request: PlanTask) -> Rejoin:
     """Return at which point of the route, and when, a plan is back on it and at its altitude."""
-    on_track, time = _back_on_track(answer, wanted, answer.rejoin_time)
+    on_track, time = _back_on_track(answer, request, answer.rejoin_time)
     point, regained = on_track, _regained(answer.waypoints)
     if regained > time:
-        point, time = _back_on_track(answer, wanted, regained)
-    return Rejoin(point, wanted.time + round(time * SECOND), on_track)
+        point, time = _back_on_track(answer, request, regained)
+    return Rejoin(point, request.time + round(time * SECOND), on_track)
 
 
-def _back_on_track(answer: Plan, wanted: PlanTask, earliest: float) -> tuple[int | None, float]:
+def _back_on_track(answer: Plan, request: PlanTask, earliest: float) -> tuple[int | None, float]:
     """Return at which point of the route, and when, s after its request, a plan is on its ground
     track from a time on: what the plan rejoins may be a point round an area.
     """
     wind = answer.wind or NO_WIND
-    later = (one.time for one in answer.waypoints if one.time > earliest)
+    later = (waypoint.time for waypoint in answer.waypoints if waypoint.time > earliest)
     times = np.array([earliest, *later])
-    curve = legs(plan_states(wanted.own, answer.waypoints, wind=wind))
+    curve = legs(plan_states(request.own, answer.waypoints, wind=wind))
     state = at(repeat(curve, times.size), times, wind)
-    x = np.array([point.x for point in wanted.points])
-    y = np.array([point.y for point in wanted.points])
-    away = np.hypot(state.x[:, None] - x, state.y[:, None] - y)
-    back = away.min(axis=1) <= wanted.options.aircraft.goal_radius + _ROUNDED
+    x = np.array([point.x for point in request.points])
+    y = np.array([point.y for point in request.points])
+    distances = np.hypot(state.x[:, None] - x, state.y[:, None] - y)
+    back = distances.min(axis=1) <= request.options.aircraft.goal_radius + _ROUNDED
     first = int(np.argmax(back)) if back.any() else times.size - 1
-    index = wanted.points[int(np.argmin(away[first]))].index if back.any() else None
+    index = request.points[int(np.argmin(distances[first]))].index if back.any() else None
     return index, float(times[first])
 
 
@@ -440,32 +454,34 @@ def _regained(waypoints: Sequence[Waypoint]) -> float:
     return regained
 
 
-def _not_before(wanted: PlanTask, rejoin: Rejoin | None) -> PlanTask:
+def _not_before(request: PlanTask, rejoin: Rejoin | None) -> PlanTask:
     """Return the task without the points of the first leg before the one that was to be rejoined;
     a waypoint of the mission always stays.
     """
-    found = _ahead(wanted, _BEHIND * wanted.options.aircraft.separation)
+    ahead = _ahead(request, _BEHIND * request.options.aircraft.separation)
     if rejoin is None or rejoin.on_track is None:
-        return found
+        return ahead
     first, leg = rejoin.on_track, rejoin.on_track // SUB
-    points = tuple(one for one in found.points if one.index // SUB != leg or one.index >= first)
-    return replace(found, points=points)
-
-
-def _ahead(wanted: PlanTask, beyond: float) -> PlanTask:
-    """Return the task without the points of the first leg that are not farther ahead than
-    ``beyond``, m; a waypoint of the mission always stays.
-    """
-    points = wanted.points
-    leg = points[0].index // SUB
-    last = next((n for n, one in enumerate(points) if one.index // SUB != leg), len(points)) - 1
-    end = points[last]
-    x, y = end.x - wanted.own.x, end.y - wanted.own.y
-    length = max(math.hypot(x, y), 1e-6)
-    own = wanted.own
-    ahead = tuple(
-        one
-        for n, one in enumerate(points)
-        if n >= last or ((one.x - own.x) * x + (one.y - own.y) * y) / length > beyond
+    points = tuple(
+        point for point in ahead.points if point.index // SUB != leg or point.index >= first
     )
-    return replace(wanted, points=ahead)
+    return replace(ahead, points=points)
+
+
+def _ahead(request: PlanTask, reach: float) -> PlanTask:
+    """Return the task without the points of the first leg that are not farther ahead than
+    ``reach``, m; a waypoint of the mission always stays.
+    """
+    points = request.points
+    leg = points[0].index // SUB
+    last = next((n for n, point in enumerate(points) if point.index // SUB != leg), len(points)) - 1
+    end = points[last]
+    x, y = end.x - request.own.x, end.y - request.own.y
+    length = max(math.hypot(x, y), 1e-6)
+    own = request.own
+    ahead = tuple(
+        point
+        for n, point in enumerate(points)
+        if n >= last or ((point.x - own.x) * x + (point.y - own.y) * y) / length > reach
+    )
+    return replace(request, points=ahead)

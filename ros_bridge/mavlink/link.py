@@ -146,10 +146,10 @@ class Link:
         self._texts = 0  # number of the last long text
         self._mavlink: Any = mavutil.mavlink
         check_address(address)
-        kind, _, rest = address.partition(":")
+        kind, _, location = address.partition(":")
         try:
             if kind in ("udp", "udpin"):
-                host, _, port = rest.rpartition(":")
+                host, _, port = location.rpartition(":")
                 self._connection: Any = Listener(
                     (host, int(port)), mavutil.mavlink, system, COMPONENT
                 )
@@ -172,7 +172,7 @@ class Link:
         """Wait for the heartbeat of an autopilot of ArduPilot, and learn its numbers, or raise
         :class:`LinkError`.
         """
-        until, other = time.monotonic() + patience, ""
+        until, mismatch = time.monotonic() + patience, ""
         while time.monotonic() < until:
             message = self._next(0.2)
             self.beat()
@@ -181,7 +181,7 @@ class Link:
             if message.get_srcComponent() != 1 or message.type in (6, 18):
                 continue
             if message.autopilot != self._mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA or message.type != 1:
-                other = (
+                mismatch = (
                     f"a heartbeat of autopilot {message.autopilot}, type {message.type} came; "
                     "expected ArduPilot's (3) of a fixed wing (1)"
                 )
@@ -190,7 +190,7 @@ class Link:
             self._note_autopilot(message)
             return
         raise LinkError(
-            f"no autopilot was found within {patience:g} s: {other or 'no heartbeat came'}"
+            f"no autopilot was found within {patience:g} s: {mismatch or 'no heartbeat came'}"
         )
 
     def beat(self) -> None:
@@ -233,12 +233,12 @@ class Link:
 
     def parameters(self) -> dict[str, float]:
         """Return the autopilot's parameters, or raise :class:`LinkError`."""
-        found: dict[str, float] = {}
+        values: dict[str, float] = {}
         missing: Any = None
         mav = self._connection.mav
         fruitless = 0  # tries in a row, of a link that loses some
         while fruitless < _TRIES:
-            before = len(found)
+            previous_count = len(values)
             if missing is None:
                 self._send(mav.param_request_list_send, self.system, self.component)
             else:
@@ -247,13 +247,13 @@ class Link:
                         mav.param_request_read_send, self.system, self.component, b"", number
                     )
             for message in self._answers("PARAM_VALUE"):
-                found[message.param_id] = float(message.param_value)
+                values[message.param_id] = float(message.param_value)
                 if missing is None:
                     missing = set(range(message.param_count))
                 missing.discard(message.param_index)
                 if not missing:
-                    return found
-            fruitless = fruitless + 1 if len(found) == before else 0
+                    return values
+            fruitless = fruitless + 1 if len(values) == previous_count else 0
         count = "any" if missing is None else f"{len(missing)}"
         raise LinkError(f"parameters: the autopilot has not sent {count} of them; expected all")
 
@@ -286,7 +286,7 @@ class Link:
         """Return the items of a mission or fence, waiting for them."""
         name = "the fence" if kind else "the mission"
         download, fruitless = Download(kind), 0
-        while not download.done:
+        while not download.complete:
             number = None if download.count is None else len(download.items)
             expected = "MISSION_COUNT" if number is None else "MISSION_ITEM_INT"
             if fruitless == _TRIES:
@@ -477,10 +477,10 @@ _ALTITUDE_ONLY = 0b1111_1111_1111_1011
 
 def check_address(text: str) -> None:
     """Raise :class:`LinkError` where pymavlink cannot open an address of this form."""
-    kind, _, rest = text.partition(":")
+    kind, _, location = text.partition(":")
     expected = "expected udp:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or a serial port"
     if kind in ("udp", "udpin", "udpout", "tcp"):
-        host, _, port = rest.rpartition(":")
+        host, _, port = location.rpartition(":")
         if not host or not port.isdigit() or not 0 < int(port) < 65_536:
             raise LinkError(f"--connect is {text!r}: {expected}")
     elif not Path(text).is_char_device():

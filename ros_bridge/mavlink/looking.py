@@ -42,7 +42,7 @@ def take_answer(state: State, event: Answer, setup: Setup) -> Advance:
     after = Advance(replace(state, judgement=judgement))
     if question.flown:
         after = after.then(telling.explain, time)
-        if judgement.supervision.held != before.supervision.held:
+        if judgement.supervision.published_plan != before.supervision.published_plan:
             after = after.then(telling.write_plan)
     else:
         after = after.then(telling.advise, time, setup.rules.engage)
@@ -54,8 +54,8 @@ def take_answer(state: State, event: Answer, setup: Setup) -> Advance:
 def _note_planned(state: State, event: Answer) -> Advance:
     """Keep, and log, what a plan took from its request."""
     text = f"planned within {1e3 * event.took.wall:.0f} ms"
-    kept = Advance(state, (NotePlanned(event.took),))
-    return kept.then(tell, "time", text, event.question.time, send=False)
+    noted = Advance(state, (NotePlanned(event.took),))
+    return noted.then(tell, "time", text, event.question.time, send=False)
 
 
 def _ask(state: State, time: int, setup: Setup) -> Advance:
@@ -64,11 +64,11 @@ def _ask(state: State, time: int, setup: Setup) -> Advance:
     if isinstance(ahead, FieldError):
         return _tell_unwatched(state, ahead, time).then(telling.remark, time)
     phase = state.control.phase
-    flown = phase in (Phase.TAKING, Phase.GUIDING)
+    flies_plan = phase in (Phase.TAKING, Phase.GUIDING)
     on_mission = phase is not Phase.RETURNING and state.received.mode == Mode.AUTO
-    if not (flown or on_mission):
+    if not (flies_plan or on_mission):
         return telling.remark(state, time)
-    question = Question(state.judgement, state.received.situation, ahead, time, flown)
+    question = Question(state.judgement, state.received.situation, ahead, time, flies_plan)
     return Advance(state, (question,))
 
 
@@ -91,11 +91,11 @@ def _course(state: State, setup: Setup) -> tuple[State, Course | FieldError]:
     current = received.current if left_at is None else left_at
     own = received.situation.own.last
     if own is None:
-        why = "is not watched: the own place has not been received"
-        return state, FieldError("mission", why)
-    left = attempt(lambda: _items_left(state, current))
-    if isinstance(left, FieldError):
-        return state, left
+        problem = "is not watched: the own place has not been received"
+        return state, FieldError("mission", problem)
+    remaining = attempt(lambda: _items_left(state, current))
+    if isinstance(remaining, FieldError):
+        return state, remaining
     leg = state.leg
     if leg is None or leg.item != current:
         leg = _begin_leg(state, current, own.place, own.time / SECOND)
@@ -103,7 +103,7 @@ def _course(state: State, setup: Setup) -> tuple[State, Course | FieldError]:
         lambda: course(
             state.items,
             current,
-            left,
+            remaining,
             leg.began,
             own,
             spacing=SPACING * setup.vehicle.aircraft.separation,
@@ -116,21 +116,21 @@ def _course(state: State, setup: Setup) -> tuple[State, Course | FieldError]:
 
 def _items_left(state: State, current: int) -> tuple[Item, ...]:
     """Return the plain waypoints that are flown first, or raise :class:`FieldError`."""
-    left, target = mission.remaining_items(state.items, current), state.received.target
+    remaining, target = mission.remaining_items(state.items, current), state.received.target
     if state.control.flies or target is None:
-        return left
-    return mission.begin_at_target(left, state.items, *target)
+        return remaining
+    return mission.begin_at_target(remaining, state.items, *target)
 
 
-def _begin_leg(state: State, item: int, here: tuple[float, float], time: float) -> Leg:
+def _begin_leg(state: State, item: int, own_place: tuple[float, float], time: float) -> Leg:
     """Return the leg to an item that has become the current one, by ArduPlane's rule
     (``Plane::set_next_WP``): it begins where the one before led to, by a jump too; where AUTO
     has just been entered it begins where the aircraft is.
     """
     if 0.0 <= time - state.entered_auto < _SETTLES:
-        return Leg(item, here)
-    came_from = _flown_to(state) or mission.before(state.items, item)
-    return Leg(item, here if came_from is None else came_from.place)
+        return Leg(item, own_place)
+    came_from = _flown_to(state) or mission.item_before(state.items, item)
+    return Leg(item, own_place if came_from is None else came_from.place)
 
 
 def _flown_to(state: State) -> Item | None:

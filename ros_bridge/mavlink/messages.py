@@ -183,12 +183,12 @@ def traffic(
     Raises:
         FieldError: position or velocity are not marked as valid, or a field is out of range.
     """
-    seconds, rest = divmod(arrived, SECOND)
-    same = ("emitter_type", "flags", "altitude_type")
+    seconds, nanoseconds = divmod(arrived, SECOND)
+    equal_fields = ("emitter_type", "flags", "altitude_type")
     return adsb_vehicle(
         SimpleNamespace(
             icao_address=message.ICAO_address,
-            header=SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=rest)),
+            header=SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=nanoseconds)),
             tslc=SimpleNamespace(sec=int(message.tslc), nanosec=0),
             latitude=1e-7 * message.lat,
             longitude=1e-7 * message.lon,
@@ -197,7 +197,7 @@ def traffic(
             heading=0.01 * message.heading,
             hor_velocity=0.01 * message.hor_velocity,
             ver_velocity=0.01 * message.ver_velocity,
-            **{name: int(getattr(message, name)) for name in same},
+            **{name: int(getattr(message, name)) for name in equal_fields},
         ),
         references,
         own,

@@ -108,7 +108,7 @@ def item(message: "dialect.MAVLink_mission_item_int_message") -> Item:
 
 def home_altitude(items: Sequence[Item]) -> float | None:
     """Return the altitude of home, item 0, m above mean sea level; None: it is unknown."""
-    homes = (one.altitude for one in items if one.number == 0 and one.place != (0.0, 0.0))
+    homes = (item.altitude for item in items if item.number == 0 and item.place != (0.0, 0.0))
     return next(homes, None)
 
 
@@ -134,34 +134,34 @@ def remaining_items(items: Sequence[Item], current: int) -> tuple[Item, ...]:
     where something else is to be flown (loiter, land, a jump): what that is,
     :mod:`ros_bridge.mavlink.course` assumes.
     """
-    found: list[Item] = []
-    for one in items:
-        if one.number < current or one.number == 0:
+    remaining: list[Item] = []
+    for item in items:
+        if item.number < current or item.number == 0:
             continue
-        if one.plain and one.has_place:
-            found.append(one)
-        elif (one.flies and not one.plain) or one.jumps:
+        if item.plain and item.has_place:
+            remaining.append(item)
+        elif (item.flies and not item.plain) or item.jumps:
             break
-    return tuple(found)
+    return tuple(remaining)
 
 
 def begin_at_target(
-    left: tuple[Item, ...], items: Sequence[Item], latitude: int, longitude: int
+    remaining: tuple[Item, ...], items: Sequence[Item], latitude: int, longitude: int
 ) -> tuple[Item, ...]:
     """Return the waypoints that are left, the first of them where the autopilot flies to, 1e-7
     degrees, if no item is there: where a mission is replaced in AUTO, it still flies to the place
     that the item had.
     """
     place = 1e-7 * latitude, 1e-7 * longitude
-    if not left or any(distance(*one.place, *place) < _SAME for one in items):
-        return left
-    return (left[0]._replace(latitude=place[0], longitude=place[1]), *left[1:])
+    if not remaining or any(distance(*item.place, *place) < _SAME for item in items):
+        return remaining
+    return (remaining[0]._replace(latitude=place[0], longitude=place[1]), *remaining[1:])
 
 
-def before(items: Sequence[Item], current: int) -> Item | None:
+def item_before(items: Sequence[Item], current: int) -> Item | None:
     """Return the last item with a place before the current one; None where there is none."""
-    found = [one for one in items if 0 < one.number < current and one.has_place]
-    return found[-1] if found else None
+    places = [item for item in items if 0 < item.number < current and item.has_place]
+    return places[-1] if places else None
 
 
 def route(
@@ -188,20 +188,22 @@ def route(
     if not waypoints and onward is None:
         raise FieldError("mission", "has no waypoint left, expected one or more")
     stations: list[Station] = []
-    before = came_from = start  # where the leg before began, and this one
-    for one in waypoints:
+    previous = came_from = start  # where the leg before began, and this one
+    for item in waypoints:
         stations += [
-            Station(one.number * SUB + part, *at, altitudes.get(one.number))
-            for part, at in enumerate(_points(came_from, one.place, spacing), 1)
+            Station(item.number * SUB + part, *point, altitudes.get(item.number))
+            for part, point in enumerate(_points(came_from, item.place, spacing), 1)
         ]
         # The last point of a leg is the item's own place, whatever its number on the leg.
-        stations[-1] = replace(stations[-1], index=one.number * SUB + SUB - 1)
-        if distance(*came_from, *one.place) >= _SAME:
-            before, came_from = came_from, one.place
+        stations[-1] = replace(stations[-1], index=item.number * SUB + SUB - 1)
+        if distance(*came_from, *item.place) >= _SAME:
+            previous, came_from = came_from, item.place
     if onward is None:
         onward = Onward(waypoints[-1].number + 1, ())
-    places = _points_onward(before, came_from, onward.places, spacing)
-    stations += [Station(onward.number * SUB + part, *at, None) for part, at in enumerate(places)]
+    places = _points_onward(previous, came_from, onward.places, spacing)
+    stations += [
+        Station(onward.number * SUB + part, *point, None) for part, point in enumerate(places)
+    ]
     return _apart(stations)
 
 
@@ -224,42 +226,45 @@ def _points(
 
 
 def _points_onward(
-    before: tuple[float, float],
+    previous: tuple[float, float],
     last: tuple[float, float],
     places: Sequence[tuple[float, float]],
     spacing: float,
 ) -> list[tuple[float, float]]:
     """Return points from the last waypoint on, degrees: of the legs to some places, as far as
-    plans reach, and straight on. ``before`` is the place before the last waypoint.
+    plans reach, and straight on. ``previous`` is the place before the last waypoint.
     """
-    found: list[tuple[float, float]] = []
+    points: list[tuple[float, float]] = []
     for corner in places:
-        if len(found) > _LONGEST:
+        if len(points) > _LONGEST:
             break
         if distance(*last, *corner) >= _SAME:
-            found += _points(last, corner, spacing)[:_LONGEST]
-            before, last = last, corner
+            points += _points(last, corner, spacing)[:_LONGEST]
+            previous, last = last, corner
     frame = LocalFrame(*last)
-    came = frame.place(*before)
+    came = frame.place(*previous)
     length = max(math.hypot(float(came.x), float(came.y)), _SAME)
     x, y = (-float(part) / length * spacing for part in (came.x, came.y))
-    on = frame.geodetic(*(part * np.arange(1, BEYOND + 1) for part in (x, y)))
-    return found + list(zip(on.latitude.tolist(), on.longitude.tolist(), strict=True))
+    ahead = frame.geodetic(*(part * np.arange(1, BEYOND + 1) for part in (x, y)))
+    return points + list(zip(ahead.latitude.tolist(), ahead.longitude.tolist(), strict=True))
 
 
 def _apart(stations: Sequence[Station]) -> tuple[Station, ...]:
     """Return stations without those at the place of the one before."""
-    latitude = [one.latitude for one in stations]
-    longitude = [one.longitude for one in stations]
+    latitude = [station.latitude for station in stations]
+    longitude = [station.longitude for station in stations]
     gaps = wgs84().inv(longitude[:-1], latitude[:-1], longitude[1:], latitude[1:])[2]
     if min(gaps, default=math.inf) > _LEAST_LEG:
         return tuple(stations)
-    found = list(stations[:1])
-    for one in stations[1:]:
-        last = found[-1]
-        if distance(last.latitude, last.longitude, one.latitude, one.longitude) > _LEAST_LEG:
-            found.append(one)
-    return tuple(found)
+    apart = list(stations[:1])
+    for station in stations[1:]:
+        last = apart[-1]
+        if (
+            distance(last.latitude, last.longitude, station.latitude, station.longitude)
+            > _LEAST_LEG
+        ):
+            apart.append(station)
+    return tuple(apart)
 
 
 def item_after_rejoin(index: int, items: Sequence[Item]) -> int:
@@ -271,13 +276,13 @@ def item_after_rejoin(index: int, items: Sequence[Item]) -> int:
     mission's end it is the number after the last item.
     """
     number, part = divmod(index, SUB)
-    by_number = {one.number: one for one in items}
+    by_number = {item.number: item for item in items}
     if part == SUB - 1:
         return number + 1 if number + 1 in by_number else number
     if number not in by_number or by_number[number].plain:
         return number
-    after = (one for one in items if one.number >= number and (one.flies or one.jumps))
-    following = next(after, None)
+    items_after = (item for item in items if item.number >= number and (item.flies or item.jumps))
+    following = next(items_after, None)
     begins_anywhere = following is not None and (following.jumps or following.circles)
     return number if begins_anywhere else number - 1
 
@@ -290,33 +295,35 @@ def fence(items: Sequence[Item], clearance: float) -> tuple[GeodeticArea, ...]:
             parameter says.
         clearance: to be kept from every edge, m.
     """
-    found: list[GeodeticArea] = []
+    areas: list[GeodeticArea] = []
     number = 0
     while number < len(items):
-        one = items[number]
-        name = f"fence item {one.number}"
-        if one.command in (_INCLUSION, _EXCLUSION):
-            if not one.parameter.is_integer():  # nor is what is not finite
-                raise FieldError(name, f"begins {one.parameter:g} corners, expected a whole number")
-            count = int(one.parameter)
+        item = items[number]
+        name = f"fence item {item.number}"
+        if item.command in (_INCLUSION, _EXCLUSION):
+            if not item.parameter.is_integer():  # nor is what is not finite
+                raise FieldError(
+                    name, f"begins {item.parameter:g} corners, expected a whole number"
+                )
+            count = int(item.parameter)
             corners = items[number : number + count]
-            if count < 3 or len(corners) < count or {c.command for c in corners} != {one.command}:
+            if count < 3 or len(corners) < count or {c.command for c in corners} != {item.command}:
                 raise FieldError(name, f"begins {count} corners, expected 3 or more of one kind")
-            keep = Keep.IN if one.command == _INCLUSION else Keep.OUT
+            keep = Keep.IN if item.command == _INCLUSION else Keep.OUT
             rings = (tuple(corner.place for corner in corners),)
-            found.append(_area(name, keep, clearance)._replace(rings=rings))
+            areas.append(_area(name, keep, clearance)._replace(rings=rings))
             number += count
             continue
-        if one.command in (_CIRCLE_IN, _CIRCLE_OUT):
-            keep = Keep.IN if one.command == _CIRCLE_IN else Keep.OUT
-            if not one.parameter > 0.0:
-                raise FieldError(name, f"has the radius {one.parameter:g} m, expected more than 0")
+        if item.command in (_CIRCLE_IN, _CIRCLE_OUT):
+            keep = Keep.IN if item.command == _CIRCLE_IN else Keep.OUT
+            if not item.parameter > 0.0:
+                raise FieldError(name, f"has the radius {item.parameter:g} m, expected more than 0")
             circle = _area(name, keep, clearance)
-            found.append(circle._replace(centre=one.place, radius=one.parameter))
-        elif one.command != _RETURN:
-            raise FieldError(name, f"is the command {one.command}, expected 5000 to 5004")
+            areas.append(circle._replace(centre=item.place, radius=item.parameter))
+        elif item.command != _RETURN:
+            raise FieldError(name, f"is the command {item.command}, expected 5000 to 5004")
         number += 1
-    return tuple(found)
+    return tuple(areas)
 
 
 def _area(name: str, keep: Keep, clearance: float) -> GeodeticArea:

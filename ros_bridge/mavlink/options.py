@@ -55,15 +55,15 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     for name, (low, high, unit) in _RANGES.items():
         value = getattr(options, name)
         if value is not None and not low <= value <= high:
-            called = name.replace("_", "-")
-            raise InputError(f"--{called} is {value:g} {unit}; expected {low:g} to {high:g} {unit}")
+            option = name.replace("_", "-")
+            raise InputError(f"--{option} is {value:g} {unit}; expected {low:g} to {high:g} {unit}")
     if options.own and not options.adsb:
         raise InputError("--own goes with --adsb; the autopilot leaves itself out of its traffic")
     if not re.fullmatch("(?:[0-9a-fA-F]{6})?", options.own):
         raise InputError(f"--own is {options.own!r}; expected six hexadecimal digits")
     if not re.fullmatch("[ -~]{0,20}", options.own_remote_id):
-        said = options.own_remote_id
-        raise InputError(f"--own-remote-id is {said!r}; expected up to 20 characters of ASCII")
+        remote_id = options.own_remote_id
+        raise InputError(f"--own-remote-id is {remote_id!r}; expected up to 20 characters of ASCII")
     try:
         options.adsb = check_sources(options.adsb)
         check_ports(options.adsb)
@@ -95,8 +95,8 @@ def vertical_separation_of(options: argparse.Namespace) -> float | None:
     """Return what is kept above and below where plans may climb, m; None: they keep the height."""
     if options.maneuvers == Maneuvers.HORIZONTAL.value:
         return None
-    given = options.vertical_separation
-    return VERTICAL_SEPARATION if given is None else given
+    separation = options.vertical_separation
+    return VERTICAL_SEPARATION if separation is None else separation
 
 
 def rules_of(
@@ -134,8 +134,8 @@ def rules_of(
             climbs=_climbs(options, vehicle, fence),
         )
     except RequestError as problem:
-        called = problem.field.removeprefix("options.").removesuffix(".value").replace("_", "-")
-        raise InputError(f"--{called} {problem.problem}") from None
+        option = problem.field.removeprefix("options.").removesuffix(".value").replace("_", "-")
+        raise InputError(f"--{option} {problem.problem}") from None
 
 
 def _climbs(
@@ -154,8 +154,8 @@ def _climbs(
             "to the greatest climb leaves a plan's altitude"
         )
     floors, ceilings = (
-        [level for level in (side, None if given is None else Level(given, "msl")) if level]
-        for side, given in zip(fence, (options.floor, options.ceiling), strict=True)
+        [level for level in (side, None if height is None else Level(height, "msl")) if level]
+        for side, height in zip(fence, (options.floor, options.ceiling), strict=True)
     )
     return Climbs(
         Maneuvers(options.maneuvers), max(floors, default=None), min(ceilings, default=None), margin
@@ -167,9 +167,9 @@ def _check_heights(options: argparse.Namespace) -> None:
     if options.maneuvers == Maneuvers.HORIZONTAL.value:
         for name in _HEIGHTS:
             if getattr(options, name) is not None:
-                called = name.replace("_", "-")
+                option = name.replace("_", "-")
                 raise InputError(
-                    f"--{called} goes with --maneuvers vertical or both; by default plans keep the "
+                    f"--{option} goes with --maneuvers vertical or both; by default plans keep the "
                     "height"
                 )
         return
@@ -241,8 +241,8 @@ def _parser() -> argparse.ArgumentParser:
         ("deadline", 0.2, "computation in which a plan must be found, s"),
         ("wait", 30.0, "time to wait for the first heartbeat, s"),
     )
-    for name, default, what in numbers:
-        add(f"--{name}", type=float, default=default, help=f"{what} (default {default:g})")
+    for name, default, meaning in numbers:
+        add(f"--{name}", type=float, default=default, help=f"{meaning} (default {default:g})")
     add(
         "--maneuvers",
         choices=[kind.value for kind in Maneuvers],
@@ -250,7 +250,7 @@ def _parser() -> argparse.ArgumentParser:
         help="what plans may do: turns and speeds (horizontal, the default), climbs and descents "
         "along the mission (vertical), or both",
     )
-    for name, usual, what in (
+    for name, usual, meaning in (
         ("floor", "none", "least altitude of plans that may climb, m above mean sea level"),
         ("ceiling", "none", "greatest altitude of plans that may climb, likewise"),
         (
@@ -264,19 +264,19 @@ def _parser() -> argparse.ArgumentParser:
             "added to it for the distance of flights from their plans' altitudes, m",
         ),
     ):
-        add(f"--{name}", type=float, help=f"{what} (default {usual})")
-    for name, what in (
+        add(f"--{name}", type=float, help=f"{meaning} (default {usual})")
+    for name, meaning in (
         ("category-separations", "separations from aircraft of emitter categories, m"),
         ("category-vertical-separations", "vertical filters likewise"),
     ):
-        text = f"{what}, such as A5:2000,B6:300 (default: the same from all)"
+        text = f"{meaning}, such as A5:2000,B6:300 (default: the same from all)"
         add(f"--{name}", default="", metavar="LIST", help=text)
-    for name, share, what in (
+    for name, share, meaning in (
         ("wind-std", WIND_STD, "the wind that the autopilot sends"),
         ("unknown-wind-std", UNKNOWN_WIND_STD, "a wind that it does not send, about calm"),
     ):
         usual = f"default {share:g} of the highest speed"
-        add(f"--{name}", type=float, help=f"one sigma of {what}, m/s ({usual})")
+        add(f"--{name}", type=float, help=f"one sigma of {meaning}, m/s ({usual})")
     add(
         "--traffic-altitude",
         choices=("unknown", "msl"),

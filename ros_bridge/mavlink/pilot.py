@@ -79,16 +79,16 @@ class Piloted(NamedTuple):
 
 
 def take_over(
-    pilot: Pilot, held: Published | None, own: Report | None, offset: float = 0.0
+    pilot: Pilot, plan: Published | None, own: Report | None, offset: float = 0.0
 ) -> Piloted:
     """Ask for GUIDED, with the last point of a plan as its target, at the ownship's altitude;
     ``offset`` is what the autopilot adds to altitudes, ALT_OFFSET, m.
     """
-    if held is None or own is None or own.altitude is None:
+    if plan is None or own is None or own.altitude is None:
         return Piloted(pilot)
-    point = held.points[-1]
-    told = replace(own.altitude, value=own.altitude.value - offset)
-    target = messages.target(point.latitude, point.longitude, told)
+    point = plan.points[-1]
+    demanded = replace(own.altitude, value=own.altitude.value - offset)
+    target = messages.target(point.latitude, point.longitude, demanded)
     targets = pilot.targets | {(target.latitude, target.longitude)}
     return Piloted(replace(pilot, targets=targets), (Reposition(target),))
 
@@ -106,10 +106,10 @@ def is_diverted(
     """
     if pilot.reached_ours and target not in pilot.targets:
         return True
-    told = pilot.altitudes
-    if altitude is None or not told or seconds - told[0][0] < _SETTLED:
+    demanded = pilot.altitudes
+    if altitude is None or not demanded or seconds - demanded[0][0] < _SETTLED:
         return False
-    heights = [height for _, height in told]
+    heights = [height for _, height in demanded]
     return not min(heights) - _SAME_ALTITUDE <= altitude <= max(heights) + _SAME_ALTITUDE
 
 
@@ -131,32 +131,32 @@ def steer(
     clock, seconds = (time - to_fly.began) / SECOND, time / SECOND
     airspeed = received.airspeed
     air = sense(pilot.air, state, report.wind, airspeed)
-    told, follower = command(follower, state, clock, air, vehicle, _BANK_MAX)
+    demand, follower = command(follower, state, clock, air, vehicle, _BANK_MAX)
     off = errors(follower, state, clock)
     above = _above(follower, report, age, clock)
-    if told.altitude is not None:
-        told = told._replace(altitude=told.altitude - received.altitude_offset)
-    steered = Steered(seconds, *off, state.speed, airspeed or math.nan, told, above)
+    if demand.altitude is not None:
+        demand = demand._replace(altitude=demand.altitude - received.altitude_offset)
+    steered = Steered(seconds, *off, state.speed, airspeed or math.nan, demand, above)
     with_speed = not 0.0 <= seconds - pilot.airspeed_at < _SPEED
-    after = replace(
+    steered_pilot = replace(
         pilot,
         steered_at=seconds,
         airspeed_at=seconds if with_speed else pilot.airspeed_at,
-        altitudes=_told_last(pilot, told.altitude, seconds) if with_speed else pilot.altitudes,
+        altitudes=_told_last(pilot, demand.altitude, seconds) if with_speed else pilot.altitudes,
         followed=Followed(to_fly.key, follower, to_fly.began),
         air=air,
     )
-    return Piloted(after, (*lines, Steer(steered, time // 1_000_000, with_speed)))
+    return Piloted(steered_pilot, (*lines, Steer(steered, time // 1_000_000, with_speed)))
 
 
 def _levels_off_from(pilot: Pilot, own: Report, time: int) -> Altitude | None:
     """Return the altitude from which a backup levels off at a time, ns: the one that is planned
     then, which no gust moves, or the ownship's where nothing was flown until now.
     """
-    flown = pilot.followed
-    if flown is None or not 0.0 <= time / SECOND - pilot.steered_at <= _HEARD:
+    followed = pilot.followed
+    if followed is None or not 0.0 <= time / SECOND - pilot.steered_at <= _HEARD:
         return own.altitude
-    return flown.altitude(time) or own.altitude
+    return followed.altitude(time) or own.altitude
 
 
 def _above(follower: Follower, report: Report, age: float, clock: float) -> float:
@@ -177,7 +177,7 @@ def _told_last(
     """
     if altitude is None:
         return ()
-    last = (one for one in pilot.altitudes if 0.0 <= seconds - one[0] <= _HEARD)
+    last = (entry for entry in pilot.altitudes if 0.0 <= seconds - entry[0] <= _HEARD)
     return (*last, (seconds, altitude))
 
 

@@ -29,9 +29,11 @@ def geojson(plan: Published) -> str:
     The altitudes are no third coordinate: that is above the ellipsoid (RFC 7946, section 3.1.1).
     """
     lines = [[place[:2] for place in line] for line in _lines(plan)]
-    whole = {"type": "LineString", "coordinates": lines[0]}
-    cut = {"type": "MultiLineString", "coordinates": lines}
-    heights = [one.altitude for one in plan.points if one.altitude is not None and plan.climbs]
+    unbroken = {"type": "LineString", "coordinates": lines[0]}
+    broken = {"type": "MultiLineString", "coordinates": lines}
+    heights = [
+        point.altitude for point in plan.points if point.altitude is not None and plan.climbs
+    ]
     altitudes = {
         "altitudes_m": [round(height.value, 1) for height in heights],
         "altitude_reference": heights[0].reference if heights else None,
@@ -39,10 +41,10 @@ def geojson(plan: Published) -> str:
     return json.dumps(
         {
             "type": "Feature",
-            "geometry": whole if len(lines) == 1 else cut,
+            "geometry": unbroken if len(lines) == 1 else broken,
             "properties": {
                 "name": f"plan {plan.revision}",
-                "times_ns": [one.time for one in plan.points],
+                "times_ns": [point.time for point in plan.points],
                 **(altitudes if heights else {}),
             },
         }
@@ -56,7 +58,8 @@ def kml(plan: Published) -> str:
     texts = (" ".join(_coordinates(place) for place in line) for line in _lines(plan))
     mode = _ABSOLUTE if plan.climbs else ""
     lines = "".join(
-        f"<LineString>{mode}<coordinates>{one}</coordinates></LineString>" for one in texts
+        f"<LineString>{mode}<coordinates>{coordinates}</coordinates></LineString>"
+        for coordinates in texts
     )
     return _KML.format(name=f"plan {plan.revision}", lines=lines)
 
@@ -71,18 +74,18 @@ def _lines(plan: Published) -> list[list[list[float]]]:
     """Return the lines through a plan's points: longitude and latitude, degrees, and where it
     climbs the altitude, m.
     """
-    places = [_place(plan, one) for one in (plan.start, *plan.points)]
+    places = [_place(plan, point) for point in (plan.start, *plan.points)]
     lines = [places[:1]]
-    for before, after in pairwise(places):
-        west, east = before[0], after[0]
+    for start, end in pairwise(places):
+        west, east = start[0], end[0]
         if abs(east - west) > 180.0:
             edge = math.copysign(180.0, west)
             share = (edge - west) / math.remainder(east - west, 360.0)
-            others = zip(before[1:], after[1:], strict=True)
-            on_edge = [first + share * (second - first) for first, second in others]
+            pairs = zip(start[1:], end[1:], strict=True)
+            on_edge = [first + share * (second - first) for first, second in pairs]
             lines[-1].append([edge, *on_edge])
             lines.append([[-edge, *on_edge]])
-        lines[-1].append(after)
+        lines[-1].append(end)
     return lines
 
 

@@ -185,7 +185,7 @@ class Program:
         self.planned: deque[Spent] = deque(maxlen=20_000)
         self.viewers: list[Callable[[View], object]] = []
         self._protecting = Failures(self._output.log)
-        self._showing = Failures(lambda text: self._take(ShowingFailed(text, self._now())))
+        self._showing = Failures(lambda text: self._take(ShowingFailed(text, self._clock_time())))
         self._open = ExitStack()
         self._begun = 0  # how often the autopilot's clock has begun
         self._live: LiveReports | None = None
@@ -246,10 +246,10 @@ class Program:
         from ros_bridge.mavlink.adapter import show
 
         name = f"MAVLink {self._options.connect}"
-        showing, beside = show(address, name, self.setup.rules, self._now, self._output.log)
-        self.viewers.append(showing)
-        self._open.enter_context(beside)
-        print(f"display: http://{address.rpartition(':')[0]}:{beside.port}/", flush=True)
+        adapter, server = show(address, name, self.setup.rules, self._clock_time, self._output.log)
+        self.viewers.append(adapter)
+        self._open.enter_context(server)
+        print(f"display: http://{address.rpartition(':')[0]}:{server.port}/", flush=True)
 
     def close(self) -> None:
         """End the connection, the display and the recording."""
@@ -263,7 +263,7 @@ class Program:
         left_out = f"without {own}, the ownship" if own else "the ownship's address is unknown"
         self._output.log(f"traffic of {', '.join(sources)} too, {left_out}")
         try:
-            live = LiveReports(sources, own, self._now)
+            live = LiveReports(sources, own, self._clock_time)
         except ValueError as problem:
             raise InputError(f"--{problem}") from None
         live.start()
@@ -273,16 +273,16 @@ class Program:
     @property
     def view(self) -> View:
         """What is known now."""
-        return self.state.view(self._now())
+        return self.state.view(self._clock_time())
 
-    def _now(self) -> int:
+    def _clock_time(self) -> int:
         """Return the autopilot's time, ns; called from threads of others too."""
         return self._link.clock.now(time.monotonic())
 
     def _moment(self) -> Moment:
         """Return what the clocks show now."""
         clock = self._link.clock
-        return Moment(self._now(), _clocks(), clock.speed, clock.races)
+        return Moment(self._clock_time(), _clocks(), clock.speed, clock.races)
 
     # The loop.
 
@@ -364,7 +364,7 @@ class Program:
                 link.reposition(target)
             case Steer(steered, boot_ms, speed):
                 self.steered.append(steered)
-                link.steer(steered.told, boot_ms, speed=speed)
+                link.steer(steered.command, boot_ms, speed=speed)
             case SetMode(mode):
                 link.set_mode(mode)
             case SetCurrent(number):
@@ -387,10 +387,10 @@ class Program:
         self._take(Look(moment, self._live.take_problem(), foreign, *counts))
 
     def _answer(self, question: Question) -> None:
-        began = _clocks()
+        begin = _clocks()
         judgement = answer(question, self.setup.rules)
-        ended = _clocks()
-        took = Spent(ended.wall - began.wall, ended.computed - began.computed)
+        end = _clocks()
+        took = Spent(end.wall - begin.wall, end.computed - begin.computed)
         self._take(Answer(question, judgement, took))
 
     def _write_plan(self, plan: Published) -> None:
@@ -408,10 +408,10 @@ def _count_left_out(view: View) -> Iterator[str]:
     """Yield what of the traffic was left out so far, and what was not although a field forbids it,
     a line each.
     """
-    for what, counts in (("left out", view.left_out), ("doubted", view.doubted)):
+    for fate, counts in (("left out", view.left_out), ("doubted", view.doubted)):
         if counts:
             reasons = (f"{count} {reason}" for reason, count in sorted(counts.items()))
-            yield f"reports of traffic {what}: {', '.join(reasons)}"
+            yield f"reports of traffic {fate}: {', '.join(reasons)}"
 
 
 def what_is_kept(rules: Rules) -> Iterator[str]:

@@ -76,7 +76,7 @@ def take(refresh: Refresh, message: Any) -> Refreshed:
         download = accept(refresh.running[kind], message)
     except FieldError as problem:
         return Refreshed(drop(refresh, kind), (Thank(kind),), problem=problem)
-    if not download.done:
+    if not download.complete:
         running = MappingProxyType({**refresh.running, kind: download})
         return Refreshed(replace(refresh, running=running))
     return Refreshed(drop(refresh, kind), (Thank(kind),), Whole(kind, download.items))
@@ -84,5 +84,9 @@ def take(refresh: Refresh, message: Any) -> Refreshed:
 
 def drop(refresh: Refresh, kind: int) -> Refresh:
     """Give up a download; the next begins when it is due."""
-    running = {other: download for other, download in refresh.running.items() if other != kind}
+    running = {
+        running_kind: download
+        for running_kind, download in refresh.running.items()
+        if running_kind != kind
+    }
     return replace(refresh, running=MappingProxyType(running))

@@ -92,7 +92,7 @@ class Drone(NamedTuple):
 class Moment(NamedTuple):
     """When something arrived."""
 
-    now: int  # on the autopilot's clock, ns
+    time: int  # on the autopilot's clock, ns
     offset: int | None  # of UTC since 1970 to that clock, ns; None: unknown
 
 
@@ -255,18 +255,18 @@ class _LocationFields(NamedTuple):
         """
         age = self._age()
         if age is None:
-            return self.moment.now
+            return self.moment.time
         if age > LATEST:
             problem = f"is {age:.1f} s old, expected {LATEST:g} s at most"
             raise FieldError(f"{self.name}.timestamp", problem)
-        return self.moment.now - int(age * SECOND)
+        return self.moment.time - int(age * SECOND)
 
     def _age(self) -> float | None:
         """Return how old the state is, s; None: nobody knows."""
         seconds, offset = self.message.timestamp, self.moment.offset
         if offset is None or not 0.0 <= seconds <= _HOUR:  # NaN fails it too
             return None
-        utc = (self.moment.now + offset) % (int(_HOUR) * SECOND) / SECOND
+        utc = (self.moment.time + offset) % (int(_HOUR) * SECOND) / SECOND
         age = (utc - seconds) % _HOUR
         return 0.0 if age > _HOUR - _EARLY else age
 

@@ -60,13 +60,13 @@ class _Item(NamedTuple):
 def folder() -> Path:
     """Return the folder of the program, or raise :class:`SitlError`."""
     named = os.environ.get("RLCAS_SITL", "")
-    found = Path(named) if named else _BESIDE
-    if not (found / "arduplane").is_file() or not (found / "plane.parm").is_file():
+    path = Path(named) if named else _BESIDE
+    if not (path / "arduplane").is_file() or not (path / "plane.parm").is_file():
         raise SitlError(
-            f"RLCAS_SITL is {named!r} and {found} holds no arduplane with plane.parm; expected the "
+            f"RLCAS_SITL is {named!r} and {path} holds no arduplane with plane.parm; expected the "
             "folder of ArduPlane's SITL (docs/howto/mavlink.md)"
         )
-    return found
+    return path
 
 
 def place(
@@ -264,12 +264,12 @@ class Sitl:
         items += [
             _Item(
                 _RELATIVE,
-                one.command,
-                one.parameter,
-                *place(one.east, one.north, self.home),
-                one.above,
+                leg.command,
+                leg.parameter,
+                *place(leg.east, leg.north, self.home),
+                leg.above,
             )
-            for one in legs
+            for leg in legs
         ]
         self._upload(items, 0)
 
@@ -286,17 +286,17 @@ class Sitl:
         until = time.monotonic() + _BEGINS
         while time.monotonic() < until:
             self.beat()
-            asked = self.station.recv_match(
+            message = self.station.recv_match(
                 type=["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"],
                 blocking=True,
                 timeout=1.0,
             )
-            if asked is not None and asked.get_type() != "MISSION_ACK":
-                self._send_item(items[asked.seq], asked.seq, kind)
+            if message is not None and message.get_type() != "MISSION_ACK":
+                self._send_item(items[message.seq], message.seq, kind)
                 continue
-            if asked is not None and asked.type == 0:
+            if message is not None and message.type == 0:
                 return
-            if asked is not None:
+            if message is not None:
                 # Right after its start there is no room for one yet. What is still on its way
                 # belongs to the transfer that failed; an answer to it would end the next one, too.
                 time.sleep(0.5)

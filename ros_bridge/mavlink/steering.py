@@ -53,7 +53,7 @@ class Steered(NamedTuple):
     late: float  # s
     speed: float  # over the ground, m/s
     airspeed: float
-    told: Command
+    command: Command
     above: float = math.nan  # the plan's altitude, m; nan: the plan is in the plane
 
 
@@ -114,8 +114,8 @@ def guide(
     """Return the follower of a plan from its first state and its waypoints, times from its
     request, the wind that it is flown in, and its altitude.
     """
-    found = legs(plan_states(own, waypoints, wind=wind))
-    return Follower(found, Path(found, wind or NO_WIND), wind or NO_WIND, height)
+    curve = legs(plan_states(own, waypoints, wind=wind))
+    return Follower(curve, Path(curve, wind or NO_WIND), wind or NO_WIND, height)
 
 
 def errors(
@@ -151,15 +151,15 @@ def command(
     _, turn = guidance.commands(state, time, PERIOD)
     roll = -math.atan(turn * state.speed / GRAVITY)
     ahead = at(follower.legs, np.float64(time + SPEED_LAG), follower.wind)
-    now = at(follower.legs, np.float64(time), follower.wind)
-    late = offset(state, now)[0]
+    planned = at(follower.legs, np.float64(time), follower.wind)
+    late = offset(state, planned)[0]
     gain = -_ALONG * float(late) / max(float(ahead.speed), 1.0)
     east = float(ahead.speed * np.cos(ahead.heading)) * (1.0 + gain) - air.wind[0]
     north = float(ahead.speed * np.sin(ahead.heading)) * (1.0 + gain) - air.wind[1]
-    wanted = math.hypot(east, north) + air.offset
-    told = Command(
+    airspeed = math.hypot(east, north) + air.offset
+    demand = Command(
         min(max(roll, -bank_max), bank_max),
-        min(max(wanted, vehicle.airspeed_min), vehicle.airspeed_max),
+        min(max(airspeed, vehicle.airspeed_min), vehicle.airspeed_max),
         None if follower.height is None else follower.height.to_demand(time, vehicle.height_lag),
     )
-    return told, follower._replace(late=guidance.late)
+    return demand, follower._replace(late=guidance.late)

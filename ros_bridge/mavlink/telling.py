@@ -40,9 +40,12 @@ def _advise_on(state: State, conflict: Conflict, time: int) -> Advance:
         return tell(state, kind, f"{text}no plan is safe", time, send=True, more=more)
     first = plan.waypoints[0]
     turn = f"{math.degrees(0.5 * math.pi - first.heading) % 360.0:.0f} deg"
-    text += f"plan by {turn}, {first.speed:.0f} m/s{_climb_of(state.judgement.supervision.held)}"
-    told = tell(state, kind, text, time, send=True, more=f"rejoins {plan.goal_index}")
-    return told.then(write_plan) if told.effects else told
+    text += (
+        f"plan by {turn}, {first.speed:.0f} m/s"
+        f"{_climb_of(state.judgement.supervision.published_plan)}"
+    )
+    announced = tell(state, kind, text, time, send=True, more=f"rejoins {plan.goal_index}")
+    return announced.then(write_plan) if announced.effects else announced
 
 
 def _climb_of(plan: Published | None) -> str:
@@ -59,8 +62,8 @@ def _climb_of(plan: Published | None) -> str:
 
 def write_plan(state: State) -> Advance:
     """Write what is flown or advised."""
-    held = state.judgement.supervision.held
-    return Advance(state, () if held is None else (WritePlan(held),))
+    plan = state.judgement.supervision.published_plan
+    return Advance(state, () if plan is None else (WritePlan(plan),))
 
 
 def explain(state: State, time: int) -> Advance:
@@ -71,9 +74,9 @@ def explain(state: State, time: int) -> Advance:
     causes = frozenset(reason.cause for reason in reasons)
     after = Advance(state)
     if causes != state.said.causes:
-        why = "; ".join(reason.message for reason in reasons) or "no remark"
+        text = "; ".join(reason.message for reason in reasons) or "no remark"
         said = replace(state.said, causes=causes)
-        after = Advance(replace(state, said=said), (Log(f"{monitor}: {why}", time),))
+        after = Advance(replace(state, said=said), (Log(f"{monitor}: {text}", time),))
     if problem:
         after = after.then(tell, f"replan {monitor}", f"no plan: {problem}", time, send=False)
     return after

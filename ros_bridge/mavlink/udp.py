@@ -55,13 +55,13 @@ class Listener:
         from now on; return False, and change nothing, where another sender of such messages is
         answered and has not been silent.
         """
-        now = time.monotonic()
+        moment = time.monotonic()
         assert self.sender is not None
         if self.sender not in self.clients:
-            if self.clients and now - self._heard <= SILENT:
+            if self.clients and moment - self._heard <= SILENT:
                 return False
             self.clients = {self.sender}
-        self._heard = now
+        self._heard = moment
         return True
 
     def write(self, data: bytes) -> None:
@@ -73,8 +73,8 @@ class Listener:
         """Return the next message, waiting for it so long, s, if at all; None: none has come."""
         until = time.monotonic() + timeout
         while not self._waiting:
-            left = until - time.monotonic() if blocking else 0.0
-            if not select.select([self.port], [], [], max(left, 0.0))[0]:
+            remaining = until - time.monotonic() if blocking else 0.0
+            if not select.select([self.port], [], [], max(remaining, 0.0))[0]:
                 return None
             self._read()
         message, self.sender = self._waiting.popleft()
@@ -98,7 +98,7 @@ class Listener:
             parser.robust_parsing = True
         self._parsers[sender] = parser
         if len(self._parsers) > _SENDERS:
-            del self._parsers[next(one for one in self._parsers if one not in self.clients)]
+            del self._parsers[next(known for known in self._parsers if known not in self.clients)]
         return parser
 
     def close(self) -> None:

@@ -68,12 +68,12 @@ def value_of(parameters: Mapping[str, float], name: str) -> float | None:
     """Return a parameter under its name of ArduPlane 4.5 or later, or the one before; None where
     there is neither.
     """
-    found = parameters.get(name)
-    if found is None and name in _OLD_NAMES:
-        found = parameters.get(_OLD_NAMES[name])
-        if found is not None and name == "ROLL_LIMIT_DEG":
-            found *= 0.01
-    return found
+    value = parameters.get(name)
+    if value is None and name in _OLD_NAMES:
+        value = parameters.get(_OLD_NAMES[name])
+        if value is not None and name == "ROLL_LIMIT_DEG":
+            value *= 0.01
+    return value
 
 
 def vehicle_of(
@@ -91,8 +91,10 @@ def vehicle_of(
     notes = [*_notes(stated, able, decided)]
     vertical = None
     if vertical_separation is not None:
-        vertical, more = _vertical_limits(parameters, stated, decided, vertical_separation)
-        notes += more
+        vertical, vertical_notes = _vertical_limits(
+            parameters, stated, decided, vertical_separation
+        )
+        notes += vertical_notes
     try:
         aircraft = new_aircraft(decided, separation, vehicle=able, vertical=vertical)
     except AircraftError as problem:
@@ -171,12 +173,12 @@ def _vertical_limits(
     """
     notes: list[str] = []
     fastest_sink = _value_or(parameters, "TECS_SINK_MAX", 5.0, notes)
-    most = _value_or(parameters, "TECS_VERT_ACC", 7.0, notes, "m/s^2")
-    beside = decided.acceleration_max * decided.speed_max / GRAVITY
+    acceleration = _value_or(parameters, "TECS_VERT_ACC", 7.0, notes, "m/s^2")
+    reserve = decided.acceleration_max * decided.speed_max / GRAVITY
     vertical = Vertical(
-        climb_max=min(_CLIMB * stated.climb, stated.climb - beside),
+        climb_max=min(_CLIMB * stated.climb, stated.climb - reserve),
         descent_max=min(_CLIMB * stated.sink, fastest_sink),
-        acceleration=min(_CLIMB_CHANGE * most, _MOST_CLIMB_CHANGE),
+        acceleration=min(_CLIMB_CHANGE * acceleration, _MOST_CLIMB_CHANGE),
         separation=separation,
     )
     notes.append(
@@ -207,8 +209,10 @@ def fence_levels(
     for name, bit in (("FENCE_ALT_MIN", _FENCE_MIN), ("FENCE_ALT_MAX", _FENCE_MAX)):
         above = parameters.get(name) if kinds & bit else None
         if above is not None and home is None:
-            what = f"{name} is {above:g} m above home, whose altitude no item 0 of the mission says"
-            raise ParameterError(f"{what}; expected one where plans may climb")
+            problem = (
+                f"{name} is {above:g} m above home, whose altitude no item 0 of the mission says"
+            )
+            raise ParameterError(f"{problem}; expected one where plans may climb")
         levels.append(None if above is None or home is None else Level(home + above, "msl"))
     floor, ceiling = levels
     return floor, ceiling
@@ -217,8 +221,8 @@ def fence_levels(
 def _notes(stated: _Stated, able: Limits, decided: Limits) -> Iterator[str]:
     """Yield what follows from the parameters, a sentence each."""
     low, top = able.speed_min, able.speed_max
-    given = f"{stated.airspeed_min:g}, {stated.airspeed_max:g}"
-    yield f"plans fly {low:.1f} to {top:.1f} m/s of AIRSPEED_MIN, MAX {given}"
+    speeds = f"{stated.airspeed_min:g}, {stated.airspeed_max:g}"
+    yield f"plans fly {low:.1f} to {top:.1f} m/s of AIRSPEED_MIN, MAX {speeds}"
     if low > _WIDEST * top:
         yield f"the speeds are closer together than the policy's family has them ({top:g})"
     yield from stated.assumed
@@ -287,18 +291,18 @@ def own_address(parameters: Mapping[str, float]) -> str:
 
 
 def _require(parameters: Mapping[str, float], name: str) -> float:
-    found = value_of(parameters, name)
-    if found is None:
+    value = value_of(parameters, name)
+    if value is None:
         raise ParameterError(f"{name} is not among the autopilot's parameters; expected m/s")
-    return found
+    return value
 
 
 def _value_or(
     parameters: Mapping[str, float], name: str, usual: float, assumed: list[str], unit: str = "m/s"
 ) -> float:
     """Return a rate, or the usual one with a note of that."""
-    found = value_of(parameters, name)
-    if found is None or found <= 0.0:
+    value = value_of(parameters, name)
+    if value is None or value <= 0.0:
         assumed.append(f"{name} is unknown and taken as {usual:g} {unit}")
         return usual
-    return found
+    return value

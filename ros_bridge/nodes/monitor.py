@@ -161,38 +161,38 @@ class Monitor(ListeningNode):
 
     def _check(self) -> None:
         """Judge what is flown, say so, and show what there is to show."""
-        now, began = self._now(), time.monotonic()
-        if not self._active or now <= 0 or self._judged_at <= now < self._judge_from:
+        moment, began = self._now(), time.monotonic()
+        if not self._active or moment <= 0 or self._judged_at <= moment < self._judge_from:
             return
-        went_well = self._protect("the judgement", self._judge, now)
-        self._publish(now)
+        went_well = self._protect("the judgement", self._judge, moment)
+        self._publish(moment)
         # By this clock: a simulated one may wait for the status.
-        self._judge_from = now + round(_SHARE * (time.monotonic() - began) * SECOND)
+        self._judge_from = moment + round(_SHARE * (time.monotonic() - began) * SECOND)
         began = time.monotonic()
         if went_well and began >= self._guide_from:
-            self._show("bands and alerts", partial(self._guide, now))
+            self._show("bands and alerts", partial(self._guide, moment))
             took = time.monotonic() - began
             self._guide_from = began + (_GUIDE_EVERY * took if took > _SLOW else 0.0)
 
-    def _judge(self, now: int) -> None:
-        self._forget(now)
-        self._supervision = step_monitor(self._supervision, self._situation, now)
+    def _judge(self, moment: int) -> None:
+        self._forget(moment)
+        self._supervision = step_monitor(self._supervision, self._situation, moment)
         self._judged = self._supervision  # a plan that is taken up may know other intruders
         verdict = self._judged.verdict
         if verdict is not None:
-            self._give_up_waiting(now)
+            self._give_up_waiting(moment)
             if verdict.ask is not None:
-                self._request(verdict.ask, now)
-        self._judged_at = now
+                self._request(verdict.ask, moment)
+        self._judged_at = moment
 
-    def _request(self, ask: Ask, now: int) -> None:
+    def _request(self, ask: Ask, moment: int) -> None:
         if not self._client.service_is_ready():
             self._answer(ask.number, None)
             return
         request = GenerateTrajectory.Request(reason=GenerateTrajectory.Request.REASON_REPLAN)
-        request.header = header(now, self._value("map_frame"))
+        request.header = header(moment, self._value("map_frame"))
         future = self._client.call_async(request)
-        self._pending = _Pending(ask.number, future, now)
+        self._pending = _Pending(ask.number, future, moment)
         future.add_done_callback(self._on_answer)
 
     def _on_answer(self, future: "Future[GenerateTrajectory.Response]") -> None:
@@ -220,13 +220,13 @@ class Monitor(ListeningNode):
         if to_fly(self._supervision) is not before:
             self._publish(self._latest)
 
-    def _give_up_waiting(self, now: int) -> None:
+    def _give_up_waiting(self, moment: int) -> None:
         """Stop waiting for an answer that does not come; DDS may not yet notice that the runner is
         gone.
         """
         if self._pending is None:
             return
-        if (now - self._pending.since) / SECOND > self._value("answer_time"):
+        if (moment - self._pending.since) / SECOND > self._value("answer_time"):
             self._client.remove_pending_request(self._pending.future)
             self._pending = None
             self._take_waiting()
@@ -239,53 +239,53 @@ class Monitor(ListeningNode):
 
     # Outputs.
 
-    def _publish(self, now: int) -> None:
+    def _publish(self, moment: int) -> None:
         """Publish the status, in any case, and the backup while it is flown."""
         if not (self._active and rclpy.ok(context=self.context)):
             return
-        status = AssuranceStatus(header=header(now, self._value("map_frame")))
+        status = AssuranceStatus(header=header(moment, self._value("map_frame")))
         self._protect("the status", self._describe, status)
         failed = self._protecting.problems()
         if failed:
             status.state, status.reasons = AssuranceStatus.STATE_DENIED, [*status.reasons, *failed]
             status.measured = False
-            if (now - self._judged_at) / SECOND > freshness_of(self._value).monitor:
+            if (moment - self._judged_at) / SECOND > freshness_of(self._value).monitor:
                 status.fly = AssuranceStatus.FLY_NOTHING
         self._statuses.publish(status)
-        self._protect("the backup", self._publish_backup, now)
+        self._protect("the backup", self._publish_backup, moment)
 
-    def _publish_backup(self, now: int) -> None:
+    def _publish_backup(self, moment: int) -> None:
         if to_fly(self._supervision) is not FlyMode.BACKUP:
             self._backup_at = 0
             return
-        if now - self._backup_at < _BACKUP_AGAIN:
+        if moment - self._backup_at < _BACKUP_AGAIN:
             return
         own = self._situation.own.last
-        made = backup(self._supervision, None if own is None else own.altitude)
-        if made is not None:
-            self._backup_at, self._backups = now, self._backups + 1
-            self._backup.publish(self._backup_message(made))
+        backup_plan = backup(self._supervision, None if own is None else own.altitude)
+        if backup_plan is not None:
+            self._backup_at, self._backups = moment, self._backups + 1
+            self._backup.publish(self._backup_message(backup_plan))
 
-    def _backup_message(self, made: Published) -> Trajectory:
+    def _backup_message(self, plan: Published) -> Trajectory:
         """Return the backup that is flown."""
         frame = self._value("map_frame")
-        message = trajectory_message(Trajectory.STATUS_BACKUP, made.began, frame, self._backups)
-        message.start = point_message(made.start)
-        message.waypoints = [point_message(point) for point in made.points]
-        message.wind.x, message.wind.y = made.wind
-        message.wind_std = made.wind_std
+        message = trajectory_message(Trajectory.STATUS_BACKUP, plan.began, frame, self._backups)
+        message.start = point_message(plan.start)
+        message.waypoints = [point_message(point) for point in plan.points]
+        message.wind.x, message.wind.y = plan.wind
+        message.wind_std = plan.wind_std
         return message
 
-    def _guide(self, now: int) -> None:
+    def _guide(self, moment: int) -> None:
         """Publish bands and alerts, once in a time step, of what a verdict judged; before the first
         plan, of a monitor that has none.
         """
-        judged = self._judged
-        if judged.verdict is None:
-            judged = self._looking = look(self._looking, self._situation, now)
-        self._shown, found = guidance(self._shown, judged, now)
-        if found is not None:
-            self._guidance.publish(_message(found, now, self._value("map_frame")))
+        supervision = self._judged
+        if supervision.verdict is None:
+            supervision = self._looking = look(self._looking, self._situation, moment)
+        self._shown, bands = guidance(self._shown, supervision, moment)
+        if bands is not None:
+            self._guidance.publish(_message(bands, moment, self._value("map_frame")))
 
     def _describe(self, message: AssuranceStatus) -> None:
         """Write into a status what holds."""
@@ -298,13 +298,13 @@ class Monitor(ListeningNode):
         }
         for name, value in fields.items():
             setattr(message, name, value)
-        if self._supervision.held is not None:
-            message.trajectory_id.uuid = list(self._supervision.held.unique)
-            message.trajectory_revision = self._supervision.held.revision
+        if self._supervision.published_plan is not None:
+            message.trajectory_id.uuid = list(self._supervision.published_plan.unique)
+            message.trajectory_revision = self._supervision.published_plan.revision
 
-    def _silence(self, now: int) -> float:
+    def _silence(self, moment: int) -> float:
         """Return for how long the runner has not been heard of, s; -1: it never was."""
-        return -1.0 if self._heard_runner == 0 else (now - self._heard_runner) / SECOND
+        return -1.0 if self._heard_runner == 0 else (moment - self._heard_runner) / SECOND
 
     def _on_health(self) -> None:
         state = State(int(self._supervision.monitor.state[0]))
@@ -327,30 +327,30 @@ class Monitor(ListeningNode):
         self._publish_health((level, problem), outside, values)
 
 
-def _message(found: Guidance, now: int, frame: str) -> GuidanceBands:
+def _message(bands: Guidance, moment: int, frame: str) -> GuidanceBands:
     message = GuidanceBands(
-        header=header(now, frame),
-        look_ahead=found.look_ahead,
-        track_deg=found.tracks.target,
-        track_region=found.tracks.region,
-        track_loss=found.tracks.loss,
-        track_area=found.tracks.area,
-        speed=found.speeds.target,
-        speed_region=found.speeds.region,
-        speed_loss=found.speeds.loss,
-        speed_area=found.speeds.area,
-        recovery=found.recovery,
-        recovery_time=found.recovery_time,
-        recovery_shortfall=found.recovery_shortfall,
-        intruder_ids=list(found.intruders),
-        intruder_level=found.levels,
-        intruder_loss=found.losses,
-        area_ids=list(found.areas),
-        area_level=found.area_levels,
-        area_loss=found.area_losses,
+        header=header(moment, frame),
+        look_ahead=bands.look_ahead,
+        track_deg=bands.tracks.target,
+        track_region=bands.tracks.region,
+        track_loss=bands.tracks.loss,
+        track_area=bands.tracks.area,
+        speed=bands.speeds.target,
+        speed_region=bands.speeds.region,
+        speed_loss=bands.speeds.loss,
+        speed_area=bands.speeds.area,
+        recovery=bands.recovery,
+        recovery_time=bands.recovery_time,
+        recovery_shortfall=bands.recovery_shortfall,
+        intruder_ids=list(bands.intruders),
+        intruder_level=bands.levels,
+        intruder_loss=bands.losses,
+        area_ids=list(bands.areas),
+        area_level=bands.area_levels,
+        area_loss=bands.area_losses,
     )
-    if found.vertical is not None:
-        _add_vertical(message, found.vertical)
+    if bands.vertical is not None:
+        _add_vertical(message, bands.vertical)
     return message
 
 

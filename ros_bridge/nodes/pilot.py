@@ -97,8 +97,8 @@ class Pilot(ClockGuard):
         self.get_logger().warning(text, throttle_duration_sec=5.0)
 
     def _on_ownship(self, message: AircraftState) -> None:
-        now = self.get_clock().now().nanoseconds
-        self._situation = updates.ownship(self._situation, message, now, Rules())
+        moment = self.get_clock().now().nanoseconds
+        self._situation = updates.ownship(self._situation, message, moment, Rules())
         fault = self._situation.own.fault
         if fault is not None:
             self.get_logger().error(fault.message, throttle_duration_sec=5.0)
@@ -110,47 +110,47 @@ class Pilot(ClockGuard):
         self._guidance.backup = message
 
     def _on_timer(self) -> None:
-        now, track = self.get_clock().now().nanoseconds, self._situation.own
-        wanted, own = self._guidance.select(now), track.last
-        unwatched = self._guidance.problem(now)
+        moment, track = self.get_clock().now().nanoseconds, self._situation.own
+        trajectory, own = self._guidance.select(moment), track.last
+        unwatched = self._guidance.problem(moment)
         if unwatched and self._guidance.has_plan:
             text = f"{unwatched}: nothing is commanded"
             self.get_logger().error(text, throttle_duration_sec=1.0)
-        if wanted is None or own is None or track.fault is not None:
+        if trajectory is None or own is None or track.fault is not None:
             return
-        age, fresh = (now - own.time) / SECOND, freshness_of(self._value)
+        age, fresh = (moment - own.time) / SECOND, freshness_of(self._value)
         if not -fresh.future <= age <= fresh.own:
             self._warn(f"the ownship's state is {age:.1f} s old")
             return
-        line = self._line_of(wanted)
+        line = self._line_of(trajectory)
         if line is None:
             return
-        command = self._command(line, own, now)
+        command = self._command(line, own, moment)
         self._commands.publish(command)
-        self._stamped.publish(TwistStamped(header=header(now, views.BODY), twist=command))
+        self._stamped.publish(TwistStamped(header=header(moment, views.BODY), twist=command))
 
-    def _line_of(self, wanted: Trajectory) -> _Line | None:
+    def _line_of(self, trajectory: Trajectory) -> _Line | None:
         """Return what is flown of a trajectory; None where it cannot be flown."""
-        unique = bytes(wanted.id.uuid)
+        unique = bytes(trajectory.id.uuid)
         if self._line is None or self._line.unique != unique:
-            frame = LocalFrame(wanted.start.latitude, wanted.start.longitude)
+            frame = LocalFrame(trajectory.start.latitude, trajectory.start.longitude)
             try:
-                flying = curve(frame, wanted)
+                flying = curve(frame, trajectory)
                 self._line = _Line(unique, frame, flying, flying.profile(self._vertical))
             except FieldError as error:
                 self.get_logger().error(f"cannot be flown: {error}", throttle_duration_sec=5.0)
                 return None
         return self._line
 
-    def _command(self, line: _Line, own: Report, now: int) -> Twist:
+    def _command(self, line: _Line, own: Report, moment: int) -> Twist:
         """Return speed along the track, m/s, and its turn rate, rad/s, for the next period."""
         flying = line.flying
         state = to_local(line.frame, own)
-        reach = state.speed * ((now - own.time) / SECOND)
+        reach = state.speed * ((moment - own.time) / SECOND)
         state = state._replace(
             x=state.x + reach * math.cos(state.heading), y=state.y + reach * math.sin(state.heading)
         )
-        time = np.float64((now - flying.began) / SECOND)
+        time = np.float64((moment - flying.began) / SECOND)
         acceleration, turn = guidance(flying.legs, state, time, wind=flying.wind)
         limits = limits_of(self._value)
         acceleration = _clip(float(acceleration), limits.acceleration_min, limits.acceleration_max)
@@ -158,12 +158,12 @@ class Pilot(ClockGuard):
         blows = 0.0 if flying.wind is None else float(flying.wind.speed)
         low, high = max(limits.speed_min - blows, 0.0), limits.speed_max + blows
         command = Twist()
-        command.linear.z = self._climb(line, own, now)
+        command.linear.z = self._climb(line, own, moment)
         command.linear.x = _clip(state.speed + acceleration * PERIOD, low, high)
         command.angular.z = _clip(float(turn), -limits.yaw_rate_max, limits.yaw_rate_max)
         return command
 
-    def _climb(self, line: _Line, own: Report, now: int) -> float:
+    def _climb(self, line: _Line, own: Report, moment: int) -> float:
         """Return the climb for the next period, m/s."""
         if line.profile is None or self._vertical is None:
             return 0.0
@@ -171,10 +171,10 @@ class Pilot(ClockGuard):
         if height is None or planned is None or height.reference != planned.reference:
             self._warn("the ownship's altitude cannot be compared with the plan's: it flies level")
             return 0.0
-        climb, age = height.climb(0.0)[0], (now - own.time) / SECOND
-        here = Height(height.value + climb * age, climb)
-        time = (now - line.flying.began) / SECOND
-        return follow(here, line.profile, time, self._vertical, PERIOD).climb
+        climb, age = height.climb(0.0)[0], (moment - own.time) / SECOND
+        own_height = Height(height.value + climb * age, climb)
+        time = (moment - line.flying.began) / SECOND
+        return follow(own_height, line.profile, time, self._vertical, PERIOD).climb
 
 
 def _clip(value: float, low: float, high: float) -> float:

@@ -10,28 +10,28 @@ NO_PLAN = bytes(16)
 
 
 def check(
-    request: GenerateTrajectory.Request, now: int, settings: Settings, holding: bytes
+    request: GenerateTrajectory.Request, moment: int, settings: Settings, holding: bytes
 ) -> None:
-    """Raise :class:`Refusal` for a request of an unknown reason, time or plan; ``now`` is in ns."""
-    known = (request.REASON_ALERT, request.REASON_REPLAN, request.REASON_MANUAL)
-    if request.reason not in known:
+    """Raise :class:`Refusal` for a request of an unknown reason, time or plan, at a moment, ns."""
+    reasons = (request.REASON_ALERT, request.REASON_REPLAN, request.REASON_MANUAL)
+    if request.reason not in reasons:
         raise Refusal(
             Code.INVALID_REQUEST,
             "request.reason",
-            f"is {request.reason}, expected one of {list(known)}",
+            f"is {request.reason}, expected one of {list(reasons)}",
         )
-    field, sent = "request.header.stamp", request.header.stamp
-    if now > 0 and (sent.sec or sent.nanosec):
+    field, stamped = "request.header.stamp", request.header.stamp
+    if moment > 0 and (stamped.sec or stamped.nanosec):
         try:
-            age = (now - stamp(field, sent)) / SECOND
+            age = (moment - stamp(field, stamped)) / SECOND
         except FieldError as error:
             raise Refusal(Code.INVALID_REQUEST, error.field, error.problem) from error
         fresh = settings.freshness
         check_age(REQUEST_AGE, field, age, fresh.request, fresh.future)
     previous = bytes(request.previous_id.uuid)
     if previous not in (NO_PLAN, holding):
-        what = (
+        problem = (
             f"is {previous.hex()}, but the plan that holds is "
             f"{'none' if holding == NO_PLAN else holding.hex()}"
         )
-        raise Refusal(Code.SUPERSEDED, "request.previous_id", what)
+        raise Refusal(Code.SUPERSEDED, "request.previous_id", problem)

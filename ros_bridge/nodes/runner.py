@@ -194,20 +194,20 @@ class Runner(ListeningNode):
 
     def _on_status(self, message: AssuranceStatus) -> None:
         """Note that the monitor is there; one that is latched is as old as it says."""
-        now = self._now()
-        self._heard_monitor = min(now, nanoseconds(message.header.stamp))
+        moment = self._now()
+        self._heard_monitor = min(moment, nanoseconds(message.header.stamp))
 
-    def _monitor_silence(self, now: int) -> float:
+    def _monitor_silence(self, moment: int) -> float:
         """Return for how long the monitor has not been heard of, s; -1: it never was."""
-        return -1.0 if self._heard_monitor == 0 else (now - self._heard_monitor) / SECOND
+        return -1.0 if self._heard_monitor == 0 else (moment - self._heard_monitor) / SECOND
 
     def _on_views(self) -> None:
         if self._views is None or not self._active:
             return
-        (result, wanted), self._views = self._views, None
+        (result, inputs), self._views = self._views, None
         frame = self._value("map_frame")
-        self._paths.publish(views.path(result, wanted, frame))
-        self._markers.publish(views.markers(result, wanted, frame))
+        self._paths.publish(views.path(result, inputs, frame))
+        self._markers.publish(views.markers(result, inputs, frame))
 
     def _take_in(self, update: Callable[..., Situation], message: Any) -> None:
         before = self._situation.own.last
@@ -248,83 +248,89 @@ class Runner(ListeningNode):
     async def _answer(
         self, request: GenerateTrajectory.Request, response: GenerateTrajectory.Response
     ) -> None:
-        now = self._now()
+        moment = self._now()
         if not self._active or self._policy is None:
             raise Refusal(
                 Code.NOT_ACTIVE, "node", "is not active, expected it to be activated first"
             )
-        self._forget(now)
+        self._forget(moment)
         self._check_whole()
         settings = planning_settings(self._value, self._aircraft)
-        check(request, now, settings, self._unique)
+        check(request, moment, settings, self._unique)
         try:
-            asked = conversions.route(request.route, "request.route") if request.route else None
+            requested_route = (
+                conversions.route(request.route, "request.route") if request.route else None
+            )
         except FieldError as error:
             raise Refusal(Code.INVALID_ROUTE, error.field, error.problem) from error
-        wanted = task(self._situation, now, settings, asked)
+        inputs = task(self._situation, moment, settings, requested_route)
         try:
-            result = plan_task(wanted, self._policy, exhaustive=False)
+            result = plan_task(inputs, self._policy, exhaustive=False)
             # A monitor cannot wait for the slow stages: it asks again, and has its backup
             # meanwhile.
             patient = request.reason != request.REASON_REPLAN and self._search is None
             if not result.safe and settings.options.exhaustive and patient:
-                result = await self._search_beside(wanted, self._policy, asked)
+                result = await self._search_beside(inputs, self._policy, requested_route)
         except RequestError as error:
-            raise refusal_of(error, wanted) from error
-        self._publish(result, wanted, response)
+            raise refusal_of(error, inputs) from error
+        self._publish(result, inputs, response)
 
     def _check_whole(self) -> None:
         """Refuse where what was received could not be taken in: something unknown is missing."""
         failed = self._protecting.problems()
         if failed:
-            what = f"{'; '.join(failed)}, expected to take in all that is received"
-            raise Refusal(Code.INTERNAL_ERROR, "node", what)
+            problem = f"{'; '.join(failed)}, expected to take in all that is received"
+            raise Refusal(Code.INTERNAL_ERROR, "node", problem)
 
     async def _search_beside(
-        self, wanted: PlanTask, policy: Policy, asked: conversions.Route | None
+        self, inputs: PlanTask, policy: Policy, requested_route: conversions.Route | None
     ) -> Plan:
         """Search exhaustively in a thread beside the node, which goes on receiving and answering
         meanwhile.
         """
         era, unique = self._era, self._unique
-        self._search = done = Future(executor=self.executor)
-        job = self._thread.submit(plan_task, wanted, policy, exhaustive=True)
-        job.add_done_callback(lambda _: self._wake(done))
+        self._search = search = Future(executor=self.executor)
+        job = self._thread.submit(plan_task, inputs, policy, exhaustive=True)
+        job.add_done_callback(lambda _: self._wake(search))
         try:
-            await done
+            await search
         finally:
             self._search = None
         if not job.done():
             raise Refusal(Code.CANCELLED, "request", "was cancelled while a plan was sought")
-        now = self._now()
+        moment = self._now()
         if era != self._era or not self._active:
-            what = "was answered after the node had been deactivated or the clock had stepped back"
-            raise Refusal(Code.NOT_ACTIVE, "request", f"{what}, expected another request")
+            problem = (
+                "was answered after the node had been deactivated or the clock had stepped back"
+            )
+            raise Refusal(Code.NOT_ACTIVE, "request", f"{problem}, expected another request")
         if unique != self._unique:
             raise Refusal(Code.SUPERSEDED, "plan", "was overtaken by another while it was sought")
-        found = job.result()
-        if not found.safe:
-            return found
+        plan = job.result()
+        if not plan.safe:
+            return plan
         # SAFE only if it still is from the present states on.
         self._check_whole()
-        then = task(self._situation, now, planning_settings(self._value, self._aircraft), asked)
+        later_inputs = task(
+            self._situation, moment, planning_settings(self._value, self._aircraft), requested_route
+        )
         return recheck(
-            found,
-            (then.time - wanted.time) / SECOND,
-            then.own,
-            then.intruders,
-            then.points,
-            then.options,
-            then.own_altitude,
-            found.wind,  # the plan is flown in the wind that it was made in
-            areas=then.areas,
+            plan,
+            (later_inputs.time - inputs.time) / SECOND,
+            later_inputs.own,
+            later_inputs.intruders,
+            later_inputs.points,
+            later_inputs.options,
+            later_inputs.own_altitude,
+            plan.wind,  # the plan is flown in the wind that it was made in
+            areas=later_inputs.areas,
         )
 
-    def _wake(self, done: Future) -> None:
+    def _wake(self, search: Future) -> None:
         """Let the node go on with an answer; called from the other thread."""
         executor = self.executor
-        if not done.done():  # nobody has cancelled it
-            done.set_result(None)
+        if not search.done():  # nobody has cancelled it
+            search.set_result(None)
         if executor is not None:
             executor.wake()
 
@@ -339,75 +345,80 @@ class Runner(ListeningNode):
         return response
 
     def _publish(
-        self, result: Plan, wanted: PlanTask, response: GenerateTrajectory.Response
+        self, result: Plan, inputs: PlanTask, response: GenerateTrajectory.Response
     ) -> None:
         frame = self._value("map_frame")
-        self._revision = self._next(wanted.time)
+        self._revision = self._next(inputs.time)
         message = plan_message(
-            result, wanted, frame, self._revision, certified=self._value("certificate")
+            result, inputs, frame, self._revision, certified=self._value("certificate")
         )
         response.trajectory = message
-        self._explain(result, wanted, response)
+        self._explain(result, inputs, response)
         if not result.safe:
             self._advice.publish(message)
             return
         self._unique = bytes(message.id.uuid)
         self._trajectories.publish(message)
         # The answer does not wait for path and markers.
-        self._views = result, wanted
+        self._views = result, inputs
 
     def _explain(
-        self, result: Plan, wanted: PlanTask, response: GenerateTrajectory.Response
+        self, result: Plan, inputs: PlanTask, response: GenerateTrajectory.Response
     ) -> None:
         """Write into an answer why its plan is not safe, what was assumed, and who is left out."""
         response.status = int(Code.SAFE if result.safe else Code.UNRESOLVED)
-        names = wanted.identifiers
+        names = inputs.identifiers
         texts = [in_terms_of_messages(reason.message, names) for reason in result.reasons]
         response.message = "; ".join(texts)
         if result.reasons:
             response.field = in_terms_of_messages(result.reasons[0].field, names)
         advisories = [
-            one._replace(field=in_terms_of_messages(one.field, wanted.identifiers))
-            for one in (*result.advisories, *wanted.notes)
+            advisory._replace(field=in_terms_of_messages(advisory.field, inputs.identifiers))
+            for advisory in (*result.advisories, *inputs.notes)
         ]
-        response.advisories = [advisory_message(one) for one in advisories]
-        response.advisory = "; ".join(one.message for one in advisories)
+        response.advisories = [advisory_message(advisory) for advisory in advisories]
+        response.advisory = "; ".join(advisory.message for advisory in advisories)
         self._outside = tuple(
-            one.message for one in advisories if one.code is AdvisoryCode.OUTSIDE_DOMAIN
+            advisory.message
+            for advisory in advisories
+            if advisory.code is AdvisoryCode.OUTSIDE_DOMAIN
         )
         left_out = [
-            *(LeftOut(wanted.identifiers[one.number], one.reason) for one in result.excluded),
-            *wanted.excluded,
+            *(
+                LeftOut(inputs.identifiers[exclusion.number], exclusion.reason)
+                for exclusion in result.excluded
+            ),
+            *inputs.excluded,
         ]
-        response.excluded_ids = [one.name for one in left_out]
-        response.excluded_reasons = [one.why for one in left_out]
+        response.excluded_ids = [aircraft.name for aircraft in left_out]
+        response.excluded_reasons = [aircraft.why for aircraft in left_out]
 
-    def _next(self, now: int) -> int:
+    def _next(self, moment: int) -> int:
         """Return a revision above all before, of earlier runs of the node too: they begin at the
         clock's second.
         """
-        return max(self._revision + 1, min(now // SECOND, 2**31))
+        return max(self._revision + 1, min(moment // SECOND, 2**31))
 
     def _withdraw(self) -> None:
         if self._unique == NO_PLAN:
             return
-        now = self.get_clock().now().nanoseconds
-        self._revision, self._unique = self._next(now), NO_PLAN
+        moment = self.get_clock().now().nanoseconds
+        self._revision, self._unique = self._next(moment), NO_PLAN
         frame = self._value("map_frame")
-        withdrawal = trajectory_message(Trajectory.STATUS_WITHDRAWN, now, frame, self._revision)
+        withdrawal = trajectory_message(Trajectory.STATUS_WITHDRAWN, moment, frame, self._revision)
         if self._active and rclpy.ok(context=self.context):
             self._trajectories.publish(withdrawal)
 
     def _on_health(self) -> None:
         """Publish whether a request would be answered now, and what is known."""
-        now = self._now()
-        self._forget(now)
+        moment = self._now()
+        self._forget(moment)
         problem, level = "", DiagnosticStatus.WARN
         try:
-            task(self._situation, now, planning_settings(self._value, self._aircraft))
+            task(self._situation, moment, planning_settings(self._value, self._aircraft))
         except Refusal as refusal:
             problem = str(refusal)
-        silence = self._monitor_silence(now)
+        silence = self._monitor_silence(moment)
         if silence > freshness_of(self._value).monitor:
             # There was one, which somebody relied on.
             silent = f"the monitor has been silent for {silence:.1f} s"
@@ -420,21 +431,21 @@ class Runner(ListeningNode):
         ]
         outside = [*self._outside, *([listed(contradictions)] if contradictions else [])]
         values = {"silence of the monitor, s": f"{silence:.2f}"}
-        self._publish_health((level, problem), outside, self._health_values(now) | values)
+        self._publish_health((level, problem), outside, self._health_values(moment) | values)
 
     def _aircraft_tracks(self) -> dict[str, Track]:
         """Return the ownship and the traffic, sorted, by name."""
         return {"ownship": self._situation.own, **dict(sorted(self._situation.traffic.items()))}
 
-    def _health_values(self, now: int) -> dict[str, str]:
+    def _health_values(self, moment: int) -> dict[str, str]:
         """Return what is known at a time, ns, as texts by their names."""
         situation = self._situation
         values = {
             "policy sha256": "" if self._policy is None else self._policy.sha256,
-            "own age, s": f"{situation.own.age(now):.3f}",
+            "own age, s": f"{situation.own.age(moment):.3f}",
             "intruders": str(len(situation.traffic)),
         }
-        ages = {name: track.age(now) for name, track in situation.traffic.items()}
+        ages = {name: track.age(moment) for name, track in situation.traffic.items()}
         # Of more aircraft the oldest.
         for name in sorted(sorted(ages, key=lambda name: -ages[name])[:_AGES]):
             values[f"age of {name}, s"] = f"{ages[name]:.3f}"

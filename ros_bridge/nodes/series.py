@@ -38,8 +38,8 @@ class Series(Simulator):
     def _next(self) -> None:
         while self._left and not self.flying:
             number = self._left.pop(0)
-            one = take(self._encounters, [number])
-            self.begin(one, f"{self._name} {self._first + number}", self._first + number)
+            encounter = take(self._encounters, [number])
+            self.begin(encounter, f"{self._name} {self._first + number}", self._first + number)
         if not self.flying:
             print(table(self.logs), flush=True)
             self.finished, self.code = True, 0 if keep_promises(self.logs) else 1

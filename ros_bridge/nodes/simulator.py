@@ -225,23 +225,27 @@ class Simulator(Node):
     def _settle(self, wall: float) -> None:
         """Let the clock run until both nodes have noticed that it began anew."""
         # Alerts and the route are the runner's alone.
-        here = self._client.service_is_ready()
-        here &= all(one.get_subscription_count() >= 1 for one in (self._alerts, self._routes))
-        both = (self._own, self._traffic, self._origins)
-        here &= all(one.get_subscription_count() >= 1 + self._monitored for one in both)
+        connected = self._client.service_is_ready()
+        connected &= all(
+            publisher.get_subscription_count() >= 1 for publisher in (self._alerts, self._routes)
+        )
+        shared = (self._own, self._traffic, self._origins)
+        connected &= all(
+            publisher.get_subscription_count() >= 1 + self._monitored for publisher in shared
+        )
         status = self._guidance.status
         idle = not self._monitored or (
             status is not None and status.fly == AssuranceStatus.FLY_NOTHING
         )
-        if here and idle and self._runner_heard:
+        if connected and idle and self._runner_heard:
             self._zero, self._phase = self._clock, _Phase.FLYING
             self._send_areas()
             self._fly()
             return
         if wall - self._since > _COME_UP:
-            what = "runner and monitor have" if self._monitored else "the runner has"
+            missing = "runner and monitor have" if self._monitored else "the runner has"
             self._end(
-                f"{what} not answered within {_COME_UP:g} s (are they there, with use_sim_time?)"
+                f"{missing} not answered within {_COME_UP:g} s (are they there, with use_sim_time?)"
             )
             return
         self._show(self._clock + _TICK)
@@ -249,10 +253,10 @@ class Simulator(Node):
     def _send_areas(self) -> None:
         assert self._flight is not None
         if self._sends_areas:
-            found = areas_message(
+            message = areas_message(
                 self._flight.areas, self._zero, self._frame, self._value("map_frame")
             )
-            self._area_lists.publish(found)
+            self._area_lists.publish(message)
 
     def _show(self, clock: int) -> None:
         self._clock = clock
@@ -272,8 +276,8 @@ class Simulator(Node):
             AssuranceStatus.STATE_DENIED,
             AssuranceStatus.STATE_BACKUP,
         )
-        sought = self._asking is not None or (status is not None and status.state in waiting)
-        return self._phase is _Phase.FLYING and sought
+        searching = self._asking is not None or (status is not None and status.state in waiting)
+        return self._phase is _Phase.FLYING and searching
 
     def _fly(self) -> None:
         """Go on by one tick: the clock, what is received, alert and request, and then the
@@ -357,18 +361,18 @@ class Simulator(Node):
         """Fly the trajectory that the monitor names, or the newest plan without a monitor; straight
         on where the monitor has fallen silent.
         """
-        wanted = self._guidance.select(self._clock)
+        trajectory = self._guidance.select(self._clock)
         unwatched = self._guidance.problem(self._clock)
         if unwatched and self._following:
             self._following = b""
             self.get_logger().error(f"{unwatched}: course and speed are held")
             flight.hold()
-        if wanted is None or bytes(wanted.id.uuid) == self._following:
+        if trajectory is None or bytes(trajectory.id.uuid) == self._following:
             return
-        self._following = bytes(wanted.id.uuid)
-        plan = wanted.status == Trajectory.STATUS_SAFE
+        self._following = bytes(trajectory.id.uuid)
+        plan = trajectory.status == Trajectory.STATUS_SAFE
         try:
-            line = curve(self._frame, wanted)
+            line = curve(self._frame, trajectory)
             profile = line.profile(self.aircraft.vertical)
             began = (line.began - self._zero) / SECOND
             flight.fly(line.legs_after(began), began, plan=plan, profile=profile)
@@ -376,7 +380,10 @@ class Simulator(Node):
             self.get_logger().error(f"cannot be flown: {error}")
             return
         if plan and self._log.safe_at is None:
-            self._log.safe_at, self._log.source = flight.time, _SOURCES.get(wanted.source, "none")
+            self._log.safe_at, self._log.source = (
+                flight.time,
+                _SOURCES.get(trajectory.source, "none"),
+            )
             flight.truth = Truth()  # what counts from here on is what the plan promises
 
     def _of_now(self, message: Any) -> bool:

@@ -74,7 +74,7 @@ _INERTIAL: dict[str, Callable[[Any, str], Report]] = {
 _OWN_SOURCES = ("none", "nav_sat_fix", *_INERTIAL)
 _TRAFFIC_SOURCES = ("none", "nav_sat_fix", "adsb")
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-_Whose = Literal["own", "traffic"]
+_Role = Literal["own", "traffic"]
 _DRAINED = 0.1  # s between two looks at what a receiver has sent
 
 _PERIOD = 0.05  # s between two messages of traffic
@@ -94,8 +94,8 @@ def pair(
 
     The velocity is the newest one (None: there has been none), at most ``apart`` s from the fix.
     """
-    beside = partial(_velocity_beside, fix, twist, apart)
-    return adapters.nav_sat_fix(fix, beside, identity, reference)
+    read_velocity = partial(_velocity_beside, fix, twist, apart)
+    return adapters.nav_sat_fix(fix, read_velocity, identity, reference)
 
 
 def _velocity_beside(fix: NavSatFix, twist: TwistStamped | Odometry | None, apart: float) -> Twist:
@@ -191,23 +191,23 @@ class Translator(ClockGuard):
         elif sources.traffic == "nav_sat_fix":
             self._listen_to_fixes("traffic", self._value("traffic_id"))
         if sources.own in _INERTIAL:
-            heard = partial(self._on_inertial, _INERTIAL[sources.own])
+            callback = partial(self._on_inertial, _INERTIAL[sources.own])
             self.create_subscription(
-                _message_type(sources.own), "~/input/inspva", heard, qos.SENSOR
+                _message_type(sources.own), "~/input/inspva", callback, qos.SENSOR
             )
         if sources.traffic == "adsb":
-            heard = self._losses.counting("~/input/adsb", self._on_adsb, time.monotonic)
-            self.create_subscription(_message_type("adsb"), "~/input/adsb", heard, qos.TRAFFIC)
+            callback = self._losses.counting("~/input/adsb", self._on_adsb, time.monotonic)
+            self.create_subscription(_message_type("adsb"), "~/input/adsb", callback, qos.TRAFFIC)
             topics.OWNSHIP.subscribe(self, self._on_ownship)
         if sources.live:
             self._listen_live(sources.live)
 
-    def _listen_to_fixes(self, whose: _Whose, name: str) -> None:
+    def _listen_to_fixes(self, role: _Role, name: str) -> None:
         """Pass on fixes, with the velocity beside each, as an aircraft of a name."""
         for kind, topic in ((TwistStamped, "~/input/velocity"), (Odometry, "~/input/odometry")):
             self.create_subscription(kind, topic, self._on_velocity, qos.SENSOR)
-        heard = partial(self._on_fix, whose, name)
-        self.create_subscription(NavSatFix, "~/input/fix", heard, qos.SENSOR)
+        callback = partial(self._on_fix, role, name)
+        self.create_subscription(NavSatFix, "~/input/fix", callback, qos.SENSOR)
 
     def _listen_live(self, sources: Sequence[str]) -> None:
         """Pass on the traffic of receivers."""
@@ -221,9 +221,9 @@ class Translator(ClockGuard):
     def _on_velocity(self, message: TwistStamped | Odometry) -> None:
         self._twist = message
 
-    def _on_fix(self, whose: _Whose, name: str, message: NavSatFix) -> None:
+    def _on_fix(self, role: _Role, name: str, message: NavSatFix) -> None:
         apart = self._value("velocity_apart")
-        self._pass(whose, attempt(lambda: pair(message, self._twist, name, self._reference, apart)))
+        self._pass(role, attempt(lambda: pair(message, self._twist, name, self._reference, apart)))
 
     def _on_inertial(self, read: Callable[[Any, str], Report], message: Any) -> None:
         self._pass("own", attempt(lambda: read(message, self._value("own_id"))))
@@ -239,27 +239,27 @@ class Translator(ClockGuard):
     def _on_live(self, live: LiveReports) -> None:
         """Pass on what the receiver has sent since the last look."""
         live.note_own(self._ownship)
-        for found, _ in live.take():
-            self._pass("traffic", found)
+        for report, _ in live.take():
+            self._pass("traffic", report)
 
-    def _pass(self, whose: _Whose, found: Report | FieldError | None) -> None:
+    def _pass(self, role: _Role, report: Report | FieldError | None) -> None:
         """Pass on a report; of traffic that cannot be translated its name and, if known, its
         place.
         """
-        name: str = whose
-        if found is None:
+        name: str = role
+        if report is None:
             name = "surface vehicle on the ground, left out"
-        elif isinstance(found, Report):
-            self._send(whose, aircraft_message(found))
+        elif isinstance(report, Report):
+            self._send(role, aircraft_message(report))
         else:
-            self._wrong, name = str(found), f"{whose} not translated"
-            self.get_logger().error(f"not translated: {found}", throttle_duration_sec=5.0)
-            if whose == "traffic" and found.sighting is not None:
-                self._send(whose, sighting_message(found.sighting))
+            self._wrong, name = str(report), f"{role} not translated"
+            self.get_logger().error(f"not translated: {report}", throttle_duration_sec=5.0)
+            if role == "traffic" and report.sighting is not None:
+                self._send(role, sighting_message(report.sighting))
         self._counts[name] += 1
 
-    def _send(self, whose: _Whose, state: AircraftState) -> None:
-        if whose == "own":
+    def _send(self, role: _Role, state: AircraftState) -> None:
+        if role == "own":
             self._own.publish(state)
         else:
             self._waiting.append(state)

@@ -52,8 +52,8 @@ class FlightLog:
 def keep_promises(logs: Iterable[FlightLog]) -> bool:
     """Return whether plans called SAFE were flown, and all kept the separation and out of areas."""
     logs = list(logs)
-    flown = any(log.safe_at is not None for log in logs)
-    return flown and all(log.keeps_promise for log in logs)
+    any_flown = any(log.safe_at is not None for log in logs)
+    return any_flown and all(log.keeps_promise for log in logs)
 
 
 def table(logs: Sequence[FlightLog]) -> str:
@@ -97,15 +97,17 @@ def _resolvable_lines(logs: Sequence[FlightLog]) -> Iterator[str]:
 
 def _time_lines(logs: Sequence[FlightLog]) -> Iterator[str]:
     """Yield what answers took, and how fast was flown."""
-    every = [value for log in logs for value in log.latency]
-    if every:
-        marks = np.percentile(every, (50.0, 90.0, 99.0, 100.0)) * 1e3
+    latencies = [value for log in logs for value in log.latency]
+    if latencies:
+        marks = np.percentile(latencies, (50.0, 90.0, 99.0, 100.0)) * 1e3
         names = ("median", "90 %", "99 %", "max")
-        shown = ", ".join(f"{name} {mark:.1f}" for name, mark in zip(names, marks, strict=True))
-        yield f"answers, end to end, ms: {shown} ({len(every)} requests)"
-    flown, wall = sum(log.duration for log in logs), sum(log.wall for log in logs)
+        percentiles = ", ".join(
+            f"{name} {mark:.1f}" for name, mark in zip(names, marks, strict=True)
+        )
+        yield f"answers, end to end, ms: {percentiles} ({len(latencies)} requests)"
+    seconds, wall = sum(log.duration for log in logs), sum(log.wall for log in logs)
     if wall > 0.0:
-        yield f"{flown:.0f} s flown in {wall:.0f} s: {flown / wall:.1f} times real time"
+        yield f"{seconds:.0f} s flown in {wall:.0f} s: {seconds / wall:.1f} times real time"
 
 
 def _cells(log: FlightLog) -> dict[str, str]:

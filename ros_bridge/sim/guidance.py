@@ -51,31 +51,31 @@ class Guidance:
             del self._plans[next(iter(self._plans))]
         return True
 
-    def hear(self, status: "AssuranceStatus", now: int) -> None:
+    def hear(self, status: "AssuranceStatus", moment: int) -> None:
         """Take in what the monitor says; one that is latched is as old as it says."""
-        self.status, self._heard = status, min(now, nanoseconds(status.header.stamp))
+        self.status, self._heard = status, min(moment, nanoseconds(status.header.stamp))
 
     @property
     def has_plan(self) -> bool:
         """Whether there is something that could be flown."""
         return self._newest is not None or self.backup is not None
 
-    def problem(self, now: int) -> str:
+    def problem(self, moment: int) -> str:
         """Return why nobody watches what is flown, a sentence; "": somebody does, or need not."""
         if not self._monitored:
             return ""
         if self.status is None:
             return "no monitor has been heard of"
-        silence = (now - self._heard) / SECOND
+        silence = (moment - self._heard) / SECOND
         return f"the monitor has been silent for {silence:.1f} s" if silence > self._most else ""
 
-    def select(self, now: int) -> "Trajectory | None":
+    def select(self, moment: int) -> "Trajectory | None":
         """Return the trajectory that is to be flown now; None: nothing, or what is named has not
         arrived yet.
         """
         if not self._monitored:
             return self._newest
-        if self.problem(now):
+        if self.problem(moment):
             return None
         if self.status is not None and self.status.fly == FLY_PLAN:
             return self._plans.get(bytes(self.status.trajectory_id.uuid))
@@ -103,8 +103,10 @@ class Flying(NamedTuple):
         if self.altitude is None:
             return None
         if vertical is None:
-            what = "climb, expected a plan in the plane: the aircraft states no limits of climb"
-            raise FieldError("trajectory.waypoints", what)
+            limitation = (
+                "climb, expected a plan in the plane: the aircraft states no limits of climb"
+            )
+            raise FieldError("trajectory.waypoints", limitation)
         value, climb = self.altitude.value, self.altitude.climb(0.0)[0]
         try:
             return profile_of(value, climb, self.waypoints, vertical.acceleration)

@@ -109,8 +109,8 @@ def plans_table(
     if len(lines) == 1:
         return "no plan called SAFE was flown"
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    shown = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
-    return "\n".join([*shown, *_sentences(flights, required, margin)])
+    texts = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
+    return "\n".join([*texts, *_sentences(flights, required, margin)])
 
 
 _HEAD = (

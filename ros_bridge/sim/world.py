@@ -89,9 +89,9 @@ def vehicle(
         return KinematicVehicle(state, limits)
     low, high = C208_PUBLISHED.speed_min, C208_PUBLISHED.speed_max
     if limits.speed_min < low or limits.speed_max > high:
-        what = f"expected no aircraft of {limits.speed_min:g} to {limits.speed_max:g} m/s"
+        expectation = f"expected no aircraft of {limits.speed_min:g} to {limits.speed_max:g} m/s"
         raise SimulationError(
-            f"vehicle {name!r} is a Cessna 208B of {low:g} to {high:g} m/s, {what}"
+            f"vehicle {name!r} is a Cessna 208B of {low:g} to {high:g} m/s, {expectation}"
         )
     from envs.c208.point_mass import PointMassVehicle
     from envs.c208.vehicle import C208Vehicle, FlightError
@@ -150,17 +150,17 @@ class EncounterFlight:
         self.plans: list[PlanFlight] = []  # that were flown
         self.wind, self.areas = wind, areas
         self.goal = _goal_over_ground(encounter, start, wind)  # over the ground, m
-        there = np.flatnonzero(encounter.mask[0])
+        existing = np.flatnonzero(encounter.mask[0])
         self._intruders = intruder.start(
-            VehicleState(*(field[0][there] for field in encounter.intruders)), np
+            VehicleState(*(field[0][existing] for field in encounter.intruders)), np
         )
         self._towards = self.goal[0] - start.x, self.goal[1] - start.y
         self._hold(start)
         self.truth = Truth()  # since the beginning, or since a new one was put here
         self.reached: float | None = None  # when the goal was passed, s
-        self._intent = take(take(encounter.intent, 0), there)
+        self._intent = take(take(encounter.intent, 0), existing)
         # of the intruders
-        self.names = tuple(f"4b{number + 1:04x}" for number in range(len(there)))
+        self.names = tuple(f"4b{number + 1:04x}" for number in range(len(existing)))
 
     @property
     def own(self) -> VehicleState[Air]:
@@ -188,13 +188,13 @@ class EncounterFlight:
         self._curves, self._began, self._on_plan = curves, began, plan
         self._profile = profile
         if plan:
-            own, there = self.own, self._planned_place()
+            own, planned = self.own, self._planned_place()
             self.plans.append(
                 PlanFlight(
                     began,
                     self.time,
-                    math.hypot(own.x - there.x, own.y - there.y),
-                    math.remainder(own.heading - there.heading, 2.0 * math.pi),
+                    math.hypot(own.x - planned.x, own.y - planned.y),
+                    math.remainder(own.heading - planned.heading, 2.0 * math.pi),
                     self.time,
                 )
             )
@@ -218,17 +218,17 @@ class EncounterFlight:
 
     def step(self) -> None:
         """Fly on by one period, or raise :class:`envs.c208.vehicle.FlightError`."""
-        before, others = self.own, self._intruders.vehicle
+        own_before, intruders_before = self.own, self._intruders.vehicle
         if self._guide is not None:
             self._hold_height()
             self.vehicle.step(
-                *self._guide.commands(over_ground(before, NO_WIND, 0.0), self.time), PERIOD
+                *self._guide.commands(over_ground(own_before, NO_WIND, 0.0), self.time), PERIOD
             )
         else:
             self.vehicle.step(
-                *guidance(self._curves, before, np.float64(self.time - self._began)), PERIOD
+                *guidance(self._curves, own_before, np.float64(self.time - self._began)), PERIOD
             )
-        after = self.own
+        own_after = self.own
         self._intruders = intruder.step(
             self._intruders, self._intent, self.time, PERIOD, np, response=self._response
         )
@@ -236,13 +236,15 @@ class EncounterFlight:
         self.time = round(self.time + PERIOD, 6)
         if self._viewer is not None:
             self.vehicle.show(self._intruders.vehicle)
-        apart = leg_separation(before, after, others, self._intruders.vehicle, PERIOD, np)
+        apart = leg_separation(
+            own_before, own_after, intruders_before, self._intruders.vehicle, PERIOD, np
+        )
         least = self._nearest_level(float(np.min(apart, initial=math.inf)))
         if least < self.truth.separation:
             self.truth = self.truth._replace(separation=least, when=self.time)
         if self._on_plan:
-            self._record(after, least)
-        self._note_place(over_ground(after, self.wind, self.time))
+            self._record(own_after, least)
+        self._note_place(over_ground(own_after, self.wind, self.time))
 
     def _climb(self) -> None:
         """Fly on up or down by one period, or see where the vehicle has flown."""
@@ -282,15 +284,15 @@ class EncounterFlight:
         apart = self._vertical is not None and above >= self._vertical.separation
         return math.inf if apart else distance
 
-    def _note_place(self, there: VehicleState[Ground]) -> None:
+    def _note_place(self, place: VehicleState[Ground]) -> None:
         """Note how near a place over the ground is to areas, and whether it is at the goal."""
         for area in self.areas:
-            clear = float(signed_distance(area, there.x, there.y, self.time))
+            clear = float(signed_distance(area, place.x, place.y, self.time))
             self.truth = self.truth._replace(clear=min(self.truth.clear, clear))
         if self.reached is None:
-            east, north = there.x - self.goal[0], there.y - self.goal[1]
-            beyond = east * self._towards[0] + north * self._towards[1] > 0.0
-            if beyond or math.hypot(east, north) <= self._goal_radius:
+            east, north = place.x - self.goal[0], place.y - self.goal[1]
+            passed = east * self._towards[0] + north * self._towards[1] > 0.0
+            if passed or math.hypot(east, north) <= self._goal_radius:
                 self.reached = self.time
 
     def _planned_place(self) -> VehicleState[Air]:
@@ -308,18 +310,20 @@ class EncounterFlight:
             plan.error, plan.error_at = error, self.time
         if separation < plan.separation:
             plan.separation, plan.separation_at = separation, self.time
-        since, then = self._courses
-        seconds, now = self.time - since, self._intruders.vehicle
-        east, north = velocity(then, np)
-        strayed = np.hypot(now.x - then.x - seconds * east, now.y - then.y - seconds * north)
+        since, courses = self._courses
+        seconds, vehicles = self.time - since, self._intruders.vehicle
+        east, north = velocity(courses, np)
+        strayed = np.hypot(
+            vehicles.x - courses.x - seconds * east, vehicles.y - courses.y - seconds * north
+        )
         plan.strayed = max(plan.strayed, float(np.max(strayed, initial=0.0)))
 
     def over(self) -> bool:
         """Return whether the goal has been passed and all fly apart."""
         if self.reached is None:
             return False
-        other = self._intruders.vehicle
-        return bool(np.all(straight_cpa(self.own, other, np).time <= 0.0))
+        intruders = self._intruders.vehicle
+        return bool(np.all(straight_cpa(self.own, intruders, np).time <= 0.0))
 
     def closest(self) -> float:
         """Return how close an intruder would come if all flew straight on, m."""

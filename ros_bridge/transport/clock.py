@@ -25,14 +25,19 @@ class ClockGuard(Node):
     """
 
     def create_subscription(
-        self, msg_type: Any, topic: str, callback: Callable[..., Any], *others: Any, **more: Any
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[..., Any],
+        *positional: Any,
+        **named: Any,
     ) -> Any:
         """Return a subscription as rclpy makes it; of ``/clock`` one that looks at the time
         first.
         """
-        if msg_type is ClockMessage and not more.get("raw"):
+        if msg_type is ClockMessage and not named.get("raw"):
             callback = partial(self._take_clock, callback)
-        return super().create_subscription(msg_type, topic, callback, *others, **more)
+        return super().create_subscription(msg_type, topic, callback, *positional, **named)
 
     def _take_clock(self, take: Callable[..., Any], message: ClockMessage) -> None:
         try:

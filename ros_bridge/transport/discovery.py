@@ -51,9 +51,9 @@ def configure_dds(
     a file of profiles in the directory where it starts (None: the present one) is the integrator's.
     Only Fast DDS takes notice.
     """
-    here = Path() if directory is None else directory
+    folder = Path() if directory is None else directory
     if any(name in environment for name in CONFIGURED) or any(
-        (here / name).exists() for name in _IN_DIRECTORY
+        (folder / name).exists() for name in _IN_DIRECTORY
     ):
         return False
     environment["FASTDDS_DEFAULT_PROFILES_FILE"] = str(PROFILE)
@@ -75,11 +75,11 @@ def reserve_ports(skipped: int | None = None) -> Generator[list[int]]:
         ports = []
         # Ports in use are passed over, not replaced: another process that starts now must not get
         # ports further on.
-        for there in (port(domain, number) for number in range(count)):
+        for port_number in (port(domain, number) for number in range(count)):
             endpoint = sockets.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             try:
-                endpoint.bind(("", there))
+                endpoint.bind(("", port_number))
             except (OSError, OverflowError):  # in use, or there is no such port
                 continue
-            ports.append(there)
+            ports.append(port_number)
         yield ports

@@ -60,10 +60,10 @@ def declarations(*more: tuple[str, str, str], **defaults: str) -> list[DeclareLa
     """Return the arguments of a launch file: the common ones, with other ``defaults``, and
     ``more``.
     """
-    every = [(name, defaults.get(name, default), meaning) for name, default, meaning in ARGUMENTS]
+    common = [(name, defaults.get(name, default), meaning) for name, default, meaning in ARGUMENTS]
     return [
-        DeclareLaunchArgument(name, default_value=default, description=what)
-        for name, default, what in [*every, *more]
+        DeclareLaunchArgument(name, default_value=default, description=description)
+        for name, default, description in [*common, *more]
     ]
 
 
@@ -73,15 +73,20 @@ def value(context: Any, name: str) -> str:
 
 
 def node(
-    context: Any, name: str, *others: tuple[str, str, str], lifecycle: bool = False, **more: Any
+    context: Any,
+    name: str,
+    *own_arguments: tuple[str, str, str],
+    lifecycle: bool = False,
+    **settings: Any,
 ) -> Node:
     """Return the action that starts the node of a module, with the arguments that are its
     parameters and not empty.
 
-    ``others`` are the arguments besides the common ones, ``lifecycle`` is whether launch takes part
-    in its life cycle (with :data:`MANUAL`), ``more`` goes to :class:`launch_ros.actions.Node`.
+    ``own_arguments`` are the arguments besides the common ones, ``lifecycle`` is whether launch
+    takes part in its life cycle (with :data:`MANUAL`), ``settings`` goes to
+    :class:`launch_ros.actions.Node`.
     """
-    texts = {argument: value(context, argument) for argument, *_ in (*ARGUMENTS, *others)}
+    texts = {argument: value(context, argument) for argument, *_ in (*ARGUMENTS, *own_arguments)}
     values: list[Any] = [{"use_sim_time": texts["use_sim_time"].lower() == "true"}]
     for parameter in parameters.of(name):
         if texts.get(parameter.name):
@@ -89,17 +94,17 @@ def node(
             values[0][parameter.name] = kind(texts[parameter.name])
     if texts["params_file"]:
         values.append(texts["params_file"])
-    how = _executable(name)
+    executable = _executable(name)
     if lifecycle and value(context, MANUAL[0]).lower() == "true":
-        how["arguments"].append("--manual")
+        executable["arguments"].append("--manual")
     return (LifecycleNode if lifecycle else Node)(
-        **how,
+        **executable,
         ros_arguments=["--log-level", texts["log_level"]],
         name=f"rlcas_{name}",
         namespace=texts["namespace"],
         parameters=values,
         output="screen",
-        **more,
+        **settings,
     )
 
 

@@ -70,11 +70,11 @@ class GrowingFile:
 
     def _put(self, data: bytes, end: bytes) -> None:
         self._waiting.clear()
-        whole, written = data + end, 0
+        content, written = data + end, 0
         try:
             self._file.seek(self._length)
-            while written < len(whole):
-                written += self._file.write(whole[written:])
+            while written < len(content):
+                written += self._file.write(content[written:])
             self._file.truncate()
         except OSError as error:
             self._file.truncate(self._length)
@@ -97,12 +97,12 @@ class McapFile:
         try:
             self._file = GrowingFile(path)
         except OSError as error:
-            what = (
+            problem = (
                 "exists already"
                 if isinstance(error, FileExistsError)
                 else f"cannot be written: {error.strerror}"
             )
-            raise RecordingError(f"{path} {what}") from error
+            raise RecordingError(f"{path} {problem}") from error
         self.path = path  # of the file; another one once the recording has failed
         self._writer: Writer | None = Writer(cast(Any, self._file))  # it writes, tells and flushes
         self._latest, self._shift = 0, 0

@@ -110,9 +110,9 @@ class ListeningNode(ClockGuard, LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to work."""
         self._active = True
-        done = super().on_activate(state)
+        result = super().on_activate(state)
         self.get_logger().info("active")
-        return done
+        return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop working."""
@@ -139,9 +139,9 @@ class ListeningNode(ClockGuard, LifecycleNode):
         says = "a publisher offers less {} than asked for; nothing of it is received"
         events = SubscriptionEventCallbacks(incompatible_qos=self._misfit(topic, says))
         counted = any(topic.name in (known.name, known.private.name) for known in _COUNTED)
-        heard: Callable[..., Any] = partial(self._protect, topic.name, callback)
-        heard = self._losses.counting(topic.name, heard, time.monotonic) if counted else heard
-        subscription = topic.subscribe(self, heard, event_callbacks=events)
+        receive: Callable[..., Any] = partial(self._protect, topic.name, callback)
+        receive = self._losses.counting(topic.name, receive, time.monotonic) if counted else receive
+        subscription = topic.subscribe(self, receive, event_callbacks=events)
         self._entities.append(lambda: self.destroy_subscription(subscription))
 
     def _advertise(self, topic: Topic) -> Any:
@@ -194,25 +194,25 @@ class ListeningNode(ClockGuard, LifecycleNode):
             in [(endpoint.node_namespace, endpoint.node_name) for endpoint in (offered, requested)]
         )
 
-    def _protect(self, what: str, work: Callable[..., Any], *arguments: Any) -> bool:
+    def _protect(self, name: str, work: Callable[..., Any], *arguments: Any) -> bool:
         """Do a part of what is promised, and return whether it went well; if not, the node goes on
         and says so (:attr:`_protecting`).
         """
-        return self._attempt(self._protecting, what, partial(work, *arguments))
+        return self._attempt(self._protecting, name, partial(work, *arguments))
 
-    def _show(self, what: str, work: Callable[[], Any]) -> bool:
+    def _show(self, name: str, work: Callable[[], Any]) -> bool:
         """Do what only shows, and return whether it went well."""
-        return self._attempt(self._showing, what, work)
+        return self._attempt(self._showing, name, work)
 
-    def _attempt(self, failures: Failures, what: str, work: Callable[[], Any]) -> bool:
+    def _attempt(self, failures: Failures, name: str, work: Callable[[], Any]) -> bool:
         try:
             work()
         except Exception as error:
             if not rclpy.ok(context=self.context):
                 raise  # the node is being stopped
-            failures.note(what, error)
+            failures.note(name, error)
             return False
-        failures.clear(what)
+        failures.clear(name)
         return True
 
     def _call_every(self, period: float, callback: Callable[[], Any]) -> None:

@@ -70,8 +70,8 @@ def _nodes_of_file(file: Path) -> list[str]:
     except yaml.YAMLError as problem:
         mark = getattr(problem, "problem_mark", None)
         line = "" if mark is None else f"line {mark.line + 1}: "
-        what = getattr(problem, "problem", None) or str(problem)
-        raise ValueError(f"{file}: {line}not valid YAML ({what})") from None
+        reason = getattr(problem, "problem", None) or str(problem)
+        raise ValueError(f"{file}: {line}not valid YAML ({reason})") from None
     except RecursionError:
         raise ValueError(f"{file}: not usable as YAML: it is nested too deeply") from None
     for name in full:

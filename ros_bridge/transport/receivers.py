@@ -66,13 +66,13 @@ def check_sources(text: str) -> tuple[str, ...]:
     sources = tuple(part.strip() for part in re.split(r",(?=\s*\w+://)", text) if part.strip())
     for source in sources:
         parts = urlsplit(source)
-        known = FORMATS.get(parts.scheme)
-        if known is None or not _fits(known, parts):
+        known_format = FORMATS.get(parts.scheme)
+        if known_format is None or not _fits(known_format, parts):
             raise ValueError(f"adsb is {source!r}, expected {EXAMPLES}")
-    twice = [source for source, count in Counter(sources).items() if count > 1]
-    if twice or len(sources) > _MOST_SOURCES:
-        what = f"{twice[0]} twice" if twice else f"{len(sources)} sources"
-        raise ValueError(f"adsb names {what}, expected each once and {_MOST_SOURCES} at most")
+    repeated = [source for source, count in Counter(sources).items() if count > 1]
+    if repeated or len(sources) > _MOST_SOURCES:
+        names = f"{repeated[0]} twice" if repeated else f"{len(sources)} sources"
+        raise ValueError(f"adsb names {names}, expected each once and {_MOST_SOURCES} at most")
     return sources
 
 
@@ -83,7 +83,7 @@ def check_ports(sources: Sequence[str]) -> None:
             _bind(source).close()
 
 
-def _fits(known: Format, parts: SplitResult) -> bool:
+def _fits(known_format: Format, parts: SplitResult) -> bool:
     """Return whether an address has what its transport needs."""
     if re.search(r"[\s,]", parts.netloc):
         return False
@@ -91,10 +91,10 @@ def _fits(known: Format, parts: SplitResult) -> bool:
         usable = parts.port is None or parts.port > 0
     except ValueError:
         return False
-    if known.transport == "documents":
+    if known_format.transport == "documents":
         return usable and bool(parts.path if parts.scheme == "file" else parts.hostname)
-    here = known.transport == "datagrams"  # every address of this machine has no name
-    return usable and bool(parts.hostname or here) and parts.path in ("", "/")
+    unnamed = known_format.transport == "datagrams"  # every address of this machine has no name
+    return usable and bool(parts.hostname or unnamed) and parts.path in ("", "/")
 
 
 def _bind(source: str) -> socket.socket:
@@ -298,8 +298,8 @@ class LiveReports:
         self._feeds: list[_Feed] = []
         try:
             for source in sources:
-                beside = self._feeds[0].traffic if self._feeds else None
-                traffic = Traffic(own, shows_own=shows_own, beside=beside)
+                companion = self._feeds[0].traffic if self._feeds else None
+                traffic = Traffic(own, shows_own=shows_own, companion=companion)
                 self._feeds.append(_Feed(source, traffic, clock))
         except ValueError:
             self.stop()

@@ -137,14 +137,14 @@ def disagreements(mine: str, others: str) -> list[str]:
     """Return the parameters in which another node differs, a sentence each; both texts as
     :func:`agreed_text` has them.
     """
-    here, there = (
+    ours, theirs = (
         {name: value for name, _, value in (part.partition("=") for part in text.split())}
         for text in (mine, others)
     )
     return [
-        f"{name} is {here[name]} here and {there[name]} there, expected one value"
-        for name in here
-        if name in there and here[name] != there[name]
+        f"{name} is {ours[name]} here and {theirs[name]} there, expected one value"
+        for name in ours
+        if name in theirs and ours[name] != theirs[name]
     ]
 
 

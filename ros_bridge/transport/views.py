@@ -196,10 +196,10 @@ def _point(point: Waypoint, heights: Profile) -> Point:
 
 def _above(intruder: Intruder[Ground], task: PlanTask) -> float:
     """Return how far an intruder is above the ownship, m; 0 where that is unknown."""
-    own, other = task.own_altitude, intruder.altitude
-    if own is None or other is None or own.reference != other.reference:
+    own, altitude = task.own_altitude, intruder.altitude
+    if own is None or altitude is None or own.reference != altitude.reference:
         return 0.0
-    return other.value + (other.vertical_speed or 0.0) * intruder.age - own.value
+    return altitude.value + (altitude.vertical_speed or 0.0) * intruder.age - own.value
 
 
 def _facing(heading: float) -> Quaternion:

@@ -302,11 +302,11 @@ def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
 def test_older_plan_is_ignored_and_a_withdrawal_ends_the_newer():
     supervision, situation = begin_watch()
     newer = activate(supervision, situation, publish_plan(situation)._replace(revision=5))
-    assert newer.held is not None and newer.held.revision == 5
+    assert newer.published_plan is not None and newer.published_plan.revision == 5
     assert activate(newer, situation, publish_plan(situation)._replace(revision=4)) is newer
     assert withdraw(newer, 5) is newer
     ended = withdraw(newer, 6)
-    assert ended.held is None
+    assert ended.published_plan is None
     assert to_fly(ended) is FlyMode.BACKUP
 
 
@@ -322,7 +322,7 @@ def test_an_answer_that_came_late_is_flown_on_its_own_times():
     # The runner begins 80 ms after the monitor has asked.
     answer = publish_plan(situation, revision=2, seconds=1.08)
     supervision, taken_up = accept_answer(supervision, verdict.ask.number, answer)
-    assert taken_up and supervision.held == answer
+    assert taken_up and supervision.published_plan == answer
     situation = own(traffic(situation, 1.1), 1.1)
     supervision = step_monitor(supervision, situation, NOW + round(1.1 * SECOND))
     verdict = supervision.verdict
@@ -367,11 +367,11 @@ def test_only_comparable_altitudes_set_aircraft_apart(a, b, expected: bool):
 
 def lasting(supervision: Supervision, seconds: float) -> Supervision:
     """Return a monitor whose plan ends so long after it began."""
-    held = supervision.held
+    held = supervision.published_plan
     assert held is not None
     *points, last = held.points
     last = replace(last, time=held.began + round(seconds * SECOND))
-    return replace(supervision, held=held._replace(points=(*points, last)))
+    return replace(supervision, published_plan=held._replace(points=(*points, last)))
 
 
 def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():

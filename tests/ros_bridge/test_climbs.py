@@ -222,7 +222,7 @@ def test_the_monitor_takes_the_altitude_that_the_plan_was_made_for():
     watch = initial(Thresholds.for_plans(given.options), EXACT_REPORTS)
     after = activate(watch, situation, published(*made(situation, given)))
     assert after.thresholds.options.floor == Level(528.0, "wgs84")
-    assert after.held is not None and after.held.climbs
+    assert after.published_plan is not None and after.published_plan.climbs
 
 
 def test_a_backup_names_the_altitude_in_which_the_ownship_levels_off():

@@ -32,9 +32,9 @@ from ros_bridge.mavlink.control import (
     CLEAR,
     CROSSING,
     Control,
+    Observation,
     Order,
     Phase,
-    Seen,
     Step,
     begin_anew,
     step,
@@ -252,7 +252,7 @@ def test_a_route_goes_through_waypoints_until_something_else_is_flown() -> None:
     assert [one.number for one in mission.remaining_items(items, 2)] == [2, 4]
     assert [one.number for one in mission.remaining_items(items, 4)] == [4]
     assert mission.remaining_items(items, 5) == ()
-    before = mission.before(items, 4)
+    before = mission.item_before(items, 4)
     assert before is not None
     assert before.number == 2
 
@@ -481,13 +481,13 @@ def test_both_avoidances_at_once_are_refused() -> None:
 # Who flies.
 
 
-def make_seen(time: float = 0.0, mode: int = Mode.AUTO, **changes: Any) -> Seen:
+def make_observation(time: float = 0.0, mode: int = Mode.AUTO, **changes: Any) -> Observation:
     """Return a moment with a conflict and a plan."""
     usual = {"armed": True, "fresh": True, "conflict": True, "flyable": True, "rejoined": False}
-    return Seen(time, mode, **(usual | changes))
+    return Observation(time, mode, **(usual | changes))
 
 
-def after(*moments: Seen, fly: bool = True) -> Step:
+def after(*moments: Observation, fly: bool = True) -> Step:
     """Return the last step of some moments."""
     done = Step(Control())
     for moment in moments:
@@ -496,17 +496,21 @@ def after(*moments: Seen, fly: bool = True) -> Step:
 
 
 def test_a_conflict_is_flown_and_the_mission_given_back() -> None:
-    moments = [make_seen(0.0), make_seen(0.2, Mode.GUIDED), make_seen(0.4, Mode.GUIDED)]
+    moments = [
+        make_observation(0.0),
+        make_observation(0.2, Mode.GUIDED),
+        make_observation(0.4, Mode.GUIDED),
+    ]
     assert after(*moments[:1]).orders == (Order.TAKE_OVER,)
     assert after(*moments).orders == (Order.STEER,)
-    back = after(*moments, make_seen(60.0, Mode.GUIDED, rejoined=True))
+    back = after(*moments, make_observation(60.0, Mode.GUIDED, rejoined=True))
     assert back.orders == (Order.GIVE_BACK,)
-    again = step(back.control, make_seen(60.2, Mode.AUTO, conflict=False), fly=True)
+    again = step(back.control, make_observation(60.2, Mode.AUTO, conflict=False), fly=True)
     assert (again.control.phase, again.orders) == (Phase.WATCHING, ())
 
 
 _MOMENTS = st.builds(
-    make_seen,
+    make_observation,
     mode=st.sampled_from([*Mode, 5, 0]),
     armed=st.booleans(),
     fresh=st.booleans(),
@@ -517,7 +521,9 @@ _MOMENTS = st.builds(
 
 
 @given(st.lists(_MOMENTS, max_size=40))
-def test_nothing_is_ordered_in_advice_nor_in_a_mode_of_the_operators(moments: list[Seen]) -> None:
+def test_nothing_is_ordered_in_advice_nor_in_a_mode_of_the_operators(
+    moments: list[Observation],
+) -> None:
     advised = flown = Control()
     for number, moment in enumerate(moments):
         now = moment._replace(time=0.2 * number)
@@ -539,50 +545,54 @@ def test_nothing_is_ordered_in_advice_nor_in_a_mode_of_the_operators(moments: li
 
 @pytest.mark.parametrize("mode", [Mode.RTL, Mode.LOITER, Mode.AVOID_ADSB, Mode.AUTO, 5])
 def test_a_mode_of_somebody_elses_ends_it_until_the_mission_flies_in_peace(mode: int) -> None:
-    ended = after(make_seen(0.0), make_seen(0.2, Mode.GUIDED), make_seen(0.4, mode))
+    ended = after(
+        make_observation(0.0), make_observation(0.2, Mode.GUIDED), make_observation(0.4, mode)
+    )
     assert (ended.control.phase, ended.orders) == (Phase.YIELDED, ())
     assert "set by others" in ended.text
     for later in (1.0, 5.0, 30.0):
-        ended = step(ended.control, make_seen(later), fly=True)
+        ended = step(ended.control, make_observation(later), fly=True)
         assert ended.orders == ()
-    peace = step(ended.control, make_seen(31.0 + CLEAR, conflict=False), fly=True)
+    peace = step(ended.control, make_observation(31.0 + CLEAR, conflict=False), fly=True)
     assert peace.control.phase is Phase.WATCHING
-    assert step(peace.control, make_seen(50.0), fly=True).orders == (Order.TAKE_OVER,)
+    assert step(peace.control, make_observation(50.0), fly=True).orders == (Order.TAKE_OVER,)
 
 
 def test_a_target_of_somebody_elses_in_guided_ends_it_too() -> None:
-    flown = after(make_seen(0.0), make_seen(0.2, Mode.GUIDED))
-    ended = step(flown.control, make_seen(0.4, Mode.GUIDED, diverted=True), fly=True)
+    flown = after(make_observation(0.0), make_observation(0.2, Mode.GUIDED))
+    ended = step(flown.control, make_observation(0.4, Mode.GUIDED, diverted=True), fly=True)
     assert (ended.control.phase, ended.orders) == (Phase.YIELDED, ())
     assert "commanding ends" in ended.text
-    later = step(ended.control, make_seen(9.0, Mode.GUIDED, diverted=True), fly=True)
+    later = step(ended.control, make_observation(9.0, Mode.GUIDED, diverted=True), fly=True)
     assert later.orders == ()
 
 
 def test_an_operators_mode_that_our_request_crossed_is_restored() -> None:
-    crossed = after(make_seen(0.0), make_seen(0.1, Mode.RTL))
+    crossed = after(make_observation(0.0), make_observation(0.1, Mode.RTL))
     assert crossed.control.restore == Mode.RTL
-    assert step(crossed.control, make_seen(0.2, Mode.GUIDED), fly=True).orders == (Order.RESTORE,)
-    assert step(crossed.control, make_seen(0.2, Mode.RTL), fly=True).orders == ()
+    assert step(crossed.control, make_observation(0.2, Mode.GUIDED), fly=True).orders == (
+        Order.RESTORE,
+    )
+    assert step(crossed.control, make_observation(0.2, Mode.RTL), fly=True).orders == ()
 
 
-@pytest.mark.parametrize("before", [[], [make_seen(0.4, Mode.LOITER)]])
-def test_auto_that_the_failsafe_has_set_is_the_mission_again(before: list[Seen]) -> None:
+@pytest.mark.parametrize("before", [[], [make_observation(0.4, Mode.LOITER)]])
+def test_auto_that_the_failsafe_has_set_is_the_mission_again(before: list[Observation]) -> None:
     """Watched at once, and taken over from, where the operator's AUTO is only advised in."""
-    moments = [make_seen(0.0), make_seen(0.2, Mode.GUIDED), *before]
-    back = after(*moments, make_seen(6.0, failsafe=True))
+    moments = [make_observation(0.0), make_observation(0.2, Mode.GUIDED), *before]
+    back = after(*moments, make_observation(6.0, failsafe=True))
     assert (back.control.phase, back.orders) == (Phase.WATCHING, ())
     assert "failsafe" in back.text
-    assert step(back.control, make_seen(6.2), fly=True).orders == (Order.TAKE_OVER,)
-    operators = after(*moments, make_seen(6.0))
+    assert step(back.control, make_observation(6.2), fly=True).orders == (Order.TAKE_OVER,)
+    operators = after(*moments, make_observation(6.0))
     assert operators.control.phase is Phase.YIELDED
-    assert step(operators.control, make_seen(6.2), fly=True).orders == ()
+    assert step(operators.control, make_observation(6.2), fly=True).orders == ()
 
 
 def test_a_request_that_the_link_has_lost_is_made_again_later() -> None:
     control, orders = Control(), list[tuple[float, Order]]()
     for number in range(100):
-        done = step(control, make_seen(0.2 * number), fly=True)
+        done = step(control, make_observation(0.2 * number), fly=True)
         control = done.control
         orders += [(0.2 * number, order) for order in done.orders]
     asked = [time for time, _ in orders]
@@ -628,36 +638,38 @@ def test_an_autopilot_that_begins_anew_is_watched_again_and_an_operators_word_ho
     phase: Phase,
 ) -> None:
     """Its clock begins anew with it, an hour back: what was timed by the old one ends."""
-    before = Control(phase, since=3_600.0, asked=3_600.0, conflict_at=3_600.0, restore=10)
+    before = Control(phase, since=3_600.0, request_time=3_600.0, conflict_at=3_600.0, restore=10)
     control = begin_anew(before, 5.0)
     assert not control.flies
     assert (control.phase is Phase.YIELDED) == (phase is Phase.YIELDED)
-    quiet = Seen(6.0, Mode.AUTO, True, True, False, False, False)
+    quiet = Observation(6.0, Mode.AUTO, True, True, False, False, False)
     assert step(control, quiet, fly=True).control.phase is control.phase
     later = step(control, quiet._replace(time=5.5 + CLEAR), fly=True).control
     assert later.phase is Phase.WATCHING
-    conflict = Seen(6.5 + CLEAR, Mode.AUTO, True, True, True, True, False)
+    conflict = Observation(6.5 + CLEAR, Mode.AUTO, True, True, True, True, False)
     assert step(later, conflict, fly=True).orders == (Order.TAKE_OVER,)
 
 
 def test_an_autopilot_that_does_not_change_is_not_left_in_guided() -> None:
-    late = after(make_seen(0.0), make_seen(3.1))
+    late = after(make_observation(0.0), make_observation(3.1))
     assert late.control.phase is Phase.YIELDED
-    assert step(late.control, make_seen(3.4, Mode.GUIDED), fly=True).orders == (Order.RESTORE,)
+    assert step(late.control, make_observation(3.4, Mode.GUIDED), fly=True).orders == (
+        Order.RESTORE,
+    )
 
 
 @pytest.mark.parametrize("phase", ["taking", "guiding", "returning"])
 def test_what_is_flown_when_it_is_switched_off_is_handed_back_and_nothing_after(phase: str) -> None:
     """As where AVD_ENABLE is set in flight; a request that was on its way is undone too."""
-    moments = [make_seen(0.0), make_seen(0.2, Mode.GUIDED)]
+    moments = [make_observation(0.0), make_observation(0.2, Mode.GUIDED)]
     moments = moments[:1] if phase == "taking" else moments
     if phase == "returning":
-        moments.append(make_seen(0.3, Mode.GUIDED, rejoined=True))
+        moments.append(make_observation(0.3, Mode.GUIDED, rejoined=True))
     control, mode, orders = after(*moments).control, moments[-1].mode, []
     for number in range(200):
         if number == 1 and phase == "taking":
             mode = Mode.GUIDED  # our request arrives
-        done = step(control, make_seen(0.5 + 0.2 * number, mode), fly=False)
+        done = step(control, make_observation(0.5 + 0.2 * number, mode), fly=False)
         control = done.control
         orders += done.orders
         if done.orders:
@@ -670,7 +682,7 @@ def test_what_is_flown_when_it_is_switched_off_is_handed_back_and_nothing_after(
 
 @given(st.lists(_MOMENTS, max_size=30), st.integers(0, 30))
 def test_switched_off_it_never_changes_a_mode_of_the_operators(
-    moments: list[Seen], off: int
+    moments: list[Observation], off: int
 ) -> None:
     control = Control()
     for number, moment in enumerate(moments):
@@ -683,9 +695,9 @@ def test_switched_off_it_never_changes_a_mode_of_the_operators(
 
 def test_a_stale_state_is_not_steered_by() -> None:
     moments = [
-        make_seen(0.0),
-        make_seen(0.2, Mode.GUIDED),
-        make_seen(0.4, Mode.GUIDED, fresh=False),
+        make_observation(0.0),
+        make_observation(0.2, Mode.GUIDED),
+        make_observation(0.4, Mode.GUIDED, fresh=False),
     ]
     assert after(*moments).orders == ()
 
@@ -850,7 +862,7 @@ def test_a_download_is_whole_whatever_is_lost_doubled_or_out_of_order(
     download, now = Download(1), 0.0
     for number in arrivals:
         download = accept(download, answer(number if number < count else None))
-    while not download.done:
+    while not download.complete:
         now += 2.0 * AGAIN
         assert due(download, now)
         wanted = None if download.count is None else len(download.items)

@@ -246,7 +246,7 @@ def test_head_on_it_climbs_along_the_mission_and_comes_back_to_its_altitude(
 ) -> None:
     _, kept = flown
     judgement = judge(heard(), kept)
-    plan, held = judgement.plan, judgement.supervision.held
+    plan, held = judgement.plan, judgement.supervision.published_plan
     assert plan is not None and plan.source is Source.VERTICAL
     assert held is not None and held.climbs and judgement.rejoin is not None
     found = heights(judgement)
@@ -342,14 +342,16 @@ def test_it_is_told_the_plans_altitude_less_what_it_adds_itself(
     (log, steer) = steered(judgement, received, flown[0]).effects
     assert "m above mean sea level" in log.text
     assert isinstance(steer, Steer) and steer.speed
-    told = steer.steered.told.altitude
+    told = steer.steered.command.altitude
     assert told is not None and GROUND + ABOVE < told < GROUND + ABOVE + 30.0
     assert abs(steer.steered.above) < 2.0
     offset = replace(received, parameters={**PARAMETERS, "ALT_OFFSET": 10.0})
-    less = steered(judgement, offset, flown[0]).effects[1].steered.told.altitude
+    less = steered(judgement, offset, flown[0]).effects[1].steered.command.altitude
     assert less == pytest.approx(told - 10.0)
     own = received.situation.own.last
-    (reposition,) = pilot.take_over(Pilot(), judgement.supervision.held, own, 10.0).effects
+    (reposition,) = pilot.take_over(
+        Pilot(), judgement.supervision.published_plan, own, 10.0
+    ).effects
     assert isinstance(reposition, Reposition)
     assert reposition.target.altitude == pytest.approx(GROUND + ABOVE - 10.0)
 
@@ -375,12 +377,12 @@ def test_a_backup_levels_off(flown: tuple[Vehicle, Rules]) -> None:
     received = heard(own_climb=3.0)
     judgement = judge(received, flown[1])
     supervision = step_monitor(judgement.supervision, received.situation, NOW + SECOND // 10)
-    held = supervision.held
+    held = supervision.published_plan
     supervision = withdraw(supervision, supervision.revision + 1)
     assert to_fly(supervision) is FlyMode.BACKUP
     own = received.situation.own.last
     assert own is not None
-    backed = replace(judgement, supervision=replace(supervision, held=held))
+    backed = replace(judgement, supervision=replace(supervision, published_plan=held))
     followed = to_follow(backed, own.altitude)
     assert followed is not None and followed.profile is not None
     assert np.ptp(followed.profile.altitude) == 0.0
@@ -400,15 +402,15 @@ def test_a_backup_after_a_plan_levels_off_from_the_planned_altitude_which_no_gus
     assert planned is not None and planned.vertical_speed is not None
     situation = heard(own_climb=-8.0).situation
     supervision = step_monitor(judgement.supervision, situation, NOW + SECOND // 10)
-    held = supervision.held
-    supervision = replace(withdraw(supervision, supervision.revision + 1), held=held)
+    held = supervision.published_plan
+    supervision = replace(withdraw(supervision, supervision.revision + 1), published_plan=held)
     backed, gust = replace(judgement, supervision=supervision), heard(own_climb=-8.0)
     told = []
     for tenths in range(1, 12):
         time = late + tenths * SECOND // 10
         done = pilot.steer(climbs, backed, gust, flown[0], time)
         climbs = done.pilot
-        told += [one.steered.told.altitude for one in done.effects if isinstance(one, Steer)]
+        told += [one.steered.command.altitude for one in done.effects if isinstance(one, Steer)]
     rise = planned.vertical_speed**2 / 2.0
     assert told == pytest.approx([planned.value + rise] * len(told), abs=0.5)
 
@@ -438,7 +440,7 @@ def test_the_altitude_is_sent_alone_and_with_the_speed() -> None:
 
 
 def test_a_plan_that_climbs_has_altitudes_for_map_programs(flown: tuple[Vehicle, Rules]) -> None:
-    held = judge(heard(), flown[1]).supervision.held
+    held = judge(heard(), flown[1]).supervision.published_plan
     assert held is not None
     shape = json.loads(geojson(held))
     planned = [one.altitude.value for one in held.points if one.altitude is not None]

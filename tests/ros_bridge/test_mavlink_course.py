@@ -381,4 +381,4 @@ def test_a_leg_that_is_longer_than_a_frame_is_watched_and_planned(watched: Rules
 
 def test_the_leg_before_begins_at_a_waypoint_on_the_equator() -> None:
     items = (Item(1, 16, 0.0, 10.0, 100.0), Item(2, 16, 0.01, 10.01, 100.0))
-    assert mission.before(items, 2) == items[0]
+    assert mission.item_before(items, 2) == items[0]

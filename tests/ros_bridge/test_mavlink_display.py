@@ -131,7 +131,7 @@ def test_a_fence_across_the_mission_is_flown_round_and_back(followed: Rules, asi
     kept = 150.0 + followed.settings.options.requirement.margin
     assert judgement.conflict.time == pytest.approx(25.0 - kept / SPEED, abs=1.0)
     assert judgement.safe and judgement.rejoin is not None
-    held = judgement.supervision.held
+    held = judgement.supervision.published_plan
     assert held is not None and held.points[-1].time >= judgement.rejoin.time
     # It is handed back at a point of the mission, not at one round the fence.
     assert judgement.rejoin.point is not None
@@ -228,7 +228,7 @@ def test_a_recording_without_ros_shows_what_the_display_showed(
 
 
 def test_a_plan_is_a_line_for_ground_stations_and_for_map_programs(followed: Rules) -> None:
-    held = judge(received(5.0), followed).supervision.held
+    held = judge(received(5.0), followed).supervision.published_plan
     assert held is not None
     expected = [[one.longitude, one.latitude] for one in (held.start, *held.points)]
     assert json.loads(geojson(held))["geometry"]["coordinates"] == expected
@@ -240,7 +240,7 @@ def test_a_plan_is_a_line_for_ground_stations_and_for_map_programs(followed: Rul
 
 @pytest.mark.parametrize("longitude", [179.99, -179.99])
 def test_a_plan_over_the_antimeridian_is_cut_there(followed: Rules, longitude: float) -> None:
-    held = judge(received(5.0), followed).supervision.held
+    held = judge(received(5.0), followed).supervision.published_plan
     assert held is not None
 
     def moved(one: Any) -> Any:

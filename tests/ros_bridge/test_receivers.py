@@ -152,7 +152,7 @@ def test_an_aircraft_has_the_same_name_in_all_feeds() -> None:
 
 def test_the_ownship_of_one_feed_is_no_traffic_in_another() -> None:
     first, own = Traffic(""), aircraft(10, address=0x4B0001, latitude=47.1, longitude=8.2)
-    second = Traffic("", beside=first)
+    second = Traffic("", companion=first)
     list(Gdl90(first).reports_of(Datagram("h:1", framed(heartbeat(7), own)), 100 * SECOND))
     reader = BaseStation(second)
     for text, time_ns in (

@@ -19,7 +19,7 @@ _MOST_AGE = 1e6  # s
 class AircraftJson(Stream):
     """Reads the document ``aircraft.json`` that readsb, tar1090 and dump1090 write every second."""
 
-    _now = math.nan
+    _written = math.nan  # when the last document was, s
 
     def reports_of(self, text: str, arrived: int) -> Iterator[Report | FieldError]:
         """Yield the reports of a document and why aircraft cannot be used; raise TimeoutError as
@@ -30,7 +30,7 @@ class AircraftJson(Stream):
         """
         try:
             document = parse_json(text)
-            now = number("document.now", document["now"], 0.0, 1e12, "s")
+            written_s = number("document.now", document["now"], 0.0, 1e12, "s")
             rows = list(document["aircraft"])
         except RepeatedKeyError as problem:
             yield FieldError("document", f"{problem}, expected every key once")
@@ -44,11 +44,11 @@ class AircraftJson(Stream):
         for row in rows:
             if not isinstance(row, dict) or "hex" not in row:
                 yield _nameless("document", f"holds {row!r:.60}, expected its hex", row, arrived)
-        before, self._now = self._now, now
-        if not now > before:
-            self._traffic.counts["repeated document"] += now == before
+        previous_s, self._written = self._written, written_s
+        if not written_s > previous_s:
+            self._traffic.counts["repeated document"] += written_s == previous_s
             return
-        written = self._time(now, arrived)
+        written = self._time(written_s, arrived)
         for row in rows:
             if isinstance(row, dict) and "hex" in row:
                 yield from self._row_reports(row, written)
@@ -69,9 +69,9 @@ class AircraftJson(Stream):
             time = written - int(max(seconds, 0.0) * SECOND)
             yield from self._reports(RowTarget(address, time, True, row))
             return
-        for found in self._reports(RowTarget(address, written, False, row)):
-            seconds.sighting = found.sighting
-            yield found if age is None else seconds
+        for report in self._reports(RowTarget(address, written, False, row)):
+            seconds.sighting = report.sighting
+            yield report if age is None else seconds
 
 
 def _nameless(field: str, problem: str, row: Any, time: int) -> FieldError:

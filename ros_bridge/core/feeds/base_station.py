@@ -40,21 +40,21 @@ class BaseStation(Stream):
                 "line", f"is {text!r:.60}, expected 22 fields such as MSG,3,... with an address"
             )
             return
-        now, aged = self._time_of(parts, arrived)
+        time, aged = self._time_of(parts, arrived)
         row = remember(self._heard, address, self._heard.get(address, {}))
         radar = address.startswith("~") and parts[0] == "MSG"
         row["type"] = "tisb" if radar else parts[0].lower()
-        _take_columns(row, parts, now)
+        _take_columns(row, parts, time)
         if parts[_Column.LATITUDE] and parts[_Column.LONGITUDE]:
             row["lat"], row["lon"] = parts[_Column.LATITUDE], parts[_Column.LONGITUDE]
-            row["velocity_age"] = (now - row.get("velocity", now)) / SECOND
-            yield from self._reports(RowTarget(address, now, aged, row))
+            row["velocity_age"] = (time - row.get("velocity", time)) / SECOND
+            yield from self._reports(RowTarget(address, time, aged, row))
 
     def _time_of(self, parts: list[str], arrived: int) -> tuple[int, bool]:
         """Return when a line held, ns, and whether that is known; if not, when it arrived."""
-        sent = f"{parts[_Column.DATE]} {parts[_Column.TIME]}"
+        text = f"{parts[_Column.DATE]} {parts[_Column.TIME]}"
         try:
-            moment = datetime.strptime(sent, "%Y/%m/%d %H:%M:%S.%f")
+            moment = datetime.strptime(text, "%Y/%m/%d %H:%M:%S.%f")
             # The zone is the receiver's and not known.
             return self._time(moment.replace(tzinfo=UTC).timestamp(), arrived), True
         except ValueError:
@@ -91,14 +91,14 @@ class _Column(IntEnum):
 _SURFACE, _AIRBORNE = "2", "3"  # kinds of messages with a position
 
 
-def _take_columns(row: dict[str, Any], parts: list[str], now: int) -> None:
+def _take_columns(row: dict[str, Any], parts: list[str], time: int) -> None:
     """Take a line of a time, ns, into what is known of its aircraft, but for its position."""
     kind, on_ground = parts[_Column.KIND], parts[_Column.ON_GROUND]
     if on_ground or kind in (_SURFACE, _AIRBORNE):
         row["altitude"] = "ground" if kind == _SURFACE or on_ground in ("1", "-1") else None
-    before = None if row.get("altitude") == "ground" else row.get("alt_baro")
-    row["alt_baro"] = parts[_Column.ALTITUDE] or before
+    previous = None if row.get("altitude") == "ground" else row.get("alt_baro")
+    row["alt_baro"] = parts[_Column.ALTITUDE] or previous
     row["flight"] = parts[_Column.CALLSIGN] or row.get("flight")
     if parts[_Column.SPEED] and parts[_Column.TRACK]:
         row["gs"], row["track"] = parts[_Column.SPEED], parts[_Column.TRACK]
-        row["vert_rate"], row["velocity"] = parts[_Column.VERTICAL_RATE], now
+        row["vert_rate"], row["velocity"] = parts[_Column.VERTICAL_RATE], time

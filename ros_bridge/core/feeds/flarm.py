@@ -67,7 +67,7 @@ class _Fix(NamedTuple):
     """The own aircraft by a sentence of the receiver for satellites."""
 
     arrived: int  # ns
-    heard: int  # when it held, ns
+    time: int  # when it held, ns
     place: tuple[float, float]  # degrees
     speed: float | None = None  # m/s
     track: float | None = None  # degrees
@@ -137,17 +137,17 @@ class Flarm(Stream):
         self._fix = None
         if fields[_Rmc.STATUS] != "A":
             return
-        heard = self._hear_clock(fields[_Rmc.TIME], arrived)
-        where = attempt(lambda: _place(fields[_Rmc.LATITUDE : _Rmc.LATITUDE + 4]))
-        if isinstance(where, FieldError):
-            yield where
+        time = self._hear_clock(fields[_Rmc.TIME], arrived)
+        location = attempt(lambda: _place(fields[_Rmc.LATITUDE : _Rmc.LATITUDE + 4]))
+        if isinstance(location, FieldError):
+            yield location
             return
         speed = attempt(lambda: _own_speed(fields[_Rmc.SPEED]))
         track = attempt(lambda: number("rmc.track", fields[_Rmc.TRACK], 0.0, 360.0, "degrees"))
         self._fix = _Fix(
             arrived,
-            heard,
-            where,
+            time,
+            location,
             None if isinstance(speed, FieldError) else speed,
             None if isinstance(track, FieldError) else track,
         )
@@ -164,22 +164,22 @@ class Flarm(Stream):
 
     def _hear_clock(self, text: str, arrived: int) -> int:
         """Return when a sentence with a time of day held, ns."""
-        found = _CLOCK.fullmatch(text)
-        if found is None:
+        match = _CLOCK.fullmatch(text)
+        if match is None:
             return arrived
-        clock = 3600.0 * int(found[1]) + 60.0 * int(found[2]) + float(found[3])
+        clock = 3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3])
         self._days += clock < self._clock - _DAY / 2
         self._clock = clock
         return self._time(self._days * _DAY + clock, arrived)
 
     def _own_height(self, arrived: int) -> float | None:
         """Return the own height for what arrives at a time, ns, m; None: nobody knows."""
-        held = self._height
-        return held.value if held is not None and _is_recent(held, arrived) else None
+        latest = self._height
+        return latest.value if latest is not None and _is_recent(latest, arrived) else None
 
     def _own_target(self, fix: _Fix) -> "_OwnTarget":
         name = self._traffic.own_id or _OWN
-        return _OwnTarget(name, fix.heard, True, fix, self._own_height(fix.arrived))
+        return _OwnTarget(name, fix.time, True, fix, self._own_height(fix.arrived))
 
     def _aircraft(self, fields: list[str], arrived: int) -> Iterator[Report | FieldError]:
         """Yield the report of PFLAA."""
@@ -189,13 +189,13 @@ class Flarm(Stream):
         fix = self._fix
         if fix is not None and not _is_recent(fix, arrived):
             fix = None
-        time = arrived if fix is None else fix.heard
+        time = arrived if fix is None else fix.time
         identity = _ID.fullmatch(fields[_Aircraft.ID])
         name = "" if identity is None else _name(fields[_Aircraft.ID_TYPE], identity[1])
         target = _FlarmTarget(name, time, True, fields, fix, self._own_height(arrived))
         if identity is None:
-            what = f"is {fields[_Aircraft.ID]!r:.20}, expected six hexadecimal digits"
-            yield nameless("flarm.id", what, time, target.place)
+            problem = f"is {fields[_Aircraft.ID]!r:.20}, expected six hexadecimal digits"
+            yield nameless("flarm.id", problem, time, target.place)
         else:
             yield from self._reports(target)
 
@@ -260,11 +260,11 @@ def _place(fields: list[str]) -> tuple[float, float]:
     """Return latitude and longitude, degrees, of two angles and the halves of the Earth."""
     angles = []
     for text, half, halves in ((*fields[:2], "NS"), (*fields[2:], "EW")):
-        found = _ANGLE.fullmatch(text)
-        if found is None or half not in tuple(halves):
-            what = f"is {text!r:.20},{half!r:.5}, expected degrees and minutes such as 4708.21,N"
-            raise FieldError("rmc.place", what)
-        angle = int(found[1]) + float(found[2]) / 60.0
+        match = _ANGLE.fullmatch(text)
+        if match is None or half not in tuple(halves):
+            problem = f"is {text!r:.20},{half!r:.5}, expected degrees and minutes such as 4708.21,N"
+            raise FieldError("rmc.place", problem)
+        angle = int(match[1]) + float(match[2]) / 60.0
         angles.append(angle if half == halves[0] else -angle)
     return place("rmc", *angles)
 
@@ -377,17 +377,17 @@ class _FlarmTarget(Target):
 
     def callsign(self) -> str:
         """Return the callsign, which some devices add to the identification."""
-        found = _ID.fullmatch(self.fields[_Aircraft.ID])
-        return callsign(found[2]) if found is not None else ""
+        match = _ID.fullmatch(self.fields[_Aircraft.ID])
+        return callsign(match[2]) if match is not None else ""
 
 
 def _velocity(name: str, speed: float | None, track: float | None) -> tuple[float, float]:
     """Return true east and north, m/s; what stands still needs no track."""
     if speed == 0.0:
         return 0.0, 0.0
-    for what, value in (("speed", speed), ("track", track)):
+    for component, value in (("speed", speed), ("track", track)):
         if value is None:
-            raise FieldError(f"{name}.{what}", "is unknown, expected one beside the position")
+            raise FieldError(f"{name}.{component}", "is unknown, expected one beside the position")
     assert speed is not None and track is not None
     course = math.radians(track)
     return speed * math.sin(course), speed * math.cos(course)

@@ -80,8 +80,8 @@ class Gdl90(Stream):
         (:data:`ros_bridge.core.feeds.traffic.LATEST`).
         """
         if _FLAG not in datagram.content:
-            what = f"is {datagram.content!r:.60}, expected messages of GDL 90"
-            yield FieldError("datagram", what)
+            problem = f"is {datagram.content!r:.60}, expected messages of GDL 90"
+            yield FieldError("datagram", problem)
             return
         name = datagram.sender
         sender = self._senders.get(name) or _Sender(self._traffic)
@@ -103,15 +103,15 @@ class _Sender(Stream):
         """Yield the report of a message between two flags, or why it cannot be used."""
         for stuffed, plain in _ESCAPED:
             frame = frame.replace(stuffed, plain)
-        message, sent = frame[:-2], int.from_bytes(frame[-2:], "little")
-        if len(message) < 2 or checksum(message) != sent:
+        message, declared = frame[:-2], int.from_bytes(frame[-2:], "little")
+        if len(message) < 2 or checksum(message) != declared:
             yield FieldError("message", f"is {frame!r:.60}, expected another checksum")
             return
         kind = message[0]
         expected = _LENGTHS.get(kind, len(message))
         if len(message) != expected:
-            what = f"of GDL 90 is {len(message)} bytes long, expected {expected}"
-            yield FieldError(f"message {kind}", what)
+            problem = f"of GDL 90 is {len(message)} bytes long, expected {expected}"
+            yield FieldError(f"message {kind}", problem)
         elif kind == _HEARTBEAT:
             self._hear_clock(message, arrived)
         elif kind in (_OWNSHIP, _TRAFFIC):
@@ -135,9 +135,9 @@ class _Sender(Stream):
             time = self._second[0]
         target = _target_of(message, time)
         if kind == _OWNSHIP:
-            found = self._traffic.ownship(target)
-            if found is not None:
-                yield found
+            report = self._traffic.ownship(target)
+            if report is not None:
+                yield report
         elif target.type == _BEACON:
             self._traffic.counts["ground station"] += 1
         elif not target.address:

@@ -60,10 +60,10 @@ class RowTarget(Target):
     def velocity(self) -> tuple[float, float]:
         """Return true east and north, m/s."""
         speed, track = first_known(self.row, "gs", "speed"), first_known(self.row, "track")
-        for what, value in (("speed", speed), ("track", track)):
+        for name, value in (("speed", speed), ("track", track)):
             if value is None:
                 raise FieldError(
-                    f"{self.field}.{what}",
+                    f"{self.field}.{name}",
                     "has not been received, expected one beside the position",
                 )
         self._velocity_age()

@@ -156,18 +156,18 @@ class Traffic:
     Args:
         own_id: the ownship's address; "": unknown.
         shows_own: whether the ownship's reports are wanted too, as by a display.
-        beside: of another feed with the same ownship: what one feed says of it, the other knows.
+        companion: of another feed with the same ownship: what one feed says of it, the other knows.
     """
 
     def __init__(
-        self, own_id: str, *, shows_own: bool = False, beside: "Traffic | None" = None
+        self, own_id: str, *, shows_own: bool = False, companion: "Traffic | None" = None
     ) -> None:
         self.own: Report | None = None
         self.counts: Counter[str] = Counter()
         self.doubted: Counter[str] = Counter()
         self.own_id = own_id.strip().lower()
         self._shows_own = shows_own
-        self._told_own: dict[str, Report | None] = {} if beside is None else beside._told_own
+        self._told_own: dict[str, Report | None] = {} if companion is None else companion._told_own
         self._reported: dict[str, int] = {}
 
     def begin_anew(self) -> None:
@@ -185,11 +185,11 @@ class Traffic:
         """Take in what a feed says of its own aircraft, which is no traffic; return its report, or
         why it cannot be used, where that is wanted.
         """
-        found = attempt(lambda: self._read(target))
-        known = found if isinstance(found, Report) and target.has_place() else None
-        remember(self._told_own, target.name, known, _MOST_OWN)
-        wanted = self._shows_own and self.is_own(target.name) and target.has_place()
-        return found if wanted and self._is_new(target) else None
+        outcome = attempt(lambda: self._read(target))
+        usable = outcome if isinstance(outcome, Report) and target.has_place() else None
+        remember(self._told_own, target.name, usable, _MOST_OWN)
+        shown = self._shows_own and self.is_own(target.name) and target.has_place()
+        return outcome if shown and self._is_new(target) else None
 
     def report(self, target: Target) -> Report | None:
         """Return an aircraft's report, or raise :class:`FieldError`; None where it is no traffic,
@@ -200,17 +200,17 @@ class Traffic:
             self.counts[reason] += 1
             return None
         try:
-            found = self._read(target)
+            usable = self._read(target)
         except FieldError as error:
             if not target.aged and error.sighting is not None:
                 oldest = target.heard - int(_OLDEST * SECOND)
                 error.sighting = error.sighting._replace(time=oldest)
             raise
-        if target.is_by_radar() and self._is_copy(found):
+        if target.is_by_radar() and self._is_copy(usable):
             self.counts["copy of the ownship"] += 1
             return None
         remember(self._reported, target.name, target.heard)
-        return found
+        return usable
 
     def _reason_left_out(self, target: Target) -> str:
         """Return why an aircraft is no traffic, as it is counted; "": it is."""
@@ -239,11 +239,11 @@ class Traffic:
         if target.name not in self._told_own:
             return False
         own = self._told_own[target.name] or self.own
-        there = attempt(target.place) if target.has_place() else None
-        if own is None or there is None or isinstance(there, FieldError):
+        position = attempt(target.place) if target.has_place() else None
+        if own is None or position is None or isinstance(position, FieldError):
             return True  # nothing says that it is anybody else
         seconds = abs(target.heard - own.time) / SECOND
-        if own.off(there, target.heard) <= _OWN_DISTANCE + _OWN_SPEED * seconds:
+        if own.off(position, target.heard) <= _OWN_DISTANCE + _OWN_SPEED * seconds:
             return True
         self.doubted["of the ownship's address, but elsewhere"] += 1
         return False
@@ -282,19 +282,19 @@ class Traffic:
             callsign=target.callsign,
         )
 
-    def _is_copy(self, found: Report) -> bool:
+    def _is_copy(self, candidate: Report) -> bool:
         """Return whether a report is about where the ownship is, as fast and known to be as
         high.
         """
         own = self.own
-        if own is None or abs(found.time - own.time) > _SAME_TIME * SECOND:
+        if own is None or abs(candidate.time - own.time) > _SAME_TIME * SECOND:
             return False
-        a, b = own.altitude, found.altitude
+        a, b = own.altitude, candidate.altitude
         if a is None or b is None or a.reference != b.reference:
             return False
         return (
-            own.off(found.place, found.time) <= _COPY_DISTANCE
-            and math.hypot(found.east - own.east, found.north - own.north) <= _COPY_VELOCITY
+            own.off(candidate.place, candidate.time) <= _COPY_DISTANCE
+            and math.hypot(candidate.east - own.east, candidate.north - own.north) <= _COPY_VELOCITY
             and abs(a.value - b.value) <= _COPY_HEIGHT
         )
 
@@ -330,19 +330,19 @@ class Stream:
         return arrived - int(late)
 
     def _reports(self, target: Target) -> Iterator[Report | FieldError]:
-        found = attempt(lambda: self._traffic.report(target))
-        if found is not None:
-            yield found
+        outcome = attempt(lambda: self._traffic.report(target))
+        if outcome is not None:
+            yield outcome
 
 
-def remember(held: dict[str, _T], name: str, value: _T, most: int = _MOST) -> _T:
+def remember(store: dict[str, _T], name: str, value: _T, capacity: int = _MOST) -> _T:
     """Hold a value under a name, and return it; of too many those that were heard longest ago are
     dropped.
     """
-    held.pop(name, None)
-    held[name] = value
-    if len(held) > most:
-        del held[next(iter(held))]
+    store.pop(name, None)
+    store[name] = value
+    if len(store) > capacity:
+        del store[next(iter(store))]
     return value
 
 
@@ -352,6 +352,6 @@ def nameless(
     """Return why an aircraft without an address cannot be used, with its place at a time, ns, if
     that can be read.
     """
-    wrong, where = FieldError(field, problem), readable(place)
-    wrong.sighting = None if where is None else Sighting(_NAMELESS, time, where)
-    return wrong
+    error, location = FieldError(field, problem), readable(place)
+    error.sighting = None if location is None else Sighting(_NAMELESS, time, location)
+    return error
