@@ -104,7 +104,7 @@ class Pilot:
         for step in range(_STEPS):
             time = step * _STEP
             off, to_goal = flights.to_waypoint()
-            clear = _is_clear(flights.own, flights.others, off, to_goal / speed, limits)
+            clear = _is_clear(flights.own, flights.intruders, off, to_goal / speed, limits)
             # The environment ends between two actions only.
             arrived = (to_goal < _units().reached) & (time % period == 0.0)
             ends = arrived | (clear & (np.abs(off) < 0.1))
@@ -126,7 +126,7 @@ class _FlightsAhead(NamedTuple):
     """Flights ``[M]`` on from an observation, and what they came to so far."""
 
     own: VehicleState[Air]
-    others: VehicleState[Air]  # the traffic of each, [M, K]
+    intruders: VehicleState[Air]  # the traffic of each, [M, K]
     goal_x: np.ndarray  # the waypoint, m
     goal_y: np.ndarray
     nearest: np.ndarray  # least distance from the traffic, m
@@ -143,12 +143,12 @@ class _FlightsAhead(NamedTuple):
     ) -> "_FlightsAhead":
         """Return flights with first headings, rad, at a speed, m/s, to a waypoint, m."""
         zeros, shape = np.zeros(len(heading)), (len(heading), len(traffic))
-        others: VehicleState[Air] = VehicleState(
+        intruders: VehicleState[Air] = VehicleState(
             *(np.broadcast_to(field, shape) for field in np.transpose(traffic))
         )
         return cls(
             own=VehicleState(zeros, zeros, heading, zeros + speed),
-            others=others,
+            intruders=intruders,
             goal_x=zeros + goal[0],
             goal_y=zeros + goal[1],
             nearest=zeros + np.inf,
@@ -173,12 +173,14 @@ class _FlightsAhead(NamedTuple):
     def advance(self, turn: np.ndarray, limits: Limits) -> "_FlightsAhead":
         """Return the flights a step later, with yaw rates, rad/s."""
         own = advance(self.own, np.zeros(len(turn)), turn, _STEP, limits, np)
-        others = advance(self.others, np.zeros(self.others.x.shape), 0.0, _STEP, limits, np)
-        apart = np.hypot(others.x - own.x[:, None], others.y - own.y[:, None]).min(axis=1)
+        intruders = advance(
+            self.intruders, np.zeros(self.intruders.x.shape), 0.0, _STEP, limits, np
+        )
+        apart = np.hypot(intruders.x - own.x[:, None], intruders.y - own.y[:, None]).min(axis=1)
         off = np.abs(bearing(own, self.goal_x, self.goal_y, np))
         return self._replace(
             own=own,
-            others=others,
+            intruders=intruders,
             nearest=np.where(self.flies, np.minimum(apart, self.nearest), self.nearest),
             drift=self.drift + np.where(self.flies, off * _STEP, 0.0),
         )
@@ -195,7 +197,7 @@ def _limits(speed: float) -> Limits:
 
 def _is_clear(
     own: VehicleState[Air],
-    others: VehicleState[Air],
+    intruders: VehicleState[Air],
     off: np.ndarray,
     until: np.ndarray,
     limits: Limits,
@@ -205,15 +207,17 @@ def _is_clear(
     """
     direct = column(own._replace(heading=own.heading + off))
     time = until[:, None]
-    here, there = (advance(aircraft, 0.0, 0.0, time, limits, np) for aircraft in (direct, others))
-    apart = leg_separation(direct, here, others, there, time, np)
+    own_end, intruder_ends = (
+        advance(aircraft, 0.0, 0.0, time, limits, np) for aircraft in (direct, intruders)
+    )
+    apart = leg_separation(direct, own_end, intruders, intruder_ends, time, np)
     return (apart >= MARGIN * _units().separation).all(axis=1)
 
 
 def _turn_rates(policy: Policy, flights: _FlightsAhead, limits: Limits) -> np.ndarray:
     """Return the yaw rates that the policy commands, rad/s, ``[M]``."""
-    exists = np.ones_like(flights.others.x, bool)
-    action = policy.command(flights.own, flights.others, exists, flights.goal_x, flights.goal_y)
+    exists = np.ones_like(flights.intruders.x, bool)
+    action = policy.command(flights.own, flights.intruders, exists, flights.goal_x, flights.goal_y)
     return commands(action.T, limits, np)[1]
 
 
@@ -226,19 +230,26 @@ def observe(
     The environment's two differences of speed are ``-v cos a`` and ``v - v sin a`` of the
     intruder's relative course a and the common speed v, which follows from both.
     """
-    along, across = (
+    forward_difference, across = (
         _units().speed * np.asarray(observation[f"{axis}_difference_speed"], float) for axis in "xy"
     )
-    most = int(np.argmax(across))
-    speed = float((along[most] ** 2 + across[most] ** 2) / (2.0 * across[most]))
-    course = np.arctan2(speed - across, -along)
+    fastest_across = int(np.argmax(across))
+    speed = float(
+        (forward_difference[fastest_across] ** 2 + across[fastest_across] ** 2)
+        / (2.0 * across[fastest_across])
+    )
+    course = np.arctan2(speed - across, -forward_difference)
     speed = min(speed, _FASTEST)
-    away = _units().length * np.asarray(observation["intruder_distance"], float)
-    at = away * observation["cos_difference_pos"], away * observation["sin_difference_pos"], course
+    distance = _units().length * np.asarray(observation["intruder_distance"], float)
+    states = (
+        distance * observation["cos_difference_pos"],
+        distance * observation["sin_difference_pos"],
+        course,
+    )
     traffic: list[VehicleState[Air]] = [
-        VehicleState(x, y, heading, speed) for x, y, heading in np.transpose(at).tolist()
+        VehicleState(x, y, heading, speed) for x, y, heading in np.transpose(states).tolist()
     ]
     to_goal = _units().length * float(observation["waypoint_distance"][0])
-    ahead = to_goal * float(observation["cos_drift"][0])
-    left = to_goal * float(observation["sin_drift"][0])
-    return speed, traffic, (ahead, left)
+    forward = to_goal * float(observation["cos_drift"][0])
+    leftward = to_goal * float(observation["sin_drift"][0])
+    return speed, traffic, (forward, leftward)

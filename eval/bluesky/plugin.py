@@ -94,10 +94,10 @@ def _vertical(index: int, separation: float) -> Vertical:
     return Vertical(up, down, _CHANGE, separation)
 
 
-def _wind_at(flown: np.ndarray) -> Wind | None:
+def _wind_at(indices: np.ndarray) -> Wind | None:
     """Return the wind about aircraft ``[N]``, m/s; None: still air about all of them."""
-    east, north = (np.asarray(part)[flown] for part in (bs.traf.windeast, bs.traf.windnorth))
-    return Wind(east, north, np.zeros(len(flown))) if east.any() or north.any() else None
+    east, north = (np.asarray(part)[indices] for part in (bs.traf.windeast, bs.traf.windnorth))
+    return Wind(east, north, np.zeros(len(indices))) if east.any() or north.any() else None
 
 
 def _east_north(lat: Any, lon: Any, own_lat: Any, own_lon: Any) -> tuple[Any, Any]:
@@ -128,7 +128,7 @@ def area_of(shape: Any, own_lat: float, own_lon: float) -> Area:
 class _Plan(NamedTuple):
     """A plan in flight."""
 
-    made: float  # when, s
+    time: float  # when, s
     legs: Legs[Air] | None  # None: it was not SAFE
     wind: Wind | None  # that it is flown in
     profile: Profile | None = None  # of its altitudes; None: they are the autopilot's
@@ -137,11 +137,11 @@ class _Plan(NamedTuple):
 _NO_PLAN = _Plan(-np.inf, None, None)
 
 
-class _Asked(NamedTuple):
+class _Request(NamedTuple):
     """What an aircraft is planned for."""
 
     own: VehicleState[Ground]
-    others: list[Intruder[Ground]]
+    intruders: list[Intruder[Ground]]
     goal: complex  # m
     wind: Wind | None
 
@@ -150,7 +150,7 @@ class _Scene(NamedTuple):
     """What aircraft ``[N]`` decide by, over the ground, each in a frame about its own place."""
 
     own: VehicleState[Ground]  # [N]
-    others: VehicleState[Ground]  # [N, K]
+    intruders: VehicleState[Ground]  # [N, K]
     mask: np.ndarray  # [N, K]: which of the others count
     any_level: np.ndarray  # [N, K]: the same, whether they come to the ownship's level or not
     goal_x: np.ndarray  # m, [N]
@@ -158,19 +158,19 @@ class _Scene(NamedTuple):
     wind: Wind | None  # None: still air
 
 
-def _meets_level(flown: np.ndarray, conf: Any, ownship: Any, intruder: Any) -> np.ndarray:
+def _meets_level(indices: np.ndarray, conf: Any, ownship: Any, intruder: Any) -> np.ndarray:
     """Return which aircraft come to the level of which of ``[N]`` in the look-ahead time,
     ``[N, K]``.
     """
-    above = intruder.alt - ownship.alt[flown, None]
-    climb = intruder.vs - ownship.vs[flown, None]
-    later = above + climb * conf.dtlookahead[flown, None]
-    height = np.maximum(conf.hpz, conf.hpz[flown, None])
+    above = intruder.alt - ownship.alt[indices, None]
+    climb = intruder.vs - ownship.vs[indices, None]
+    later = above + climb * conf.dtlookahead[indices, None]
+    height = np.maximum(conf.hpz, conf.hpz[indices, None])
     return (np.minimum(np.abs(above), np.abs(later)) < height) | (above * later < 0.0)
 
 
 def _gives_way(
-    own: VehicleState[Ground], others: VehicleState[Ground], beyond: float
+    own: VehicleState[Ground], intruders: VehicleState[Ground], least_distance: float
 ) -> np.ndarray:
     """Return which of the others are to give way where both have waited long, ``[N, K]``.
 
@@ -178,23 +178,26 @@ def _gives_way(
     aircraft's left gives way, if it is farther away than a distance, m.
     """
     heading = own.heading
-    left = others.y * np.cos(heading)[:, None] > others.x * np.sin(heading)[:, None]
-    return left & (np.hypot(others.x, others.y) > beyond)
+    on_left = intruders.y * np.cos(heading)[:, None] > intruders.x * np.sin(heading)[:, None]
+    return on_left & (np.hypot(intruders.x, intruders.y) > least_distance)
 
 
 def _policy_command(policy: Policy, scene: _Scene, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Return yaw rates (rad/s) and speeds after some seconds (m/s), through the air, ``[N]``."""
     goal, wind = (scene.goal_x, scene.goal_y), scene.wind or NO_WIND
-    each = wind if scene.wind is None else Wind(wind.east[:, None], wind.north[:, None])
-    own, others = through_air(scene.own, wind, 0.0), through_air(scene.others, each, 0.0)
+    wind_of_each = wind if scene.wind is None else Wind(wind.east[:, None], wind.north[:, None])
+    own, intruders = (
+        through_air(scene.own, wind, 0.0),
+        through_air(scene.intruders, wind_of_each, 0.0),
+    )
     if scene.wind is not None:
         # Decisions are made in the air mass about each aircraft, through which the goal drifts.
         goal = aim_point(own, goal, (-wind.east, -wind.north), _LONGEST, np)
-    critical = policy.most_critical(own, others, scene.mask)
-    seen, exists = map_leaves(
-        lambda field: np.take_along_axis(field, critical, axis=-1), (others, scene.mask)
+    critical = policy.most_critical(own, intruders, scene.mask)
+    critical_intruders, exists = map_leaves(
+        lambda field: np.take_along_axis(field, critical, axis=-1), (intruders, scene.mask)
     )
-    action = policy.command(own, seen, exists, *goal)
+    action = policy.command(own, critical_intruders, exists, *goal)
     acceleration, yaw_rate = commands(action.T, policy.limits, np)
     low, high = policy.limits[:2]
     return yaw_rate, np.clip(own.speed + acceleration * dt, low, high)
@@ -243,9 +246,9 @@ class RLCAS(_Resolution):
             self.outside = "allow" if allow else "refuse"
             self._known.clear()
         state = "ON" if self.outside == "allow" else "OFF"
-        flown = "fly it too" if self.outside == "allow" else "fly on without resolution"
+        behaviour = "fly it too" if self.outside == "allow" else "fly on without resolution"
         return True, (
-            f"RLCASOUTSIDE is {state}: aircraft that the policy was not trained for {flown}"
+            f"RLCASOUTSIDE is {state}: aircraft that the policy was not trained for {behaviour}"
         )
 
     @_command(name="RLCASPLAN", annotations="onoff")
@@ -256,9 +259,9 @@ class RLCAS(_Resolution):
         if plans is not None:
             self.planning = plans
             self.plans.clear()
-        flown = "plans, where they are SAFE" if self.planning else "the policy"
+        followed = "plans, where they are SAFE" if self.planning else "the policy"
         state = "ON" if self.planning else "OFF"
-        return True, f"RLCASPLAN is {state}: aircraft in conflict fly {flown}"
+        return True, f"RLCASPLAN is {state}: aircraft in conflict fly {followed}"
 
     @_command(name="RLCASAREAS", annotations="onoff")
     def setareas(self, keep: bool | None = None) -> tuple[bool, str]:
@@ -268,12 +271,12 @@ class RLCAS(_Resolution):
         if keep is not None:
             self.among_areas = keep
             self.plans.clear()
-        kept = "keep out of the areas" if self.among_areas else "take no account of areas"
+        behaviour = "keep out of the areas" if self.among_areas else "take no account of areas"
         needs = (
             "" if self.planning or not self.among_areas else " (RLCASPLAN is OFF: none are made)"
         )
         state = "ON" if self.among_areas else "OFF"
-        return True, f"RLCASAREAS is {state}: plans {kept}{needs}"
+        return True, f"RLCASAREAS is {state}: plans {behaviour}{needs}"
 
     @_command(name="RLCASMANEUVERS")
     def setmaneuvers(self, maneuvers: str = "") -> tuple[bool, str]:
@@ -314,7 +317,9 @@ class RLCAS(_Resolution):
         self._lasting = {
             name: self._lasting.get(name, 0.0) + float(bs.traf.asastimer.dt_act) for name in names
         }
-        self.plans = {name: made for name, made in self.plans.items() if name in self._lasting}
+        self.plans = {
+            name: kept_plan for name, kept_plan in self.plans.items() if name in self._lasting
+        }
         self.climbing.clear()
         groups: dict[Policy, list[int]] = {}
         for index in np.flatnonzero(self.active).tolist():
@@ -329,12 +334,12 @@ class RLCAS(_Resolution):
     def _policy_of(self, index: int, conf: Any) -> Policy | None:
         """Return the policy for an aircraft as BlueSky flies it now, None if it is not for it."""
         traffic, performance = bs.traf, bs.traf.perf
-        name, flown = traffic.type[index], str(performance.actype[index])
-        if flown and flown.upper() != name.upper():
+        name, flown_type = traffic.type[index], str(performance.actype[index])
+        if flown_type and flown_type.upper() != name.upper():
             self._say(
                 name,
                 f"BlueSky does not know the aircraft type {name}; it flies with the limits of "
-                f"{flown}",
+                f"{flown_type}",
             )
         slowest, fastest = _speeds(index)
         phi = traffic.ap.turnphi[index]
@@ -354,14 +359,14 @@ class RLCAS(_Resolution):
                 )
             except InputError as problem:
                 self._known[key] = str(problem)
-        found = self._known[key]
-        if isinstance(found, str):
+        policy = self._known[key]
+        if isinstance(policy, str):
             self._say(
                 f"{name} outside",
-                f"{traffic.id[index]} ({name}) flies on without conflict resolution: {found}",
+                f"{traffic.id[index]} ({name}) flies on without conflict resolution: {policy}",
             )
             return None
-        return found
+        return policy
 
     def _say(self, about: str, sentence: str) -> None:
         """Say something once."""
@@ -370,112 +375,118 @@ class RLCAS(_Resolution):
             bs.stack.echo(f"RLCAS: {sentence}")
 
     def _decide(
-        self, policy: Policy, flown: np.ndarray, conf: Any, ownship: Any, intruder: Any
+        self, policy: Policy, indices: np.ndarray, conf: Any, ownship: Any, intruder: Any
     ) -> None:
         """Set track (deg) and speed (m/s) of the aircraft ``[N]`` for the time until the next
         decision.
         """
         dt = float(bs.traf.asastimer.dt_act)
-        scene = self._scene(policy.aircraft.separation, flown, conf, ownship, intruder)
+        scene = self._scene(policy.aircraft.separation, indices, conf, ownship, intruder)
         yaw_rate, speed = _policy_command(policy, scene, dt)
-        track = (ownship.trk[flown] - np.degrees(yaw_rate * dt)) % 360.0
+        track = (ownship.trk[indices] - np.degrees(yaw_rate * dt)) % 360.0
         if scene.wind is not None:
             # BlueSky takes a track and a speed over the ground.
             own = through_air(scene.own, scene.wind, 0.0)
             turned = own._replace(heading=own.heading + yaw_rate * dt, speed=speed)
             later = over_ground(turned, scene.wind, 0.0)
             speed, track = later.speed, (90.0 - np.degrees(later.heading)) % 360.0
-        self.trk[flown], self.tas[flown] = track, speed
+        self.trk[indices], self.tas[indices] = track, speed
         if self.planning:
-            self._follow_plans(policy, flown, scene, dt)
+            self._follow_plans(policy, indices, scene, dt)
 
     def _scene(
-        self, separation: float, flown: np.ndarray, conf: Any, ownship: Any, intruder: Any
+        self, separation: float, indices: np.ndarray, conf: Any, ownship: Any, intruder: Any
     ) -> _Scene:
         """Return what aircraft ``[N]`` decide by."""
 
         def east_north(lat: Any, lon: Any) -> tuple[np.ndarray, np.ndarray]:
-            return _east_north(lat, lon, ownship.lat[flown][:, None], ownship.lon[flown][:, None])
+            return _east_north(
+                lat, lon, ownship.lat[indices][:, None], ownship.lon[indices][:, None]
+            )
 
-        zeros = np.zeros(len(flown))
+        zeros = np.zeros(len(indices))
         own: VehicleState[Ground] = VehicleState(
-            zeros, zeros, np.radians(90.0 - ownship.trk[flown]), ownship.gs[flown]
+            zeros, zeros, np.radians(90.0 - ownship.trk[indices]), ownship.gs[indices]
         )
         x, y = east_north(intruder.lat[None], intruder.lon[None])
         course = np.broadcast_to(np.arctan2(intruder.gsnorth, intruder.gseast), x.shape)
-        others: VehicleState[Ground] = VehicleState(
+        intruders: VehicleState[Ground] = VehicleState(
             x, y, course, np.broadcast_to(intruder.gs, x.shape)
         )
 
-        any_level = ~self.noresoac & (np.arange(ownship.ntraf) != flown[:, None])
-        lasting = np.array([self._lasting[ownship.id[index]] for index in flown])
-        waits = (lasting > conf.dtlookahead[flown])[:, None] & self.active
-        any_level &= ~(waits & _gives_way(own, others, _APART * separation))
-        mask = any_level & _meets_level(flown, conf, ownship, intruder)
+        any_level = ~self.noresoac & (np.arange(ownship.ntraf) != indices[:, None])
+        lasting = np.array([self._lasting[ownship.id[index]] for index in indices])
+        waits = (lasting > conf.dtlookahead[indices])[:, None] & self.active
+        any_level &= ~(waits & _gives_way(own, intruders, _APART * separation))
+        mask = any_level & _meets_level(indices, conf, ownship, intruder)
 
-        ahead, bearing = _AHEAD * separation, np.radians(90.0 - bs.traf.ap.trk[flown])
-        waypoint = east_north(bs.traf.actwp.lat[flown, None], bs.traf.actwp.lon[flown, None])
-        follows = np.asarray(bs.traf.swlnav[flown], bool)
+        ahead, bearing = _AHEAD * separation, np.radians(90.0 - bs.traf.ap.trk[indices])
+        waypoint = east_north(bs.traf.actwp.lat[indices, None], bs.traf.actwp.lon[indices, None])
+        follows = np.asarray(bs.traf.swlnav[indices], bool)
         goal_x = np.where(follows, waypoint[0][:, 0], ahead * np.cos(bearing))
         goal_y = np.where(follows, waypoint[1][:, 0], ahead * np.sin(bearing))
-        return _Scene(own, others, mask, any_level, goal_x, goal_y, _wind_at(flown))
+        return _Scene(own, intruders, mask, any_level, goal_x, goal_y, _wind_at(indices))
 
-    def _follow_plans(self, policy: Policy, flown: np.ndarray, scene: _Scene, dt: float) -> None:
+    def _follow_plans(self, policy: Policy, indices: np.ndarray, scene: _Scene, dt: float) -> None:
         """Set track and speed, and where a plan climbs altitude and vertical speed, of those of the
         aircraft ``[N]`` that have a SAFE plan.
         """
-        now, traffic = float(bs.sim.simt), bs.traf
-        for row, index in enumerate(flown.tolist()):
+        time, traffic = float(bs.sim.simt), bs.traf
+        for row, index in enumerate(indices.tolist()):
             name = traffic.id[index]
-            made = self.plans.get(name, _NO_PLAN)
-            if now - made.made >= _PLANNED:
-                made = self.plans[name] = self._plan(index, policy, self._asked(row, scene))
-            if made.legs is None:
+            current = self.plans.get(name, _NO_PLAN)
+            if time - current.time >= _PLANNED:
+                current = self.plans[name] = self._plan(index, policy, self._request(row, scene))
+            if current.legs is None:
                 continue
-            planned = at(made.legs, np.float64(now + dt - made.made), made.wind)
+            planned = at(current.legs, np.float64(time + dt - current.time), current.wind)
             self.trk[index] = (90.0 - np.degrees(planned.heading)) % 360.0
             self.tas[index] = planned.speed
-            if made.profile is not None:
-                later = np.float64(now + dt - made.made)
-                height = float(height_flown(made.profile, _CHANGE, later).altitude)
+            if current.profile is not None:
+                later = np.float64(time + dt - current.time)
+                height = float(height_flown(current.profile, _CHANGE, later).altitude)
                 climb = (height - float(traffic.alt[index])) / dt
                 # BlueSky climbs with this rate towards an altitude, and holds what it reaches.
                 self.vs[index] = abs(climb)
                 self.alt[index] = traffic.alt[index] + np.sign(climb) * _AWAY
                 self.climbing.add(name)
 
-    def _asked(self, row: int, scene: _Scene) -> _Asked:
+    def _request(self, row: int, scene: _Scene) -> _Request:
         """Return what one of the aircraft ``[N]`` of a scene is planned for."""
         climbs = self.maneuvers is not Maneuvers.HORIZONTAL
         numbers = np.flatnonzero((scene.any_level if climbs else scene.mask)[row])
-        others = list[Intruder[Ground]]()
+        intruders = list[Intruder[Ground]]()
         for number in numbers.tolist():
-            there: VehicleState[Ground] = VehicleState(
-                *(field[row, number] for field in scene.others)
+            state: VehicleState[Ground] = VehicleState(
+                *(field[row, number] for field in scene.intruders)
             )
             altitude = _altitude_seen(number) if climbs else None
-            others.append(Intruder(there, altitude=altitude))
+            intruders.append(Intruder(state, altitude=altitude))
         goal = complex(scene.goal_x[row], scene.goal_y[row])
         wind = None if scene.wind is None else take(scene.wind, row)
-        return _Asked(take(scene.own, row), others, goal, wind)
+        return _Request(take(scene.own, row), intruders, goal, wind)
 
     def _areas(self, index: int) -> list[Area]:
         """Return the areas that an aircraft keeps out of; what cannot be used is said once."""
-        traffic, found = bs.traf, list[Area]()
+        traffic, areas = bs.traf, list[Area]()
         for shape in list(_SHAPES.values()) if self.among_areas else ():
             if shape.kind() not in ("BOX", "CIRCLE", "POLY"):
                 continue
             try:
-                found.append(area_of(shape, float(traffic.lat[index]), float(traffic.lon[index])))
+                areas.append(area_of(shape, float(traffic.lat[index]), float(traffic.lon[index])))
             except AreaError as problem:
                 self._say(f"{shape.name} area", f"{shape.name} is no area for plans: {problem}")
-        return found
+        return areas
 
-    def _plan(self, index: int, policy: Policy, asked: _Asked) -> _Plan:
+    def _plan(self, index: int, policy: Policy, request: _Request) -> _Plan:
         """Return the plan of an aircraft; where it cannot be made, that is said once."""
-        name, now, far = bs.traf.id[index], float(bs.sim.simt), _AHEAD * policy.aircraft.separation
-        own, others, goal, wind = asked
-        goal *= min(1.0, far / max(abs(goal), 1.0))
+        name, time, ahead = (
+            bs.traf.id[index],
+            float(bs.sim.simt),
+            _AHEAD * policy.aircraft.separation,
+        )
+        own, intruders, goal, wind = request
+        goal *= min(1.0, ahead / max(abs(goal), 1.0))
         climbs = self.maneuvers is not Maneuvers.HORIZONTAL
         altitude = _altitude(index)
         target = float(bs.traf.ap.alt[index]) if climbs else None  # that of its own flight
@@ -484,21 +495,25 @@ class RLCAS(_Resolution):
             for i, point in enumerate((goal, 2.0 * goal))
         ]
         areas = self._areas(index)
-        known: dict[str, Any] = {"own_altitude": altitude} if areas or climbs else {}
+        altitudes: dict[str, Any] = {"own_altitude": altitude} if areas or climbs else {}
         try:
             options = self._options(index, policy.aircraft)
-            answer = plan(own, others, route, policy, options, wind=wind, areas=areas, **known)
+            answer = plan(
+                own, intruders, route, policy, options, wind=wind, areas=areas, **altitudes
+            )
         except RequestError as problem:
             self._say(
                 f"{name} plan",
                 f"{name} flies the policy's decisions until it can be planned for: {problem}",
             )
-            return _Plan(now, None, wind)
+            return _Plan(time, None, wind)
         if not answer.safe:
-            return _Plan(now, None, wind)
+            return _Plan(time, None, wind)
         curves = legs(plan_states(own, answer.waypoints, wind=wind))
         rate = altitude.climb(0.0)[0]
-        return _Plan(now, curves, wind, profile_of(altitude.value, rate, answer.waypoints, _CHANGE))
+        return _Plan(
+            time, curves, wind, profile_of(altitude.value, rate, answer.waypoints, _CHANGE)
+        )
 
     def _options(self, index: int, aircraft: Aircraft) -> Options:
         """Return how an aircraft is planned for."""
@@ -531,20 +546,20 @@ class RLCAS(_Resolution):
         does not climb.
         """
         traffic = bs.traf
-        here, target = float(traffic.alt[index]), float(traffic.ap.alt[index])
-        floor, ceiling, near = self.floor, self.ceiling, margin + _OFF
+        altitude, target = float(traffic.alt[index]), float(traffic.ap.alt[index])
+        floor, ceiling, leeway = self.floor, self.ceiling, margin + _OFF
         greatest = getattr(traffic.perf, "hmax", None)
         if greatest is not None:
-            ceiling = min(ceiling, max(float(greatest[index]), here + near, target + near))
+            ceiling = min(ceiling, max(float(greatest[index]), altitude + leeway, target + leeway))
         for pair in self.resopairs:
             if traffic.id[index] not in pair:
                 continue
-            other = next(traffic.id2idx(name) for name in pair if name != traffic.id[index])
-            if other >= 0 and self.active[other]:
-                if index < other:
-                    floor = max(floor, min(here, target) - near)
+            opponent = next(traffic.id2idx(name) for name in pair if name != traffic.id[index])
+            if opponent >= 0 and self.active[opponent]:
+                if index < opponent:
+                    floor = max(floor, min(altitude, target) - leeway)
                 else:
-                    ceiling = min(ceiling, max(here, target) + near)
+                    ceiling = min(ceiling, max(altitude, target) + leeway)
         levels = {"floor": floor, "ceiling": ceiling}
         return {
             name: Level(value, _REFERENCE) for name, value in levels.items() if np.isfinite(value)
