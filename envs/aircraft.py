@@ -132,7 +132,7 @@ def new_aircraft(
         dt = float(f"{0.1 * separation / limits.speed_max:.1e}")
     if t_max is None:
         t_max = _STEPS * dt
-    made = Aircraft(
+    aircraft = Aircraft(
         limits,
         separation=float(separation),
         goal_radius=float(goal_radius),
@@ -142,8 +142,8 @@ def new_aircraft(
         vehicle=vehicle,
         vertical=None if vertical is None else _check_vertical(vertical),
     )
-    _check_task(made)
-    return made
+    _check_task(aircraft)
+    return aircraft
 
 
 def _check_task(aircraft: Aircraft) -> None:

@@ -36,9 +36,9 @@ def at_step(rows: Array, step: Array) -> Array:
     """Return altitudes of intruders, m, ``[..., K]``, from their rows ``[..., K, T + 1]`` so many
     time steps after the start, whole or not, which broadcast to ``[..., K]``.
     """
-    before = _row(rows, np.floor(step))
-    here, after = (_take(rows, row) for row in (before, before + 1))
-    return here + (after - here) * (np.asarray(step) - before)
+    first_row = _row(rows, np.floor(step))
+    altitude, next_altitude = (_take(rows, row) for row in (first_row, first_row + 1))
+    return altitude + (next_altitude - altitude) * (np.asarray(step) - first_row)
 
 
 def climb_at(rows: Array, step: Array, dt: float) -> Array:

@@ -102,8 +102,8 @@ def signed_distance(area: Area, x: Array, y: Array, time: Array = 0.0) -> Array:
     """
     x, y, time = np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in (x, y, time)))
     at_x, at_y = own_frame(area, x, y, time)
-    still = _signed_distances(area, at_x.ravel(), at_y.ravel()).reshape(x.shape)
-    return still + gain(area) * time
+    standing_distance = _signed_distances(area, at_x.ravel(), at_y.ravel()).reshape(x.shape)
+    return standing_distance + gain(area) * time
 
 
 def _signed_distances(area: Area, x: Array, y: Array) -> Array:

@@ -238,12 +238,12 @@ def levels_kept(
     """Return the highest floor and the lowest ceiling of those that are given and those of areas to
     be kept in, as far as they have a reference; None: there is none.
     """
-    kept = [area for area in areas if area.keep is Keep.IN]
+    keep_in = [area for area in areas if area.keep is Keep.IN]
     floors, ceilings = (
         [level for level in levels if level is not None and level.reference == reference]
         for levels in (
-            [floor, *(area.floor for area in kept)],
-            [ceiling, *(area.ceiling for area in kept)],
+            [floor, *(area.floor for area in keep_in)],
+            [ceiling, *(area.ceiling for area in keep_in)],
         )
     )
     # Of one reference, tuples are compared by their first part, the value.
@@ -263,10 +263,10 @@ def _replace_fields(original: _T, **fields: object) -> _T:
 
     The checks take long, and areas move with every step of a monitor.
     """
-    made = copy.copy(original)
+    changed = copy.copy(original)
     for name, value in fields.items():
-        object.__setattr__(made, name, value)
-    return made
+        object.__setattr__(changed, name, value)
+    return changed
 
 
 def _real(name: str, value: object, low: float, high: float, unit: str) -> float:
@@ -365,18 +365,18 @@ def _check_apart(name: str, ring: Ring, other_name: str, other: Ring) -> None:
 
 
 def _check_not_touching(name: str, ring: Ring, other_name: str, other: Ring) -> None:
-    points, others = np.array(ring), np.array(other)
+    points, other_points = np.array(ring), np.array(other)
     for n in range(len(ring)):
-        if _touch(points, n, others, np.arange(len(other))).any():
+        if _touch(points, n, other_points, np.arange(len(other))).any():
             raise AreaError(f"{name} crosses or touches {other_name}, expected them apart")
 
 
-def _touch(ring: np.ndarray, edge: int, others: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+def _touch(ring: np.ndarray, edge: int, other_ring: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     """Return which edges of another ring ``[E, 2]`` an edge of a ring meets, bool."""
     bx, by = ring[(edge + 1) % len(ring)] - ring[edge]
-    points = others - ring[edge]
+    points = other_ring - ring[edge]
     cx, cy = points[numbers].T
-    dx, dy = points[(numbers + 1) % len(others)].T
+    dx, dy = points[(numbers + 1) % len(other_ring)].T
     # Both ends of each on different sides of the other, or on its line; and the boxes overlap,
     # which decides where all four are on one line.
     sides = (bx * cy - by * cx) * (bx * dy - by * dx) <= 0.0
@@ -402,5 +402,5 @@ def is_inside(ring: Ring, place: Place) -> bool:
     x, y = (np.array(ring) - np.array(place)).T
     x1, y1 = np.roll(x, -1), np.roll(y, -1)
     crossing = (y > 0.0) != (y1 > 0.0)
-    right = (x * y1 - x1 * y > 0.0) == (y1 > y)
-    return bool(np.count_nonzero(crossing & right) % 2)
+    crosses_right = (x * y1 - x1 * y > 0.0) == (y1 > y)
+    return bool(np.count_nonzero(crossing & crosses_right) % 2)

@@ -124,10 +124,10 @@ def records(columns: Mapping[str, Array]) -> Array:
     time, in the call and within.
     """
     size = np.size(next(iter(columns.values())))
-    made = np.empty(size, dtype=[(name, float) for name in columns])
+    array = np.empty(size, dtype=[(name, float) for name in columns])
     for name, column in columns.items():
-        made[name] = column
-    return made
+        array[name] = column
+    return array
 
 
 def may_compile() -> bool:
@@ -179,12 +179,12 @@ def in_turns(entries: list[Entry], folder: Path | None) -> Generator[Entry]:
         yield from entries
         return
     waiting = entries
-    for how in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):
+    for lock in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):
         busy = []
         for entry in waiting:
             with (folder / f"{entry.name}.lock").open("w") as file:
                 try:
-                    fcntl.flock(file, how)
+                    fcntl.flock(file, lock)
                 except BlockingIOError:
                     busy.append(entry)
                     continue
@@ -244,8 +244,8 @@ _taught_floats: list[Any] = []  # the type of FLOATS
 
 def _chooser(of_floats: Callable[..., Any], otherwise: Callable[..., Any]) -> Callable[..., Any]:
     def choose(*arguments: Any, **named: Any) -> Callable[..., Any]:
-        given = [*arguments, *named.values()]
-        return of_floats if given and given[-1] is _taught_floats[0] else otherwise
+        values = [*arguments, *named.values()]
+        return of_floats if values and values[-1] is _taught_floats[0] else otherwise
 
     return choose
 

@@ -235,16 +235,16 @@ def one_turn(
 
 def no_turn(scenario: Scenario, intruders: VehicleState[Air], xp: ArrayModule) -> Intent:
     """Return the intent of intruders ``[N, K]`` that fly straight on."""
-    never = xp.zeros_like(intruders.speed)
-    return Intent(never, never, never + scenario.aircraft.limits.yaw_rate_max)
+    zeros = xp.zeros_like(intruders.speed)
+    return Intent(zeros, zeros, zeros + scenario.aircraft.limits.yaw_rate_max)
 
 
 def sensor_of(scenario: Scenario, draw: Array, xp: ArrayModule) -> Sensor:
     """Return the scenario's quality of reports, ``[N, 1]``; the draw ``[N]`` is of their age."""
-    ones = xp.ones_like(draw)[:, None]
+    column = xp.ones_like(draw)[:, None]
     return Sensor(
-        scenario.position_std * ones,
-        scenario.velocity_std * ones,
+        scenario.position_std * column,
+        scenario.velocity_std * column,
         between(scenario.latency, draw)[:, None],
     )
 

@@ -41,11 +41,11 @@ def flat(areas: Sequence[Area], begin: Array, end: Array, required: Array) -> tu
     """Return areas as records of :class:`FlatArea`, ``[A]``, and the edges of all polygons as
     records of :class:`envs.area_geometry.Edges`, ``[E]``.
     """
-    nothing = Edges(*np.zeros((4, 0)))
-    lines = [nothing if isinstance(area.shape, Circle) else edges(area.shape) for area in areas]
+    no_edges = Edges(*np.zeros((4, 0)))
+    lines = [no_edges if isinstance(area.shape, Circle) else edges(area.shape) for area in areas]
     last = np.cumsum([0, *(line.x.size for line in lines)])
     columns = np.reshape([_numbers(area) for area in areas], (-1, 11)).T
-    made = FlatArea(
+    flat_areas = FlatArea(
         *columns,
         first_edge=last[:-1],
         end_edge=last[1:],
@@ -53,8 +53,8 @@ def flat(areas: Sequence[Area], begin: Array, end: Array, required: Array) -> tu
         end=end,
         required=required,
     )
-    joined = Edges(*(np.concatenate(field) for field in zip(nothing, *lines, strict=True)))
-    return records(made._asdict()), records(joined._asdict())
+    joined = Edges(*(np.concatenate(field) for field in zip(no_edges, *lines, strict=True)))
+    return records(flat_areas._asdict()), records(joined._asdict())
 
 
 def _numbers(area: Area) -> tuple[float, ...]:

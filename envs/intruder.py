@@ -128,9 +128,9 @@ def _replay_step(
     vehicle: VehicleState[Air], recording: KnownFlight, time: Array, dt: float
 ) -> VehicleState[Air]:
     """Return the vehicles after the step that begins at ``time``, ``[..., K]``."""
-    still = vehicle.heading * 0.0
-    straight = advance(vehicle, still, still, dt, COASTING, np)
-    row = np.broadcast_to(np.rint(np.asarray(time) / dt).astype(int) + 1, still.shape)
+    zeros = vehicle.heading * 0.0
+    straight = advance(vehicle, zeros, zeros, dt, COASTING, np)
+    row = np.broadcast_to(np.rint(np.asarray(time) / dt).astype(int) + 1, zeros.shape)
     last = recording.x.shape[-1] - 1
     index = np.minimum(row, last)[..., None]
     return VehicleState(

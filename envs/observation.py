@@ -57,8 +57,8 @@ def observe(
     in m, the aircraft ``[...]`` or floats.
     """
     mine = _own_parts(own, goal_x, goal_y, aircraft, xp)
-    other = _traffic_parts(own, intruder, aircraft, xp)
-    return _stack([*mine[:2], *other, *mine[2:]], xp)
+    theirs = _traffic_parts(own, intruder, aircraft, xp)
+    return _stack([*mine[:2], *theirs, *mine[2:]], xp)
 
 
 class SetObservation(NamedTuple):
@@ -118,14 +118,14 @@ def _own_parts(
 
 
 def _traffic_parts(
-    own: VehicleState[F], other: VehicleState[F], aircraft: Aircraft, xp: ArrayModule
+    own: VehicleState[F], intruder: VehicleState[F], aircraft: Aircraft, xp: ArrayModule
 ) -> list[Array]:
     """Return an intruder's speed, heading, bearing and distance, ``[...]`` each, scaled."""
     return [
-        other.speed * (1.0 / (0.5 * aircraft.traffic_speed_max)) - 1.0,
-        other.heading * (1.0 / math.pi),
-        bearing(own, other.x, other.y, xp) * (1.0 / math.pi),
-        distance(other.x - own.x, other.y - own.y, xp) * (1.0 / _far(aircraft)) - 1.0,
+        intruder.speed * (1.0 / (0.5 * aircraft.traffic_speed_max)) - 1.0,
+        intruder.heading * (1.0 / math.pi),
+        bearing(own, intruder.x, intruder.y, xp) * (1.0 / math.pi),
+        distance(intruder.x - own.x, intruder.y - own.y, xp) * (1.0 / _far(aircraft)) - 1.0,
     ]
 
 

@@ -69,7 +69,7 @@ def carry_back(state: VehicleState[F], seconds: float, xp: ArrayModule) -> Vehic
 
 
 def perceive(
-    now: VehicleState[F],
+    current: VehicleState[F],
     before: VehicleState[F],
     before_that: VehicleState[F],
     sensor: Sensor,
@@ -80,8 +80,8 @@ def perceive(
     """Return the intruder as the ownship believes it to be, ``[...]``.
 
     Args:
-        now, before, before_that: true states at this step and one and two steps ago, ``[...]``;
-            where the flight has not lasted so long, the state now carried back along its course
+        current, before, before_that: true states at this step and one and two steps ago, ``[...]``;
+            where the flight has not lasted so long, the current state carried back along its course
             (:func:`carry_back`).
         sensor: its latency must not exceed ``2 dt``.
         noise: standard normal draws, four components ``[...]`` each (x, y, vx, vy).
@@ -93,16 +93,16 @@ def perceive(
     def at_report(a: Array, b: Array, c: Array) -> Array:
         return a + (b - a) * recent + (c - b) * older
 
-    velocities = [velocity(state, xp) for state in (now, before, before_that)]
+    velocities = [velocity(state, xp) for state in (current, before, before_that)]
     vx = at_report(*(v[0] for v in velocities)) + sensor.velocity_std * noise[2]
     vy = at_report(*(v[1] for v in velocities)) + sensor.velocity_std * noise[3]
     x = (
-        at_report(now.x, before.x, before_that.x)
+        at_report(current.x, before.x, before_that.x)
         + sensor.position_std * noise[0]
         + vx * sensor.latency
     )
     y = (
-        at_report(now.y, before.y, before_that.y)
+        at_report(current.y, before.y, before_that.y)
         + sensor.position_std * noise[1]
         + vy * sensor.latency
     )

@@ -125,11 +125,11 @@ def first_change(rise: float, climb: float, time: float, acceleration: float) ->
 
     The climb is that at the request, m/s. With r the change, ``|rise - climb T| = r (T - r / 2a)``.
     """
-    more = rise - climb * time
-    left = time * time - 2.0 * abs(more) / acceleration
-    if left < 0.0:
+    missing = rise - climb * time
+    root = time * time - 2.0 * abs(missing) / acceleration
+    if root < 0.0:
         return math.nan
-    return math.copysign(acceleration * (time - math.sqrt(left)), more)
+    return math.copysign(acceleration * (time - math.sqrt(root)), missing)
 
 
 def climbing(
@@ -148,8 +148,8 @@ def climbing(
     """
     change = first_change(altitudes[0] - altitude, climb, times[0], acceleration)
     if math.isnan(change):
-        what = f"an altitude of {altitudes[0]:g} m cannot be reached in {times[0]:g} s"
-        raise ValueError(f"{what} with {acceleration:g} m/s^2 from {altitude:g} m")
+        problem = f"an altitude of {altitudes[0]:g} m cannot be reached in {times[0]:g} s"
+        raise ValueError(f"{problem} with {acceleration:g} m/s^2 from {altitude:g} m")
     corner = first_corner(change, acceleration)
     if corner <= _AT_ONCE:
         time, heights = [0.0, *times], [altitude, *altitudes]

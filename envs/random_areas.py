@@ -51,11 +51,11 @@ def random_areas(
     if not 0 <= count <= MOST:
         raise ValueError(f"count is {count}, expected 0 to {MOST}")
     table = draws.uniforms(seed, number, 1, (MOST, _DRAWS), stream=_STREAM)[0]
-    drawn = (
+    areas = (
         _draw(n, _Draws(*row[:8], far=row[8:]), (own.x, own.y), goal, aircraft)
         for n, row in enumerate(table[:count])
     )
-    return tuple(area for area in drawn if area is not None)
+    return tuple(area for area in areas if area is not None)
 
 
 class _Draws(NamedTuple):
@@ -78,11 +78,11 @@ def _draw(number: int, draws: _Draws, start: Place, goal: Place, aircraft: Aircr
     way = np.subtract(goal, start)
     length = max(float(np.hypot(*way)), 1e-9)
     ahead = way / length
-    left = np.array([-ahead[1], ahead[0]])
-    aside = between((-_ACROSS, _ACROSS), draws.across) * unit * left
+    leftward = np.array([-ahead[1], ahead[0]])
+    aside = between((-_ACROSS, _ACROSS), draws.across) * unit * leftward
     centre = start + between(_ALONG, draws.along) * way + aside
-    near = min(float(np.hypot(*(centre - place))) for place in (start, goal))
-    size = min(between(_SIZE, draws.size) * unit, near - (_CLEARANCE + _OFF) * unit)
+    nearest = min(float(np.hypot(*(centre - place))) for place in (start, goal))
+    size = min(between(_SIZE, draws.size) * unit, nearest - (_CLEARANCE + _OFF) * unit)
     if size < _SMALLEST * unit:
         return None
     # What moves may come as near to start and goal as it gets.

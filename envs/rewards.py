@@ -261,8 +261,8 @@ def shaping_of_first_step(
 
     A training calls it before it begins, so that what cannot be used fails then.
     """
-    before, nothing = begin(starts, xp), xp.zeros_like(starts.goal_x)
-    action = nothing, nothing
+    before, zeros = begin(starts, xp), xp.zeros_like(starts.goal_x)
+    action = zeros, zeros
     after, result = advance_step(before, action, world, xp)
     return learning_reward(
         rewards, Transition(before, after, action, result, world.aircraft), 1.0, xp

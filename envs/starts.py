@@ -70,16 +70,17 @@ def encounters_of_seed(
     return encounter
 
 
-def check_heeded(encounter: Encounter, what: str, heeds: Collection[str] = ()) -> None:
-    """Refuse encounters with other optional fields than those that are heeded; ``what`` names them.
+def check_heeded(encounter: Encounter, subject: str, heeds: Collection[str] = ()) -> None:
+    """Refuse encounters with other optional fields than those that are heeded; ``subject`` names
+    them.
 
     Raises:
         EncounterError: intruders have separations of their own, are reported in part, or answer
             the ownship.
     """
-    for name, said in _OPTIONAL.items():
+    for name, text in _OPTIONAL.items():
         if name not in heeds and getattr(encounter, name) is not None:
-            raise EncounterError(f"{what} has {said}")
+            raise EncounterError(f"{subject} has {text}")
 
 
 def check_sampled(scenario: Scenario, encounter: Encounter) -> None:
@@ -181,27 +182,25 @@ def check_encounter(
     )
 
 
-def _altitudes(given: Altitudes, batch: tuple[int, ...], wide: tuple[int, ...]) -> Altitudes:
+def _altitudes(altitudes: Altitudes, batch: tuple[int, ...], wide: tuple[int, ...]) -> Altitudes:
     """Return altitudes, of intruders in two rows or more."""
-    rows = np.shape(given.intruders)[-1:]
+    rows = np.shape(altitudes.intruders)[-1:]
     if not rows or rows[0] < 2:
         raise EncounterError(
-            f"altitudes.intruders has shape {np.shape(given.intruders)}; expected "
+            f"altitudes.intruders has shape {np.shape(altitudes.intruders)}; expected "
             f"{(*wide, 'T + 1')} with T of 1 or more"
         )
     return Altitudes(
-        _part("altitudes.own", given.own, batch, {}),
-        _part("altitudes.intruders", given.intruders, (*wide, *rows), {}),
+        _part("altitudes.own", altitudes.own, batch, {}),
+        _part("altitudes.intruders", altitudes.intruders, (*wide, *rows), {}),
     )
 
 
-def _areas(given: Array, shape: tuple[int, ...]) -> np.ndarray:
+def _areas(values: Array, shape: tuple[int, ...]) -> np.ndarray:
     """Return the areas of encounters, each a tuple of them."""
-    areas = np.asarray(given, dtype=object)
+    areas = np.asarray(values, dtype=object)
     tuples = list(areas.ravel()) if areas.shape == shape else [None]
-    if not all(
-        isinstance(some, tuple) and all(isinstance(a, Area) for a in some) for some in tuples
-    ):
+    if not all(isinstance(row, tuple) and all(isinstance(a, Area) for a in row) for row in tuples):
         raise EncounterError(
             f"areas: expected an object array {shape} of tuples of envs.areas.Area"
         )
@@ -209,18 +208,18 @@ def _areas(given: Array, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _part(
-    name: str, given: Any, shape: tuple[int, ...], ranges: dict[str, tuple[float, float]]
+    name: str, field: Any, shape: tuple[int, ...], ranges: dict[str, tuple[float, float]]
 ) -> Any:
     """Return a field, or a named tuple of fields, as finite float64 of a shape, in their ranges."""
-    if hasattr(given, "_fields"):
-        return type(given)(
+    if hasattr(field, "_fields"):
+        return type(field)(
             *(
                 _part(f"{name}.{key}", value, shape, ranges)
-                for key, value in given._asdict().items()
+                for key, value in field._asdict().items()
             )
         )
     low, high = ranges.get(name, (-math.inf, math.inf))
-    return _numbers(name, given, shape, low, high)
+    return _numbers(name, field, shape, low, high)
 
 
 def _ranges(aircraft: Aircraft) -> dict[str, tuple[float, float]]:
@@ -257,14 +256,14 @@ def _numbers(
 ) -> np.ndarray:
     """Return a field as finite float64 of a shape, within its range."""
     try:
-        given = np.asarray(value, dtype=np.float64)
+        array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise EncounterError(f"{name} is not numeric: {error}") from None
-    numbers = _shape(name, given, shape)
-    wrong = ~(np.isfinite(numbers) & (numbers >= low) & (numbers <= high))
-    if wrong.any():
+    numbers = _shape(name, array, shape)
+    out_of_range = ~(np.isfinite(numbers) & (numbers >= low) & (numbers <= high))
+    if out_of_range.any():
         within = "a finite number" if low == -math.inf else f"within {low:g}..{high:g}"
-        raise EncounterError(f"{name} is {numbers[wrong].flat[0]:g}; expected {within}")
+        raise EncounterError(f"{name} is {numbers[out_of_range].flat[0]:g}; expected {within}")
     return numbers
 
 

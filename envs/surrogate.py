@@ -57,7 +57,7 @@ def redraw_pool(
     exist. A row is used per step.
     """
     total = rows * count
-    most = max(scenario.intruders[1] for scenario in scenarios)
+    columns = max(scenario.intruders[1] for scenario in scenarios)
     choice_key, draws_key = jax.random.split(key)
     choice = jax.random.uniform(choice_key, (total,))
     # One scenario of each start is chosen, so that all may share its draws.
@@ -66,7 +66,7 @@ def redraw_pool(
     parts = []
     for scenario in scenarios:
         drawn, accepted = sample(scenario, draws[..., : scenario.dimensions], jnp)
-        parts.append(pad(_accepted_only(drawn, accepted), most, jnp))
+        parts.append(pad(_accepted_only(drawn, accepted), columns, jnp))
     mixed: Encounter | None = None
     threshold = 0.0
     for drawn, weight in zip(_alike(parts, scenarios[0].aircraft), weights, strict=True):

@@ -26,8 +26,8 @@ def map_leaves(function: Callable[..., Any], tree: T, *others: T) -> T:
     if tree is None or isinstance(tree, Shared):
         return tree
     if isinstance(tree, tuple):
-        rest: Any = others
-        parts = [map_leaves(function, *same) for same in zip(tree, *rest, strict=True)]
+        untyped: Any = others
+        parts = [map_leaves(function, *leaves) for leaves in zip(tree, *untyped, strict=True)]
         result: Any = type(tree)(*parts) if hasattr(tree, "_fields") else tuple(parts)
         return result
     return function(tree, *others)

@@ -165,9 +165,11 @@ def legs(plan_states: PlanStates[F]) -> Legs[F]:
     mean = (change / (ARCS * step))[..., None]
     controls = np.repeat(mean, ARCS, axis=-1)
     place, motion = np.zeros((2, 2, step.size, ARCS))  # motion: heading and speed
-    miss, left = np.zeros(step.size), np.arange(step.size)
+    miss, unsolved = np.zeros(step.size), np.arange(step.size)
     for iteration in range(ITERATIONS + 1):
-        part = left if left.size < step.size else slice(None)  # a view while nothing is finished
+        part = (
+            unsolved if unsolved.size < step.size else slice(None)
+        )  # a view while nothing is finished
         seconds, control = step[part, None], controls[:, part]
         moving = start[2:4, part, None] + _before(control * seconds)
         arcs = displacement(*moving, *control, seconds)
@@ -180,9 +182,9 @@ def legs(plan_states: PlanStates[F]) -> Legs[F]:
         if iteration == ITERATIONS or not going_on.any():
             break
         if not going_on.all():
-            left, seconds, control = left[going_on], seconds[going_on], control[:, going_on]
+            unsolved, seconds, control = unsolved[going_on], seconds[going_on], control[:, going_on]
             arcs, ends, off = arcs[:, going_on], ends[:, going_on], off[:, going_on]
-        controls[:, left] = mean[:, left] + _correction(control, seconds, arcs, ends, off)
+        controls[:, unsolved] = mean[:, unsolved] + _correction(control, seconds, arcs, ends, off)
 
     def by_leg(field: Array) -> Array:
         return field.reshape(*shape[:-1], shape[-1] - 1, *field.shape[1:])
@@ -217,9 +219,9 @@ def _correction(control: Array, seconds: Array, arcs: Array, ends: Array, off: A
     # What a change of each arc's yaw rate does to the end position is a rotation of the rest of the
     # leg; of its acceleration, a push along the rest. Less their means, because the sums of both
     # controls are fixed. [2, 2, M, ARCS]: of each control on x and y.
-    rest = ends[..., -1:] - ends + 0.5 * arcs
+    remaining = ends[..., -1:] - ends + 0.5 * arcs
     pushed = _from_here(arcs / np.maximum(np.hypot(*arcs), 1e-9) * seconds * seconds)
-    effect = _centre(np.stack([rest[::-1] * _QUARTER * seconds, pushed]))
+    effect = _centre(np.stack([remaining[::-1] * _QUARTER * seconds, pushed]))
     # Of all controls that reach the end, those of least weighted norm: effect times the multipliers
     # m of A m = b, with A symmetric.
     of_turn, of_push = (effect * effect).sum(axis=-1)
@@ -253,17 +255,17 @@ def at(legs: Legs[Any], time: Array, wind: Wind | None = None) -> VehicleState[A
 
     With the wind whose air mass the legs are in, the state is over the ground.
     """
-    begun = np.sum(np.asarray(time)[..., None] >= legs.time[..., 1:], axis=-1)  # all but the first
-    *before, count = np.shape(legs.time)
-    shape = np.broadcast_shapes(np.shape(time), tuple(before))
-    number = np.broadcast_to(begun, shape)[..., None]
-    every = *shape, count
-    began = np.take_along_axis(np.broadcast_to(legs.time, every), number, -1)[..., 0]
-    duration = np.take_along_axis(np.broadcast_to(legs.duration, every), number, -1)[..., 0]
+    leg = np.sum(np.asarray(time)[..., None] >= legs.time[..., 1:], axis=-1)  # all but the first
+    *batch_shape, count = np.shape(legs.time)
+    shape = np.broadcast_shapes(np.shape(time), tuple(batch_shape))
+    number = np.broadcast_to(leg, shape)[..., None]
+    full_shape = *shape, count
+    began = np.take_along_axis(np.broadcast_to(legs.time, full_shape), number, -1)[..., 0]
+    duration = np.take_along_axis(np.broadcast_to(legs.duration, full_shape), number, -1)[..., 0]
     seconds = time - began
     arc = np.clip(np.floor(seconds / duration * ARCS), 0, ARCS - 1).astype(np.intp)
     flat = number[..., 0] * ARCS + arc
-    flattened = (field.reshape(*before, count * ARCS) for field in legs[3:])
+    flattened = (field.reshape(*batch_shape, count * ARCS) for field in legs[3:])
     arcs = (np.broadcast_to(field, (*shape, count * ARCS)) for field in flattened)
     piece = _Arc(*(np.take_along_axis(field, flat[..., None], -1)[..., 0] for field in arcs))
     t = seconds - arc * (duration / ARCS)

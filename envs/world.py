@@ -225,17 +225,17 @@ def evaluate(
     separation = smallest(separations, state.mask, xp)
     goal_distance = distance(state.goal_x - own.x, state.goal_y - own.y, xp)
     steps = state.steps + 1.0
-    judged = outcome.judge(separation, goal_distance, steps * rules.dt, rules, xp)
-    reward = outcome.reward(judged, rules, xp)
-    result = StepResult(judged, reward, separations, separation, goal_distance)
+    flight_outcome = outcome.judge(separation, goal_distance, steps * rules.dt, rules, xp)
+    reward = outcome.reward(flight_outcome, rules, xp)
+    result = StepResult(flight_outcome, reward, separations, separation, goal_distance)
 
     previous = None
     if state.previous is not None:
         previous = _vehicles(state.intruders, xp), state.previous[0]
-    after = state._replace(
-        own=own, intruders=intruders, previous=previous, steps=steps, ended=judged.ended(xp)
+    next_state = state._replace(
+        own=own, intruders=intruders, previous=previous, steps=steps, ended=flight_outcome.ended(xp)
     )
-    return after, result
+    return next_state, result
 
 
 def above_own(state: State, later: float, own: Array | None = None) -> Array:

@@ -86,11 +86,11 @@ class Autopilot:
         )
         self._density_0 = density_at(REFERENCE_ALTITUDE)
         # Both tables of thrust at the present density, over the speed.
-        here = [
+        thrusts_here = [
             np.array([np.interp(density, DENSITIES, row) for row in thrusts])
             for thrusts in tables(variant)
         ]
-        self._idle, self._top = (Curve(SPEEDS, thrust, 20.0) for thrust in here)
+        self._idle, self._top = (Curve(SPEEDS, thrust, 20.0) for thrust in thrusts_here)
 
         self._area, self._span = value("wing_area") * FOOT**2, value("wing_span") * FOOT
         self._chord = value("mean_chord") * 0.0254
@@ -118,7 +118,7 @@ class Autopilot:
         """Return the true airspeed of the stall in level flight, m/s."""
         return math.sqrt(2.0 * measured.weight / (measured.density * self._area * self._top_lift))
 
-    def fly(self, measured: Measured, along: float, left: float) -> Controls:
+    def fly(self, measured: Measured, along_demand: float, left_demand: float) -> Controls:
         """Return the controls for the coming period.
 
         Demanded are accelerations along the path through the air and to its left, m/s^2.
@@ -128,13 +128,13 @@ class Autopilot:
         pressure = 0.5 * m.density * speed * speed
         self._gust += (abs(m.airspeed - m.steady_airspeed) - self._gust) * TICK / _GUST_LAG
         stall = self.stall_speed(m) + _GUST_SHARE * self._gust
-        aileron, rudder = self._lateral(m, left, speed, pressure, stall)
+        aileron, rudder = self._lateral(m, left_demand, speed, pressure, stall)
         load = 1.0 / max(math.cos(self.bank_reference), 0.5)
         equivalent = speed * math.sqrt(
             m.density / self._density_0 * REFERENCE_WEIGHT / (load * m.weight)
         )
         elevator = self._vertical(m, load, speed, equivalent, stall)
-        throttle = self._speed(m, along, load, equivalent, stall)
+        throttle = self._speed(m, along_demand, load, equivalent, stall)
         for index, demand in enumerate((elevator, aileron, rudder)):
             step = _clamp((demand - self._servos[index]) * self._servo_share, self._servo_step)
             self._servos[index] = max(
@@ -143,14 +143,14 @@ class Autopilot:
         elevator, aileron, rudder = self._servos
         return Controls(elevator, aileron, rudder, throttle)
 
-    def _bank_demand(self, left: float, speed: float, stall: float) -> float:
+    def _bank_demand(self, left_demand: float, speed: float, stall: float) -> float:
         """Return the bank that gives an acceleration across the path, as far as the wing bears it,
         rad.
         """
         # The load that the wing can carry with the margin to the stall bounds the bank.
         load_max = max(1.02, (speed / (_FLOOR * stall)) ** 2)
         bank_max = min(BANK_MAX, math.acos(1.0 / load_max))
-        wanted_bank = _clamp(-math.atan(left / GRAVITY), BANK_MAX)
+        wanted_bank = _clamp(-math.atan(left_demand / GRAVITY), BANK_MAX)
         # What the turn needs to be flown is the speed's business too.
         self._load_wanted = 1.0 / math.cos(wanted_bank)
         return _clamp(wanted_bank, bank_max)
@@ -172,11 +172,11 @@ class Autopilot:
         return acceleration
 
     def _lateral(
-        self, m: Measured, left: float, speed: float, pressure: float, stall: float
+        self, m: Measured, left_demand: float, speed: float, pressure: float, stall: float
     ) -> tuple[float, float]:
         """Return the demanded aileron and rudder, rad."""
         half_turn = 0.5 * self._span / speed  # s: times a rate it makes the model's coefficients
-        demand = self._bank_demand(left, speed, stall)
+        demand = self._bank_demand(left_demand, speed, stall)
         acceleration = self._move_bank_reference(demand, half_turn)
         rate = self._roll_reference
 

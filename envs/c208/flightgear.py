@@ -65,9 +65,9 @@ class FlightGear(NamedTuple):
 
         def run() -> bool:
             nonlocal due
-            now = time.monotonic()
-            due = max(due + STEP, now)  # what was late is not caught up
-            time.sleep(due - now)
+            clock = time.monotonic()
+            due = max(due + STEP, clock)  # what was late is not caught up
+            time.sleep(due - clock)
             return executive.run()
 
         return run if self.paced else executive.run
@@ -77,7 +77,7 @@ class FlightGear(NamedTuple):
         latitude: np.ndarray,
         longitude: np.ndarray,
         altitude: np.ndarray | float,
-        others: VehicleState[Ground],
+        intruders: VehicleState[Ground],
     ) -> None:
         """Show intruders ``[K]``, wings level: their places, rad, altitude, m, headings and
         speeds.
@@ -88,18 +88,18 @@ class FlightGear(NamedTuple):
         places = geocentric(latitude, longitude, altitude)
         # From the Earth's axes to those of a level aircraft, as angle times axis.
         angles = np.stack(
-            (longitude, -0.5 * math.pi - latitude, 0.5 * math.pi - others.heading), axis=-1
+            (longitude, -0.5 * math.pi - latitude, 0.5 * math.pi - intruders.heading), axis=-1
         )
         turned = Rotation.from_euler("ZYZ", angles).as_rotvec()
-        now = time.time()
+        stamp = time.time()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
             for number, (place, axis, speed) in enumerate(
-                zip(places, turned, others.speed, strict=True)
+                zip(places, turned, intruders.speed, strict=True)
             ):
                 name = f"INTR{number + 1}".encode()
-                still = (0.0,) * 11  # sideways and down, turn rates, accelerations
+                no_motion = (0.0,) * 11  # sideways and down, turn rates, accelerations
                 packet = _PACKET.pack(
-                    *_HEADER, name, _MODEL, now, _LAG, *place, *axis, speed, *still, 0
+                    *_HEADER, name, _MODEL, stamp, _LAG, *place, *axis, speed, *no_motion, 0
                 )
                 udp.sendto(packet, (self.host, self.port + 1))
 

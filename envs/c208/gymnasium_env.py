@@ -81,8 +81,8 @@ class C208Env(DeconflictionEnv):
         assert vehicle is not None  # checked in step
         acceleration, yaw_rate = commands(action, self.world.limits, EXACT_FLOATS)
         vehicle.step(acceleration, yaw_rate, self.world.rules.dt)
-        there = through_air(vehicle.state, NO_WIND, 0.0)  # encounters know no wind
-        own: VehicleState[Air] = VehicleState(*(float(field) for field in there))
+        over_air = through_air(vehicle.state, NO_WIND, 0.0)  # encounters know no wind
+        own: VehicleState[Air] = VehicleState(*(float(field) for field in over_air))
         traffic = world.move_intruders(before, self.world.rules.dt, EXACT_FLOATS)
         return world.evaluate(before, own, traffic, self.world.rules, EXACT_FLOATS)
 

@@ -69,8 +69,8 @@ class PointMassVehicle:
         self._weight = VARIANTS[variant].takeoff_weight * POUND
         speeds, self._density = np.linspace(25.0, 130.0, 211), density_at(altitude)
         thrusts = (
-            given(VARIANTS[variant], speeds, self._density)
-            for given in (idle_thrust, maximum_thrust)
+            thrust_of(VARIANTS[variant], speeds, self._density)
+            for thrust_of in (idle_thrust, maximum_thrust)
         )
         self._idle, self._top = (Curve(speeds, np.asarray(thrust)) for thrust in thrusts)
         self._drag = level_curve("thrust")
@@ -135,8 +135,8 @@ class PointMassVehicle:
         # Exact over the step for a constant command.
         after = _Lagged(
             *(
-                target + (here - target) * math.exp(-dt / lag)
-                for here, target, lag in zip(before, demanded, _LAGS, strict=True)
+                target + (value - target) * math.exp(-dt / lag)
+                for value, target, lag in zip(before, demanded, _LAGS, strict=True)
             )
         )
         turn = 0.5 * (math.tan(before.bank) + math.tan(after.bank)) * GRAVITY / self.airspeed

@@ -93,15 +93,15 @@ def solve(
     flight = _Flight(speed, altitude, throttle, flaps)
     unknown = np.array([0.05, -0.05, 0.3 if throttle is None else 0.0])
     for _ in range(_ITERATIONS):
-        here = _accelerations(fdm, flight, unknown)
-        if not np.isfinite(here).all():
+        accelerations = _accelerations(fdm, flight, unknown)
+        if not np.isfinite(accelerations).all():
             break
-        if np.abs(here).max() < _EXACT:
+        if np.abs(accelerations).max() < _EXACT:
             return _make_trim(fdm, flight, _state(flight, unknown))
-        slope = _slope(fdm, flight, unknown, here)
+        slope = _slope(fdm, flight, unknown, accelerations)
         if abs(np.linalg.det(slope)) < 1e-9:
             break
-        unknown = unknown - np.clip(np.linalg.solve(slope, here), -0.1, 0.1)
+        unknown = unknown - np.clip(np.linalg.solve(slope, accelerations), -0.1, 0.1)
         if throttle is None:
             unknown[2] = min(max(unknown[2], 0.0), 1.0)
     kind = "level" if throttle is None else f"at throttle {throttle:g}"
@@ -143,8 +143,8 @@ def _accelerations(fdm: Fdm, flight: _Flight, unknown: np.ndarray) -> np.ndarray
     return np.array([fdm.get(name) for name in _ACCELERATIONS])
 
 
-def _slope(fdm: Fdm, flight: _Flight, unknown: np.ndarray, here: np.ndarray) -> np.ndarray:
-    """Return how the accelerations, ``here`` at the unknowns, change with each of them,
+def _slope(fdm: Fdm, flight: _Flight, unknown: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
+    """Return how the accelerations, as they are at the unknowns, change with each of them,
     ``[3, 3]``.
     """
     slope = np.empty((3, 3))
@@ -154,7 +154,7 @@ def _slope(fdm: Fdm, flight: _Flight, unknown: np.ndarray, here: np.ndarray) -> 
         step = -1e-5 if at_end else 1e-5
         moved = unknown.copy()
         moved[column] += step
-        slope[:, column] = (_accelerations(fdm, flight, moved) - here) / step
+        slope[:, column] = (_accelerations(fdm, flight, moved) - accelerations) / step
     return slope
 
 

@@ -125,7 +125,8 @@ def _glide(air: _Air, calibrated: float) -> float:
     def ratio(knots: float) -> float:
         speed = air.true(knots * KNOT)
         idle, top = (
-            given(air.fdm.variant, speed, air.density) for given in (idle_thrust, maximum_thrust)
+            thrust_of(air.fdm.variant, speed, air.density)
+            for thrust_of in (idle_thrust, maximum_thrust)
         )
         # Feathered blades neither pull nor brake: the throttle at which the thrust is nothing.
         throttle = math.sqrt(max(float(idle / (idle - top)), 0.0))
@@ -140,17 +141,17 @@ def _performance() -> Iterator[Comparison]:
         figure = measure(point)
         off = figure - point.value
         if point.quantity == "glide":
-            kept = off >= 0.0
+            within = off >= 0.0
             tolerance = "at least"
         elif point.quantity == "stall":
-            kept = abs(off) <= point.tolerance
+            within = abs(off) <= point.tolerance
             tolerance = f"{point.tolerance:g} kt"
         else:
-            kept = abs(off) <= point.tolerance * point.value
+            within = abs(off) <= point.tolerance * point.value
             tolerance = f"{100.0 * point.tolerance:g} %"
         name = f"{point.quantity}: {point.name}, {point.altitude:.0f} ft"
         yield Comparison(
-            name, figure, units[point.quantity], f"{point.value:g}", tolerance, point.use, kept
+            name, figure, units[point.quantity], f"{point.value:g}", tolerance, point.use, within
         )
 
 
@@ -190,10 +191,10 @@ def _handling() -> Iterator[Comparison]:
     for speed in (55.0, 70.0, 90.0):
 
         def judge(
-            name: str, figure: float, unit: str, limit: str, kept: bool, level: str = "level 1"
+            name: str, figure: float, unit: str, limit: str, within: bool, level: str = "level 1"
         ) -> Comparison:
             at_speed = f"{name}, at {speed:.0f} m/s"  # noqa: B023
-            return Comparison(at_speed, figure, unit, limit, level, "check", kept)
+            return Comparison(at_speed, figure, unit, limit, level, "check", within)
 
         mode = modes(speed)
         (frequency, short), (dutch_frequency, dutch) = mode["short period"], mode["Dutch roll"]
@@ -230,8 +231,8 @@ def envelope(
         except TrimError:
             continue
         forces = (
-            float(given(fdm.variant, speed, _density(fdm)))
-            for given in (idle_thrust, maximum_thrust)
+            float(thrust_of(fdm.variant, speed, _density(fdm)))
+            for thrust_of in (idle_thrust, maximum_thrust)
         )
         low, high = ((force - needed.thrust) * math.cos(needed.alpha) / mass for force in forces)
         rows.append((float(speed), low, high))

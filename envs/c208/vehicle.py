@@ -267,15 +267,15 @@ class C208Vehicle:
         """
         return np.array(self._rows).reshape(-1, len(LOG_COLUMNS))
 
-    def show(self, others: VehicleState[Ground], altitudes: np.ndarray | None = None) -> None:
+    def show(self, intruders: VehicleState[Ground], altitudes: np.ndarray | None = None) -> None:
         """Show intruders ``[K]`` to the viewer, if there is one, at altitudes, m, or at that of the
         start.
         """
         if self._viewer is not None:
-            longitude = (others.x - self._offset[0]) / self._scale[0]
-            latitude = (others.y - self._offset[1]) / self._scale[1]
-            there = self._altitude if altitudes is None else altitudes
-            self._viewer.send(latitude, longitude, there, others)
+            longitude = (intruders.x - self._offset[0]) / self._scale[0]
+            latitude = (intruders.y - self._offset[1]) / self._scale[1]
+            heights = self._altitude if altitudes is None else altitudes
+            self._viewer.send(latitude, longitude, heights, intruders)
 
     def _tick(self, acceleration: float, yaw_rate: float) -> None:
         """Fly a period of the autopilot under a command over the ground."""

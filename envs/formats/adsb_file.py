@@ -78,9 +78,9 @@ def order_flights(
         rows.setdefault(name, []).append(
             (number, {key: _value(report, key, where, repair) for key in _FIELDS})
         )
-    how = Reading(source, repair, max_gap, "report", apart, _STANDING, _NAMES, KNOT)
+    reading = Reading(source, repair, max_gap, "report", apart, _STANDING, _NAMES, KNOT)
     for name, reports in rows.items():
-        yield name, *flights_of(name, reports, how)
+        yield name, *flights_of(name, reports, reading)
 
 
 def _reports(source: str) -> Iterator[tuple[int, str, dict[str, Any]]]:

@@ -85,10 +85,10 @@ def adsb_pairs(
     """
     source = os.fspath(path)
     flights, repairs = [], []
-    for name, reports, done in order_flights(
+    for name, reports, repaired in order_flights(
         source, APART, repair=repair, max_gap=max_gap, grounded=grounded
     ):
-        repairs.append(done)
+        repairs.append(repaired)
         lasting = (
             rows
             for rows in reports
@@ -153,8 +153,8 @@ def _encounter(
     pair = pair[::-1] if fits[1] and not fits[0] else pair
     rows = [_during(flight.rows, begin, begin + horizon(aircraft)) for flight in pair]
     tracks = [
-        track_of(flight.name, some, place_of(rows[0][0]))
-        for flight, some in zip(pair, rows, strict=True)
+        track_of(flight.name, flight_rows, place_of(rows[0][0]))
+        for flight, flight_rows in zip(pair, rows, strict=True)
     ]
     tracks = [
         at_times(track, np.concatenate([[begin], track.time[track.time > begin]]))

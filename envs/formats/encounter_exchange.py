@@ -49,9 +49,9 @@ class ExchangedEncounter(NamedTuple):
     left_out: Mapping[str, int] = {}
     """How many rows or values of the recorded tracks are not in these, by kind."""
 
-    def straight(self, which: int) -> bool:
+    def straight(self, number: int) -> bool:
         """Return whether an aircraft flies straight on at its first speed, within :data:`EXACT`."""
-        track = self.tracks[which]
+        track = self.tracks[number]
         off = np.hypot(
             track.x - track.x[0] - track.vx[0] * track.time,
             track.y - track.y[0] - track.vy[0] * track.time,
@@ -71,7 +71,7 @@ def scenes_of(
     for second in range(seconds):
         flying = intruder.step(flying, encounters.intent, float(second), 1.0, np)
         states.append(flying.vehicle)
-    others: VehicleState[Air] = VehicleState(
+    intruders: VehicleState[Air] = VehicleState(
         *(np.stack(field) for field in zip(*states, strict=True))
     )
     own, ahead = encounters.own, encounters.own.speed * times[:, None]
@@ -84,7 +84,7 @@ def scenes_of(
         members = np.flatnonzero(encounters.mask[i]).tolist()
         tracks = [_track("ownship", take(straight, np.s_[:, i]), times)]
         tracks += [
-            _track(f"intruder{n}", take(others, np.s_[:, i, k]), times)
+            _track(f"intruder{n}", take(intruders, np.s_[:, i, k]), times)
             for n, k in enumerate(members, start=1)
         ]
         goal = float(encounters.goal_x[i]), float(encounters.goal_y[i])
@@ -112,9 +112,9 @@ def scenes_of_tracks(
         begin, end = tracks[0].time[0], min(track.time[-1] for track in tracks)
         late = next((track for track in tracks if track.time[0] > begin), None)
         if late is not None or end - begin < 1.0:
-            which = "a track" if late is None else f"the track of {late.name!r}"
+            subject = "a track" if late is None else f"the track of {late.name!r}"
             raise EncounterError(
-                f"encounter {name!r}: {which} does not cover the ownship's first second"
+                f"encounter {name!r}: {subject} does not cover the ownship's first second"
             )
         times = np.minimum(np.arange(begin, end + 1e-6), end)
         rows = [at_times(track, times)._replace(time=times - begin, extra={}) for track in tracks]
@@ -141,16 +141,16 @@ def rows_of_scenes(scenes: Sequence[ExchangedEncounter], ahead: float) -> list[l
     """
     groups = []
     for scene in scenes:
-        own, *others = map(_start, scene.tracks)
+        own, *intruders = map(_start, scene.tracks)
         goal = scene.goal
         if goal is None:
             reach = ahead * own.speed
             goal = own.x + reach * math.cos(own.heading), own.y + reach * math.sin(own.heading)
-        intents = scene.intents or [Intent(0.0, 0.0, math.radians(3.0))] * len(others)
+        intents = scene.intents or [Intent(0.0, 0.0, math.radians(3.0))] * len(intruders)
         groups.append(
             [
                 Row(own, goal[0], goal[1], intruder, intent, scene.sensor)
-                for intruder, intent in zip(others, intents, strict=True)
+                for intruder, intent in zip(intruders, intents, strict=True)
             ]
         )
     return groups
@@ -327,10 +327,10 @@ def _at_height(scene: ExchangedEncounter, altitude: float | None) -> list[Track]
     return [track._replace(altitude=np.full(len(track.time), altitude)) for track in scene.tracks]
 
 
-def _track(name: str, flown: VehicleState[Air], times: np.ndarray) -> Track:
+def _track(name: str, states: VehicleState[Air], times: np.ndarray) -> Track:
     zero = np.zeros(len(times))
-    vx, vy = flown.speed * np.cos(flown.heading), flown.speed * np.sin(flown.heading)
-    return Track(name, times, flown.x, flown.y, zero, vx, vy, zero, {})
+    vx, vy = states.speed * np.cos(states.heading), states.speed * np.sin(states.heading)
+    return Track(name, times, states.x, states.y, zero, vx, vy, zero, {})
 
 
 def _start(track: Track) -> VehicleState[Air]:

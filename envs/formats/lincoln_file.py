@@ -133,8 +133,8 @@ def _off_published(encounters: list[LincolnEncounter], factor: float) -> float:
     for encounter in encounters:
         own, intruder = tracks_of(encounter._replace(speed=factor * encounter.speed))
         row = min(max(round(encounter.time / _STEP), 0), len(own.time) - 1)
-        flown = math.hypot(intruder.x[row] - own.x[row], intruder.y[row] - own.y[row])
-        errors.append(abs(flown - encounter.miss))
+        miss_flown = math.hypot(intruder.x[row] - own.x[row], intruder.y[row] - own.y[row])
+        errors.append(abs(miss_flown - encounter.miss))
     return float(np.median(errors))
 
 
@@ -250,11 +250,11 @@ def _events(rows: object, where: str, repair: bool) -> tuple[np.ndarray, Repairs
     """Return events ``[E, 4]`` in SI units, their times increasing, and what was repaired."""
     if not isinstance(rows, list):
         raise TrackError(f"{where}: expected a list of rows")
-    bad, late = 0, 0
+    not_finite, out_of_order = 0, 0
     kept: list[list[float]] = []
     for i, row in enumerate(rows):
         if repair and isinstance(row, list) and any(map(_is_none, row)):
-            bad += 1
+            not_finite += 1
             continue
         values = _row(row, f"{where}, row {i + 1}")
         if kept and values[0] <= kept[-1][0]:
@@ -263,12 +263,12 @@ def _events(rows: object, where: str, repair: bool) -> tuple[np.ndarray, Repairs
                     f"{where}, row {i + 1}, time: {values[0]:g} s, expected more than "
                     f"{kept[-1][0]:g} s"
                 )
-            late += 1
+            out_of_order += 1
             continue
         kept.append(values)
     # Without events nothing is ever commanded.
     events = np.array(kept or [[0.0] * len(_EVENT_FIELDS)])
-    return events, Repairs(not_finite=bad, out_of_order=late)
+    return events, Repairs(not_finite=not_finite, out_of_order=out_of_order)
 
 
 def _check_flight(

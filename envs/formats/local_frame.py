@@ -83,8 +83,8 @@ class LocalFrame:
         """Return where points, degrees, ``[...]``, are on the map; 360 degrees of longitude more or
         less make no difference.
         """
-        here = math.radians(self.latitude), math.radians(self.longitude)
-        return local(np.radians(latitude), np.radians(longitude), here)
+        origin = math.radians(self.latitude), math.radians(self.longitude)
+        return local(np.radians(latitude), np.radians(longitude), origin)
 
     def geodetic(self, x: Array, y: Array) -> Geodetic:
         """Return the points of the ellipsoid at x and y, m, ``[...]``: the inverse of

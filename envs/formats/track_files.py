@@ -135,9 +135,9 @@ def _header(
                 f"{where}: column {name!r} is unknown, expected some of {', '.join(_COLUMNS)}"
             )
         key, family, low, high = _COLUMNS[name.lower()]
-        bare = unit[1:-1] if unit.startswith("[") and unit.endswith("]") else unit
-        scale = si(bare, family)
-        if scale is None or (bare == unit and bare.lower() != "unitless"):
+        unit_name = unit[1:-1] if unit.startswith("[") and unit.endswith("]") else unit
+        scale = si(unit_name, family)
+        if scale is None or (unit_name == unit and unit_name.lower() != "unitless"):
             known = ", ".join(FAMILIES[family])
             raise TrackError(
                 f"{where_units}, field {key}: unit {unit!r}, expected one in brackets of {known}"

@@ -59,7 +59,7 @@ class Reading(NamedTuple):
         return f"{self.source} {self.noun} {number}, field {self.names.get(key, key)}"
 
 
-def track_file(rows: Mapping[str, Rows], how: Reading) -> TrackFile:
+def track_file(rows: Mapping[str, Rows], reading: Reading) -> TrackFile:
     """Return the tracks of aircraft, local to the first position of the first one where positions
     are geographic.
 
@@ -72,21 +72,22 @@ def track_file(rows: Mapping[str, Rows], how: Reading) -> TrackFile:
     """
     longest, repairs = {}, []
     for name, reports in rows.items():
-        flights, repaired = flights_of(name, reports, how)
+        flights, repaired = flights_of(name, reports, reading)
         longest[name] = max(flights, key=len)
         if not longest[name]:
             raise TrackError(
-                f"{how.source}: no row of {name!r} is left, expected at least one that is finite"
+                f"{reading.source}: no row of {name!r} is left, expected at least one that is "
+                "finite"
             )
-        others = sum(map(len, flights)) - len(longest[name])
-        repairs.append(repaired._replace(impossible=repaired.impossible + others, split=0))
+        left_out = sum(map(len, flights)) - len(longest[name])
+        repairs.append(repaired._replace(impossible=repaired.impossible + left_out, split=0))
     reference = place_of(next(iter(longest.values()))[0])
     tracks = tuple(track_of(name, flight, reference) for name, flight in longest.items())
     for track in tracks:
-        far = float(np.hypot(track.x, track.y).max())
-        if far > DISTANT:
+        farthest = float(np.hypot(track.x, track.y).max())
+        if farthest > DISTANT:
             raise TrackError(
-                f"{how.source}: {track.name!r} is {far / 1e3:.0f} km from where "
+                f"{reading.source}: {track.name!r} is {farthest / 1e3:.0f} km from where "
                 f"{tracks[0].name!r} begins, expected at most {DISTANT / 1e3:.0f} km"
             )
     return TrackFile(tracks, sum_of_repairs(repairs))
@@ -117,7 +118,7 @@ def track_of(name: str, rows: Rows, reference: tuple[float, float] | None) -> Tr
     return Track(name, time, x, y, altitude, vx, vy, rate, columns)
 
 
-def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs]:
+def flights_of(name: str, rows: Rows, reading: Reading) -> tuple[list[Rows], Repairs]:
     """Return the flights of an aircraft, each in order, at least one, and what was
     repaired for it.
 
@@ -128,25 +129,28 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
     sorter = _Sorter(name)
     # In a wrong unit no row may follow from another.
     ordered = _in_order(rows)
-    taken = dict(_velocities_of_positions(name, ordered, how, steady=True) if ordered else [])
-    counts["velocity"] += len(taken)
+    replaced = dict(
+        _velocities_of_positions(name, ordered, reading, steady=True) if ordered else []
+    )
+    counts["velocity"] += len(replaced)
     for number, reported in rows:
-        values = taken.get(number, reported)
-        bad = next((key for key, value in values.items() if not math.isfinite(value)), None)
-        if bad is not None:
-            if not how.repair:
+        values = replaced.get(number, reported)
+        not_finite = next((key for key, value in values.items() if not math.isfinite(value)), None)
+        if not_finite is not None:
+            if not reading.repair:
                 raise TrackError(
-                    f"{how.field(number, bad)}: {values[bad]}, expected a finite number"
+                    f"{reading.field(number, not_finite)}: {values[not_finite]}, expected a "
+                    "finite number"
                 )
             counts["not_finite"] += 1
             continue
-        fit = sorter.add(number, values, how)
-        if fit.fault and not how.repair:
+        fit = sorter.add(number, values, reading)
+        if fit.fault and not reading.repair:
             raise TrackError(fit.sentence)
         counts["filled"] += fit.filled
         if counts["filled"] > _MOST_FILLED:
             raise TrackError(
-                f"{how.source}: the gaps of {name!r} take more than {_MOST_FILLED} rows to fill"
+                f"{reading.source}: the gaps of {name!r} take more than {_MOST_FILLED} rows to fill"
             )
         if fit.fault:
             counts[fit.fault] += 1
@@ -154,9 +158,9 @@ def flights_of(name: str, rows: Rows, how: Reading) -> tuple[list[Rows], Repairs
     for group in sorter.groups:
         lasting = _lasting(group)
         for flight in lasting:
-            flown = _velocities_of_positions(name, flight.reported, how)
-            counts["velocity"] += len(flown)
-            flights.append(flown or flight.reported)
+            replaced_rows = _velocities_of_positions(name, flight.reported, reading)
+            counts["velocity"] += len(replaced_rows)
+            flights.append(replaced_rows or flight.reported)
         counts["split"] += len(lasting) - 1
         counts["impossible"] += _count_rows(group) - _count_rows(lasting)
     return flights or [[]], Repairs(**counts)
@@ -172,7 +176,9 @@ def _in_order(rows: Rows) -> Rows:
     return ordered
 
 
-def _velocities_of_positions(name: str, rows: Rows, how: Reading, *, steady: bool = False) -> Rows:
+def _velocities_of_positions(
+    name: str, rows: Rows, reading: Reading, *, steady: bool = False
+) -> Rows:
     """Return the rows of a flight with the velocities that its positions show, where those reported
     make another way, or one that is off steadily; else none.
 
@@ -185,14 +191,16 @@ def _velocities_of_positions(name: str, rows: Rows, how: Reading, *, steady: boo
     if off is None or (steady and not off.steady):
         return []
     polar = "gs" in columns
-    if not how.repair:
+    if not reading.repair:
         key = ("trk" if off.turned else "gs") if polar else "vx"
-        raise TrackError(f"{how.field(rows[0][0], key)}: {describe(off, name, how.speed_unit)}")
-    shown = of_positions(time, ways)
+        raise TrackError(
+            f"{reading.field(rows[0][0], key)}: {describe(off, name, reading.speed_unit)}"
+        )
+    velocities_shown = of_positions(time, ways)
     if polar:
-        fields = {"gs": np.abs(shown), "trk": 0.5 * math.pi - np.angle(shown)}
+        fields = {"gs": np.abs(velocities_shown), "trk": 0.5 * math.pi - np.angle(velocities_shown)}
     else:
-        fields = {"vx": np.real(shown), "vy": np.imag(shown)}
+        fields = {"vx": np.real(velocities_shown), "vy": np.imag(velocities_shown)}
     return [
         (number, values | {key: float(column[i]) for key, column in fields.items()})
         for i, (number, values) in enumerate(rows)
@@ -235,24 +243,24 @@ class _Sorter:
         """Flights that are apart in time; those of one group contradict each other."""
         self._recent: list[_Flight] = []  # that with the latest row last
 
-    def add(self, number: int, values: dict[str, float], how: Reading) -> _Fit:
+    def add(self, number: int, values: dict[str, float], reading: Reading) -> _Fit:
         """Add a row to the flight that it belongs to, or begin one with it."""
         misfit = _Fit("apart")
         for flight in reversed(self._recent):
-            fit = flight.add(number, values, how)
+            fit = flight.add(number, values, reading)
             if fit.fault in ("", "out_of_order", "stale"):
                 self._recent.remove(flight)
                 self._recent.append(flight)
                 return fit
             if misfit.fault == "apart":
                 misfit = fit
-        if misfit.fault != "apart" and not how.repair:
+        if misfit.fault != "apart" and not reading.repair:
             return misfit
-        begun = _Flight(self._name, number, values)
-        self._recent = [*self._recent[1 - _MOST_OPEN :], begun]
+        flight_begun = _Flight(self._name, number, values)
+        self._recent = [*self._recent[1 - _MOST_OPEN :], flight_begun]
         if misfit.fault == "apart":
             self.groups.append([])
-        self.groups[-1].append(begun)
+        self.groups[-1].append(flight_begun)
         return _Fit()
 
 
@@ -281,51 +289,56 @@ class _Flight:
         """Return the time from the first row to the last, s."""
         return self.times[-1] - self.times[0]
 
-    def add(self, number: int, values: dict[str, float], how: Reading) -> _Fit:
+    def add(self, number: int, values: dict[str, float], reading: Reading) -> _Fit:
         """Add a row that follows, across a gap too, or return what keeps it out."""
         step = values["time"] - self.times[-1]
         if step <= 0.0:
-            return self._look_back(number, values, how)
-        if step > how.apart:
+            return self._look_back(number, values, reading)
+        if step > reading.apart:
             return _Fit("apart")
-        stale = self._find_stale(number, values, how)
+        stale = self._find_stale(number, values, reading)
         if stale:
             return _Fit("stale", stale)
-        parts = math.ceil(min(step / how.max_gap, _MOST_FILLED + 1))
-        if parts > 1 and (not how.repair or parts > _MOST_FILLED):
+        parts = math.ceil(min(step / reading.max_gap, _MOST_FILLED + 1))
+        if parts > 1 and (not reading.repair or parts > _MOST_FILLED):
             gap = f"a gap of {step:g} s in the track of {self.name!r}"
-            sentence = f"{how.field(number, 'time')}: {gap}, expected at most {how.max_gap:g} s"
+            sentence = (
+                f"{reading.field(number, 'time')}: {gap}, expected at most {reading.max_gap:g} s"
+            )
             return _Fit("impossible", sentence)
-        return self._fill(number, values, parts, how)
+        return self._fill(number, values, parts, reading)
 
-    def _look_back(self, number: int, values: dict[str, float], how: Reading) -> _Fit:
+    def _look_back(self, number: int, values: dict[str, float], reading: Reading) -> _Fit:
         """Return why a row that is not after the last one is kept out: it is of this flight, but
         out of order, where it follows from the row before its time.
         """
         time, (line, last) = values["time"], self.rows[-1]
         sentence = (
-            f"{how.field(number, 'time')}: {time:.15g} s of {self.name!r}, expected more than "
-            f"{last['time']:.15g} s as in {how.noun} {line}"
+            f"{reading.field(number, 'time')}: {time:.15g} s of {self.name!r}, expected more than "
+            f"{last['time']:.15g} s as in {reading.noun} {line}"
         )
         before = bisect_right(self.times, time) - 1
         if before < 0:
-            return _Fit("apart" if self.times[0] - time > how.apart else "impossible", sentence)
-        there = _Flight(self.name, *self.rows[before])
-        return _Fit("impossible" if there.strays(number, values, how) else "out_of_order", sentence)
+            return _Fit("apart" if self.times[0] - time > reading.apart else "impossible", sentence)
+        flight_before = _Flight(self.name, *self.rows[before])
+        return _Fit(
+            "impossible" if flight_before.strays(number, values, reading) else "out_of_order",
+            sentence,
+        )
 
-    def _find_stale(self, number: int, values: dict[str, float], how: Reading) -> str:
+    def _find_stale(self, number: int, values: dict[str, float], reading: Reading) -> str:
         """Return what is wrong with a position that stays although the aircraft moves, or ""."""
         last, time, speed = self.rows[-1][1], values["time"], values.get("gs", 0.0)
         place = ("lat", "lon") if "lat" in last else ("sx", "sy")
         stays = all(last[key] == values[key] for key in place)
-        if not (stays and speed * (time - last["time"]) > how.standing):
+        if not (stays and speed * (time - last["time"]) > reading.standing):
             return ""
         return (
-            f"{how.field(number, place[0])}: the position of {time:.15g} s is that of "
+            f"{reading.field(number, place[0])}: the position of {time:.15g} s is that of "
             f"{last['time']:.15g} s at {speed:.0f} m/s, expected another"
         )
 
-    def _fill(self, number: int, values: dict[str, float], parts: int, how: Reading) -> _Fit:
+    def _fill(self, number: int, values: dict[str, float], parts: int, reading: Reading) -> _Fit:
         """Add a row at the end of so many equal steps, and for the checks one at the end of each
         step before; or none of them where one strays.
         """
@@ -336,7 +349,7 @@ class _Flight:
                 row = {key: _mix(key, last[key], values[key], part / parts) for key in last}
             strays = "no time passes"
             if row["time"] > self.times[-1]:
-                strays = self.strays(number, row, how)
+                strays = self.strays(number, row, reading)
             if strays:
                 del self.rows[size:], self.times[size:], self.missed[size:]
                 return _Fit("impossible", strays)
@@ -345,7 +358,7 @@ class _Flight:
         self.reported.append((number, values))
         return _Fit(filled=parts - 1)
 
-    def strays(self, number: int, values: dict[str, float], how: Reading) -> str:
+    def strays(self, number: int, values: dict[str, float], reading: Reading) -> str:
         """Return why no aircraft can come from the last rows to another; "" if one can: what it
         misses is noted.
         """
@@ -354,27 +367,27 @@ class _Flight:
         total = _Miss(*map(operator.add, self.missed[-1], missed))
         begin = max(bisect_right(self.times, values["time"] - WINDOW) - 1, 0)
         of_window = _Miss(*map(operator.sub, total, self.missed[begin]))
-        problem = self._too_far(-1, missed, number, values, how)
-        problem = problem or self._too_far(begin, of_window, number, values, how)
+        problem = self._too_far(-1, missed, number, values, reading)
+        problem = problem or self._too_far(begin, of_window, number, values, reading)
         if not problem:
             self.missed.append(total)
         return problem
 
     def _too_far(
-        self, row: int, missed: _Miss, number: int, values: dict[str, float], how: Reading
+        self, row: int, missed: _Miss, number: int, values: dict[str, float], reading: Reading
     ) -> str:
         """Return which bound is missed since one of the rows, or ""."""
         seconds = values["time"] - self.times[row]
         position = POSITION + VELOCITY * seconds + missed.bend
-        for key, far, most in (
+        for key, off, limit in (
             ("alt", abs(missed.up), HEIGHT + CLIMB * seconds),
             ("lat" if "lat" in values else "sx", math.hypot(missed.east, missed.north), position),
         ):
-            if not far <= most:
+            if not off <= limit:
                 return (
-                    f"{how.field(number, key)}: {far:.0f} m off where {how.noun} "
+                    f"{reading.field(number, key)}: {off:.0f} m off where {reading.noun} "
                     f"{self.rows[row][0]} of {self.name!r} and the velocities since lead in "
-                    f"{seconds:g} s, expected at most {most:.0f} m"
+                    f"{seconds:g} s, expected at most {limit:.0f} m"
                 )
         return ""
 

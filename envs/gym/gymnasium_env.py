@@ -150,12 +150,12 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         requested = chosen.get("encounter", self._next)
         is_encounter = isinstance(requested, Encounter)
         number = self._next if is_encounter else requested
-        drawn = (
+        encounters = (
             requested
             if is_encounter
             else starts.encounters_of_seed(self.scenario, self._seed, number, 1)
         )
-        encounter = starts.check_encounter(drawn, self.world.aircraft)
+        encounter = starts.check_encounter(encounters, self.world.aircraft)
 
         self._number, self._next = number, number + 1
         self._label = -1 if is_encounter else number
@@ -195,14 +195,14 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
             moved = flight.transition(before, self._flight, command, result, self.world.aircraft)
             reward, _ = learning_reward(self._rewards, moved, self._discount, np)
         self._min_separation = min(self._min_separation, result.separation)
-        judged = result.outcome
-        holds = (name for name, value in judged._asdict().items() if value)
+        outcome = result.outcome
+        holds = (name for name, value in outcome._asdict().items() if value)
         self._outcome = next(holds, OUTCOMES[0])
         self._record(result.separations)
         if self.render_mode == "human":
             self.render()
         info = self._info(result.separation, result.goal_distance)
-        terminated, truncated = bool(judged.violation or judged.reached), bool(judged.timeout)
+        terminated, truncated = bool(outcome.violation or outcome.reached), bool(outcome.timeout)
         return self._observe(), float(reward), terminated, truncated, info
 
     def render(self) -> np.ndarray | None:
@@ -271,10 +271,10 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         noise = None
         if self._noisy:
             # Absent intruders have draws too, as they have in the evaluator.
-            drawn = starts.report_noise(
+            draws = starts.report_noise(
                 self._seed, self._number, int(self._flight.steps), len(self._mask)
             )
-            noise = drawn[:, self._mask]
+            noise = draws[:, self._mask]
         if self._rows == 1:
             return flight.observe(self._flight, self.world.aircraft, noise)
         observed = flight.observe_set(self._flight, self._rows, self.world.aircraft, noise)

@@ -158,10 +158,10 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
             encounters = starts.check_encounter(requested, self.world.aircraft, (self.num_envs,))
             self._numbers = np.full(self.num_envs, -1)
             return encounters
-        drawn = starts.encounters_of_seed(self.scenario, seed, requested, self.num_envs)
+        of_seed = starts.encounters_of_seed(self.scenario, seed, requested, self.num_envs)
         self._numbers = requested + np.arange(self.num_envs)
         self._next = requested + self.num_envs
-        return drawn
+        return of_seed
 
     def step(
         self, actions: np.ndarray
@@ -180,21 +180,21 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         self._state, packed = batch_flight.step(
             self._state, self._pool, self._used, checked, self._key, self._ticks, self._setting
         )
-        observation, final_observation, flown = batch_flight.unpack(packed, self._setting)
-        ended = flown.code > 0.0
+        observation, final_observation, columns = batch_flight.unpack(packed, self._setting)
+        ended = columns.code > 0.0
         self._steps += 1
-        self._min_separation = np.minimum(self._min_separation, flown.separation)
+        self._min_separation = np.minimum(self._min_separation, columns.separation)
         final: dict[str, Any] = {}
-        separation, goal_distance = flown.separation, flown.goal_distance
+        separation, goal_distance = columns.separation, columns.goal_distance
         if ended.any():
-            final = self._final(ended, final_observation, flown)
-            separation = np.where(ended, flown.new_separation, separation)
-            goal_distance = np.where(ended, flown.new_goal_distance, goal_distance)
-            self._restart(ended, flown.new_separation)
+            final = self._final(ended, final_observation, columns)
+            separation = np.where(ended, columns.new_separation, separation)
+            goal_distance = np.where(ended, columns.new_goal_distance, goal_distance)
+            self._restart(ended, columns.new_separation)
         infos = final | self._infos(separation, goal_distance)
-        terminated = (flown.code == 1.0) | (flown.code == 2.0)
-        reward = flown.reward.astype(np.float64)
-        return self._shape(observation), reward, terminated, flown.code == 3.0, infos
+        terminated = (columns.code == 1.0) | (columns.code == 2.0)
+        reward = columns.reward.astype(np.float64)
+        return self._shape(observation), reward, terminated, columns.code == 3.0, infos
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the device's memory."""
@@ -212,25 +212,27 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         """Draw the next starts, always equally many, so that the step is compiled once."""
         count = self.num_envs + max(self.num_envs, _LEAST)
         assert self._seed is not None
-        drawn = starts.cast(
+        encounters = starts.cast(
             starts.encounters_of_seed(self.scenario, self._seed, self._next, count), np.float32
         )
-        self._pool = jax.device_put(pad(drawn, columns, np))
+        self._pool = jax.device_put(pad(encounters, columns, np))
         self._used = 0
 
     def _restart(self, ended: np.ndarray, new_separation: np.ndarray) -> None:
         """Number the encounters that have begun, and draw starts before they could run out."""
-        begun = int(np.count_nonzero(ended))
-        self._numbers[ended] = self._next + np.arange(begun)
-        self._next += begun
+        count_begun = int(np.count_nonzero(ended))
+        self._numbers[ended] = self._next + np.arange(count_begun)
+        self._next += count_begun
         self._steps[ended] = 0
         self._min_separation[ended] = new_separation[ended]
-        self._used += begun
+        self._used += count_begun
         count, columns = self._pool.mask.shape
         if count - self._used < self.num_envs:
             self._draw_pool(columns)
 
-    def _final(self, ended: np.ndarray, observation: np.ndarray, flown: Columns) -> dict[str, Any]:
+    def _final(
+        self, ended: np.ndarray, observation: np.ndarray, columns: Columns
+    ) -> dict[str, Any]:
         """Return the last observations and infos of encounters that have ended, in Gymnasium's
         form.
         """
@@ -238,8 +240,8 @@ class DeconflictionVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):
         outcomes = np.full(self.num_envs, None, dtype=object)
         for index in np.flatnonzero(ended):
             final_obs[index] = self._shape(observation[index])
-            outcomes[index] = OUTCOMES[int(flown.code[index])]
-        infos = self._infos(flown.separation, flown.goal_distance)
+            outcomes[index] = OUTCOMES[int(columns.code[index])]
+        infos = self._infos(columns.separation, columns.goal_distance)
         values = {key: np.where(ended, value, 0) for key, value in infos.items() if key[0] != "_"}
         values |= {"outcome": outcomes}
         final: dict[str, Any] = {"final_obs": final_obs}

@@ -75,13 +75,13 @@ def _check_together(name: str, modifiers: Iterable[Modifier]) -> None:
             raise EncounterError(
                 f"scenario {name!r} has modifier {modifier.name} twice; expected it once"
             )
-        for what in modifier.decides or (modifier.name,):
-            if what in decided:
+        for part in modifier.decides or (modifier.name,):
+            if part in decided:
                 raise EncounterError(
-                    f"scenario {name!r} has modifiers {decided[what]} and {modifier.name}, which "
-                    f"both say {what}; expected one of them"
+                    f"scenario {name!r} has modifiers {decided[part]} and {modifier.name}, which "
+                    f"both say {part}; expected one of them"
                 )
-            decided[what] = modifier.name
+            decided[part] = modifier.name
 
 
 def canonical(name: str, more: str = _OWN) -> str:

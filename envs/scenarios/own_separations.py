@@ -24,8 +24,8 @@ def separate_each(
     range_of_logarithms = math.log(GREATEST / LEAST)
     unit = LEAST * scenario.aircraft.separation
     separation = unit * xp.exp(range_of_logarithms * draws)
-    own, others = encounter.own, encounter.intruders
-    apart = distance(others.x - own.x[:, None], others.y - own.y[:, None], xp)
+    own, intruders = encounter.own, encounter.intruders
+    apart = distance(intruders.x - own.x[:, None], intruders.y - own.y[:, None], xp)
     free = (apart >= separation) | xp.logical_not(encounter.mask)
     return encounter._replace(separation=separation), xp.all(free, axis=-1)
 

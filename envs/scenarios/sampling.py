@@ -28,12 +28,14 @@ def draw_numbered(
     no other.
     """
     encounter, accepted = sample(scenario, _draws(scenario, seed, first, count, 0), np)
-    for again in range(1, scenario.rounds):
+    for redraw in range(1, scenario.rounds):
         if accepted.all():
             break
-        other, also = sample(scenario, _draws(scenario, seed, first, count, again), np)
-        encounter = choose(accepted, encounter, other, np)
-        accepted = accepted | also
+        redrawn, redrawn_accepted = sample(
+            scenario, _draws(scenario, seed, first, count, redraw), np
+        )
+        encounter = choose(accepted, encounter, redrawn, np)
+        accepted = accepted | redrawn_accepted
     return encounter, accepted
 
 
@@ -76,9 +78,9 @@ def sample(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter
     for number in range(1, draws.shape[0]):
         if xp.__name__ == "numpy" and accepted.all():
             break
-        other, other_accepted = _attempt(scenario, draws[number], xp)
-        encounter = choose(accepted, encounter, other, xp)
-        accepted = xp.logical_or(accepted, other_accepted)
+        redrawn, redrawn_accepted = _attempt(scenario, draws[number], xp)
+        encounter = choose(accepted, encounter, redrawn, xp)
+        accepted = xp.logical_or(accepted, redrawn_accepted)
     return encounter, accepted
 
 
@@ -106,8 +108,8 @@ def _check_apart(
 ) -> None:
     """Refuse a modifier that sets what the sampler has set already."""
     for name in ("coverage", "separation", "reaction", "altitudes"):
-        given = getattr(before, name)
-        if given is not None and getattr(after, name) is not given:
+        value = getattr(before, name)
+        if value is not None and getattr(after, name) is not value:
             raise EncounterError(
                 f"scenario {scenario.name!r}: both its sampler and modifier {modifier.name} set "
                 f"{name}; expected one of them"
@@ -132,15 +134,15 @@ def check_modifiers(scenario: Scenario, encounter: Encounter) -> None:
 def _own_encounters(scenario: Scenario, draws: Array, xp: ArrayModule) -> tuple[Encounter, Array]:
     """Return what a sampler of the user's own draws, as :func:`_attempt`."""
     try:
-        made = scenario.sampler.encounters(scenario, draws, xp)
+        drawn = scenario.sampler.encounters(scenario, draws, xp)
     except EncounterError:
         raise
     except Exception as problem:
         raise EncounterError(
             f"scenario {scenario.name!r}: its sampler {failure(problem)}"
         ) from problem
-    _check_shapes(scenario, made, draws.shape[0])
-    return made
+    _check_shapes(scenario, drawn, draws.shape[0])
+    return drawn
 
 
 def check_training(scenario: Scenario, encounter: Encounter) -> None:
@@ -152,15 +154,15 @@ def check_training(scenario: Scenario, encounter: Encounter) -> None:
         )
 
 
-def _check_shapes(scenario: Scenario, made: object, count: int) -> None:
+def _check_shapes(scenario: Scenario, drawn: object, count: int) -> None:
     """Refuse what a sampler returned unless it is encounters ``[count]`` and a mask of them."""
     where = f"scenario {scenario.name!r}: its sampler returns"
-    if not (isinstance(made, tuple) and len(made) == 2 and isinstance(made[0], Encounter)):
+    if not (isinstance(drawn, tuple) and len(drawn) == 2 and isinstance(drawn[0], Encounter)):
         raise EncounterError(
-            f"{where} {type(made).__name__}; expected an envs.encounters.Encounter and which of "
+            f"{where} {type(drawn).__name__}; expected an envs.encounters.Encounter and which of "
             "its rows are accepted"
         )
-    encounter, accepted = made
+    encounter, accepted = drawn
     wide = (count, scenario.intruders[1])
     for name in ("own", "goal_x", "goal_y"):
         _check_shape(f"{where} {name}", getattr(encounter, name), (count,))

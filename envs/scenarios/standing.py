@@ -42,13 +42,16 @@ def stand_beside_the_way(
         DRIFT * aircraft.limits.speed_max * xp.maximum(2.0 * pace - 1.0, 0.0),
     )
     stands = kind < STANDING
-    others: VehicleState[Air] = VehicleState(
-        *(xp.where(stands, still, moving) for still, moving in zip(static, flying, strict=True))
+    intruders: VehicleState[Air] = VehicleState(
+        *(
+            xp.where(stands, static_field, moving)
+            for static_field, moving in zip(static, flying, strict=True)
+        )
     )
-    from_goal = distance(others.x - goal_x, others.y - goal_y, xp)
+    from_goal = distance(intruders.x - goal_x, intruders.y - goal_y, xp)
     blocks = stands & encounter.mask & (from_goal < FREE_GOAL * aircraft.separation)
-    accepted = meets_conditions(scenario, own, others, encounter.mask, xp)
-    return encounter._replace(intruders=others), accepted & ~xp.any(blocks, axis=-1)
+    accepted = meets_conditions(scenario, own, intruders, encounter.mask, xp)
+    return encounter._replace(intruders=intruders), accepted & ~xp.any(blocks, axis=-1)
 
 
 standing = Modifier("standing", change=stand_beside_the_way, each=5, moves=True, rounds=6)

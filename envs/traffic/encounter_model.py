@@ -176,10 +176,10 @@ class _File:
                     f"{source} line {begins[block]}: block {block} is empty, expected values"
                 )
 
-    def error(self, block: str, what: str, row: int = 0) -> EncounterError:
+    def error(self, block: str, problem: str, row: int = 0) -> EncounterError:
         """Return an error about a row of a block."""
         return EncounterError(
-            f"{self._source} line {self.blocks[block][row][0]}, block {block}{what}"
+            f"{self._source} line {self.blocks[block][row][0]}, block {block}{problem}"
         )
 
     def rows(self, block: str, count: int) -> list[str]:
@@ -215,10 +215,10 @@ class _File:
         if len(parsed) != count:
             cut = f"{len(parsed)} numbers, expected {count} (a file that is cut off?)"
             raise self.error(block, f"{of}: {cut}", row)
-        good = (parsed >= low) & (parsed <= high) & ((parsed == np.round(parsed)) | (not whole))
-        if not good.all():
+        valid = (parsed >= low) & (parsed <= high) & ((parsed == np.round(parsed)) | (not whole))
+        if not valid.all():
             bounds = f"expected {kind} from {low:g} to {high:g}"
-            raise self.error(block, f"{of}: {parsed[~good][0]:g}, {bounds}", row)
+            raise self.error(block, f"{of}: {parsed[~valid][0]:g}, {bounds}", row)
         return parsed
 
 

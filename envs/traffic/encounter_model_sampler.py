@@ -87,19 +87,21 @@ def _next(
     size = len(model.initial)
     bins, values = current.bins.copy(), current.values.copy()
     # The variables at t, and after them those at t + 1.
-    both = np.concatenate([current.bins, np.zeros((len(bins), len(model.moving)), int)], axis=1)
+    bins_of_both = np.concatenate(
+        [current.bins, np.zeros((len(bins), len(model.moving)), int)], axis=1
+    )
     for k in order:
         variable, place = model.transition[k], model.moving[k]
         chance, again, inside = draws[:, :, k].T
-        configuration = _configuration(model, variable, both)
+        configuration = _configuration(model, variable, bins_of_both)
         drawn = _draw(tables[k][configuration], chance)
         observed = np.any(variable.counts[configuration], axis=1)
-        both[:, size + k] = drawn = np.where(observed, drawn, current.bins[:, place])
+        bins_of_both[:, size + k] = drawn = np.where(observed, drawn, current.bins[:, place])
         anew = (drawn != current.bins[:, place]) | (again < model.rates[place])
         edges = model.boundaries[place]
         assert edges is not None  # the reader refuses it
         values[:, place] = np.where(anew, _value(edges, drawn, inside, True), values[:, place])
-    bins[:, list(model.moving)] = both[:, size:]
+    bins[:, list(model.moving)] = bins_of_both[:, size:]
     return _Second(bins, values)
 
 

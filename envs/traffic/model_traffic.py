@@ -116,47 +116,50 @@ def encounters_with(
     check_number(seed, first)
     size = dimensions(traffic.model, traffic.duration) + _OWN_DRAWS
     size += 0 if traffic.vertical_miss is None else _DRAWS_OF_HEIGHT
-    whole: _Drawn | None = None
-    left = np.arange(count)
+    encounters_drawn: _Drawn | None = None
+    pending = np.arange(count)
     for attempt in range(traffic.attempts):
         uniform = [
-            numbers.uniforms(seed, first + int(i), 1, (size,), _STREAM + attempt)[0] for i in left
+            numbers.uniforms(seed, first + int(i), 1, (size,), _STREAM + attempt)[0]
+            for i in pending
         ]
         drawn = _attempt(traffic, np.stack(uniform))
-        if whole is None:
-            whole = drawn
-        scatter(whole, left, drawn)
-        left = left[~drawn.accepted]
-        if not left.size:
+        if encounters_drawn is None:
+            encounters_drawn = drawn
+        scatter(encounters_drawn, pending, drawn)
+        pending = pending[~drawn.accepted]
+        if not pending.size:
             break
     else:
         raise EncounterError(
-            f"encounter {first + int(left[0])} of seed {seed} does not meet the conditions in "
+            f"encounter {first + int(pending[0])} of seed {seed} does not meet the conditions in "
             f"{traffic.attempts} attempts; allow more, or other conditions"
         )
-    assert whole is not None  # there is an attempt at least
+    assert encounters_drawn is not None  # there is an attempt at least
     recording = KnownFlight(
-        *(field[:, None] for field in _at_steps(whole.recording, traffic.aircraft.dt))
+        *(field[:, None] for field in _at_steps(encounters_drawn.recording, traffic.aircraft.dt))
     )
-    encounters = encounters_of(whole.own, recording, np.ones((count, 1), bool), traffic.ahead)
-    altitudes = whole.altitudes
+    encounters = encounters_of(
+        encounters_drawn.own, recording, np.ones((count, 1), bool), traffic.ahead
+    )
+    altitudes = encounters_drawn.altitudes
     if altitudes is not None:
         rows = _rows_at_steps(altitudes.intruders, traffic.aircraft.dt)
         encounters = encounters._replace(altitudes=altitudes._replace(intruders=rows))
-    return _reported(encounters, traffic), whole.weight
+    return _reported(encounters, traffic), encounters_drawn.weight
 
 
 def _reported(encounters: Encounter, traffic: ModelTraffic) -> Encounter:
     """Return encounters ``[N]`` with the sensors of their reports."""
-    each = np.ones(encounters.mask.shape)
+    ones = np.ones(encounters.mask.shape)
     sensor = Sensor(
-        traffic.position_std * each, traffic.velocity_std * each, traffic.latency * each
+        traffic.position_std * ones, traffic.velocity_std * ones, traffic.latency * ones
     )
     encounters = encounters._replace(sensor=sensor)
     if not traffic.partly_seen:
         return encounters
-    reach, half = traffic.sensor_range * each, 0.5 * traffic.field_of_view * each
-    return encounters._replace(coverage=Coverage(reach, half, 0.0 * each, 0.0 * each))
+    reach, half = traffic.sensor_range * ones, 0.5 * traffic.field_of_view * ones
+    return encounters._replace(coverage=Coverage(reach, half, 0.0 * ones, 0.0 * ones))
 
 
 def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
@@ -177,13 +180,13 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     # What the speed did, not what was drawn: it may have been held at a limit.
     acceleration = track.speed[rows, second + 1] - track.speed[rows, second]
     turn_rate = sampled.turn_rate[rows, second]
-    there = advance(take(track, (rows, second)), acceleration, turn_rate, time - second, _FREE, np)
+    at_cpa = advance(take(track, (rows, second)), acceleration, turn_rate, time - second, _FREE, np)
     own: VehicleState[Air] = VehicleState(np.zeros(len(rows)), np.zeros(len(rows)), course, speed)
-    turned_there = there._replace(heading=there.heading + turned)
+    turned_there = at_cpa._replace(heading=at_cpa.heading + turned)
     passing = _pass(own, turned_there, acceleration, turn_rate, miss)
 
     # To the left of the relative velocity, at the miss distance from where the ownship is then.
-    x, y = _rotate(there.x, there.y, turned)
+    x, y = _rotate(at_cpa.x, at_cpa.y, turned)
     shift_x = speed * time * np.cos(course) - miss * passing.vy / passing.speed - x
     shift_y = speed * time * np.sin(course) + miss * passing.vx / passing.speed - y
     x, y = _rotate(track.x, track.y, turned[:, None])
@@ -221,9 +224,9 @@ def _altitudes(
     layer = sampled.bins[:, place]
     own = FOOT * (edges[layer] + (edges[layer + 1] - edges[layer]) * draws[:, 0])
     risen = np.concatenate([np.zeros((len(own), 1)), np.cumsum(sampled.climb, axis=1)], axis=1)
-    there = at_step(risen[:, None], time[:, None])
+    risen_at_cpa = at_step(risen[:, None], time[:, None])
     at_cpa = own + between((-miss, miss), draws[:, 1])
-    return Altitudes(own, (at_cpa[:, None] - there)[..., None] + risen[:, None])
+    return Altitudes(own, (at_cpa[:, None] - risen_at_cpa)[..., None] + risen[:, None])
 
 
 def _rows_at_steps(rows: np.ndarray, dt: float) -> np.ndarray:
@@ -245,7 +248,7 @@ class _Passing(NamedTuple):
 
 def _pass(
     own: VehicleState[Air],
-    there: VehicleState[Air],
+    intruder: VehicleState[Air],
     acceleration: np.ndarray,
     turn_rate: np.ndarray,
     miss: np.ndarray,
@@ -253,16 +256,16 @@ def _pass(
     """Return how an intruder passes the ownship, ``[M]``.
 
     Args:
-        there: the intruder at the closest approach, accelerating along its path, m/s^2, and
+        intruder: the intruder at the closest approach, accelerating along its path, m/s^2, and
             turning, rad/s.
         miss: its signed distance, m.
     """
-    ahead_x, ahead_y = np.cos(there.heading), np.sin(there.heading)
-    vx = there.speed * ahead_x - own.speed * np.cos(own.heading)
-    vy = there.speed * ahead_y - own.speed * np.sin(own.heading)
+    ahead_x, ahead_y = np.cos(intruder.heading), np.sin(intruder.heading)
+    vx = intruder.speed * ahead_x - own.speed * np.cos(own.heading)
+    vy = intruder.speed * ahead_y - own.speed * np.sin(own.heading)
     speed = np.maximum(distance(vx, vy, np), 1e-6)
-    ax = acceleration * ahead_x - there.speed * turn_rate * ahead_y
-    ay = acceleration * ahead_y + there.speed * turn_rate * ahead_x
+    ax = acceleration * ahead_x - intruder.speed * turn_rate * ahead_y
+    ay = acceleration * ahead_y + intruder.speed * turn_rate * ahead_x
     return _Passing(vx, vy, speed, weight=speed + miss * (vx * ay - vy * ax) / speed**2)
 
 

@@ -56,17 +56,17 @@ def replay(
         TrackError: none of the encounters can be flown.
     """
     fit, left_out = [], []
-    for name, own, others in encounters:
-        reason = _unfit(own, others, aircraft)
+    for name, own, intruders in encounters:
+        reason = _unfit(own, intruders, aircraft)
         if reason:
             left_out.append(f"{name}: {reason}")
         else:
-            fit.append((name, own, others))
+            fit.append((name, own, intruders))
     if not fit:
         raise TrackError(
             f"no encounter can be flown; the first: {left_out[0] if left_out else 'there is none'}"
         )
-    pairs = [(own, others) for _, own, others in fit]
+    pairs = [(own, intruders) for _, own, intruders in fit]
     starts = _starts(pairs, aircraft, ahead)
     if altitudes:
         starts = starts._replace(altitudes=_altitudes(pairs, starts.mask.shape[1], aircraft))
@@ -81,33 +81,33 @@ def _starts(
     pairs: Sequence[tuple[Track, Sequence[Track]]], aircraft: Aircraft, ahead: float
 ) -> Encounter:
     """Return the encounters of ownships and their intruders, ``[N]``."""
-    most = max(len(others) for _, others in pairs)
+    columns = max(len(intruders) for _, intruders in pairs)
     count, steps = len(pairs), round(horizon(aircraft) / aircraft.dt)
     own = np.zeros((4, count))
-    states = np.zeros((4, count, most, steps + 1))
-    mask = np.zeros((count, most), bool)
-    for i, (mine, others) in enumerate(pairs):
+    states = np.zeros((4, count, columns, steps + 1))
+    mask = np.zeros((count, columns), bool)
+    for i, (mine, intruders) in enumerate(pairs):
         vx, vy = mine.vx[0], mine.vy[0]
         own[:, i] = mine.x[0], mine.y[0], np.arctan2(vy, vx), np.hypot(vx, vy)
-        for k in range(most):
+        for k in range(columns):
             # An absent intruder repeats the first one, so that it is finite everywhere.
-            intruder = others[k if k < len(others) else 0]
+            intruder = intruders[k if k < len(intruders) else 0]
             states[:, i, k] = _states(intruder, mine.time[0], steps, aircraft.dt)
-        mask[i, : len(others)] = True
+        mask[i, : len(intruders)] = True
     return encounters_of(VehicleState(*own), KnownFlight(*states), mask, ahead)
 
 
 def _altitudes(
-    pairs: Sequence[tuple[Track, Sequence[Track]]], most: int, aircraft: Aircraft
+    pairs: Sequence[tuple[Track, Sequence[Track]]], columns: int, aircraft: Aircraft
 ) -> Altitudes:
-    """Return the altitudes of encounters of ownships and their intruders, ``most`` places each."""
+    """Return the altitudes of encounters of ownships and their intruders, ``columns`` each."""
     steps = round(horizon(aircraft) / aircraft.dt)
-    rows = np.zeros((len(pairs), most, steps + 1))
-    for i, (mine, others) in enumerate(pairs):
+    rows = np.zeros((len(pairs), columns, steps + 1))
+    for i, (mine, intruders) in enumerate(pairs):
         times = mine.time[0] + aircraft.dt * np.arange(steps + 1)
-        for k in range(most):
-            other = others[k if k < len(others) else 0]
-            rows[i, k] = np.interp(times, other.time, other.altitude)
+        for k in range(columns):
+            intruder = intruders[k if k < len(intruders) else 0]
+            rows[i, k] = np.interp(times, intruder.time, intruder.altitude)
     return Altitudes(np.array([float(mine.altitude[0]) for mine, _ in pairs]), rows)
 
 
@@ -148,21 +148,21 @@ def off_arcs(recording: KnownFlight, mask: np.ndarray, dt: float) -> np.ndarray:
     return np.where(mask, apart, 0.0).max(axis=-1, initial=0.0)
 
 
-def _unfit(own: Track, others: Sequence[Track], aircraft: Aircraft) -> str:
+def _unfit(own: Track, intruders: Sequence[Track], aircraft: Aircraft) -> str:
     """Return why an encounter cannot be flown, or ""."""
-    limits, most = aircraft.limits, aircraft.traffic_speed_max
+    limits, limit = aircraft.limits, aircraft.traffic_speed_max
     speed = float(np.hypot(own.vx[0], own.vy[0]))
     if not limits.speed_min <= speed <= limits.speed_max:
         expected = f"expected {limits.speed_min:g} to {limits.speed_max:g} m/s"
         return f"the ownship begins with {speed:.1f} m/s over the ground, {expected}"
-    if not others:
+    if not intruders:
         return "there is no intruder, expected at least one"
-    for intruder in others:
+    for intruder in intruders:
         if not intruder.time[0] <= own.time[0] < intruder.time[-1]:
             return f"the track of {intruder.name!r} begins after the ownship's or ends before it"
         fastest = float(np.max(np.hypot(intruder.vx, intruder.vy)))
-        if fastest > most:
-            return f"{intruder.name!r} flies at {fastest:.1f} m/s, expected at most {most:g} m/s"
+        if fastest > limit:
+            return f"{intruder.name!r} flies at {fastest:.1f} m/s, expected at most {limit:g} m/s"
     return ""
 
 

@@ -49,8 +49,8 @@ def areas_of(content: dict[str, Any], source: str, permitted: Collection[str] = 
     kind = content.get("type")
     features = {source: content}
     if kind == "FeatureCollection":
-        every = rows(content.get("features"), f"{source}, features")
-        features = {f"{source}, features[{n}]": feature for n, feature in enumerate(every)}
+        members = rows(content.get("features"), f"{source}, features")
+        features = {f"{source}, features[{n}]": feature for n, feature in enumerate(members)}
     elif kind != "Feature":
         raise AreaError(f"{source}, type: is {kind!r:.60}, expected Feature or FeatureCollection")
     areas, free = list[GeodeticArea](), 0

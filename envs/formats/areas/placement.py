@@ -110,8 +110,8 @@ def error_place(where: str) -> Generator[None]:
 def _distance(area: GeodeticArea, frame: LocalFrame) -> float:
     """Return the distance of an area's nearest point that the file states from the origin, m."""
     places = [area.centre] if area.centre is not None else sum(area.rings, ())
-    here = frame.latitude, frame.longitude
-    return max(min(distance(*here, *place) for place in places) - area.radius, 0.0)
+    origin = frame.latitude, frame.longitude
+    return max(min(distance(*origin, *place) for place in places) - area.radius, 0.0)
 
 
 def _exchange(area: GeodeticArea) -> GeodeticArea | None:
@@ -138,8 +138,8 @@ def _area(area: GeodeticArea, shape: Shape, added: float, time: datetime | None)
 def _place(area: GeodeticArea, frame: LocalFrame, within: float) -> Shapes:
     stands = not area.more.get("growth") and not any(area.more.get("velocity", ()))
     if area.centre is not None and area.radius <= LARGEST_RADIUS:
-        here = frame.place(*map(np.array, area.centre))
-        x, y = float(here.x), float(here.y)
+        centre = frame.place(*map(np.array, area.centre))
+        x, y = float(centre.x), float(centre.y)
         if area.keep is Keep.OUT and math.hypot(x, y) - area.radius > within:
             return Shapes(())
         return Shapes((Circle(x, y, area.radius),))
@@ -220,10 +220,11 @@ def _polygon(plane: list[Array], rings: Rings | None, keep: Keep) -> Shapes:
             shape = Polygon(*_tuples(thinned))
         except AreaError:
             continue
-        kept = sum(map(len, thinned))
+        remaining = sum(map(len, thinned))
         lost = " without its holes" if len(outline) < len(plane) else ""
         change = (
-            f"has {count} points, of which {kept} are kept{lost}; {off:g} m more are kept from it"
+            f"has {count} points, of which {remaining} are kept{lost}; {off:g} m more are kept "
+            f"from it"
         )
         return Shapes((shape,), off, change)
     raise AreaError(f"has {count} points, expected {MOST_POINTS} at most, or a ring to be thinned")
@@ -304,22 +305,22 @@ def _on_plane(ring: Array, frame: LocalFrame) -> Array:
     Its edges are straight in degrees; points are added where they are not straight in the frame.
     """
     ends = np.roll(ring, -1, axis=0)
-    here, middle = frame.place(*ring.T), frame.place(*(0.5 * (ring + ends)).T)
+    corners, middle = frame.place(*ring.T), frame.place(*(0.5 * (ring + ends)).T)
     off = np.hypot(
-        middle.x - 0.5 * (here.x + np.roll(here.x, -1)),
-        middle.y - 0.5 * (here.y + np.roll(here.y, -1)),
+        middle.x - 0.5 * (corners.x + np.roll(corners.x, -1)),
+        middle.y - 0.5 * (corners.y + np.roll(corners.y, -1)),
     )
     # Of n parts of an edge each leaves the line by an n-th of an n-th.
     parts = np.maximum(np.ceil(np.sqrt(off / OFF)), 1.0).astype(int)
     if parts.sum() > _MOST:
         raise AreaError(f"needs {parts.sum()} points in the local frame, expected {_MOST} at most")
-    whole = np.concatenate(
+    points = np.concatenate(
         [
             a + (np.arange(count) / count)[:, None] * (b - a)
             for a, b, count in zip(ring, ends, parts, strict=True)
         ]
     )
-    fine = frame.place(*whole.T)
+    fine = frame.place(*points.T)
     return np.stack([fine.x, fine.y], axis=1)
 
 

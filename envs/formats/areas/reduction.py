@@ -19,12 +19,12 @@ _APART = 1e-9  # nearer than this to a line no point may lie where it cuts
 
 def clip(rings: Sequence[Array], box: Box) -> list[list[Array]]:
     """Return the polygons, each with its outer ring first, that are left of one in a rectangle."""
-    left = list(rings)
+    pieces = list(rings)
     for axis, (low, high) in enumerate(box):
         for limit, sign in ((low, -1.0), (high, 1.0)):
-            left = _cut(left, axis, limit, sign)
-    outer = [[ring] for ring in left if signed_size(ring) > 0.0]
-    for hole in (ring for ring in left if signed_size(ring) < 0.0):
+            pieces = _cut(pieces, axis, limit, sign)
+    outer = [[ring] for ring in pieces if signed_size(ring) > 0.0]
+    for hole in (ring for ring in pieces if signed_size(ring) < 0.0):
         around = [piece for piece in outer if is_inside(piece[0], hole[0])]
         if not around:
             raise ValueError("a hole lies outside")
@@ -36,22 +36,22 @@ def _cut(rings: Sequence[Array], axis: int, limit: float, sign: float) -> list[A
     """Return the rings of what lies below a limit along an axis, for a sign of -1 above it."""
     while any((np.abs(ring[:, axis] - limit) < _APART).any() for ring in rings):
         limit += 10.0 * sign * _APART
-    left, chains = list[Array](), list[Array]()
+    remaining, chains = list[Array](), list[Array]()
     for ring in rings:
         inside = sign * (limit - ring[:, axis]) > 0.0
         if inside.all():
-            left.append(ring)
+            remaining.append(ring)
         elif inside.any():
             chains += _chains(ring, inside, axis, limit)
-    return left + _close(chains, 1 - axis)
+    return remaining + _close(chains, 1 - axis)
 
 
 def _chains(ring: Array, inside: Array, axis: int, limit: float) -> list[Array]:
     """Return the parts of a ring that are inside, each from the line to the line."""
-    points, kept = np.concatenate([ring, ring]), np.concatenate([inside, inside])
+    points, inside_twice = np.concatenate([ring, ring]), np.concatenate([inside, inside])
     chains = []
     for first in np.flatnonzero(inside & ~np.roll(inside, 1)):
-        last = first + int(np.argmin(kept[first:]))  # the next one outside
+        last = first + int(np.argmin(inside_twice[first:]))  # the next one outside
         before = points[first - 1 if first else len(ring) - 1]
         ends = [
             _crossing(before, points[first], axis, limit),
@@ -74,9 +74,9 @@ def _close(chains: Sequence[Array], along: int) -> list[Array]:
     ends = [(chain[end][along], n, end) for n, chain in enumerate(chains) for end in (0, -1)]
     ends.sort(key=lambda crossing: crossing[0])
     partner = {
-        crossing[1:]: other[1:]
+        crossing[1:]: partner_end[1:]
         for pair in zip(ends[::2], ends[1::2], strict=True)
-        for crossing, other in (pair, pair[::-1])
+        for crossing, partner_end in (pair, pair[::-1])
     }
     rings, waiting = list[Array](), set(range(len(chains)))
     while waiting:

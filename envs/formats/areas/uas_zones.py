@@ -175,13 +175,13 @@ def _of_layer(shape: dict[str, Any], where: str) -> list[GeodeticArea]:
     )
     area = GeodeticArea(where, floor=_above_ground(floor), ceiling=ceiling)
     kind, coordinates = shape.get("type"), shape.get("coordinates")
-    at = f"{where}.coordinates"
+    path = f"{where}.coordinates"
     if kind == "Polygon":
-        return [area._replace(rings=polygon(coordinates, at))]
+        return [area._replace(rings=polygon(coordinates, path))]
     if kind == "MultiPolygon":
         return [
-            area._replace(rings=polygon(part, f"{at}[{n}]"), where=f"{where}, polygon {n}")
-            for n, part in enumerate(rows(coordinates, at, 1))
+            area._replace(rings=polygon(part, f"{path}[{n}]"), where=f"{where}, polygon {n}")
+            for n, part in enumerate(rows(coordinates, path, 1))
         ]
     if kind == "Point":
         extent = record(shape.get("extent"), f"{where}.extent")
@@ -190,7 +190,7 @@ def _of_layer(shape: dict[str, Any], where: str) -> list[GeodeticArea]:
                 f"{where}.extent.subType: is {extent.get('subType')!r:.60}, expected Circle"
             )
         radius = number(extent.get("radius"), f"{where}.extent.radius", 0.0, 1e7, "m")
-        centre = place(coordinates, at, longitude_first=True)
+        centre = place(coordinates, path, longitude_first=True)
         return [area._replace(centre=centre, radius=radius)]
     raise AreaError(
         f"{where}.type: is {kind!r:.60}, expected Polygon, MultiPolygon, Point or "
