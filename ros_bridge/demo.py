@@ -356,9 +356,7 @@ def _check_alive(processes: "Sequence[subprocess.Popen[bytes]]") -> None:
 
 
 def _evaluate(simulator: "Simulator", planned: Sequence[_Planned], margin: float) -> None:
-    """Note which encounters can be resolved at the separation planned with: those not proven to be
-    unresolvable.
-    """
+    """Note which encounters are not proven unresolvable at the separation planned with."""
     import numpy as np
 
     from agents.resolvability.classify import Verdict, classify
@@ -371,8 +369,8 @@ def _evaluate(simulator: "Simulator", planned: Sequence[_Planned], margin: float
             # The first second is the time to receive all and to answer: what is lost by then
             # counts, too.
             solved = np.array([log.safe_at is not None])
-            verdict = classify(flight.encounter, rules, aircraft.limits, solved=solved).verdict[0]
-            log.resolvable = bool(verdict != Verdict.UNRESOLVABLE)
+            label = classify(flight.encounter, rules, aircraft.limits, solved=solved).verdict[0]
+            log.maybe_resolvable = bool(label != Verdict.UNRESOLVABLE)
 
 
 if __name__ == "__main__":

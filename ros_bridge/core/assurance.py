@@ -76,7 +76,7 @@ class Supervision(Watch):
     reported: "Mapping[str, Reported]" = field(default_factory=lambda: MappingProxyType({}))
     """What the monitor got last, by aircraft."""
     areas: "FrameAreas | None" = None  # None: none have been placed yet
-    verdict: Assessment | None = None  # the last one; None: before any
+    assessment: Assessment | None = None  # the last one; None: before any
 
 
 class Reported(NamedTuple):
@@ -143,7 +143,11 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
         )
         fresh = initial(supervision.thresholds, supervision.unknown, supervision.categories)
         supervision = replace(
-            fresh, frame=frame, zero=zero, areas=supervision.areas, verdict=supervision.verdict
+            fresh,
+            frame=frame,
+            zero=zero,
+            areas=supervision.areas,
+            assessment=supervision.assessment,
         )
     supervision = _comparing(supervision, situation)
     own, waypoints = to_frame(frame, published)
@@ -185,7 +189,7 @@ def withdraw(supervision: Supervision, revision: int) -> Supervision:
 
 
 def step_monitor(supervision: Supervision, situation: Situation, moment: int) -> Supervision:
-    """Return the monitor after the present moment, ns, with its verdict; it has none before the
+    """Return the monitor after the present moment, ns, with its assessment; it has none before the
     first plan.
     """
     frame, zero = supervision.frame, supervision.zero
@@ -198,7 +202,7 @@ def step_monitor(supervision: Supervision, situation: Situation, moment: int) ->
         own, own_age = to_local(frame, track.last), _age(zero, track.last.time, moment)
     traffic = _traffic(supervision, situation, moment)
     areas = _place_areas(supervision.areas, situation, frame, moment)
-    watch, verdict = single.step(
+    watch, assessment = single.step(
         supervision,
         _clock(zero, moment),
         own,
@@ -211,9 +215,9 @@ def step_monitor(supervision: Supervision, situation: Situation, moment: int) ->
     return replace(
         watch,
         reported=MappingProxyType(traffic.reported),
-        request_time=moment if verdict.ask is not None else supervision.request_time,
+        request_time=moment if assessment.ask is not None else supervision.request_time,
         areas=areas,
-        verdict=verdict,
+        assessment=assessment,
     )
 
 

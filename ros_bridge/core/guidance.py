@@ -1,6 +1,6 @@
 """What a display shows beside the plan: bands by true directions, and the alerts of intruders.
 
-Pure: the monitor with its verdict, and the alerts of the second before, as input; numbers as the
+Pure: the monitor with its assessment, and the alerts of the second before, as input; numbers as the
 message ``GuidanceBands`` has them as output.
 """
 
@@ -163,20 +163,22 @@ def guidance(shown: Shown, supervision: Supervision, moment: int) -> tuple[Shown
     """Return what is shown at a time, ns; None where the ownship's state is unknown, and within a
     time step of the last time. A clock that steps back begins anew.
 
-    ``supervision`` is the monitor as it was when it came to its verdict.
+    ``supervision`` is the monitor as it was when it came to its assessment.
     """
-    verdict, frame, names = supervision.verdict, supervision.frame, supervision.names
-    if verdict is None or frame is None:
+    assessment, frame, names = supervision.assessment, supervision.frame, supervision.names
+    if assessment is None or frame is None:
         return shown, None
     thresholds = supervision.thresholds_in_air
-    measured, aircraft = verdict.measured, thresholds.options.aircraft
+    measured, aircraft = assessment.measured, thresholds.options.aircraft
     if shown.time is not None and 0 <= moment - shown.time < aircraft.dt * SECOND:
         return shown, None
     if int(measured.causes[0]) & BLIND:
         return shown, None
     alerting = Alerting.for_aircraft(aircraft)
-    look = _look(verdict, frame, thresholds, alerting.look_ahead)
-    met_areas = _areas_met(shown, verdict, look, thresholds.requirement.margin, alerting.look_ahead)
+    look = _look(assessment, frame, thresholds, alerting.look_ahead)
+    met_areas = _areas_met(
+        shown, assessment, look, thresholds.requirement.margin, alerting.look_ahead
+    )
     next_shown = _alerts(shown, names, look, met_areas, moment, alerting)
     return next_shown, _guidance(
         names, look, met_areas, next_shown.alerts, alerting, aircraft.separation
@@ -184,9 +186,9 @@ def guidance(shown: Shown, supervision: Supervision, moment: int) -> tuple[Shown
 
 
 def _look(
-    verdict: Assessment, frame: LocalFrame, thresholds: Thresholds[Narrowed], look_ahead: float
+    assessment: Assessment, frame: LocalFrame, thresholds: Thresholds[Narrowed], look_ahead: float
 ) -> _Look:
-    own, on_course = verdict.measured.own, _on_course(verdict)
+    own, on_course = assessment.measured.own, _on_course(assessment)
     requirement, limits = thresholds.requirement, thresholds.manoeuvre
     convergence = float(frame.geodetic(own.x, own.y).convergence[0])
     targets = wrap(0.5 * math.pi - np.radians(TRACKS) + convergence, np)
@@ -196,15 +198,15 @@ def _look(
         heading_bands(own, traffic, requirement, limits, look_ahead, targets, areas),
         speed_bands(own, traffic, requirement, limits, look_ahead, areas=areas),
         losses.reshape(1, -1, on_course.times).min(axis=-1),
-        verdict.measured.traffic.mask,
+        assessment.measured.traffic.mask,
         areas,
-        _vertical(verdict, thresholds, look_ahead),
+        _vertical(assessment, thresholds, look_ahead),
     )
 
 
-def _on_course(verdict: Assessment) -> _OnCourse:
+def _on_course(assessment: Assessment) -> _OnCourse:
     """Return what counts where the ownship goes on up or down as it flies."""
-    measured, in_height = verdict.measured, verdict.in_height
+    measured, in_height = assessment.measured, assessment.in_height
     if in_height is None:
         return _OnCourse(measured.traffic, 1, measured.areas)
     met = in_height.space.find_met(in_height.flight)
@@ -212,13 +214,13 @@ def _on_course(verdict: Assessment) -> _OnCourse:
 
 
 def _vertical(
-    verdict: Assessment, thresholds: Thresholds[Narrowed], look_ahead: float
+    assessment: Assessment, thresholds: Thresholds[Narrowed], look_ahead: float
 ) -> _Vertical | None:
     """Return the bands up and down; None where an altitude or a climb is unknown."""
-    in_height = verdict.in_height
+    in_height = assessment.in_height
     if in_height is None or in_height.own is None or in_height.own.vertical_speed is None:
         return None
-    options, measured, space = thresholds.options, verdict.measured, in_height.space
+    options, measured, space = thresholds.options, assessment.measured, in_height.space
     altitudes = altitudes_of(in_height.own, space.reports, options)
     areas = space.areas_met(())
     shut = layers(
@@ -241,13 +243,13 @@ def _vertical(
 
 
 def _areas_met(
-    shown: Shown, verdict: Assessment, look: _Look, margin: float, look_ahead: float
+    shown: Shown, assessment: Assessment, look: _Look, margin: float, look_ahead: float
 ) -> list[_MetArea]:
     """Return the areas that close a band or lie on the present course, or whose alert is shown."""
     active = look.areas[0] if look.vertical is None else (*look.areas[0], *look.vertical.areas[0])
     # An area counts once for each of its times, or for bands up and down alone.
     losses = {area.number: _MetArea(area, math.inf) for area in active}
-    on_course = area_losses(verdict.measured.own, look.areas[0], margin, look_ahead)
+    on_course = area_losses(assessment.measured.own, look.areas[0], margin, look_ahead)
     for area, loss in zip(look.areas[0], on_course, strict=True):
         losses[area.number] = min(
             losses[area.number], _MetArea(area, loss), key=lambda area_loss: area_loss.loss

@@ -19,7 +19,7 @@ _OTHER_WIND = 1.0  # m/s from the wind that it began in, from which on it begins
 
 
 def look(looking: Supervision, situation: Situation, moment: int) -> Supervision:
-    """Return the monitor after the present moment, ns, with its verdict; it has none while the
+    """Return the monitor after the present moment, ns, with its assessment; it has none while the
     ownship is unknown, or where its wind is so uncertain that nothing is left of its limits.
 
     It begins anew where the ownship has flown far, or where the wind has changed.

@@ -15,7 +15,7 @@ from envs.areas import Level
 from envs.formats.local_frame import distance
 from ros_bridge.core.fields import SECOND, Sighting
 from ros_bridge.core.reports import FASTEST, Report
-from ros_bridge.core.tracks import Track, Verdict
+from ros_bridge.core.tracks import ReportCheck, Track
 
 _CLIMB = 30.0
 """Vertical speed that may have been taken up since the last report, m/s."""
@@ -132,7 +132,7 @@ def _places(track: Track, least: float) -> Iterator[tuple[Sighting, float]]:
     for report in (last, rival):
         if report is not None:
             # Where places and velocities contradict each other, neither is believed.
-            doubtful = track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
+            doubtful = track.fault is not None and track.fault.check is ReportCheck.CONTRADICTION
             yield (
                 report.sighting,
                 FASTEST if doubtful else max(math.hypot(report.east, report.north), least),

@@ -36,10 +36,10 @@ class Status(NamedTuple):
 
 
 def status(supervision: Supervision) -> Status:
-    """Return what holds after the last verdict, and after the answer that it asked for."""
-    if supervision.verdict is None:
+    """Return what holds after the last assessment, and after the answer that it asked for."""
+    if supervision.assessment is None:
         return Status()
-    monitor, measured = supervision.monitor, supervision.verdict.measured
+    monitor, measured = supervision.monitor, supervision.assessment.measured
     limits = supervision.thresholds
     causes, fly_mode = int(monitor.causes[0]), to_fly(supervision)
     current = Status(
@@ -73,13 +73,13 @@ def status(supervision: Supervision) -> Status:
         # A lower bound, which the own distance from the plan may bring below zero.
         separation=_or_none(float(measured.separation[0])),
         time_to_loss=_or_none(float(measured.loss[0])),
-        **_altitude(supervision.verdict),
+        **_altitude(supervision.assessment),
     )
 
 
-def _altitude(verdict: Assessment) -> dict[str, float]:
+def _altitude(assessment: Assessment) -> dict[str, float]:
     """Return the error of the altitude and what is allowed; nothing where it is not measured."""
-    error, in_height = float(verdict.measured.altitude_error[0]), verdict.in_height
+    error, in_height = float(assessment.measured.altitude_error[0]), assessment.in_height
     if in_height is None or in_height.own is None or math.isnan(error):
         return {}
     limit = in_height.space.thresholds.options.vertical_margin + in_height.own.error

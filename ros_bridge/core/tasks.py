@@ -37,7 +37,7 @@ from ros_bridge.core.reach import (
 )
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.situation import ACCURATE, Held, Situation
-from ros_bridge.core.tracks import Track, Verdict, sharing
+from ros_bridge.core.tracks import ReportCheck, Track, sharing
 
 __all__ = [
     "REQUEST_AGE",
@@ -352,7 +352,7 @@ def _usable_report(
 ) -> Report:
     """Return the last good report of an aircraft if nothing newer spoils it and it is fresh."""
     if track.fault is not None:
-        ahead = track.fault.verdict is Verdict.FUTURE
+        ahead = track.fault.check is ReportCheck.FUTURE
         code = codes.age.future if ahead else codes.invalid
         raise Refusal(code, track.fault.field, track.fault.problem)
     if track.last is None:

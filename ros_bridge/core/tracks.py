@@ -22,8 +22,8 @@ from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.reports import FASTEST, Report
 
 
-class Verdict(Enum):
-    """What became of a report."""
+class ReportCheck(Enum):
+    """What a report was found to be when it was checked against those before."""
 
     TAKEN = "taken"
     DUPLICATE = "duplicate"  # the last one again; passed over
@@ -42,14 +42,14 @@ class Verdict(Enum):
 _OUTLIER = 2  # good reports in a row that show that a doubtful one was an outlier
 _MOST_SIGHTED = 8  # places of unusable reports that are remembered of one name
 _MOST_SHARING = 4  # aircraft under one name that are told apart
-FAULTS = frozenset(Verdict) - {Verdict.TAKEN, Verdict.DUPLICATE, Verdict.REORDERED}
+FAULTS = frozenset(ReportCheck) - {ReportCheck.TAKEN, ReportCheck.DUPLICATE, ReportCheck.REORDERED}
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
     """Why the newest message of an aircraft, or of another input, cannot be used."""
 
-    verdict: Verdict
+    check: ReportCheck
     field: str
     problem: str  # a sentence without its subject, the field
     arrived: int  # when, ns
@@ -108,10 +108,10 @@ class Track:
     divided: bool = False  # whether it is one of several aircraft that report the same name
     sightings: tuple[Sighted, ...] = ()
     """Of the reports that cannot be used and that no good report explains; the newest last."""
-    verdict: Verdict = Verdict.TAKEN  # what became of the newest report
+    check: ReportCheck = ReportCheck.TAKEN  # what became of the newest report
     arrived: int = 0  # when the newest message came, whatever became of it and time it tells, ns
-    counts: Mapping[Verdict, int] = field(default_factory=lambda: MappingProxyType({}))
-    """How many reports there were of each verdict."""
+    counts: Mapping[ReportCheck, int] = field(default_factory=lambda: MappingProxyType({}))
+    """How many reports there were of each result."""
 
     @property
     def turn_rate(self) -> float:
@@ -131,7 +131,7 @@ UNKNOWN = Track()  # of an aircraft without any report
 class _Comparison(NamedTuple):
     """What a report is beside an earlier one."""
 
-    verdict: Verdict
+    check: ReportCheck
     elsewhere: bool = False  # whether it is a fault for its place
     field: str = ""  # of a fault
     problem: str = ""  # of a fault, a sentence without its subject, the field
@@ -154,21 +154,21 @@ def take_in(track: Track, report: Report, name: str, moment: int, rules: Rules) 
         not_ahead(f"{name}.header.stamp", report.time, moment, rules.future)
     except FieldError as error:
         track = _add_sighting(track, report.sighting._replace(time=None), moment, rules)
-        return _set_fault(track, Verdict.FUTURE, error.field, error.problem, moment)
+        return _set_fault(track, ReportCheck.FUTURE, error.field, error.problem, moment)
     track = _forget_rival(track, report, rules)
     course = track.course
     if course is None:
         return _take_good(track, begin_course(report), arrival)
     comparison = _compare(course.newest, report, rules)
-    if comparison.verdict is Verdict.TAKEN:
+    if comparison.check is ReportCheck.TAKEN:
         track = replace(track, since=track.since + 1)
         return _take_good(track, _next(course, report, rules), arrival)
-    if comparison.verdict not in FAULTS:
-        return _count_verdict(track, comparison.verdict)
+    if comparison.check not in FAULTS:
+        return _count_check(track, comparison.check)
     if comparison.elsewhere:
         return _take_elsewhere(track, course, report, comparison, arrival)
     return _set_fault(
-        track, comparison.verdict, f"{name}.{comparison.field}", comparison.problem, moment
+        track, comparison.check, f"{name}.{comparison.field}", comparison.problem, moment
     )
 
 
@@ -206,10 +206,10 @@ def follow(
     problem = rival.contradiction
     if problem:
         second = _set_fault(
-            second, Verdict.CONTRADICTION, f"intruder {free[0]}.{rival.field}", problem, moment
+            second, ReportCheck.CONTRADICTION, f"intruder {free[0]}.{rival.field}", problem, moment
         )
     alone = replace(track, rival=None, since=0, shared=False, divided=True)
-    if track.fault is not None and track.fault.verdict is Verdict.SHARED:
+    if track.fault is not None and track.fault.check is ReportCheck.SHARED:
         alone = replace(alone, fault=None)
     return {**tracks, key: alone, free[0]: second}
 
@@ -251,7 +251,7 @@ def note_refused(track: Track, error: FieldError, moment: int, rules: Rules) -> 
     """Note that a report could not be used."""
     track = replace(track, arrived=moment)
     track = track if error.sighting is None else _add_sighting(track, error.sighting, moment, rules)
-    return _set_fault(track, Verdict.INVALID, error.field, error.problem, moment)
+    return _set_fault(track, ReportCheck.INVALID, error.field, error.problem, moment)
 
 
 def forget_silent(
@@ -306,18 +306,20 @@ def _take_good(track: Track, course: Course, arrival: _Arrival) -> Track:
     track = replace(track, course=course, sightings=sightings)
     if course.contradiction:
         problem = course.contradiction
-        return _set_fault(track, Verdict.CONTRADICTION, f"{name}.{course.field}", problem, moment)
+        return _set_fault(
+            track, ReportCheck.CONTRADICTION, f"{name}.{course.field}", problem, moment
+        )
     track = replace(track, last=course.taken, estimate=course.estimate)
     if track.shared and track.rival is not None:
         apart = distance(*course.newest.place, *track.rival.newest.place)
         problem = f"is the name of two aircraft {apart / 1e3:.1f} km apart, expected one"
-        return _set_fault(track, Verdict.SHARED, f"{name}.id", problem, moment)
+        return _set_fault(track, ReportCheck.SHARED, f"{name}.id", problem, moment)
     # One good report after a doubtful one may be the first of two aircraft, in turns.
     doubtful = track.rival is not None and track.since < _OUTLIER
     # So may one after a report that cannot be used and comes from elsewhere; several of those are a
     # second aircraft.
     doubtful |= any(sighted.again or sighted.since < _OUTLIER for sighted in track.sightings)
-    return _count_verdict(replace(track, fault=track.fault if doubtful else None), Verdict.TAKEN)
+    return _count_check(replace(track, fault=track.fault if doubtful else None), ReportCheck.TAKEN)
 
 
 def _take_elsewhere(
@@ -328,19 +330,19 @@ def _take_elsewhere(
     """
     name, moment, rules = arrival
     rival = track.rival
-    rival_verdict = Verdict.JUMP if rival is None else _compare(rival.newest, report, rules).verdict
-    if rival is None or rival_verdict in FAULTS:
+    rival_check = ReportCheck.JUMP if rival is None else _compare(rival.newest, report, rules).check
+    if rival is None or rival_check in FAULTS:
         if rival is not None:
             track = _add_sighting(track, rival.newest.sighting, moment, rules)
         track = replace(track, rival=begin_course(report), since=0, shared=False)
         return _set_fault(
-            track, comparison.verdict, f"{name}.{comparison.field}", comparison.problem, moment
+            track, comparison.check, f"{name}.{comparison.field}", comparison.problem, moment
         )
-    if rival_verdict is not Verdict.TAKEN:
-        return _count_verdict(track, rival_verdict)
+    if rival_check is not ReportCheck.TAKEN:
+        return _count_check(track, rival_check)
     rival = _next(rival, report, rules)
     silent = (report.time - course.newest.time) / SECOND > rules.elsewhere
-    if not silent and (track.since or track.shared or comparison.verdict is Verdict.CONFLICT):
+    if not silent and (track.since or track.shared or comparison.check is ReportCheck.CONFLICT):
         return _take_good(replace(track, rival=rival, since=0, shared=True), course, arrival)
     # Nothing came from the old place since: the aircraft is here. If the old place is reported
     # again, there are two.
@@ -353,22 +355,22 @@ def _compare(newest: Report, report: Report, rules: Rules) -> _Comparison:
     off, seconds = first.off(second.place, second.time), (second.time - first.time) / SECOND
     allowed = rules.allowed_distance(second.time - first.time)
     if off > allowed and seconds <= rules.fresh_start:
-        verdict = Verdict.JUMP if seconds > 0.0 else Verdict.CONFLICT
+        check = ReportCheck.JUMP if seconds > 0.0 else ReportCheck.CONFLICT
         difference = (
             f"is {off:.0f} m from where another report lets it be expected, allowed {allowed:.0f} m"
         )
-        return _Comparison(verdict, elsewhere=True, field="position", problem=difference)
+        return _Comparison(check, elsewhere=True, field="position", problem=difference)
     if report.time > newest.time:
-        return _Comparison(Verdict.TAKEN)
+        return _Comparison(ReportCheck.TAKEN)
     if report.time < newest.time:
-        return _Comparison(Verdict.REORDERED)
+        return _Comparison(ReportCheck.REORDERED)
     faster = max(abs(newest.east - report.east), abs(newest.north - report.north))
     if off <= rules.same and faster <= rules.same:
-        return _Comparison(Verdict.DUPLICATE)
+        return _Comparison(ReportCheck.DUPLICATE)
     difference = (
         f"belongs to two reports that differ by {off:.1f} m and {faster:.1f} m/s, expected one"
     )
-    return _Comparison(Verdict.CONFLICT, field="header.stamp", problem=difference)
+    return _Comparison(ReportCheck.CONFLICT, field="header.stamp", problem=difference)
 
 
 def _next(course: Course, report: Report, rules: Rules) -> Course:
@@ -377,11 +379,11 @@ def _next(course: Course, report: Report, rules: Rules) -> Course:
     return begin_course(report) if silence > rules.fresh_start else extend(course, report)
 
 
-def _set_fault(track: Track, verdict: Verdict, field: str, problem: str, moment: int) -> Track:
+def _set_fault(track: Track, check: ReportCheck, field: str, problem: str, moment: int) -> Track:
     """Return the track after a report that cannot be used."""
-    return _count_verdict(replace(track, fault=Fault(verdict, field, problem, moment)), verdict)
+    return _count_check(replace(track, fault=Fault(check, field, problem, moment)), check)
 
 
-def _count_verdict(track: Track, verdict: Verdict) -> Track:
-    counts = {**track.counts, verdict: track.counts.get(verdict, 0) + 1}
-    return replace(track, verdict=verdict, counts=MappingProxyType(counts))
+def _count_check(track: Track, check: ReportCheck) -> Track:
+    counts = {**track.counts, check: track.counts.get(check, 0) + 1}
+    return replace(track, check=check, counts=MappingProxyType(counts))

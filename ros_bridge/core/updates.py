@@ -22,9 +22,9 @@ from ros_bridge.core.situation import Held, Situation
 from ros_bridge.core.tracks import (
     UNKNOWN,
     Fault,
+    ReportCheck,
     Rules,
     Track,
-    Verdict,
     follow,
     note_refused,
     take_in,
@@ -150,7 +150,7 @@ def _update_message(previous: Held[_T], read: Callable[[], _T], moment: int) -> 
     outcome = attempt(read)
     if isinstance(outcome, FieldError):
         return previous._replace(
-            fault=Fault(Verdict.INVALID, outcome.field, outcome.problem, moment)
+            fault=Fault(ReportCheck.INVALID, outcome.field, outcome.problem, moment)
         )
     return Held(outcome)
 

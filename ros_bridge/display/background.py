@@ -89,7 +89,7 @@ def supervise(
         by_category=supervision.categories.separations,
         arrived={**scene.arrived, **_arrivals(situation), "status": moment},
     )
-    if supervision.verdict is None:
+    if supervision.assessment is None:
         return replace(scene, monitor=None), shown
     monitor_status = status(supervision)
     backup_plan = _backup(supervision, situation, monitor_status.fly, scene)

@@ -57,7 +57,7 @@ class SceneAdapter:
         if time < scene.latest:  # the autopilot has begun anew
             self._looking, self._shown = self._begin()
         flies = view.control.phase in (Phase.TAKING, Phase.GUIDING)
-        if flies and judgement.supervision.verdict is not None:
+        if flies and judgement.supervision.assessment is not None:
             supervision = judgement.supervision
         else:
             supervision = self._looking = look(self._looking, situation, time)

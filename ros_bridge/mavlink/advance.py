@@ -261,7 +261,7 @@ def _promise_nothing(state: State, event: Judged) -> Advance:
         pace=replace(state.pace, late=seconds, failing=failing),
         judgement=replace(
             judgement,
-            supervision=replace(judgement.supervision, verdict=None),
+            supervision=replace(judgement.supervision, assessment=None),
             plan=None,
             problem=text,
         ),

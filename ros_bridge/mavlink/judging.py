@@ -254,10 +254,10 @@ def supervise(
 ) -> Judgement:
     """Check the plan that is flown, and plan anew where the monitor asks for it."""
     supervision = step_monitor(judgement.supervision, situation, time)
-    judgement, verdict = replace(judgement, supervision=supervision), supervision.verdict
-    if verdict is None or verdict.ask is None:
+    judgement, assessment = replace(judgement, supervision=supervision), supervision.assessment
+    if assessment is None or assessment.ask is None:
         return judgement
-    number = verdict.ask.number
+    number = assessment.ask.number
     try:
         request = task(situation, time, rules.settings, route)
         request = _with_rejoin_altitude(_not_before(request, judgement.rejoin))

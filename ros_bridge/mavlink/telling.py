@@ -68,9 +68,9 @@ def write_plan(state: State) -> Advance:
 
 def explain(state: State, time: int) -> Advance:
     """Log why the monitor is not content, where that changes."""
-    verdict, problem = state.judgement.supervision.verdict, state.judgement.problem
-    reasons = () if verdict is None else verdict.reasons
-    monitor = "" if verdict is None else verdict.state.name
+    assessment, problem = state.judgement.supervision.assessment, state.judgement.problem
+    reasons = () if assessment is None else assessment.reasons
+    monitor = "" if assessment is None else assessment.state.name
     causes = frozenset(reason.cause for reason in reasons)
     after = Advance(state)
     if causes != state.said.causes:

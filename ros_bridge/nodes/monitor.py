@@ -100,7 +100,7 @@ class Monitor(ListeningNode):
             separations_by_category(self._value),
         )
         self._looking = self._supervision  # without a plan: for bands and alerts before the first
-        self._judged = self._supervision  # as it came to its verdict
+        self._judged = self._supervision  # as it came to its assessment
         self._heard_runner = 0
         self._differences: list[str] = []  # from the runner's parameters, a sentence each
         self._pending: _Pending | None = None
@@ -178,11 +178,11 @@ class Monitor(ListeningNode):
         self._forget(moment)
         self._supervision = step_monitor(self._supervision, self._situation, moment)
         self._judged = self._supervision  # a plan that is taken up may know other intruders
-        verdict = self._judged.verdict
-        if verdict is not None:
+        assessment = self._judged.assessment
+        if assessment is not None:
             self._give_up_waiting(moment)
-            if verdict.ask is not None:
-                self._request(verdict.ask, moment)
+            if assessment.ask is not None:
+                self._request(assessment.ask, moment)
         self._judged_at = moment
 
     def _request(self, ask: Ask, moment: int) -> None:
@@ -277,11 +277,11 @@ class Monitor(ListeningNode):
         return message
 
     def _guide(self, moment: int) -> None:
-        """Publish bands and alerts, once in a time step, of what a verdict judged; before the first
+        """Publish bands and alerts, once in a time step, of what was assessed; before the first
         plan, of a monitor that has none.
         """
         supervision = self._judged
-        if supervision.verdict is None:
+        if supervision.assessment is None:
             supervision = self._looking = look(self._looking, self._situation, moment)
         self._shown, bands = guidance(self._shown, supervision, moment)
         if bands is not None:
@@ -322,8 +322,8 @@ class Monitor(ListeningNode):
             "flown": to_fly(self._supervision).name,
             "silence of the runner, s": f"{silence:.2f}",
         }
-        verdict = self._judged.verdict
-        outside = [] if verdict is None else verdict.outside
+        assessment = self._judged.assessment
+        outside = [] if assessment is None else assessment.outside
         self._publish_health((level, problem), outside, values)
 
 

@@ -55,7 +55,7 @@ from ros_bridge.core.motion import to_local
 from ros_bridge.core.planning import plan_task, prepare, rehearse
 from ros_bridge.core.situation import NOTHING, Situation
 from ros_bridge.core.tasks import LeftOut, PlanTask, in_terms_of_messages, refusal_of, task
-from ros_bridge.core.tracks import UNKNOWN, Track, Verdict
+from ros_bridge.core.tracks import UNKNOWN, ReportCheck, Track
 from ros_bridge.nodes.requests import NO_PLAN, check
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.messages import advisory_message, plan_message, trajectory_message
@@ -427,7 +427,7 @@ class Runner(ListeningNode):
         contradictions = [
             track.fault.message
             for track in self._aircraft_tracks().values()
-            if track.fault and track.fault.verdict is Verdict.CONTRADICTION
+            if track.fault and track.fault.check is ReportCheck.CONTRADICTION
         ]
         outside = [*self._outside, *([listed(contradictions)] if contradictions else [])]
         values = {"silence of the monitor, s": f"{silence:.2f}"}
@@ -458,10 +458,10 @@ class Runner(ListeningNode):
         have most of them.
         """
         odd = {
-            name: {kind: n for kind, n in track.counts.items() if kind is not Verdict.TAKEN}
+            name: {kind: n for kind, n in track.counts.items() if kind is not ReportCheck.TAKEN}
             for name, track in self._aircraft_tracks().items()
         }
-        every: Counter[Verdict] = Counter()
+        every: Counter[ReportCheck] = Counter()
         for counts in odd.values():
             every.update(counts)
         most = sorted(odd, key=lambda name: -sum(odd[name].values()))[:_ODD]

@@ -36,8 +36,9 @@ class FlightLog:
     duration: float = 0.0  # flown, s
     wall: float = 0.0  # taken, s of real time
     failure: str = ""  # why the flight did not go on; empty: it did
-    resolvable: bool | None = None
-    """Whether the separation planned with can be kept at all; None: not looked at."""
+    maybe_resolvable: bool | None = None
+    """False: no flight can keep the separation planned with, which is proven; None: not looked
+    at."""
 
     @property
     def keeps_promise(self) -> bool:
@@ -62,7 +63,7 @@ def table(logs: Sequence[FlightLog]) -> str:
     rows = [tuple(cells[0]), *(tuple(row.values()) for row in cells)] if cells else []
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-    lines += ["", *_safe_lines(logs), *_resolvable_lines(logs), *_time_lines(logs)]
+    lines += ["", *_safe_lines(logs), *_solved_lines(logs), *_time_lines(logs)]
     lines += [f"{log.name}: {log.failure}" for log in logs if log.failure]
     return "\n".join(lines)
 
@@ -85,12 +86,12 @@ def _safe_lines(logs: Sequence[FlightLog]) -> Iterator[str]:
         yield f"SAFE plans in an area: {', '.join(entered) or 'none'}"
 
 
-def _resolvable_lines(logs: Sequence[FlightLog]) -> Iterator[str]:
-    """Yield how many of the encounters that can be resolved were."""
-    solved = [log.safe_at is not None for log in logs if log.resolvable]
+def _solved_lines(logs: Sequence[FlightLog]) -> Iterator[str]:
+    """Yield how many of the encounters not proven unresolvable were resolved."""
+    solved = [log.safe_at is not None for log in logs if log.maybe_resolvable]
     if solved:
         yield (
-            "called SAFE of those that can be resolved at the separation planned with: "
+            "called SAFE of those not proven unresolvable at the separation planned with: "
             f"{sum(solved)} of {len(solved)} ({100.0 * np.mean(solved):.1f} %)"
         )
 

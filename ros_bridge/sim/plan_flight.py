@@ -16,7 +16,7 @@ _SETTLED = 15.0  # s after the take-up within which the follower has come back t
 _STRAIGHT = 1.0  # m from a straight course, beyond which an intruder has turned or changed speed
 
 
-class Verdict(Enum):
+class Promise(Enum):
     """Whether a plan's promise held; the value is what the table says."""
 
     KEPT = "kept"
@@ -46,21 +46,21 @@ class PlanFlight:
         """Time from the plan's start to its take-up, s."""
         return self.taken_up - self.began
 
-    def verdict(self, required: float, margin: float) -> Verdict:
+    def promise(self, required: float, margin: float) -> Promise:
         """Return whether the promise held for a separation and a margin, m."""
         within = self.error <= margin
         # A separation that is no number is not kept.
         if self.separation >= required:
-            return Verdict.KEPT if within else Verdict.MARGIN
+            return Promise.KEPT if within else Promise.MARGIN
         excused = not within or self.strayed > _STRAIGHT
-        return Verdict.NOT_PROMISED if excused else Verdict.BROKEN
+        return Promise.NOT_PROMISED if excused else Promise.BROKEN
 
     def why(self, required: float, margin: float) -> str:
         """Return one sentence of what was exceeded and why; empty where the promise held."""
-        verdict = self.verdict(required, margin)
-        if verdict is Verdict.KEPT:
+        promise = self.promise(required, margin)
+        if promise is Promise.KEPT:
             return ""
-        if verdict is Verdict.BROKEN:
+        if promise is Promise.BROKEN:
             return (
                 f"came within {self.separation:.1f} m of an intruder at {self.separation_at:.1f} "
                 f"s, required {required:g} m, though the flight stayed within {margin:g} m of "
@@ -72,9 +72,9 @@ class PlanFlight:
                 f"the flight was up to {self.error:.1f} m from the plan, margin {margin:g} m, "
                 + self._cause()
             )
-        if verdict is Verdict.NOT_PROMISED and self.strayed > _STRAIGHT:
+        if promise is Promise.NOT_PROMISED and self.strayed > _STRAIGHT:
             reasons.append(f"an intruder left its straight course by {self.strayed:.0f} m")
-        if verdict is Verdict.MARGIN:
+        if promise is Promise.MARGIN:
             return f"{reasons[0]}; the separation of {required:g} m was kept"
         return (
             f"came within {self.separation:.1f} m of an intruder, required {required:g} m, which "
@@ -142,7 +142,7 @@ def _cells(
         f"{plan.separation:.1f}",
         f"{required:g}",
         f"{plan.strayed:.1f}",
-        plan.verdict(required, margin).value,
+        plan.promise(required, margin).value,
     )
 
 

@@ -137,15 +137,15 @@ def test_a_plan_in_a_wind_is_monitored_in_it():
         place = at(curves, np.float64(second), wind)
         situation = situation_at(float(second), place)
         supervision = step_monitor(supervision, situation, NOW + second * SECOND)
-        verdict = supervision.verdict
-        assert verdict is not None
-        assert verdict.state is State.MONITORING, verdict.reasons
-        assert abs(verdict.measured.cross_track.item()) < 0.1
+        assessment = supervision.assessment
+        assert assessment is not None
+        assert assessment.state is State.MONITORING, assessment.reasons
+        assert abs(assessment.measured.cross_track.item()) < 0.1
     # In still air the same flight is not the plan.
     calm = activate(initial(THRESHOLDS), situation, held._replace(wind=(0.0, 0.0), revision=9))
-    verdict = step_monitor(calm, situation, NOW + 12 * SECOND).verdict
-    assert verdict is not None
-    assert abs(verdict.measured.cross_track.item()) > 0.2
+    assessment = step_monitor(calm, situation, NOW + 12 * SECOND).assessment
+    assert assessment is not None
+    assert abs(assessment.measured.cross_track.item()) > 0.2
 
 
 def test_a_turn_is_one_through_the_air_of_the_plan_that_is_taken_up():
@@ -206,8 +206,8 @@ def test_a_plan_whose_wind_is_too_uncertain_is_refused(std: float, field: str):
 
 def test_there_is_no_verdict_before_the_first_plan():
     supervision = step_monitor(initial(THRESHOLDS), heard(), NOW)
-    verdict = supervision.verdict
-    assert verdict is None
+    assessment = supervision.assessment
+    assert assessment is None
     assert to_fly(supervision) is FlyMode.NOTHING
     assert to_fly(withdraw(supervision, 1)) is FlyMode.NOTHING
 
@@ -225,10 +225,10 @@ def test_report_handed_over_again_is_in_order(first: int, steps: list[int]):
         if now - NOW - first > SECOND:
             break
         supervision = step_monitor(supervision, situation, now)
-        verdict = supervision.verdict
-        assert verdict is not None
-        assert [why.message for why in verdict.reasons] == []
-        assert verdict.state is State.MONITORING
+        assessment = supervision.assessment
+        assert assessment is not None
+        assert [why.message for why in assessment.reasons] == []
+        assert assessment.state is State.MONITORING
 
 
 def test_changed_report_is_handed_over_at_once():
@@ -237,9 +237,9 @@ def test_changed_report_is_handed_over_at_once():
     supervision = step_monitor(supervision, situation, NOW + SECOND // 2)
     situation = own(traffic(situation, 0.6, heading=math.pi - 0.1, x=FAR - 45.0), 0.6)
     supervision = step_monitor(supervision, situation, NOW + round(0.6 * SECOND))
-    verdict = supervision.verdict
+    assessment = supervision.assessment
     assert supervision.reported["4b1a2c"].report.time == NOW + round(0.6 * SECOND)
-    assert verdict is not None and verdict.measured.intruder_velocity[0] > 5.0
+    assert assessment is not None and assessment.measured.intruder_velocity[0] > 5.0
 
 
 def noisy(second: int, random: np.random.Generator) -> Any:
@@ -276,8 +276,8 @@ def test_a_plan_survives_noise_that_is_declared(seed: int):
             supervision = activate(supervision, situation, taken)
             curve = legs(plan_states(*to_frame(FRAME, taken)))
         supervision = step_monitor(supervision, situation, now)
-        verdict = supervision.verdict
-        asked += verdict is not None and verdict.ask is not None
+        assessment = supervision.assessment
+        asked += assessment is not None and assessment.ask is not None
     assert asked == 0
 
 
@@ -286,17 +286,17 @@ def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
     bad = aircraft(0.0, 9_000.0, 0.0, 75.0, id="bad001", latitude=math.nan, time=NOW + SECOND)
     situation = updates.traffic(own(traffic(situation, 1.0), 1.0), bad, NOW + SECOND, RULES)
     supervision = step_monitor(supervision, situation, NOW + SECOND)
-    verdict = supervision.verdict
-    assert verdict is not None and verdict.state is State.DENIED
-    (said,) = (why.message for why in verdict.reasons if "lack a report" in why.message)
+    assessment = supervision.assessment
+    assert assessment is not None and assessment.state is State.DENIED
+    (said,) = (why.message for why in assessment.reasons if "lack a report" in why.message)
     assert said.startswith("intruders lack a report") and said.endswith(" (bad001)")
     situation = replace(
         situation,
         traffic={name: track for name, track in situation.traffic.items() if name != "bad001"},
     )
     situation = own(traffic(situation, 2.0), 2.0)
-    verdict = step_monitor(supervision, situation, NOW + 2 * SECOND).verdict
-    assert verdict is not None and verdict.state is State.MONITORING
+    assessment = step_monitor(supervision, situation, NOW + 2 * SECOND).assessment
+    assert assessment is not None and assessment.state is State.MONITORING
 
 
 def test_older_plan_is_ignored_and_a_withdrawal_ends_the_newer():
@@ -317,18 +317,18 @@ def test_an_answer_that_came_late_is_flown_on_its_own_times():
     ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
     situation = updates.traffic(situation, ahead, NOW + SECOND, RULES)
     supervision = step_monitor(supervision, situation, NOW + SECOND)
-    verdict = supervision.verdict
-    assert verdict is not None and verdict.ask is not None
+    assessment = supervision.assessment
+    assert assessment is not None and assessment.ask is not None
     # The runner begins 80 ms after the monitor has asked.
     answer = publish_plan(situation, revision=2, seconds=1.08)
-    supervision, taken_up = accept_answer(supervision, verdict.ask.number, answer)
+    supervision, taken_up = accept_answer(supervision, assessment.ask.number, answer)
     assert taken_up and supervision.published_plan == answer
     situation = own(traffic(situation, 1.1), 1.1)
     supervision = step_monitor(supervision, situation, NOW + round(1.1 * SECOND))
-    verdict = supervision.verdict
-    assert verdict is not None and verdict.state is State.MONITORING
-    assert abs(float(verdict.measured.along_track[0])) < 0.1
-    assert abs(float(verdict.measured.time_error[0])) < 1e-3
+    assessment = supervision.assessment
+    assert assessment is not None and assessment.state is State.MONITORING
+    assert abs(float(assessment.measured.along_track[0])) < 0.1
+    assert abs(float(assessment.measured.time_error[0])) < 1e-3
 
 
 def test_a_refusal_denies_the_plan():
@@ -337,9 +337,9 @@ def test_a_refusal_denies_the_plan():
     ahead = aircraft(9_000.0, -9_000.0, 0.5 * math.pi, 75.0, id="new001", time=NOW + SECOND)
     situation = updates.traffic(situation, ahead, NOW + SECOND, RULES)
     supervision = step_monitor(supervision, situation, NOW + SECOND)
-    verdict = supervision.verdict
-    assert verdict is not None and verdict.ask is not None
-    supervision, taken_up = accept_answer(supervision, verdict.ask.number, None)
+    assessment = supervision.assessment
+    assert assessment is not None and assessment.ask is not None
+    supervision, taken_up = accept_answer(supervision, assessment.ask.number, None)
     assert not taken_up
     assert State(int(supervision.monitor.state[0])) in (State.DENIED, State.BACKUP)
 
@@ -390,17 +390,17 @@ def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():
             now = NOW + second * SECOND
             known = own(traffic(known, float(second)), float(second))
             left = step_monitor(left, known, now)
-            verdict = left.verdict
-        assert verdict is not None
-        assert (verdict.state is State.MONITORING) == reached
+            assessment = left.assessment
+        assert assessment is not None
+        assert (assessment.state is State.MONITORING) == reached
 
 
 def test_areas_of_the_topic_and_of_a_file_are_monitored_and_stay_with_the_frame():
     supervision, situation = begin_watch()
     now = NOW + SECOND
     situation = own(situation, 1.0)
-    verdict = step_monitor(supervision, situation, now).verdict
-    assert verdict is not None and verdict.state is State.MONITORING
+    assessment = step_monitor(supervision, situation, now).assessment
+    assert assessment is not None and assessment.state is State.MONITORING
     latitude, longitude = geodetic_place(6_000.0, 0.0)
     disc = GeodeticArea("disc", centre=(latitude, longitude), radius=500.0)
     # An area that came towards the plan, as of a message of 20 s ago; it is there now.
@@ -411,19 +411,21 @@ def test_areas_of_the_topic_and_of_a_file_are_monitored_and_stay_with_the_frame(
         replace(situation, areas=Held(AreaReport(now - 20 * SECOND, (coming,)))),
     ):
         after = step_monitor(supervision, among_areas, now)
-        verdict = after.verdict
-        assert verdict is not None and verdict.state is State.REPLAN_REQUESTED
-        assert [why.field for why in verdict.reasons] == ["areas"]
+        assessment = after.assessment
+        assert assessment is not None and assessment.state is State.REPLAN_REQUESTED
+        assert [why.field for why in assessment.reasons] == ["areas"]
         again = step_monitor(after, among_areas, now + SECOND // 2)
         assert again.areas is after.areas
         # Where the newest cannot be used, those before count on.
         crossed = disc._replace(centre=None, rings=(((47.0, 8.0), (47.1, 8.0), (47.2, 8.0)),))
         spoilt = replace(among_areas, areas=Held(AreaReport(now, (crossed,))))
-        verdict = step_monitor(after, spoilt, now + SECOND // 2).verdict
-        assert verdict is not None and verdict.state is State.REPLAN_REQUESTED
+        assessment = step_monitor(after, spoilt, now + SECOND // 2).assessment
+        assert assessment is not None and assessment.state is State.REPLAN_REQUESTED
     beside = disc._replace(centre=geodetic_place(6_000.0, 20_000.0))
-    verdict = step_monitor(supervision, replace(situation, fixed_areas=(beside,)), now).verdict
-    assert verdict is not None and verdict.state is State.MONITORING
+    assessment = step_monitor(
+        supervision, replace(situation, fixed_areas=(beside,)), now
+    ).assessment
+    assert assessment is not None and assessment.state is State.MONITORING
 
 
 def geodetic_place(x: float, y: float) -> tuple[float, float]:

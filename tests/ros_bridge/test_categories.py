@@ -113,9 +113,9 @@ def test_the_monitor_keeps_them_too_and_knows_altitudes() -> None:
     supervision = activate(
         initial(THRESHOLDS, USUAL, CATEGORIES), situation, publish_plan(situation)
     )
-    verdict = step_monitor(supervision, situation, NOW).verdict
-    assert verdict is not None
-    traffic = verdict.measured.traffic
+    assessment = step_monitor(supervision, situation, NOW).assessment
+    assert assessment is not None
+    traffic = assessment.measured.traffic
     assert traffic.separation.tolist() == [[2_500.0]]
     assert traffic.window is not None
     # At the ownship's altitude, without a climb of either, it counts for good.
@@ -124,13 +124,13 @@ def test_the_monitor_keeps_them_too_and_knows_altitudes() -> None:
     sinking = crossing(900.0, 0)
     sinking.velocity.z = -5.0
     situation = heard(sinking, own=own)
-    verdict = step_monitor(
+    assessment = step_monitor(
         activate(initial(THRESHOLDS, USUAL, CATEGORIES), situation, publish_plan(situation)),
         situation,
         NOW,
-    ).verdict
-    assert verdict is not None
-    window = verdict.measured.traffic.window
+    ).assessment
+    assert assessment is not None
+    window = assessment.measured.traffic.window
     assert window is not None and window.end[0, 0] == pytest.approx(100.0, abs=1e-3)
 
 

@@ -44,7 +44,7 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     assert {one["id"]: one["level"] for one in found["alerts"]}["new001"] == 2
     east = found["bands"]["track_deg"].index(90.0)
     assert found["bands"]["track_region"][east] == 2
-    unjudged = replace(supervision, verdict=None)
+    unjudged = replace(supervision, assessment=None)
     later, _ = supervise(scene, situation, unjudged, shown, now + SECOND)
     assert drawn(later, now + SECOND)["monitor"] is None
 

@@ -113,10 +113,10 @@ def test_nothing_is_shown_of_an_ownship_that_is_unknown() -> None:
     before = traffic(heard(), 0.0)
     supervision = activate(initial(THRESHOLDS), before, publish_plan(before))
     supervision = step_monitor(supervision, before, NOW + 10 * SECOND)
-    verdict = supervision.verdict
-    assert verdict is not None
-    assert verdict.state is State.DENIED
-    assert verdict.measured.causes[0] & Cause.OWN_STALE
+    assessment = supervision.assessment
+    assert assessment is not None
+    assert assessment.state is State.DENIED
+    assert assessment.measured.causes[0] & Cause.OWN_STALE
     shown_before = blank(THRESHOLDS)
     after, found = guidance(shown_before, supervision, NOW + 10 * SECOND)
     assert found is None and after is shown_before

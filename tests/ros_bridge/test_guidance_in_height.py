@@ -124,8 +124,8 @@ def test_an_aircraft_that_a_safe_plan_passes_in_height_raises_no_alert() -> None
         assert bands is not None
         assert set(bands.levels) <= {Level.NONE}, time
         assert set(bands.losses) <= {-1.0}, time
-        assert watch.verdict is not None
-        measured, limits = watch.verdict.measured, watch.thresholds_in_air
+        assert watch.assessment is not None
+        measured, limits = watch.assessment.measured, watch.thresholds_in_air
         lost = losses_on_course(measured.own, measured.traffic, limits.requirement, 120.0)
         by_climb.append(float(lost.min()))
         said = status(watch)
@@ -139,7 +139,7 @@ def test_how_far_the_ownship_is_from_the_plan_in_height_is_said() -> None:
     said = status(watch)
     assert said.altitude_error == pytest.approx(-off, abs=1.5)
     assert said.altitude_error_limit == settings().options.vertical_margin
-    in_plane = replace(begin(Maneuvers.HORIZONTAL), verdict=watch.verdict)
+    in_plane = replace(begin(Maneuvers.HORIZONTAL), assessment=watch.assessment)
     assert status(in_plane).altitude_error_limit == -1.0
 
 

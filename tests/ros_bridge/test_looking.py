@@ -44,7 +44,7 @@ def assert_as_for_plans(looking: Supervision) -> None:
 
 def test_a_wind_that_is_not_reported_may_blow_from_anywhere() -> None:
     looking = look(initial(THRESHOLDS), situation_in(None), NOW)
-    seen = looking.verdict
+    seen = looking.assessment
     assert seen is not None
     assert wind_of(looking) == Wind(std=USUAL.wind_std)
     assert_as_for_plans(looking)
@@ -54,7 +54,7 @@ def test_a_wind_that_is_not_reported_may_blow_from_anywhere() -> None:
 def test_a_wind_that_is_reported_is_as_uncertain_as_for_plans(wind: tuple[float, float]) -> None:
     situation = situation_in(wind)
     looking = look(initial(THRESHOLDS), situation, NOW)
-    seen = looking.verdict
+    seen = looking.assessment
     assert seen is not None
     assert wind_of(looking) == pytest.approx((*wind, USUAL.reported_wind_std))
     assert wind_of(looking) == task(situation, NOW, SETTINGS).wind
@@ -64,7 +64,7 @@ def test_a_wind_that_is_reported_is_as_uncertain_as_for_plans(wind: tuple[float,
 def test_it_begins_anew_where_the_wind_becomes_known_or_unknown() -> None:
     looking = look(initial(THRESHOLDS), situation_in(None), NOW)
     looking = look(looking, situation_in((0.0, 0.0)), NOW)
-    seen = looking.verdict
+    seen = looking.assessment
     assert seen is not None and wind_of(looking) == Wind(std=USUAL.reported_wind_std)
     assert look(looking, situation_in((0.5, 0.5)), NOW).air == looking.air
     looking = look(looking, situation_in((8.0, -6.0)), NOW)
@@ -76,16 +76,16 @@ def test_it_begins_anew_where_the_wind_becomes_known_or_unknown() -> None:
 def test_nothing_is_seen_where_an_uncertain_wind_leaves_nothing_of_the_limits() -> None:
     unsure = initial(THRESHOLDS, USUAL._replace(wind_std=40.0))
     looking = look(unsure, situation_in(None), NOW)
-    seen = looking.verdict
+    seen = looking.assessment
     assert seen is None
     looking = look(looking, situation_in(None), NOW)
-    seen = looking.verdict
+    seen = looking.assessment
     assert seen is None
     looking = look(looking, situation_in((8.0, -6.0)), NOW)
-    seen = looking.verdict
+    seen = looking.assessment
     assert seen is not None
     unsure = initial(THRESHOLDS, USUAL._replace(reported_wind_std=40.0))
-    assert look(unsure, situation_in((8.0, -6.0)), NOW).verdict is None
+    assert look(unsure, situation_in((8.0, -6.0)), NOW).assessment is None
 
 
 def test_who_can_come_near_in_a_wind_within_its_uncertainty_counts() -> None:

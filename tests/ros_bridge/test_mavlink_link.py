@@ -344,7 +344,7 @@ def test_a_judgement_that_fails_is_told_and_promises_nothing(
             one.turn()
         assert not one.state.pace.keeps_up(one.view.time)
         judged = one.view.judgement
-        assert judged.plan is None and judged.supervision.verdict is None
+        assert judged.plan is None and judged.supervision.assessment is None
         assert judged.problem.startswith("judgement failed: ValueError")
         assert "separation not assured" in texts(autopilot)
     autopilot.send(heartbeat(), position(5.0))

@@ -25,7 +25,7 @@ from envs.waypoints import RoutePoint, Waypoint, at, legs, plan_states
 from envs.wind import Wind, over_ground
 from ros_bridge.sim.flight_log import FlightLog, keep_promises, table
 from ros_bridge.sim.guidance import Flying
-from ros_bridge.sim.plan_flight import PlanFlight, Verdict, plans_table
+from ros_bridge.sim.plan_flight import PlanFlight, Promise, plans_table
 from ros_bridge.sim.receivers import Quality, Receiver
 from ros_bridge.sim.world import VEHICLES, EncounterFlight, SimulationError, vehicle
 from tests.ros_bridge.scenes import OPTIONS
@@ -286,13 +286,14 @@ def test_the_table_names_what_went_wrong():
     )
     # Refusing is no success where the encounter could have been resolved.
     judged = [
-        make_log(resolvable=True),
-        make_log(resolvable=True, safe_at=None),
-        make_log(resolvable=False, safe_at=None),
+        make_log(maybe_resolvable=True),
+        make_log(maybe_resolvable=True, safe_at=None),
+        make_log(maybe_resolvable=False, safe_at=None),
         make_log(),
     ]
-    assert "of those that can be resolved at the separation planned with: 1 of 2 (50.0 %)" in table(
-        judged
+    assert (
+        "of those not proven unresolvable at the separation planned with: 1 of 2 (50.0 %)"
+        in table(judged)
     )
     none = table([make_log(safe_at=None, failure="runner and monitor have not answered")])
     assert (
@@ -322,11 +323,11 @@ def take_up(late: float) -> PlanFlight:
 
 def test_a_plan_taken_up_late_is_left_by_more_than_the_flight_was_off_then():
     prompt, late = take_up(0.0), take_up(4.0)
-    assert prompt.error < 0.1 and prompt.verdict(1_000.0, 25.0) is Verdict.KEPT
+    assert prompt.error < 0.1 and prompt.promise(1_000.0, 25.0) is Promise.KEPT
     assert late.late == pytest.approx(4.0)
     # The flight was turned away from the plan, so that it goes on leaving it for a while.
     assert 10.0 < late.off < 0.75 * late.error
-    assert late.verdict(1_000.0, 25.0) is Verdict.MARGIN
+    assert late.promise(1_000.0, 25.0) is Promise.MARGIN
     says = late.why(1_000.0, 25.0)
     assert f"up to {late.error:.1f} m from the plan, margin 25 m" in says
     assert "because it was taken up 4.0 s after its start" in says
@@ -335,18 +336,18 @@ def test_a_plan_taken_up_late_is_left_by_more_than_the_flight_was_off_then():
 
 def test_a_promise_is_broken_only_where_all_that_it_assumes_was_kept():
     held = PlanFlight(10.0, 10.1, 0.1, 0.0, error=3.0, error_at=40.0, separation=999.0)
-    assert held.verdict(1_000.0, 25.0) is Verdict.BROKEN
+    assert held.promise(1_000.0, 25.0) is Promise.BROKEN
     assert "the promise of SAFE is broken" in held.why(1_000.0, 25.0)
     turned = replace(held, strayed=180.0)
-    assert turned.verdict(1_000.0, 25.0) is Verdict.NOT_PROMISED
+    assert turned.promise(1_000.0, 25.0) is Promise.NOT_PROMISED
     assert "an intruder left its straight course by 180 m" in turned.why(1_000.0, 25.0)
     off = replace(held, error=30.0)
-    assert off.verdict(1_000.0, 25.0) is Verdict.NOT_PROMISED
+    assert off.promise(1_000.0, 25.0) is Promise.NOT_PROMISED
     assert "because the vehicle did not follow it more closely" in off.why(1_000.0, 25.0)
     kept_all = replace(held, separation=1_000.0)
-    assert kept_all.verdict(1_000.0, 25.0) is Verdict.KEPT and not kept_all.why(1_000.0, 25.0)
+    assert kept_all.promise(1_000.0, 25.0) is Promise.KEPT and not kept_all.why(1_000.0, 25.0)
     # A distance that is no number is never called kept.
-    assert replace(held, separation=math.nan).verdict(1_000.0, 25.0) is Verdict.BROKEN
+    assert replace(held, separation=math.nan).promise(1_000.0, 25.0) is Promise.BROKEN
 
 
 def test_an_intruder_that_turns_is_seen_to_leave_its_course():

@@ -25,9 +25,9 @@ from ros_bridge.core.fields import FieldError
 from ros_bridge.core.motion import expected_turn, turn_of
 from ros_bridge.core.tracks import (
     UNKNOWN,
+    ReportCheck,
     Rules,
     Track,
-    Verdict,
     follow,
     forget_silent,
     note_refused,
@@ -53,28 +53,37 @@ def report(seconds: float, x: float | None = None, y: float = 0.0):
     )
 
 
-def feed(*reports, now: float = 0.0) -> tuple[Track, list[Verdict]]:
-    track, verdicts = UNKNOWN, []
+def feed(*reports, now: float = 0.0) -> tuple[Track, list[ReportCheck]]:
+    track, checks = UNKNOWN, []
     for one in reports:
         track = take_in(track, one, "it", max(one.time, NOW + round(now * SECOND)), RULES)
-        verdicts.append(track.verdict)
-    return track, verdicts
+        checks.append(track.check)
+    return track, checks
 
 
 def test_reports_in_order_are_taken():
-    track, verdicts = feed(report(0.0), report(1.0), report(2.0))
-    assert verdicts == [Verdict.TAKEN] * 3
+    track, checks = feed(report(0.0), report(1.0), report(2.0))
+    assert checks == [ReportCheck.TAKEN] * 3
     assert track.last == report(2.0)
     assert track.fault is None
     assert track.age(NOW + 3 * SECOND) == pytest.approx(1.0)
 
 
 def test_repeated_and_late_reports_change_nothing_but_the_counts():
-    track, verdicts = feed(report(0.0), report(1.0), report(1.0), report(0.0))
-    assert verdicts == [Verdict.TAKEN, Verdict.TAKEN, Verdict.DUPLICATE, Verdict.REORDERED]
+    track, checks = feed(report(0.0), report(1.0), report(1.0), report(0.0))
+    assert checks == [
+        ReportCheck.TAKEN,
+        ReportCheck.TAKEN,
+        ReportCheck.DUPLICATE,
+        ReportCheck.REORDERED,
+    ]
     assert track.last == report(1.0)
     assert track.fault is None
-    assert track.counts == {Verdict.TAKEN: 2, Verdict.DUPLICATE: 1, Verdict.REORDERED: 1}
+    assert track.counts == {
+        ReportCheck.TAKEN: 2,
+        ReportCheck.DUPLICATE: 1,
+        ReportCheck.REORDERED: 1,
+    }
 
 
 @given(st.lists(st.integers(0, 6), min_size=1, max_size=12))
@@ -145,8 +154,8 @@ def test_errors_of_estimates_are_much_smaller_and_not_above_what_is_said(latitud
 
 
 def test_two_reports_of_one_time_that_differ_are_a_fault():
-    track, verdicts = feed(report(0.0), report(0.0, x=50.0))
-    assert verdicts[-1] is Verdict.CONFLICT
+    track, checks = feed(report(0.0), report(0.0, x=50.0))
+    assert checks[-1] is ReportCheck.CONFLICT
     assert track.last == report(0.0)
     assert track.fault is not None and track.fault.message.startswith(
         "it.header.stamp belongs to two reports"
@@ -156,7 +165,7 @@ def test_two_reports_of_one_time_that_differ_are_a_fault():
 def test_a_report_from_the_future_is_a_fault_until_a_good_one_comes():
     before, _ = feed(report(0.0))
     after = take_in(before, report(2.0), "it", NOW + SECOND, RULES)
-    assert after.verdict is Verdict.FUTURE
+    assert after.check is ReportCheck.FUTURE
     assert after.fault is not None and after.fault.message == (
         "it.header.stamp is 1.000 s ahead of the clock, expected 0.5 s at most"
     )
@@ -165,23 +174,23 @@ def test_a_report_from_the_future_is_a_fault_until_a_good_one_comes():
 
 
 def test_jump_is_accepted_when_a_second_report_confirms_it():
-    track, verdicts = feed(report(0.0), report(1.0, y=5_000.0))
-    assert verdicts[-1] is Verdict.JUMP
+    track, checks = feed(report(0.0), report(1.0, y=5_000.0))
+    assert checks[-1] is ReportCheck.JUMP
     assert track.last == report(0.0)
     assert track.fault is not None and track.fault.field == "it.position"
     confirmed = take_in(track, report(2.0, y=5_000.0), "it", NOW + 2 * SECOND, RULES)
-    assert confirmed.verdict is Verdict.TAKEN
+    assert confirmed.check is ReportCheck.TAKEN
     assert confirmed.last == report(2.0, y=5_000.0)
     assert confirmed.fault is None
 
 
 def test_single_outlier_is_refused():
-    track, verdicts = feed(report(0.0), report(1.0, y=5_000.0), report(2.0))
-    assert verdicts == [Verdict.TAKEN, Verdict.JUMP, Verdict.TAKEN]
+    track, checks = feed(report(0.0), report(1.0, y=5_000.0), report(2.0))
+    assert checks == [ReportCheck.TAKEN, ReportCheck.JUMP, ReportCheck.TAKEN]
     assert track.last == report(2.0)
     # It may be one of two aircraft that report in turns; another good report in a row shows that it
     # is not.
-    assert track.fault is not None and track.fault.verdict is Verdict.JUMP
+    assert track.fault is not None and track.fault.check is ReportCheck.JUMP
     assert feed(report(0.0), report(1.0, y=5_000.0), report(2.0), report(3.0))[0].fault is None
 
 
@@ -215,7 +224,7 @@ def other(seconds: float):
 def test_name_of_two_aircraft_is_a_fault_while_both_report(pattern: str, since: int):
     history = take_in_turns(report, other, pattern)
     assert all(track.fault is not None for track in history[since:])
-    assert history[-1].fault is not None and history[-1].fault.verdict is Verdict.SHARED
+    assert history[-1].fault is not None and history[-1].fault.check is ReportCheck.SHARED
     assert history[-1].fault.field == "it.id"
 
 
@@ -225,7 +234,7 @@ def test_two_aircraft_of_one_name_are_found_whatever_their_stamps(late: float):
     for second in range(6):
         for one in (report(float(second)), other(second - late)):
             track = take_in(track, one, "it", NOW + second * SECOND, RULES)
-    assert track.fault is not None and track.fault.verdict is Verdict.SHARED
+    assert track.fault is not None and track.fault.check is ReportCheck.SHARED
 
 
 def test_shared_name_is_free_again_when_one_aircraft_falls_silent():
@@ -233,7 +242,7 @@ def test_shared_name_is_free_again_when_one_aircraft_falls_silent():
     for second in range(8, 50):
         track = take_in(track, report(float(second)), "it", NOW + second * SECOND, RULES)
         silent = second - 7.0
-        assert (track.verdict is Verdict.TAKEN) == (silent > RULES.fresh_start)
+        assert (track.check is ReportCheck.TAKEN) == (silent > RULES.fresh_start)
 
 
 def follow_in_turns(pattern: str, every: float = 1.0, tracks=None, first: int = 0):
@@ -309,7 +318,7 @@ def test_frozen_position_under_fresh_stamps_is_a_fault(every: float, moving: flo
     since = next(seconds for seconds, bad in faulty if bad)
     assert moving < since <= moving + 5.0
     assert all(bad for seconds, bad in faulty if seconds >= since)
-    assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
+    assert track.fault is not None and track.fault.check is ReportCheck.CONTRADICTION
     assert "outside_domain" in track.fault.message
     assert track.last is not None and track.age(NOW + round((moving + 40.0) * SECOND)) > 34.0
 
@@ -388,7 +397,7 @@ def test_velocity_in_another_unit_is_a_fault(unit: float):
     for second in range(12):
         message = aircraft(80.0 * second, 0.0, 0.0, 80.0 * unit, time=NOW + second * SECOND)
         track = take_in(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
-    assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
+    assert track.fault is not None and track.fault.check is ReportCheck.CONTRADICTION
     # Nothing is taken instead of what cannot be believed.
     assert track.course is not None and track.course.estimate is track.course.newest
     assert "velocity" not in dict(track.course.corrections)
@@ -400,7 +409,7 @@ def test_velocity_across_the_displacement_is_a_fault(turn: float):
     for second in range(6):
         message = aircraft(80.0 * second, 0.0, turn, 80.0, time=NOW + second * SECOND)
         track = take_in(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
-    assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
+    assert track.fault is not None and track.fault.check is ReportCheck.CONTRADICTION
 
 
 def test_velocity_zero_of_an_aircraft_that_moves_is_a_fault():
@@ -408,7 +417,7 @@ def test_velocity_zero_of_an_aircraft_that_moves_is_a_fault():
     for second in range(6):
         message = aircraft(80.0 * second, 0.0, 0.0, 0.0, time=NOW + second * SECOND)
         track = take_in(track, read(message, "it"), "it", NOW + second * SECOND, RULES)
-    assert track.fault is not None and track.fault.verdict is Verdict.CONTRADICTION
+    assert track.fault is not None and track.fault.check is ReportCheck.CONTRADICTION
 
 
 @given(
@@ -437,7 +446,7 @@ def test_noisy_turning_aircraft_do_not_contradict_themselves(
         )
         message = aircraft(*state, time=time, valid=0x45, position_std=10.0)
         track = take_in(track, read(message, "it"), "it", time, RULES)
-        assert track.verdict is Verdict.TAKEN
+        assert track.check is ReportCheck.TAKEN
 
 
 def test_reports_in_whole_numbers_are_tracked_in_floats(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -450,29 +459,29 @@ def test_reports_in_whole_numbers_are_tracked_in_floats(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(courses, "follow", follow)
     whole = [replace(report(second), position_std=30, velocity_std=3) for second in (0.0, 1.0)]
-    _, verdicts = feed(*whole)
-    assert verdicts == [Verdict.TAKEN, Verdict.TAKEN]
+    _, checks = feed(*whole)
+    assert checks == [ReportCheck.TAKEN, ReportCheck.TAKEN]
     assert types == {float, bool}
 
 
 def test_outliers_that_disagree_are_refused():
-    track, verdicts = feed(report(0.0), report(1.0, y=5_000.0), report(2.0, y=-5_000.0))
-    assert verdicts[1:] == [Verdict.JUMP, Verdict.JUMP]
+    track, checks = feed(report(0.0), report(1.0, y=5_000.0), report(2.0, y=-5_000.0))
+    assert checks[1:] == [ReportCheck.JUMP, ReportCheck.JUMP]
     assert track.last == report(0.0)
 
 
 @given(st.floats(0.1, 29.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_what_lies_within_the_allowance_is_no_jump(seconds: float, ahead: float, aside: float):
     allowed = 0.69 * (RULES.jump_distance + RULES.jump_speed * seconds)
-    _, verdicts = feed(
+    _, checks = feed(
         report(0.0), report(seconds, x=80.0 * seconds + ahead * allowed, y=aside * allowed)
     )
-    assert verdicts[-1] is Verdict.TAKEN
+    assert checks[-1] is ReportCheck.TAKEN
 
 
 def test_any_place_is_accepted_after_a_long_silence():
-    _, verdicts = feed(report(0.0), report(31.0, y=50_000.0))
-    assert verdicts[-1] is Verdict.TAKEN
+    _, checks = feed(report(0.0), report(31.0, y=50_000.0))
+    assert checks[-1] is ReportCheck.TAKEN
 
 
 def test_silent_aircraft_is_forgotten_and_a_faulty_one_is_not():
