@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-_OWN, _OTHER = "#0072B2", "#D55E00"  # colours of ownship and intruders
+OWN_COLOUR, INTRUDER_COLOUR = "#0072B2", "#D55E00"
 _ROOM = 0.3, 50.0  # above and below the own altitudes: a share of their range, m at least
 _MINUS = re.compile(r"(?<![\w)\]])-(?=[\d.])")
 
@@ -81,12 +81,12 @@ def draw_altitudes(
     """
     time, own, others = (np.asarray(values, dtype=float) for values in (time, own, others))
     for altitudes in others:
-        axes.plot(time, altitudes, color=_OTHER, linewidth=1.2, linestyle="--")
+        axes.plot(time, altitudes, color=INTRUDER_COLOUR, linewidth=1.2, linestyle="--")
     shown = own
     if planned is not None:
         shown = np.concatenate([own, np.asarray(planned, dtype=float)])
         axes.plot(time, planned, color="black", linewidth=0.8, linestyle=":")
-    axes.plot(time, own, color=_OWN, linewidth=1.5)
+    axes.plot(time, own, color=OWN_COLOUR, linewidth=1.5)
     lowest, highest = np.nanmin(shown), np.nanmax(shown)
     share, least = _ROOM
     room = max(share * (highest - lowest), least)

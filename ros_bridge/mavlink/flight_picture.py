@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from commands.figures import INTRUDER_COLOUR, OWN_COLOUR, draw_altitudes
 from ros_bridge.mavlink.flight import (
     SEPARATION,
-    VERTICAL,
     Encounter,
     Intruder,
     Result,
@@ -20,8 +20,7 @@ from ros_bridge.mavlink.messages import Mode
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MODES = {Mode.AUTO: "0.5", Mode.GUIDED: "C0"}
-_OTHER = "C3"
+_MODES = {Mode.AUTO: "0.5", Mode.GUIDED: OWN_COLOUR}
 _MARKS = 20  # s between two marks on the tracks
 _ROOM = 2.5 * SEPARATION  # m drawn about the ownship's track
 
@@ -63,15 +62,15 @@ def _draw_tracks(axis: "Axes", encounter: Encounter, flight: Result) -> None:
     axis.set_xlim(rows[0].x - _ROOM, rows[-1].x + _ROOM)
     axis.set_ylim(min(row.y for row in rows) - _ROOM, max(row.y for row in rows) + _ROOM)
     marks = _marked(rows)
-    _mark(axis, [(row.time, row.x, row.y) for row in marks], "C0")
+    _mark(axis, [(row.time, row.x, row.y) for row in marks], OWN_COLOUR)
     for number, intruder in enumerate(encounter.intruders):
         places = [place_of(intruder, row.time, encounter.cruise)[:2] for row in rows]
         label = "_" if number else "traffic"
-        axis.plot(*zip(*places, strict=True), "--", lw=1, color=_OTHER, label=label)
+        axis.plot(*zip(*places, strict=True), "--", lw=1, color=INTRUDER_COLOUR, label=label)
         intruder_marks = [
             (row.time, *place_of(intruder, row.time, encounter.cruise)[:2]) for row in marks
         ]
-        _mark(axis, intruder_marks, _OTHER)
+        _mark(axis, intruder_marks, INTRUDER_COLOUR)
         _draw_nearest(axis, intruder, encounter, flight)
     axis.legend(loc="upper right")
 
@@ -100,7 +99,7 @@ def _draw_nearest(axis: "Axes", intruder: Intruder, encounter: Encounter, flight
 
     nearest = min(flight.rows, key=lambda row: apart(row, intruder, encounter.cruise))
     x, y, _ = place_of(intruder, nearest.time, encounter.cruise)
-    axis.add_patch(Circle((x, y), SEPARATION, fill=False, color=_OTHER, ls=":"))
+    axis.add_patch(Circle((x, y), SEPARATION, fill=False, color=INTRUDER_COLOUR, ls=":"))
     axis.plot([nearest.x, x], [nearest.y, y], "-", lw=1, color="black")
 
 
@@ -108,23 +107,22 @@ def _draw_distances(axis: "Axes", encounter: Encounter, flight: Result) -> None:
     times = [row.time for row in flight.rows]
     for intruder in encounter.intruders:
         axis.plot(
-            times, [apart(row, intruder, encounter.cruise) for row in flight.rows], color=_OTHER
+            times,
+            [apart(row, intruder, encounter.cruise) for row in flight.rows],
+            color=INTRUDER_COLOUR,
         )
-    axis.axhline(SEPARATION, color=_OTHER, ls=":", label="to be kept")
+    axis.axhline(SEPARATION, color=INTRUDER_COLOUR, ls=":", label="to be kept")
     axis.set(xlabel="time, s", ylabel="distance over the ground, m", ylim=(0, None))
     axis.legend()
 
 
 def _draw_altitudes(axis: "Axes", encounter: Encounter, flight: Result) -> None:
     times = [row.time for row in flight.rows]
-    own = [row.above for row in flight.rows]
-    for mode, colour in _MODES.items():
-        heights_in_mode = [row.above if row.mode == mode else math.nan for row in flight.rows]
-        axis.plot(times, heights_in_mode, color=colour)
-    for intruder in encounter.intruders:
-        axis.plot(times, [intruder.above(time) for time in times], "--", lw=1, color=_OTHER)
-    low, high = min(own) - 2.0 * VERTICAL, max(own) + 2.0 * VERTICAL
-    axis.set(xlabel="time, s", ylabel="above mean sea level, m", ylim=(low, high))
+    intruders = [[intruder.above(time) for time in times] for intruder in encounter.intruders]
+    draw_altitudes(axis, times, [row.above for row in flight.rows], intruders)
+    in_auto = [row.above if row.mode == Mode.AUTO else math.nan for row in flight.rows]
+    axis.plot(times, in_auto, color=_MODES[Mode.AUTO])
+    axis.set(ylabel="above mean sea level, m")
 
 
 def _draw_speed(axis: "Axes", flight: Result) -> None:
