@@ -44,9 +44,9 @@ def _use_of_compiled_code() -> Iterator[None]:
     """Leave the next test of the process what this one found: nodes and commands that a test runs
     in this process compile.
     """
-    before = compiled.in_use()
+    in_use = compiled.in_use()
     yield
-    compiled.use(before)
+    compiled.use(in_use)
 
 
 @pytest.fixture(scope="module")
@@ -54,10 +54,10 @@ def compiled_code() -> Iterator[None]:
     """Fly by compiled code in a module of tests, which is slow: it compiles for a minute first."""
     if not compiled.may_compile():
         pytest.skip("numba may not compile; to have it: pip install '.[fast]'")
-    before = compiled.in_use()
+    in_use = compiled.in_use()
     compile_planner()
     yield
-    compiled.use(before)
+    compiled.use(in_use)
 
 
 def compile_planner() -> None:
@@ -104,7 +104,7 @@ def pytest_terminal_summary(
     skipped = terminalreporter.stats.get("skipped", [])
     cache = getattr(config, "cache", None)
     if cache is not None:  # -p no:cacheprovider
-        cache.set("passed_over", sorted({one.nodeid.partition("[")[0] for one in skipped}))
+        cache.set("passed_over", sorted({report.nodeid.partition("[")[0] for report in skipped}))
 
 
 @pytest.fixture(autouse=True, scope="module")

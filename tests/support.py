@@ -56,8 +56,8 @@ def pool_of(scenarios: list[Scenario], weights: list[float], rows: int, count: i
 
 def recorded_path(name: str) -> Path:
     """Return the path of a file or folder of recorded data, or skip the test."""
-    beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    path = Path(os.environ.get("RLCAS_DATA") or beside) / name
+    default = Path(__file__).resolve().parents[2] / "shared" / "data"
+    path = Path(os.environ.get("RLCAS_DATA") or default) / name
     if not path.exists():
         pytest.skip(f"{name} is not part of the project: set RLCAS_DATA to a folder that has it")
     return path
@@ -91,17 +91,17 @@ def flight(
     altitude.
     """
     reports = []
-    for after in np.arange(0.0, seconds + 0.5 * step, step):
-        x, y, back = WGS84.fwd(longitude, latitude, track, speed * after)
+    for seconds_after in np.arange(0.0, seconds + 0.5 * step, step):
+        x, y, back = WGS84.fwd(longitude, latitude, track, speed * seconds_after)
         reports.append(
             {
                 "icao24": name,
-                "timestamp": 1_000.0 * (begin + after),
+                "timestamp": 1_000.0 * (begin + seconds_after),
                 "latitude": y,
                 "longitude": x,
-                "altitude": altitude(after)
+                "altitude": altitude(seconds_after)
                 if callable(altitude)
-                else altitude + climb * after / FOOT,
+                else altitude + climb * seconds_after / FOOT,
                 "groundspeed": speed / KNOT,
                 "track": (back + 180.0) % 360.0,
                 "vertical_rate": climb * 60.0 / FOOT,
@@ -113,7 +113,7 @@ def flight(
 def reports_file(folder: Path, *flights: list[dict[str, Any]], name: str = "adsb.json") -> Path:
     """Write reports of several flights, one after the other."""
     path = folder / name
-    data = json.dumps([report for each in flights for report in each]).encode()
+    data = json.dumps([report for reports in flights for report in reports]).encode()
     path.write_bytes(gzip.compress(data) if name.endswith(".gz") else data)
     return path
 
@@ -134,8 +134,10 @@ class Backend:
         """
         rows = np.broadcast_arrays(*(np.asarray(column, self.dtype) for column in columns))
         if self.xp is FLOATS:
-            each = [function(*map(float, row)) for row in zip(*rows, strict=True)]
-            return tuple(np.array(column, np.float64) for column in zip(*each, strict=True))
+            results_of_rows = [function(*map(float, row)) for row in zip(*rows, strict=True)]
+            return tuple(
+                np.array(column, np.float64) for column in zip(*results_of_rows, strict=True)
+            )
         results = function(*(self.xp.asarray(row) for row in rows))
         for result in results:
             assert result.dtype in (self.dtype, bool), f"{self.name}: a result is {result.dtype}"

@@ -40,7 +40,7 @@ def status_of(tests: tuple[str, ...], checkout: Path) -> int | None:
     """
     command = [sys.executable, "-B", "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
     try:
-        done = subprocess.run(
+        completed = subprocess.run(
             command,
             cwd=checkout,
             env=os.environ | {"PYTHONPATH": str(checkout)},
@@ -50,7 +50,7 @@ def status_of(tests: tuple[str, ...], checkout: Path) -> int | None:
         )
     except subprocess.TimeoutExpired:
         return None
-    return done.returncode
+    return completed.returncode
 
 
 def outcome(mutant: Mutant, checkout: Path) -> str:
@@ -82,12 +82,12 @@ def run(mutants: list[Mutant], workers: int) -> list[Mutant]:
                 raise ValueError(f"{' '.join(tests)}: do not pass without a mutant")
 
         def is_killed(mutant: Mutant) -> bool:
-            checkout, begun = checkouts.get(), time.monotonic()
-            said = outcome(mutant, checkout)
+            checkout, began = checkouts.get(), time.monotonic()
+            result = outcome(mutant, checkout)
             checkouts.put(checkout)
-            line = f"{said} in {time.monotonic() - begun:.0f} s: {mutant.file}: {mutant.text!r}"
+            line = f"{result} in {time.monotonic() - began:.0f} s: {mutant.file}: {mutant.text!r}"
             print(f"{line} -> {mutant.replacement!r}", flush=True)
-            return said.startswith("killed")
+            return result.startswith("killed")
 
         killed = executor.map(is_killed, mutants)
         return [mutant for mutant, dead in zip(mutants, killed, strict=True) if not dead]

@@ -20,10 +20,10 @@ __all__ = [
     "area",
     "areas",
     "climbing_plan",
-    "drawn",
     "guidance",
     "known_scene",
     "level_aircraft",
+    "page_document",
     "plan",
     "serving",
     "status",
@@ -33,25 +33,27 @@ __all__ = [
 PREFIX = "rlcas_runner/input/"
 
 
-def known_scene(*traffic: Any, own: Any = None, now: int = NOW) -> DisplayScene:
+def known_scene(*traffic: Any, own: Any = None, moment: int = NOW) -> DisplayScene:
     """Return what is known after reports of an ownship that flies east and of these aircraft."""
     scene = take(
         DisplayScene(separation=1_000.0),
         f"{PREFIX}ownship",
         own or aircraft(0.0, 0.0, 0.0, 80.0, id="own"),
-        now,
+        moment,
     )
     for message in traffic:
-        scene = take(scene, f"{PREFIX}traffic", message, now)
+        scene = take(scene, f"{PREFIX}traffic", message, moment)
     return scene
 
 
-def drawn(scene: DisplayScene, now: int) -> Document:
+def page_document(scene: DisplayScene, moment: int) -> Document:
     """Return what the page gets of a scene at a time, ns."""
-    return to_json(draw(scene, now))
+    return to_json(draw(scene, moment))
 
 
-def guidance(closed: range = range(0), *, region: int = 2, recovery: int = -1, **more: Any) -> Any:
+def guidance(
+    closed: range = range(0), *, region: int = 2, recovery: int = -1, **changes: Any
+) -> Any:
     """Return a GuidanceBands message whose tracks of these numbers have a region."""
     fields = {
         "header": SimpleNamespace(stamp=stamp(NOW)),
@@ -74,7 +76,7 @@ def guidance(closed: range = range(0), *, region: int = 2, recovery: int = -1, *
         "area_level": [],
         "area_loss": [],
     }
-    return SimpleNamespace(**(fields | more))
+    return SimpleNamespace(**(fields | changes))
 
 
 def up_and_down(closed: range = range(0), *, region: int = 2, reference: int = 2) -> dict[str, Any]:
@@ -98,17 +100,17 @@ def up_and_down(closed: range = range(0), *, region: int = 2, reference: int = 2
     }
 
 
-def level_aircraft(*place: float, height: float = 500.0, climb: float = 0.0, **more: Any) -> Any:
+def level_aircraft(*place: float, height: float = 500.0, climb: float = 0.0, **fields: Any) -> Any:
     """Return an AircraftState with an altitude above the sea and a vertical speed."""
-    made = aircraft(*place, valid=0xCF, altitude=height, altitude_reference=2, **more)
-    made.velocity.z = climb
-    return made
+    message = aircraft(*place, valid=0xCF, altitude=height, altitude_reference=2, **fields)
+    message.velocity.z = climb
+    return message
 
 
 def climbing_plan(reference: int = 2) -> Any:
     """Return a Trajectory that flies east: 100 m up in 40 s, level for 40 s, and down again."""
-    made = plan()
-    first = made.waypoints[0]
+    message = plan()
+    first = message.waypoints[0]
 
     def at(number: int, x: float, height: float, climb: float) -> Any:
         place = FRAME.geodetic(x, 0.0)
@@ -127,11 +129,11 @@ def climbing_plan(reference: int = 2) -> Any:
 
     rises = [(0.0, 500.0, 2.5), (1_600.0, 550.0, 2.5), (3_200.0, 600.0, 0.0)]
     rises += [(4_800.0, 600.0, 0.0), (6_400.0, 600.0, -2.5), (9_600.0, 500.0, 0.0)]
-    made.start, *made.waypoints = [at(n, *one) for n, one in enumerate(rises)]
-    return made
+    message.start, *message.waypoints = [at(n, *rise) for n, rise in enumerate(rises)]
+    return message
 
 
-def status(fly: int = 1, **more: Any) -> Any:
+def status(fly: int = 1, **changes: Any) -> Any:
     """Return an AssuranceStatus message."""
     fields = {
         "header": SimpleNamespace(stamp=stamp(NOW)),
@@ -146,11 +148,11 @@ def status(fly: int = 1, **more: Any) -> Any:
         "separation": 1_100.0,
         "time_to_loss": -1.0,
     }
-    return SimpleNamespace(**(fields | more))
+    return SimpleNamespace(**(fields | changes))
 
 
 def plan(status: int = 1, *, north: float = 3_000.0) -> Any:
-    """Return a Trajectory that leaves to the north (left of the ownship of :func:`known`)."""
+    """Return a Trajectory that leaves to the north (left of the ownship of :func:`known_scene`)."""
 
     def at(index: int, x: float, y: float, track: float, time: float) -> Any:
         place = FRAME.geodetic(x, y)
@@ -167,7 +169,7 @@ def plan(status: int = 1, *, north: float = 3_000.0) -> Any:
             time_of_arrival=stamp(NOW + round(time * SECOND)),
         )
 
-    far = math.hypot(4_000.0, north) / 80.0
+    seconds = math.hypot(4_000.0, north) / 80.0
     return SimpleNamespace(
         header=SimpleNamespace(stamp=stamp(NOW)),
         id=SimpleNamespace(uuid=[0] * 16),
@@ -177,18 +179,18 @@ def plan(status: int = 1, *, north: float = 3_000.0) -> Any:
         start=at(0, 0.0, 0.0, 90.0, 0.0),
         wind=SimpleNamespace(x=0.0, y=0.0, z=0.0),
         wind_std=0.0,
-        waypoints=[at(1, 4_000.0, north, 30.0 if north > 0.0 else 150.0, far)],
+        waypoints=[at(1, 4_000.0, north, 30.0 if north > 0.0 else 150.0, seconds)],
     )
 
 
-def area(ring: Sequence[tuple[float, float]] = (), **more: Any) -> Any:
+def area(ring: Sequence[tuple[float, float]] = (), **changes: Any) -> Any:
     """Return an Area message of a storm that moves east and grows: a polygon with corners in m, or
     a circle.
     """
     corners = [FRAME.geodetic(x, y) for x, y in ring]
     rings = SimpleNamespace(
-        latitude=[float(one.latitude) for one in corners],
-        longitude=[float(one.longitude) for one in corners],
+        latitude=[float(corner.latitude) for corner in corners],
+        longitude=[float(corner.longitude) for corner in corners],
     )
     fields = {
         "id": "<i>storm",
@@ -208,12 +210,12 @@ def area(ring: Sequence[tuple[float, float]] = (), **more: Any) -> Any:
         "valid_until": stamp(NOW + 60 * SECOND),
         "clearance": 100.0,
     }
-    return SimpleNamespace(**(fields | more))
+    return SimpleNamespace(**(fields | changes))
 
 
-def areas(*every: Any, time: int = NOW) -> Any:
+def areas(*messages: Any, time: int = NOW) -> Any:
     """Return an Areas message of a time, ns."""
-    return SimpleNamespace(header=SimpleNamespace(stamp=stamp(time)), areas=list(every))
+    return SimpleNamespace(header=SimpleNamespace(stamp=stamp(time)), areas=list(messages))
 
 
 class Served(BackgroundServer):

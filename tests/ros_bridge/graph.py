@@ -103,10 +103,10 @@ class Process:
             pass
         os.close(self._held)
 
-    def stop(self, how: signal.Signals = signal.SIGINT) -> tuple[int, str]:
+    def stop(self, signal_sent: signal.Signals = signal.SIGINT) -> tuple[int, str]:
         """Return exit code and output."""
         if self.popen.poll() is None:
-            self.popen.send_signal(how)
+            self.popen.send_signal(signal_sent)
         output, _ = self.popen.communicate(timeout=PATIENCE)
         return self.popen.returncode, output
 
@@ -153,18 +153,18 @@ class Client:
 
     def hear(self, kind: type, topic: str, quality: Any) -> list[Any]:
         """Return a list that grows with what is heard."""
-        heard: list[Any] = []
-        self.node.create_subscription(kind, topic, heard.append, quality)
-        return heard
+        messages: list[Any] = []
+        self.node.create_subscription(kind, topic, messages.append, quality)
+        return messages
 
     def hear_traffic(self) -> list[AircraftState]:
         """Return a list that grows with the states of all arrays of traffic."""
-        heard: list[AircraftState] = []
+        states: list[AircraftState] = []
         topic = f"{NODE}/input/traffic_array"
         self.node.create_subscription(
-            TrafficArray, topic, lambda message: heard.extend(message.states), qos.TRAFFIC_ARRAY
+            TrafficArray, topic, lambda message: states.extend(message.states), qos.TRAFFIC_ARRAY
         )
-        return heard
+        return states
 
     def call(self, kind: type, service: str, request: Any, once: bool = False) -> Any:
         """Return the answer of a service, asked again after a while without one unless it is to be
@@ -191,13 +191,13 @@ class Client:
 
 
 @contextlib.contextmanager
-def beside(kind: Any, **values: Any) -> Iterator[tuple[Any, Client]]:
+def running_beside(kind: Any, **values: Any) -> Iterator[tuple[Any, Client]]:
     """Run a node beside a client, in one executor."""
     with domain() as number:
         client = Client(number)
-        given = [Parameter(name, value=value) for name, value in values.items()]
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
         try:
-            node = kind(context=client.context, parameter_overrides=given)
+            node = kind(context=client.context, parameter_overrides=overrides)
             client.executor.add_node(node)
             try:
                 yield node, client
@@ -231,18 +231,18 @@ def as_message(kind: type, plain: SimpleNamespace) -> Any:
 
 
 def aircraft(
-    time: int, x: float, y: float, heading: float, speed: float, **more: Any
+    time: int, x: float, y: float, heading: float, speed: float, **changes: Any
 ) -> AircraftState:
-    return as_message(AircraftState, plain_aircraft(x, y, heading, speed, time=time, **more))
+    return as_message(AircraftState, plain_aircraft(x, y, heading, speed, time=time, **changes))
 
 
-def route(**more: Any) -> Trajectory:
-    points = [as_message(Waypoint, point) for point in plain_points(**more)]
+def route(**fields: Any) -> Trajectory:
+    points = [as_message(Waypoint, point) for point in plain_points(**fields)]
     return Trajectory(status=Trajectory.STATUS_ROUTE, waypoints=points)
 
 
-def reference(time: int, **more: Any) -> GeoReference:
-    message = GeoReference(latitude=FRAME.latitude, longitude=FRAME.longitude, **more)
+def reference(time: int, **fields: Any) -> GeoReference:
+    message = GeoReference(latitude=FRAME.latitude, longitude=FRAME.longitude, **fields)
     message.header.stamp = time_message(time)
     return message
 
@@ -267,8 +267,8 @@ class World:
     ) -> AircraftState:
         time, name = more.pop("time", None) or self.client.now(), more.get("id", "4b1a2c")
         start = x, y, heading, speed
-        before, since = self._since.get(name, (None, time))
-        if before != start:
+        previous, since = self._since.get(name, (None, time))
+        if previous != start:
             self._since[name] = start, (since := time)
         way = speed * (time - since) / 1e9
         message = aircraft(
@@ -292,9 +292,9 @@ class World:
 
     def begin_anew(self) -> list[str]:
         """Let every aircraft begin where it is reported next; return the names of the others."""
-        others = [name for name in self._since if name != "own"]
+        intruders = [name for name in self._since if name != "own"]
         self._since.clear()
-        return others
+        return intruders
 
     def alert(self, *ids: str, **more: Any) -> None:
         message = alert(more.pop("time", None) or self.client.now(), *ids, **more)

@@ -37,12 +37,12 @@ __all__ = [
     "definitions",
     "fields_of",
     "geo_reference",
-    "heard",
     "message",
     "point",
     "publish",
     "refusal",
     "route_points",
+    "situation_after",
     "stamp",
 ]
 
@@ -68,17 +68,17 @@ def stamp(time: int) -> SimpleNamespace:
 
 
 def aircraft(
-    x: float, y: float, heading: float, speed: float, *, frame: LocalFrame = FRAME, **more: Any
+    x: float, y: float, heading: float, speed: float, *, frame: LocalFrame = FRAME, **changes: Any
 ) -> Any:
     """Return an AircraftState of a place and a velocity in the local frame, both exact."""
-    at = frame.geodetic(x, y)
-    true = heading - float(at.convergence)
+    place = frame.geodetic(x, y)
+    true = heading - float(place.convergence)
     fields = {
-        "header": SimpleNamespace(stamp=stamp(more.pop("time", NOW))),
+        "header": SimpleNamespace(stamp=stamp(changes.pop("time", NOW))),
         "id": "4b1a2c",
         "valid": EXACT,
-        "latitude": float(at.latitude),
-        "longitude": float(at.longitude),
+        "latitude": float(place.latitude),
+        "longitude": float(place.longitude),
         "altitude": 0.0,
         "altitude_reference": 0,
         "velocity": SimpleNamespace(x=speed * math.cos(true), y=speed * math.sin(true), z=0.0),
@@ -89,10 +89,10 @@ def aircraft(
         "category": 0,
         "callsign": "",
     }
-    return SimpleNamespace(**(fields | more))
+    return SimpleNamespace(**(fields | changes))
 
 
-def geo_reference(frame: LocalFrame = FRAME, **more: Any) -> Any:
+def geo_reference(frame: LocalFrame = FRAME, **changes: Any) -> Any:
     fields = {
         "header": SimpleNamespace(stamp=stamp(NOW)),
         "latitude": frame.latitude,
@@ -100,7 +100,7 @@ def geo_reference(frame: LocalFrame = FRAME, **more: Any) -> Any:
         "geoid_undulation_valid": False,
         "geoid_undulation": 0.0,
     }
-    return SimpleNamespace(**(fields | more))
+    return SimpleNamespace(**(fields | changes))
 
 
 def alert(*ids: str, level: int = 2, time: int = NOW) -> Any:
@@ -109,7 +109,7 @@ def alert(*ids: str, level: int = 2, time: int = NOW) -> Any:
     )
 
 
-def point(index: int, latitude: float, longitude: float, **more: Any) -> Any:
+def point(index: int, latitude: float, longitude: float, **changes: Any) -> Any:
     fields = {
         "index": index,
         "origin": 0,
@@ -122,18 +122,18 @@ def point(index: int, latitude: float, longitude: float, **more: Any) -> Any:
         "ground_speed": 0.0,
         "time_of_arrival": stamp(0),
     }
-    return SimpleNamespace(**(fields | more))
+    return SimpleNamespace(**(fields | changes))
 
 
 def route_points(
     *, frame: LocalFrame = FRAME, spacing: float = 5_000.0, count: int = 10, first: int = 7
 ) -> list[Any]:
     """Return a straight route eastwards through the origin's north, beginning ahead of it."""
-    at = frame.geodetic([spacing * (number + 1) for number in range(count)], [0.0] * count)
+    places = frame.geodetic([spacing * (number + 1) for number in range(count)], [0.0] * count)
     return [
         point(first + number, latitude, longitude)
         for number, (latitude, longitude) in enumerate(
-            zip(at.latitude.tolist(), at.longitude.tolist(), strict=True)
+            zip(places.latitude.tolist(), places.longitude.tolist(), strict=True)
         )
     ]
 
@@ -142,7 +142,7 @@ def publish(points: list[Any], status: int = 4) -> Any:
     return SimpleNamespace(status=status, waypoints=points)
 
 
-def heard(
+def situation_after(
     *intruders,
     own=None,
     reference=None,
@@ -175,9 +175,9 @@ def refusal(
     return caught.value.code, caught.value.field
 
 
-def crossing(**more):
+def crossing(**fields):
     """Return an intruder that crosses from the right and meets the ownship after 107 s."""
-    return aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, **more)
+    return aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, **fields)
 
 
 @cache
@@ -225,19 +225,19 @@ def _kind(package: str, name: str) -> type:
     types = fields_of(package, name)
     constants = {}
     for line in _lines(package, name):
-        left, equals, value = line.partition("=")
+        declaration, equals, value = line.partition("=")
         if equals:
-            kind, constant = left.split()
+            kind, constant = declaration.split()
             constants[constant] = _NUMBERS[kind](value.strip())
 
     class Message:
         __slots__ = tuple(types)
 
-        def __init__(self, **given: Any) -> None:
+        def __init__(self, **values: Any) -> None:
             for field, kind in types.items():
                 empty = _NUMBERS[kind](0) if kind in _NUMBERS else message(*kind.split("/"))
                 setattr(self, field, "" if kind == "string" else empty)
-            for field, value in given.items():
+            for field, value in values.items():
                 setattr(self, field, value)
 
         def __setattr__(self, field: str, value: Any) -> None:

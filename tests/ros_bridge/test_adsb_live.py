@@ -596,13 +596,13 @@ def test_a_translator_passes_live_traffic_on_and_says_what_is_wrong() -> None:
     from ros_bridge.transport import qos
 
     with pytest.raises(ValueError, match="adsb and traffic_source nav_sat_fix are both given"):  # noqa: SIM117
-        with graph.beside(
+        with graph.running_beside(
             Translator, adsb="tcp://h", traffic_source="nav_sat_fix", traffic_id="n1"
         ):
             pass
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
-        graph.beside(
+        graph.running_beside(
             Translator, adsb=f"tcp://127.0.0.1:{server.getsockname()[1]}", diagnostics_period=0.2
         ) as (
             _,

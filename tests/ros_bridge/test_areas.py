@@ -25,7 +25,7 @@ from ros_bridge.core.fields import Code, FieldError, Refusal
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tasks import task
 from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, domain
-from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, crossing, heard, stamp
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, crossing, situation_after, stamp
 
 WITHIN = 1e5
 TRIANGLE = ((0.0, 0.0), (2e3, 0.0), (0.0, 1.5e3))
@@ -205,7 +205,9 @@ def test_a_node_does_not_fly_without_the_areas_of_its_file(tmp_path: Path) -> No
     far = [[12.1, 47.0], [12.2, 47.0], [12.2, 47.1]]
     for ring, says in ((far, r"the nearest \d+ km$"), ([p[::-1] for p in SQUARE], "exchanged")):
         file = write_areas(tmp_path, ring)
-        situation = replace(heard(crossing()), fixed_areas=areas_of_file(file), areas_file=file)
+        situation = replace(
+            situation_after(crossing()), fixed_areas=areas_of_file(file), areas_file=file
+        )
         with pytest.raises(Refusal, match=says) as refused:
             task(situation, NOW, SETTINGS)
         assert (refused.value.code, refused.value.field) == (Code.INVALID_TASK, "areas_file")
@@ -270,7 +272,7 @@ def test_a_viewer_draws_every_area_and_each_intruders_own_separation() -> None:
     pytest.importorskip("rclpy", reason=MISSING)
     from ros_bridge.transport.views import markers
 
-    asked = task(heard(crossing()), NOW, SETTINGS)
+    asked = task(situation_after(crossing()), NOW, SETTINGS)
     (intruder,) = asked.intruders
     heavy = replace(intruder, separation=2_500.0)
     lake = Area(Polygon(TRIANGLE, (((400.0, 200.0), (800.0, 200.0), (400.0, 500.0)),)), name="lake")

@@ -51,8 +51,8 @@ from tests.ros_bridge.scenes import (
     SETTINGS,
     THRESHOLDS,
     aircraft,
-    heard,
     point,
+    situation_after,
     stamp,
 )
 
@@ -107,7 +107,7 @@ def publish_plan(
 @functools.cache
 def begin_watch() -> tuple[Supervision, Situation]:
     """Return a monitor that has just begun to watch a plan, and what was heard."""
-    situation = traffic(heard(), 0.0)
+    situation = traffic(situation_after(), 0.0)
     return activate(initial(THRESHOLDS), situation, publish_plan(situation)), situation
 
 
@@ -122,7 +122,7 @@ def test_a_plan_in_a_wind_is_monitored_in_it():
             valid=0xE5,
             wind=blows,
         )
-        before = traffic(heard(own=message), 0.0) if seconds == 0.0 else situation
+        before = traffic(situation_after(own=message), 0.0) if seconds == 0.0 else situation
         after = updates.ownship(before, message, NOW + round(seconds * SECOND), RULES)
         return traffic(after, seconds)
 
@@ -149,7 +149,7 @@ def test_a_plan_in_a_wind_is_monitored_in_it():
 
 
 def test_a_turn_is_one_through_the_air_of_the_plan_that_is_taken_up():
-    situation, radius, rate = heard(), 50.0 / 0.03, 0.03
+    situation, radius, rate = situation_after(), 50.0 / 0.03, 0.03
     for second in range(-2, 1):
         moment, heading = NOW + second * SECOND, rate * second
         place = 8_000.0 + radius * math.sin(heading), 4_000.0 - radius * math.cos(heading)
@@ -170,7 +170,9 @@ def test_a_turn_is_one_through_the_air_of_the_plan_that_is_taken_up():
 
 def test_the_uncertainty_of_the_wind_counts_in_the_monitor_as_in_the_plan():
     settings = replace(SETTINGS, unknown=USUAL._replace(reported_wind_std=1.5))
-    situation = traffic(heard(own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xE5)), 0.0)
+    situation = traffic(
+        situation_after(own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xE5)), 0.0
+    )
     held = publish_plan(situation, settings=settings)
     assert (held.wind, held.wind_std) == ((0.0, 0.0), 1.5)
     watch = activate(initial(THRESHOLDS), situation, held)
@@ -205,7 +207,7 @@ def test_a_plan_whose_wind_is_too_uncertain_is_refused(std: float, field: str):
 
 
 def test_there_is_no_verdict_before_the_first_plan():
-    supervision = step_monitor(initial(THRESHOLDS), heard(), NOW)
+    supervision = step_monitor(initial(THRESHOLDS), situation_after(), NOW)
     assessment = supervision.assessment
     assert assessment is None
     assert to_fly(supervision) is FlyMode.NOTHING
@@ -261,7 +263,7 @@ def noisy(second: int, random: np.random.Generator) -> Any:
 @pytest.mark.parametrize("seed", range(2))
 def test_a_plan_survives_noise_that_is_declared(seed: int):
     random = np.random.default_rng(seed)
-    situation, supervision = heard(), initial(THRESHOLDS)
+    situation, supervision = situation_after(), initial(THRESHOLDS)
     state, asked, curve = VehicleState(0.0, 0.0, 0.0, 75.0), 0, None
     for second in range(100):
         now = NOW + second * SECOND

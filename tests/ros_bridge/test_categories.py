@@ -22,7 +22,7 @@ from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reports import USUAL
 from ros_bridge.core.tasks import task
 from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, domain
-from tests.ros_bridge.scenes import NOW, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
+from tests.ros_bridge.scenes import NOW, SECOND, SETTINGS, THRESHOLDS, aircraft, situation_after
 from tests.ros_bridge.test_assurance import publish_plan
 
 HEAVY, DRONE = number_of("A5"), number_of("b6 ")
@@ -85,7 +85,7 @@ def test_messages_carry_the_category() -> None:
 
 def test_the_task_keeps_from_each_what_its_category_asks_for() -> None:
     settings = replace(SETTINGS, categories=CATEGORIES)
-    situation = heard(
+    situation = situation_after(
         aircraft(9_000.0, 3_000.0, math.pi, 75.0, id="aaaaaa", category=HEAVY),
         aircraft(9_000.0, -3_000.0, math.pi, 75.0, id="bbbbbb", category=DRONE),
         aircraft(9_000.0, 9_000.0, math.pi, 75.0, id="cccccc", category=3),
@@ -109,7 +109,7 @@ def test_the_monitor_keeps_them_too_and_knows_altitudes() -> None:
         given = levels | {"altitude": height, "category": category}
         return aircraft(6_000.0, -4_500.0, math.pi / 2.0, 75.0, **given)
 
-    situation = heard(crossing(1_000.0, HEAVY), own=own)
+    situation = situation_after(crossing(1_000.0, HEAVY), own=own)
     supervision = activate(
         initial(THRESHOLDS, USUAL, CATEGORIES), situation, publish_plan(situation)
     )
@@ -123,7 +123,7 @@ def test_the_monitor_keeps_them_too_and_knows_altitudes() -> None:
     # One that sinks away counts until it is 600 m below.
     sinking = crossing(900.0, 0)
     sinking.velocity.z = -5.0
-    situation = heard(sinking, own=own)
+    situation = situation_after(sinking, own=own)
     assessment = step_monitor(
         activate(initial(THRESHOLDS, USUAL, CATEGORIES), situation, publish_plan(situation)),
         situation,

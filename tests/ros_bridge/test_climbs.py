@@ -45,9 +45,9 @@ from tests.ros_bridge.scenes import (
     SECOND,
     aircraft,
     geo_reference,
-    heard,
     point,
     route_points,
+    situation_after,
     stamp,
 )
 
@@ -71,7 +71,7 @@ def meeting(undulation: float | None = None, points: Any = None, other: int = MS
     meets it head-on at the same height.
     """
     level = {"valid": KNOWN, "altitude": 500.0}
-    return heard(
+    return situation_after(
         aircraft(3_000.0, 0.0, math.pi, 25.0, altitude_reference=other, **level),
         own=aircraft(0.0, 0.0, 0.0, 25.0, id="own", altitude_reference=MSL, **level),
         reference=geo_reference(
@@ -133,9 +133,9 @@ def test_a_floor_of_another_reference_is_refused_by_its_name():
 def test_an_ownship_without_a_vertical_speed_is_refused_where_plans_may_climb():
     own = aircraft(0.0, 0.0, 0.0, 25.0, id="own", valid=EXACT | conversions.ALTITUDE)
     own.altitude_reference = MSL
-    in_plane = task(heard(own=own), NOW, settings(Maneuvers.HORIZONTAL))
+    in_plane = task(situation_after(own=own), NOW, settings(Maneuvers.HORIZONTAL))
     assert plan_task(in_plane, POLICY, exhaustive=False).safe
-    wanted = task(heard(own=own), NOW, settings())
+    wanted = task(situation_after(own=own), NOW, settings())
     with pytest.raises(RequestError) as caught:
         plan_task(wanted, POLICY, exhaustive=False)
     refusal = refusal_of(caught.value, wanted)
@@ -179,7 +179,7 @@ def test_who_is_above_counts_as_far_as_the_ownship_may_climb():
         0.0, 0.0, 0.0, 25.0, id="own", valid=KNOWN, altitude=500.0, altitude_reference=MSL
     )
     now = NOW + 6 * SECOND
-    situation = updates.traffic(heard(own=own), silent, NOW, RULES)
+    situation = updates.traffic(situation_after(own=own), silent, NOW, RULES)
     later = aircraft(
         150.0,
         0.0,
@@ -353,7 +353,7 @@ def test_a_flight_keeps_the_separation_in_height():
     at = frame.geodetic(own.x + east * np.arange(1.0, 9.0), own.y + north * np.arange(1.0, 9.0))
     places = zip(at.latitude.tolist(), at.longitude.tolist(), strict=True)
     level = {"valid": KNOWN, "altitude": ALTITUDE, "altitude_reference": MSL, "frame": frame}
-    situation = heard(
+    situation = situation_after(
         *(aircraft(*state, id=name, **level) for name, state in flight.traffic.items()),
         own=aircraft(*own, id="own", **level),
         points=[point(number, *place) for number, place in enumerate(places)],

@@ -40,10 +40,10 @@ from tests.ros_bridge.displays import (
     area,
     areas,
     climbing_plan,
-    drawn,
     guidance,
     known_scene,
     level_aircraft,
+    page_document,
     plan,
     serving,
     status,
@@ -65,7 +65,7 @@ def after(seconds: float) -> int:
 @given(st.floats(-30e3, 30e3), st.floats(-30e3, 30e3), st.floats(-3.1, 3.1), st.floats(0.0, 20.0))
 def test_aircraft_are_drawn_where_they_are_to_be_expected(x, y, heading, seconds):
     message = aircraft(x, y, heading, 80.0)
-    shown = drawn(known_scene(message), after(seconds))
+    shown = page_document(known_scene(message), after(seconds))
     one = shown["traffic"][0]
     place = LocalFrame(*shown["origin"]).geodetic(one["x"], one["y"])
     velocity = message.velocity
@@ -80,22 +80,22 @@ def test_how_sure_a_position_is_grows_with_the_age_of_its_report_and_is_unknown_
     spread = {"position_std": 30.0, "velocity_std": 3.0}
     for seconds, expected in ((0.0, 60.0), (10.0, 2.0 * math.hypot(30.0, 30.0))):
         scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, **spread))
-        assert drawn(scene, after(seconds))["traffic"][0]["accuracy"] == pytest.approx(
+        assert page_document(scene, after(seconds))["traffic"][0]["accuracy"] == pytest.approx(
             expected, abs=0.1
         )
     unknown = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, valid=0x05))
-    assert drawn(unknown, NOW)["traffic"][0]["accuracy"] is None
+    assert page_document(unknown, NOW)["traffic"][0]["accuracy"] is None
 
 
 def test_what_is_old_is_marked_and_then_forgotten():
     scene, usual = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), USUAL_FRESHNESS
     states = [
-        [one["state"] for one in drawn(scene, after(age))["traffic"]]
+        [one["state"] for one in page_document(scene, after(age))["traffic"]]
         for age in (0.0, usual.intruder - 0.1, usual.intruder + 0.1, usual.silence + 0.1)
     ]
     assert states == [["fresh"], ["coasting"], ["stale"], []]
-    assert drawn(scene, after(usual.own + 0.1))["own"]["state"] == "stale"
-    lines = drawn(scene, after(usual.own + 0.1))["health"]
+    assert page_document(scene, after(usual.own + 0.1))["own"]["state"] == "stale"
+    lines = page_document(scene, after(usual.own + 0.1))["health"]
     assert next(one for one in lines if one["name"] == "ownship")["level"] == 2
 
 
@@ -106,19 +106,19 @@ def test_no_aircraft_is_forgotten_that_a_node_still_plans_for():
         pairs = [SimpleNamespace(key=key, value=text) for key, text in fresh.texts().items()]
         status = SimpleNamespace(level=b"\0", name=name, message="", values=pairs)
         scene = take(scene, "/diagnostics", SimpleNamespace(status=[status]), NOW)
-    assert [one["state"] for one in drawn(scene, after(599.0))["traffic"]] == ["stale"]
-    assert drawn(scene, after(601.0))["traffic"] == []
+    assert [one["state"] for one in page_document(scene, after(599.0))["traffic"]] == ["stale"]
+    assert page_document(scene, after(601.0))["traffic"] == []
 
 
 def test_an_aircraft_is_shown_by_its_callsign():
     scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, callsign="swr12k "))
-    assert drawn(scene, NOW)["traffic"][0]["callsign"] == "SWR12K"
+    assert page_document(scene, NOW)["traffic"][0]["callsign"] == "SWR12K"
 
 
 def test_a_clock_that_steps_back_begins_anew():
     scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0))
-    assert drawn(scene, after(-0.4))["traffic"]
-    assert not drawn(scene, after(-1.0))["traffic"]
+    assert page_document(scene, after(-0.4))["traffic"]
+    assert not page_document(scene, after(-1.0))["traffic"]
 
 
 def test_heights_are_compared_only_where_they_are_comparable():
@@ -128,7 +128,7 @@ def test_heights_are_compared_only_where_they_are_comparable():
     own = aircraft(0.0, 0.0, 0.0, 80.0, id="own", **level(1_000.0, 1))
     for other, reference, above in ((1_300.0, 1, 300.0), (1_300.0, 2, None), (900.0, 1, -100.0)):
         scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, **level(other, reference)), own=own)
-        assert drawn(scene, NOW)["traffic"][0]["relative_altitude"] == above
+        assert page_document(scene, NOW)["traffic"][0]["relative_altitude"] == above
 
 
 def test_alerts_of_the_monitor_and_of_others_are_joined():
@@ -136,12 +136,12 @@ def test_alerts_of_the_monitor_and_of_others_are_joined():
     levels = {"intruder_ids": ["4b1a2c"], "intruder_level": [1], "intruder_loss": [40.0]}
     scene = take(scene, GUIDANCE, guidance(**levels), NOW)
     scene = take(scene, f"{PREFIX}alerts", alert("b", level=3), NOW)
-    shown = drawn(scene, after(2.0))
+    shown = page_document(scene, after(2.0))
     assert [(one["id"], one["level"], one["loss"]) for one in shown["alerts"]] == [
         ("b", 3, None),
         ("4b1a2c", 1, 38.0),
     ]
-    assert drawn(scene, after(20.0))["alerts"] == []
+    assert page_document(scene, after(20.0))["alerts"] == []
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -152,7 +152,7 @@ def test_advice_turns_to_the_nearer_free_side(side: int):
     bands.track_region = [2 if n in closed else 0 for n in range(72)]
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [2], [30.0]
     scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), GUIDANCE, bands, NOW)
-    advice = drawn(scene, NOW)["advice"]
+    advice = page_document(scene, NOW)["advice"]
     assert advice["do"] == "free" and advice["turn"] == ("right" if side > 0 else "left")
     assert advice["track_deg"] == 90.0 + side * 25.0
 
@@ -160,14 +160,14 @@ def test_advice_turns_to_the_nearer_free_side(side: int):
 def test_advice_is_what_the_monitor_says_is_to_be_flown():
     scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0))
     scene = take(take(scene, PLAN, plan(), NOW), STATUS, status(1), NOW)
-    shown = drawn(scene, NOW)
+    shown = page_document(scene, NOW)
     assert shown["advice"]["do"] == "plan" and shown["advice"]["turn"] == "left"
     assert shown["backup"] is None
     scene = take(take(scene, BACKUP, plan(5, north=-3_000.0), NOW), STATUS, status(2), NOW)
-    shown = drawn(scene, NOW)
+    shown = page_document(scene, NOW)
     assert shown["advice"]["do"] == "backup" and shown["advice"]["turn"] == "right"
     scene = take(scene, PLAN, SimpleNamespace(status=3), NOW)
-    assert drawn(scene, NOW)["plan"] is None
+    assert page_document(scene, NOW)["plan"] is None
 
 
 @given(
@@ -192,7 +192,7 @@ def test_own_plan_and_advice_are_in_one_frame(wind_to, wind_speed, track, speed)
     flown = plan()
     for one in (flown.start, *flown.waypoints):
         one.track_deg, one.ground_speed = track, speed
-    shown = drawn(take(take(scene, PLAN, flown, NOW), STATUS, status(1), NOW), NOW)
+    shown = page_document(take(take(scene, PLAN, flown, NOW), STATUS, status(1), NOW), NOW)
     assert shown["frame"] == "air" and shown["wind"] == pytest.approx(wind, abs=0.06)
     air, advice = shown["own"]["air"], shown["advice"]
     assert shown["plan"]["points"][0]["air"] == air
@@ -220,7 +220,7 @@ def test_what_follows_is_told_from_what_is_flown(passed: float, turn: str, then:
     ]
     flown.header.stamp = flown.start.time_of_arrival = stamp(after(-passed))
     scene = take(take(known_scene(), PLAN, flown, NOW), STATUS, status(1), NOW)
-    advice = drawn(scene, NOW)["advice"]
+    advice = page_document(scene, NOW)["advice"]
     assert advice["turn"] == turn
     follows = advice["then"]
     assert then == (follows and (follows["turn"], follows["track_deg"], follows["in"]))
@@ -228,16 +228,16 @@ def test_what_follows_is_told_from_what_is_flown(passed: float, turn: str, then:
 
 def test_a_plan_that_nobody_flies_is_advice():
     scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), PLAN, plan(), NOW)
-    shown = drawn(take(scene, STATUS, status(0, state=1), NOW), NOW)
+    shown = page_document(take(scene, STATUS, status(0, state=1), NOW), NOW)
     assert shown["advice"]["do"] == "advised" and shown["advice"]["turn"] == "left"
-    denied = drawn(take(scene, STATUS, status(0, state=3), NOW), NOW)
+    denied = page_document(take(scene, STATUS, status(0, state=3), NOW), NOW)
     assert denied["advice"]["do"] == "own route"
 
 
 def test_a_remark_is_no_reason():
     causes = Cause.SEPARATION | Cause.OUTSIDE_RANGE
     said = status(1, causes=int(causes), reasons=["too near", "an unusual speed"])
-    shown = drawn(take(known_scene(), STATUS, said, NOW), NOW)["monitor"]
+    shown = page_document(take(known_scene(), STATUS, said, NOW), NOW)["monitor"]
     assert (shown["reasons"], shown["remarks"]) == (["too near"], ["an unusual speed"])
 
 
@@ -248,7 +248,7 @@ def test_near_traffic_without_an_alert_is_proximate(away: float, level: int, nea
     """Nearer than ten separations of 1000 m; a height that nobody knows counts as the same."""
     levels = {"intruder_ids": ["4b1a2c"], "intruder_level": [level], "intruder_loss": [40.0]}
     scene = known_scene(aircraft(away, 0.0, 0.0, 80.0))
-    shown = drawn(take(scene, GUIDANCE, guidance(**levels), NOW), NOW)
+    shown = page_document(take(scene, GUIDANCE, guidance(**levels), NOW), NOW)
     assert shown["traffic"][0]["proximate"] is near
 
 
@@ -256,7 +256,7 @@ def test_where_nothing_is_free_the_way_out_is_said():
     bands = guidance(range(72), region=3, recovery=30)
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [3], [9.0]
     scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), GUIDANCE, bands, NOW)
-    advice = drawn(scene, after(2.0))["advice"]
+    advice = page_document(scene, after(2.0))["advice"]
     assert advice["do"] == "recovery" and advice["track_deg"] == 150.0
     assert advice["after"] == 10.0 and advice["shortfall"] == 250.0
 
@@ -270,7 +270,7 @@ def solid_scene(*traffic: Any, climb: float = 0.0, reference: int = 2) -> Displa
 
 def test_a_plan_that_climbs_says_how_far_and_what_comes_then():
     scene = take(solid_scene(), STATUS, status(1), NOW)
-    shown = drawn(scene, NOW)
+    shown = page_document(scene, NOW)
     began = shown["plan"]["began"]
     assert [(when - began, height) for when, height in shown["plan"]["profile"]] == [
         (0.0, 500.0),
@@ -285,22 +285,22 @@ def test_a_plan_that_climbs_says_how_far_and_what_comes_then():
     then = advice["then"]
     assert (then["in"], then["climb"], then["altitude"]) == (40.0, 0.0, 600.0)
     said = status(1, header=SimpleNamespace(stamp=stamp(after(50.0))))
-    later = drawn(take(scene, STATUS, said, after(50.0)), after(50.0))["advice"]
+    later = page_document(take(scene, STATUS, said, after(50.0)), after(50.0))["advice"]
     assert (later["climb"], later["altitude"]) == (0.0, 600.0)
     assert (later["then"]["in"], later["then"]["climb"]) == (30.0, -2.5)
     assert later["then"]["altitude"] == 500.0
-    flat = drawn(take(take(known_scene(), PLAN, plan(), NOW), STATUS, status(1), NOW), NOW)
+    flat = page_document(take(take(known_scene(), PLAN, plan(), NOW), STATUS, status(1), NOW), NOW)
     assert flat["plan"]["profile"] is None and "climb" not in flat["advice"]
 
 
 def test_altitudes_are_drawn_above_what_the_ownships_is():
     """The plan and the bands are above the ellipsoid, the ownship above the sea."""
     scene = solid_scene(reference=1)
-    unknown = drawn(scene, NOW)
+    unknown = page_document(scene, NOW)
     assert unknown["plan"]["profile"] is None and "altitude" not in unknown["bands"]
     assert unknown["bands"]["vertical_speed"] == [float(n - 5) for n in range(11)]
     origin = geo_reference(geoid_undulation_valid=True, geoid_undulation=48.0)
-    shown = drawn(take(scene, f"{PREFIX}geo_reference", origin, NOW), NOW)
+    shown = page_document(take(scene, f"{PREFIX}geo_reference", origin, NOW), NOW)
     assert shown["own"]["altitude"] == 500.0 and shown["own"]["reference"] == "msl"
     assert shown["plan"]["profile"][0][1] == shown["plan"]["profile"][-1][1] == 452.0
     assert shown["plan"]["points"][0]["altitude"] == 502.0
@@ -310,17 +310,19 @@ def test_altitudes_are_drawn_above_what_the_ownships_is():
 
 def test_altitudes_go_on_to_the_time_of_the_picture():
     other = level_aircraft(5_000.0, 0.0, 0.0, 80.0, height=800.0, climb=-2.0)
-    shown = drawn(known_scene(other, own=level_aircraft(0.0, 0.0, 0.0, 80.0, id="own")), after(4.0))
+    shown = page_document(
+        known_scene(other, own=level_aircraft(0.0, 0.0, 0.0, 80.0, id="own")), after(4.0)
+    )
     (intruder,) = shown["traffic"]
     assert intruder["altitude"] == 792.0 and intruder["relative_altitude"] == 292.0
 
 
 def test_a_backup_levels_off_where_the_ownship_may_climb():
     scene = take(take(solid_scene(climb=2.0), BACKUP, plan(5), NOW), STATUS, status(2), NOW)
-    advice = drawn(scene, NOW)["advice"]
+    advice = page_document(scene, NOW)["advice"]
     assert advice["do"] == "backup" and (advice["climb"], advice["altitude"]) == (0.0, None)
     flat = take(take(known_scene(), BACKUP, plan(5), NOW), STATUS, status(2), NOW)
-    assert "climb" not in drawn(flat, NOW)["advice"]
+    assert "climb" not in page_document(flat, NOW)["advice"]
 
 
 def test_where_no_direction_is_free_a_free_climb_is():
@@ -328,17 +330,17 @@ def test_where_no_direction_is_free_a_free_climb_is():
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [3], [9.0]
     other = level_aircraft(5_000.0, 0.0, 0.0, 80.0)
     own = level_aircraft(0.0, 0.0, 0.0, 80.0, climb=0.5, id="own")
-    advice = drawn(take(known_scene(other, own=own), GUIDANCE, bands, NOW), NOW)["advice"]
+    advice = page_document(take(known_scene(other, own=own), GUIDANCE, bands, NOW), NOW)["advice"]
     assert advice["do"] == "free" and advice["turn"] == "hold" and advice["climb"] == 2.0
     bands.vertical_speed_region = [3] * 11
-    advice = drawn(take(known_scene(other, own=own), GUIDANCE, bands, NOW), NOW)["advice"]
+    advice = page_document(take(known_scene(other, own=own), GUIDANCE, bands, NOW), NOW)["advice"]
     assert advice["do"] == "recovery" and "climb" not in advice
 
 
 def test_the_error_of_the_altitude_is_shown_where_it_is_measured():
     def error_of(**more: float) -> float | None:
         scene = take(known_scene(), STATUS, status(1, **more), NOW)
-        return drawn(scene, NOW)["monitor"]["altitude_error"]
+        return page_document(scene, NOW)["monitor"]["altitude_error"]
 
     assert error_of() is None
     assert error_of(altitude_error=0.0, altitude_error_limit=-1.0) is None
@@ -357,12 +359,12 @@ def test_a_turn_of_which_nobody_can_be_sure_is_drawn_straight():
                 x + 5_000.0, y, angle, 80.0, time=now, velocity_std=velocity_std, position_std=9.0
             )
             scene = take(scene, f"{PREFIX}traffic", flying, now)
-        turns.append(drawn(scene, after(5.0))["traffic"][0]["turn_deg"])
+        turns.append(page_document(scene, after(5.0))["traffic"][0]["turn_deg"])
     assert turns[0] > 5.0 and turns[1] == 0.0
 
 
 def test_a_plan_is_drawn_through_its_waypoints_and_over_its_times():
-    shown = drawn(take(known_scene(), PLAN, plan(), NOW), after(10.0))["plan"]
+    shown = page_document(take(known_scene(), PLAN, plan(), NOW), after(10.0))["plan"]
     line, point = shown["line"], shown["points"][0]
     assert line[-1][:2] == pytest.approx([point["x"], point["y"]], abs=0.2)
     times = [time for *_, time in line]
@@ -396,7 +398,7 @@ def test_a_plan_that_nobody_can_fly_is_drawn_all_the_same(steps):
             "time_of_arrival": stamp(NOW + round(time * SECOND) + number + 1),
         }
         message.waypoints.append(SimpleNamespace(**(first | more)))
-    shown = drawn(take(known_scene(), PLAN, message, NOW), NOW)
+    shown = page_document(take(known_scene(), PLAN, message, NOW), NOW)
     assert json.dumps(shown, allow_nan=False)
     assert len(shown["plan"]["points"]) == len(steps) and 2 <= len(shown["plan"]["line"]) <= 500
 
@@ -415,14 +417,14 @@ def test_a_plan_that_nobody_can_fly_is_drawn_all_the_same(steps):
 )
 def test_a_message_that_cannot_be_used_is_named_and_changes_nothing(name, message, says):
     scene = take(take(known_scene(), STATUS, status(), NOW), GUIDANCE, guidance(), NOW)
-    before = drawn(scene, NOW)
-    shown = drawn(take(scene, name, message, NOW), NOW)
+    before = page_document(scene, NOW)
+    shown = page_document(take(scene, name, message, NOW), NOW)
     told = [one["text"] for one in shown["health"] if one["level"] == 2]
     assert len(told) == 1 and told[0].startswith(says)
     differing = {key for key in before if before[key] != shown[key]}
     assert differing == {"health"}
     good = status() if name == STATUS else guidance() if name == GUIDANCE else plan()
-    healed = drawn(take(take(scene, name, message, NOW), name, good, NOW), NOW)
+    healed = page_document(take(take(scene, name, message, NOW), name, good, NOW), NOW)
     assert not [one for one in healed["health"] if one["level"] == 2]
 
 
@@ -432,7 +434,7 @@ def test_a_receivers_reports_make_a_picture_without_ros():
     wrong = FieldError("adsb 4b0000.speed", "has not been received")
     wrong.sighting = Sighting("4b0000", NOW, (47.2, 8.0))
     scene = take_report(scene, wrong, NOW)
-    shown = drawn(scene, NOW)
+    shown = page_document(scene, NOW)
     assert [one["id"] for one in shown["traffic"]] == ["4b1a2c"]
     assert shown["traffic"][0]["y"] - shown["own"]["y"] == pytest.approx(11_119.0, abs=20.0)
 
@@ -442,7 +444,7 @@ def test_every_picture_is_plain_json(names: list[str], seconds: float):
     scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, id="<b>'\"&"))
     for name in names:
         scene = take(scene, name, SimpleNamespace(), NOW)  # a message without any field
-    text = json.dumps(drawn(scene, after(seconds)), allow_nan=False)
+    text = json.dumps(page_document(scene, after(seconds)), allow_nan=False)
     assert json.loads(text)["version"] == VERSION
 
 
@@ -804,7 +806,7 @@ def test_stamps_are_not_made_up():
     """A report without a time is refused as everywhere."""
     message = aircraft(5_000.0, 0.0, 0.0, 80.0)
     message.header.stamp = stamp(0)
-    shown = drawn(known_scene(message), NOW)
+    shown = page_document(known_scene(message), NOW)
     assert shown["traffic"] == []
 
 
@@ -816,7 +818,7 @@ def test_in_a_wind_bands_are_compared_with_the_direction_through_the_air():
     bands = guidance(range(18, 28))  # tracks 90 to 135: what it points at is closed
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [2], [30.0]
     scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0), own=own), GUIDANCE, bands, NOW)
-    shown = drawn(scene, NOW)
+    shown = page_document(scene, NOW)
     assert shown["own"]["air"]["track_deg"] == pytest.approx(135.0, abs=0.1)
     assert shown["advice"]["turn"] == "right" and shown["advice"]["track_deg"] == 140.0
 
@@ -830,12 +832,13 @@ def test_aircraft_have_the_separation_of_their_category():
     heavy = aircraft(5_000.0, 0.0, 0.0, 80.0, id="a", category=5)
     scene = known_scene(heavy, aircraft(0.0, 5_000.0, 0.0, 80.0, id="b"))
     scene = take(scene, "/diagnostics", said("A5:2500,B6:300"), NOW)
-    assert [one["separation"] for one in drawn(scene, NOW)["traffic"]] == [2_500.0, None]
-    wrong = drawn(take(scene, "/diagnostics", said("A5:no"), NOW), NOW)
+    assert [one["separation"] for one in page_document(scene, NOW)["traffic"]] == [2_500.0, None]
+    wrong = page_document(take(scene, "/diagnostics", said("A5:no"), NOW), NOW)
     assert [one["separation"] for one in wrong["traffic"]] == [2_500.0, None]
     assert any("holds 'A5:no', expected" in one["text"] for one in wrong["health"])
     assert (
-        drawn(take(scene, "/diagnostics", said(""), NOW), NOW)["traffic"][0]["separation"] is None
+        page_document(take(scene, "/diagnostics", said(""), NOW), NOW)["traffic"][0]["separation"]
+        is None
     )
 
 
@@ -843,24 +846,24 @@ def test_areas_move_to_the_time_of_the_picture_and_say_when_they_hold():
     circle = area(valid=2 | 8, radius=2_000.0)  # ceiling, until
     message = areas(circle)
     scene = take(known_scene(), f"{PREFIX}areas", message, NOW)
-    before, later = (drawn(scene, after(seconds))["areas"][0] for seconds in (0.0, 30.0))
+    before, later = (page_document(scene, after(seconds))["areas"][0] for seconds in (0.0, 30.0))
     assert before["name"] == "<i>storm" and before["keep"] == "out"
     assert before["floor"] is None and before["ceiling"] == [3_000.0, "msl"]
     moved = [b - a for a, b in zip(before["circle"], later["circle"], strict=True)]
     assert moved == pytest.approx([300.0, 0.0, 150.0], abs=0.2)
-    assert later["valid"] and not drawn(scene, after(61.0))["areas"][0]["valid"]
+    assert later["valid"] and not page_document(scene, after(61.0))["areas"][0]["valid"]
     circle.radius = math.nan
-    told = drawn(take(scene, f"{PREFIX}areas", message, NOW), NOW)
+    told = page_document(take(scene, f"{PREFIX}areas", message, NOW), NOW)
     assert "areas.areas[0].radius is nan" in next(
         one["text"] for one in told["health"] if one["name"] == "areas"
     )
-    assert told["areas"] == drawn(scene, NOW)["areas"]
+    assert told["areas"] == page_document(scene, NOW)["areas"]
 
 
 def test_a_polygon_says_by_how_much_it_has_grown():
     ring = [(2_000.0, 0.0), (4_000.0, 0.0), (4_000.0, 3_000.0)]
     scene = take(known_scene(), f"{PREFIX}areas", areas(area(ring, growth=-2.0)), NOW)
-    before, later = (drawn(scene, after(seconds))["areas"][0] for seconds in (0.0, 30.0))
+    before, later = (page_document(scene, after(seconds))["areas"][0] for seconds in (0.0, 30.0))
     assert (before["grown"], later["grown"], later["growth"]) == (0.0, -60.0, -2.0)
     moved = np.subtract(later["rings"], before["rings"])
     np.testing.assert_allclose(moved, np.broadcast_to((300.0, 0.0), moved.shape), atol=0.2)

@@ -18,14 +18,22 @@ from ros_bridge.core.replies import to_frame
 from ros_bridge.core.reports import USUAL
 from ros_bridge.display.background import supervise
 from ros_bridge.display.scene import DisplayScene
-from tests.ros_bridge.displays import drawn
-from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, THRESHOLDS, aircraft, heard
+from tests.ros_bridge.displays import page_document
+from tests.ros_bridge.scenes import (
+    FRAME,
+    NOW,
+    SECOND,
+    SETTINGS,
+    THRESHOLDS,
+    aircraft,
+    situation_after,
+)
 from tests.ros_bridge.test_assurance import publish_plan, traffic
 from tests.ros_bridge.test_guidance import RULES, with_report
 
 
 def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
-    before = traffic(heard(), 0.0)
+    before = traffic(situation_after(), 0.0)
     plan = publish_plan(before)
     supervision = activate(initial(THRESHOLDS), before, plan)
     start, points = to_frame(FRAME, plan)
@@ -36,7 +44,7 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     situation = updates.ownship(situation, message, now, RULES)
     supervision = step_monitor(supervision, situation, now)
     scene, shown = supervise(DisplayScene(), situation, supervision, blank(THRESHOLDS), now)
-    found = drawn(scene, now)
+    found = page_document(scene, now)
     assert found["separation"] == THRESHOLDS.requirement.separation
     assert found["plan"]["revision"] == plan.revision
     assert [point["index"] for point in found["plan"]["points"]] == [p.index for p in plan.points]
@@ -46,13 +54,13 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     assert found["bands"]["track_region"][east] == 2
     unjudged = replace(supervision, assessment=None)
     later, _ = supervise(scene, situation, unjudged, shown, now + SECOND)
-    assert drawn(later, now + SECOND)["monitor"] is None
+    assert page_document(later, now + SECOND)["monitor"] is None
 
 
 def test_a_backup_is_shown_in_the_wind_that_it_is_flown_in():
     blows, now = SimpleNamespace(x=12.0, y=-9.0, z=0.0), NOW + SECOND
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xE5, wind=blows)
-    before = traffic(heard(own=own), 0.0)
+    before = traffic(situation_after(own=own), 0.0)
     settings = replace(SETTINGS, unknown=USUAL._replace(reported_wind_std=1.5))
     plan = publish_plan(before, settings=settings)
     supervision = withdraw(activate(initial(THRESHOLDS), before, plan), plan.revision + 1)

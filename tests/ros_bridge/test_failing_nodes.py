@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.ros_bridge.graph import MISSING, NODE, Client, World, beside, eventually
+from tests.ros_bridge.graph import MISSING, NODE, Client, World, eventually, running_beside
 
 pytest.importorskip("rclpy", reason=MISSING)
 
@@ -88,13 +88,13 @@ class Scene:
 
 @pytest.fixture
 def watched() -> Iterator[Scene]:
-    with beside(Monitor, diagnostics_period=0.2, ownship_max_age=10.0) as (node, client):
+    with running_beside(Monitor, diagnostics_period=0.2, ownship_max_age=10.0) as (node, client):
         yield Scene(node, client)
 
 
 @pytest.fixture
 def asked() -> Iterator[Scene]:
-    with beside(Runner, diagnostics_period=0.2, ownship_max_age=10.0) as (node, client):
+    with running_beside(Runner, diagnostics_period=0.2, ownship_max_age=10.0) as (node, client):
         yield Scene(node, client)
 
 

@@ -26,10 +26,10 @@ from tests.ros_bridge.scenes import (
     alert,
     crossing,
     geo_reference,
-    heard,
     publish,
     refusal,
     route_points,
+    situation_after,
     stamp,
 )
 
@@ -43,7 +43,7 @@ def silent(*messages, seconds: float = STALE) -> tuple[Situation, int]:
     late = NOW + round(seconds * SECOND)
     high = {"valid": 0x2F, "altitude": 1_000.0, "altitude_reference": 1}
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late, **high)
-    return updates.ownship(heard(*messages, own=own, now=NOW), own, late, RULES), late
+    return updates.ownship(situation_after(*messages, own=own, now=NOW), own, late, RULES), late
 
 
 def above(metres: float, **more):
@@ -106,7 +106,7 @@ def test_far_reports_do_not_hide_a_near_aircraft_of_the_same_name():
 
 
 def test_fault_of_an_aircraft_under_the_own_id_holds():
-    situation, faulty = heard(), []
+    situation, faulty = situation_after(), []
     for second in range(30):
         now = NOW + second * SECOND
         own = aircraft(75.0 * second, 0.0, 0.0, 75.0, id="own", time=now)
@@ -132,7 +132,7 @@ def unusable(kind: str, second: int, x: float):
 def test_usable_reports_do_not_hide_an_unusable_aircraft_of_the_same_name(
     kind: str, good: bool, pattern: str
 ):
-    situation, refusals = heard(), []
+    situation, refusals = situation_after(), []
     for second, which in enumerate(pattern):
         now = NOW + second * SECOND
         if which == "n":
@@ -160,7 +160,7 @@ def is_answered(situation: Situation, now: int) -> bool:
 
 
 def test_unusable_report_at_the_same_place_is_no_second_aircraft():
-    situation = heard(aircraft(9_000.0, 0.0, math.pi, 75.0))
+    situation = situation_after(aircraft(9_000.0, 0.0, math.pi, 75.0))
     late = NOW + SECOND
     situation = updates.traffic(situation, unusable("no velocity", 1, 9_000.0), late, RULES)
     assert not is_answered(situation, late)
@@ -189,7 +189,7 @@ def test_the_bound_of_a_plans_end_is_the_planners():
     long = publish(route_points(spacing=45_000.0, count=2))
     slow = aircraft(0.0, 0.0, 0.0, 49.0, id="own")
     head_on = aircraft(320_000.0, 0.0, math.pi, 149.0)
-    situation = updates.route(heard(head_on, own=slow, now=NOW), long, NOW, RULES)
+    situation = updates.route(situation_after(head_on, own=slow, now=NOW), long, NOW, RULES)
     wanted = task(situation, NOW, SETTINGS)
     assert wanted.excluded == () and len(wanted.intruders) == 1
 

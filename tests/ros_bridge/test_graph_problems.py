@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.ros_bridge.graph import MISSING, NODE, ROOT, Client, World, beside
+from tests.ros_bridge.graph import MISSING, NODE, ROOT, Client, World, running_beside
 
 pytest.importorskip("rclpy", reason=MISSING)
 
@@ -50,7 +50,7 @@ def state_of(client: Client, name: str, health: list[DiagnosticArray]) -> Diagno
 
 
 def test_a_clock_that_is_no_time_is_passed_over_and_a_standing_one_stops_no_diagnostics():
-    with beside(Runner, use_sim_time=True, diagnostics_period=0.2) as (node, client):
+    with running_beside(Runner, use_sim_time=True, diagnostics_period=0.2) as (node, client):
         begin(node)
         health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
         state = state_of(client, NODE, health)  # without any clock
@@ -71,7 +71,7 @@ class SlowMonitor(Monitor):
 
 
 def test_a_simulated_clock_that_waits_for_the_monitor_goes_on_at_once():
-    with beside(SlowMonitor, use_sim_time=True) as (node, client):
+    with running_beside(SlowMonitor, use_sim_time=True) as (node, client):
         begin(node)
         says = client.hear(AssuranceStatus, "/rlcas_monitor/output/status", qos.LATCHED)
 
@@ -97,7 +97,7 @@ def test_a_simulated_clock_that_waits_for_the_monitor_goes_on_at_once():
 
 
 def test_a_publisher_that_does_not_fit_is_forgotten_when_it_has_gone():
-    with beside(Runner, diagnostics_period=0.2) as (node, client):
+    with running_beside(Runner, diagnostics_period=0.2) as (node, client):
         begin(node)
         health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
         poor = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -111,7 +111,7 @@ def test_a_publisher_that_does_not_fit_is_forgotten_when_it_has_gone():
 
 
 def test_a_second_node_of_the_name_is_an_error_while_it_runs():
-    with beside(Monitor, diagnostics_period=0.2) as (node, client):
+    with running_beside(Monitor, diagnostics_period=0.2) as (node, client):
         begin(node)
         health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
         other = client.node.create_publisher(
@@ -125,7 +125,7 @@ def test_a_second_node_of_the_name_is_an_error_while_it_runs():
 
 def test_a_monitor_that_differs_from_the_runner_says_in_what():
     values = {"diagnostics_period": 0.2, "separation": 3000.0}
-    with beside(Runner, **values) as (runner, client):
+    with running_beside(Runner, **values) as (runner, client):
         monitor = Monitor(
             context=client.context,
             parameter_overrides=[
@@ -153,7 +153,7 @@ def test_a_monitor_that_differs_from_the_runner_says_in_what():
 
 
 def test_diagnostics_of_thousands_of_aircraft_are_bounded():
-    with beside(Runner, diagnostics_period=0.2) as (node, client):
+    with running_beside(Runner, diagnostics_period=0.2) as (node, client):
         begin(node)
         health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
         now = client.now()
@@ -180,7 +180,7 @@ def test_a_signal_during_the_start_ends_it_in_order(how: signal.Signals):
 
 
 def test_the_ownship_is_published_as_odometry_in_the_map():
-    with beside(Runner) as (node, client):
+    with running_beside(Runner) as (node, client):
         begin(node)
         world = World(client)
         seen = client.hear(Odometry, f"{NODE}/output/odometry", qos.EVENTS)

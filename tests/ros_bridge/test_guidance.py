@@ -23,7 +23,7 @@ from ros_bridge.core.guidance import TRACKS, Guidance, blank, guidance
 from ros_bridge.core.replies import to_frame
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tracks import Rules
-from tests.ros_bridge.scenes import FRAME, NOW, SECOND, THRESHOLDS, aircraft, heard
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, THRESHOLDS, aircraft, situation_after
 from tests.ros_bridge.test_assurance import publish_plan, traffic
 
 RULES = Rules()
@@ -36,7 +36,7 @@ def with_report(situation: Situation, name: str, x: float, y: float, heading: fl
 
 def display(situation: Situation, frame: LocalFrame | None = None) -> Guidance:
     """Return what is shown a second after a plan began."""
-    before = traffic(heard(), 0.0)
+    before = traffic(situation_after(), 0.0)
     plan = publish_plan(before)
     supervision: Supervision = activate(initial(THRESHOLDS), before, plan)
     _, points = to_frame(FRAME, plan)
@@ -53,7 +53,7 @@ def display(situation: Situation, frame: LocalFrame | None = None) -> Guidance:
 
 def test_an_aircraft_head_on_closes_the_way_to_it() -> None:
     # The ownship flies east.
-    found = display(with_report(traffic(heard(), 1.0), "new001", 7_000.0, 0.0, math.pi))
+    found = display(with_report(traffic(situation_after(), 1.0), "new001", 7_000.0, 0.0, math.pi))
     tracks = found.tracks
     assert tracks.target == TRACKS.tolist() and len(tracks.region) == len(tracks.loss) == 72
     east, west = tracks.target.index(90.0), tracks.target.index(270.0)
@@ -68,7 +68,7 @@ def test_an_aircraft_head_on_closes_the_way_to_it() -> None:
 
 
 def test_an_area_ahead_is_named_and_closes_the_way_into_it() -> None:
-    situation = with_report(traffic(heard(), 1.0), "new001", 0.0, 40_000.0, 0.5 * math.pi)
+    situation = with_report(traffic(situation_after(), 1.0), "new001", 0.0, 40_000.0, 0.5 * math.pi)
     place = FRAME.geodetic(4_000.0, 0.0)
     field = GeodeticArea(
         "areas.areas[0]",
@@ -89,7 +89,7 @@ def test_an_area_ahead_is_named_and_closes_the_way_into_it() -> None:
 
 
 def test_directions_are_true_where_the_map_is_turned() -> None:
-    situation = with_report(traffic(heard(), 1.0), "new001", 7_000.0, 0.0, math.pi)
+    situation = with_report(traffic(situation_after(), 1.0), "new001", 7_000.0, 0.0, math.pi)
     here = display(situation)
 
     # The same states on a map about a place far to the west at a high latitude.
@@ -103,14 +103,14 @@ def test_directions_are_true_where_the_map_is_turned() -> None:
 
 
 def test_where_nothing_is_free_there_is_a_way_out() -> None:
-    found = display(with_report(traffic(heard(), 1.0), "new001", 900.0, 100.0, math.pi))
+    found = display(with_report(traffic(situation_after(), 1.0), "new001", 900.0, 100.0, math.pi))
     assert found.tracks.region[found.recovery] == Region.RECOVERY
     assert Region.FREE not in found.tracks.region
     assert found.recovery_shortfall > 0.0
 
 
 def test_nothing_is_shown_of_an_ownship_that_is_unknown() -> None:
-    before = traffic(heard(), 0.0)
+    before = traffic(situation_after(), 0.0)
     supervision = activate(initial(THRESHOLDS), before, publish_plan(before))
     supervision = step_monitor(supervision, before, NOW + 10 * SECOND)
     assessment = supervision.assessment

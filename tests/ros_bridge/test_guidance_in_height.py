@@ -38,7 +38,7 @@ from ros_bridge.display.scene_recording import encoder
 from tests.ros_bridge.displays import guidance as guidance_message
 from tests.ros_bridge.displays import status as status_message
 from tests.ros_bridge.displays import up_and_down
-from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, heard
+from tests.ros_bridge.scenes import FRAME, NOW, SECOND, aircraft, situation_after
 from tests.ros_bridge.test_climbs import KNOWN, MSL, VERTICAL, published, settings, usual
 
 SPEED = 25.0  # m/s
@@ -66,7 +66,7 @@ def report(x: float, y: float, heading: float, height: float, climb: float, **mo
 
 def situation_of(*others: Any, climb: float = 0.0) -> Situation:
     """Return an ownship that flies east 500 m above the sea among others."""
-    return heard(*others, own=report(0.0, 0.0, 0.0, 500.0, climb, id="own"))
+    return situation_after(*others, own=report(0.0, 0.0, 0.0, 500.0, climb, id="own"))
 
 
 def shown(supervision: Supervision, now: int, before: Shown | None = None) -> Guidance:
@@ -92,7 +92,7 @@ def fly(now: int, height: float, climb: float, place: VehicleState) -> Situation
         id="own",
         time=now,
     )
-    return heard(other, own=own, now=now)
+    return situation_after(other, own=own, now=now)
 
 
 def flight(off: float = 0.0) -> Iterator[tuple[float, int, Supervision]]:
@@ -185,7 +185,7 @@ def test_without_an_own_altitude_or_climb_there_are_no_bands_up_and_down() -> No
     for valid in (0xC5, 0xC7):
         own = report(0.0, 0.0, 0.0, 500.0, 0.0, id="own")
         own.valid = valid
-        bands = looked_at(heard(other, own=own))
+        bands = looked_at(situation_after(other, own=own))
         assert bands.vertical is None and bands.levels[0] > Level.NONE
 
 

@@ -22,7 +22,7 @@ from tests.ros_bridge.scenes import (
     THRESHOLDS,
     aircraft,
     crossing,
-    heard,
+    situation_after,
 )
 
 
@@ -30,7 +30,7 @@ def situation_in(wind: tuple[float, float] | None) -> Situation:
     known = {}
     if wind is not None:
         known = {"valid": 0xE5, "wind": SimpleNamespace(x=wind[0], y=wind[1], z=0.0)}
-    return heard(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", **known))
+    return situation_after(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", **known))
 
 
 def wind_of(looking: Supervision) -> Wind:
@@ -93,7 +93,7 @@ def test_who_can_come_near_in_a_wind_within_its_uncertainty_counts() -> None:
     known = {"valid": 0xE5, "wind": SimpleNamespace(x=0.0, y=0.0, z=0.0)}
     silent = aircraft(128_000.0, 0.0, math.pi, 75.0, time=NOW - 6 * SECOND)
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", **known)
-    situation = heard(silent, own=own)
+    situation = situation_after(silent, own=own)
     for std, counts in ((0.0, False), (5.0, True)):
         begun = initial(THRESHOLDS, USUAL._replace(reported_wind_std=std))
         looking = look(begun, situation, NOW)

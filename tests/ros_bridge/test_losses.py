@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.ros_bridge.graph import MISSING, NODE, Client, Process, beside, domain
+from tests.ros_bridge.graph import MISSING, NODE, Client, Process, domain, running_beside
 
 pytest.importorskip("rclpy", reason=MISSING)
 
@@ -38,7 +38,10 @@ def test_what_does_not_come_between_two_messages_is_lost(came: list[bool]):
 
 def test_a_whole_sky_at_once_is_passed_on_whole():
     names = {f"{number:06x}" for number in range(1, 802)}
-    with beside(Translator, traffic_source="nav_sat_fix", traffic_id="n1") as (node, client):
+    with running_beside(Translator, traffic_source="nav_sat_fix", traffic_id="n1") as (
+        node,
+        client,
+    ):
         states = client.hear_traffic()
         client.spin(lambda: node.count_subscribers(f"{NODE}/input/traffic_array"))
         client.idle(0.5)
@@ -90,7 +93,7 @@ def test_every_aircraft_of_a_document_is_known_to_the_runner(tmp_path: Path):
 
 
 def test_lost_reports_are_an_error_in_the_diagnostics():
-    with beside(Runner, diagnostics_period=0.2) as (node, client):
+    with running_beside(Runner, diagnostics_period=0.2) as (node, client):
         node.trigger_configure()
         node.trigger_activate()
         health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)

@@ -450,9 +450,9 @@ def test_a_plan_that_climbs_has_altitudes_for_map_programs(flown: tuple[Vehicle,
     line = ElementTree.fromstring(kml(held)).find(".//{*}LineString")
     assert line is not None and line.findtext("{*}altitudeMode") == "absolute"
     places = (line.findtext("{*}coordinates") or "").split()
-    drawn = [float(place.split(",")[2]) for place in places]
-    assert drawn[1:] == pytest.approx(planned, abs=0.05)
-    assert not math.isnan(drawn[0])
+    heights = [float(place.split(",")[2]) for place in places]
+    assert heights[1:] == pytest.approx(planned, abs=0.05)
+    assert not math.isnan(heights[0])
 
 
 @pytest.mark.parametrize("recorded", [False, True])
@@ -461,7 +461,7 @@ def test_a_display_and_its_recording_draw_a_plan_at_its_altitudes(
 ) -> None:
     pytest.importorskip("websockets", reason="the extra display is not installed")
     from ros_bridge.mavlink.adapter import SceneAdapter
-    from tests.ros_bridge.displays import drawn
+    from tests.ros_bridge.displays import page_document
 
     received = heard()
     judgement = judge(received, flown[1])
@@ -482,6 +482,6 @@ def test_a_display_and_its_recording_draw_a_plan_at_its_altitudes(
 
         live = LiveSource()
         SceneAdapter(flown[1], live.feed)(view)
-        picture = drawn(live.scene, NOW)
+        picture = page_document(live.scene, NOW)
     shown = [point["altitude"] for point in picture["plan"]["points"]]
     assert max(shown) == pytest.approx(max(heights(judgement)), abs=0.1)

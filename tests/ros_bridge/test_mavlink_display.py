@@ -38,7 +38,7 @@ from ros_bridge.mavlink.options import options_of
 from ros_bridge.mavlink.plan_file import geojson, kml
 from ros_bridge.mavlink.vehicle import vehicle_of
 from ros_bridge.mavlink.view import View
-from tests.ros_bridge.displays import drawn
+from tests.ros_bridge.displays import page_document
 from tests.ros_bridge.test_mavlink import PARAMETERS
 
 HOME = LocalFrame(47.4, 8.5)
@@ -144,7 +144,9 @@ def test_a_conflict_on_the_mission_is_shown_with_its_plan_bands_and_fence(follow
     judgement = judge(heard, followed)
     assert judgement.safe and judgement.conflict is not None
     seen = view(heard, judgement)
-    found = drawn(SceneAdapter(followed, LiveSource().feed).after(DisplayScene(), seen), seen.time)
+    found = page_document(
+        SceneAdapter(followed, LiveSource().feed).after(DisplayScene(), seen), seen.time
+    )
     assert found["plan"]["revision"] == 1
     assert found["advice"]["do"] == "advised"
     assert any("on the mission" in why for why in found["monitor"]["reasons"])
@@ -165,7 +167,7 @@ def test_in_a_wind_bands_are_those_of_the_air_that_is_flown_in(followed: Rules) 
             received(seconds, wind=wind), judge(received(seconds, crossing=False), followed)
         )
         scene = adapter.after(scene, seen)
-        found = drawn(scene, seen.time)
+        found = page_document(scene, seen.time)
         assert found["wind"] == ([0.0, 0.0] if wind == 0.0 else [8.0, 0.0])
         # The ownship flies 22 m/s over the ground: as fast as that less the tail wind.
         assert found["own"]["air"]["speed"] == pytest.approx(SPEED - wind, abs=0.1)
@@ -175,7 +177,9 @@ def test_in_a_wind_bands_are_those_of_the_air_that_is_flown_in(followed: Rules) 
 def test_without_traffic_nothing_is_closed_and_the_mission_is_flown(followed: Rules) -> None:
     heard = received(0.0, crossing=False)
     seen = view(heard, judge(heard, followed))
-    found = drawn(SceneAdapter(followed, LiveSource().feed).after(DisplayScene(), seen), seen.time)
+    found = page_document(
+        SceneAdapter(followed, LiveSource().feed).after(DisplayScene(), seen), seen.time
+    )
     assert found["plan"] is None and found["alerts"] == []
     assert not any(found["bands"]["track_region"])
     assert found["advice"] == {"do": "own route"}
@@ -214,7 +218,7 @@ def test_a_recording_without_ros_shows_what_the_display_showed(
         seen = view(heard, judge(heard, followed))
         for adapter in adapters:
             adapter(seen)
-        shown.append(drawn(live.scene, seen.time))
+        shown.append(page_document(live.scene, seen.time))
     assert [one["separation"] for one in shown[-1]["traffic"]] == [400.0]
     recorder.close()
     again = GraphRecording(file).player()
@@ -232,9 +236,9 @@ def test_a_plan_is_a_line_for_ground_stations_and_for_map_programs(followed: Rul
     assert held is not None
     expected = [[one.longitude, one.latitude] for one in (held.start, *held.points)]
     assert json.loads(geojson(held))["geometry"]["coordinates"] == expected
-    drawn = ElementTree.fromstring(kml(held)).findtext(".//{*}LineString/{*}coordinates")
-    assert drawn is not None
-    places = [[float(number) for number in place.split(",")] for place in drawn.split()]
+    coordinates = ElementTree.fromstring(kml(held)).findtext(".//{*}LineString/{*}coordinates")
+    assert coordinates is not None
+    places = [[float(number) for number in place.split(",")] for place in coordinates.split()]
     np.testing.assert_allclose(places, expected, rtol=0.0, atol=1e-7)
 
 
@@ -252,11 +256,11 @@ def test_a_plan_over_the_antimeridian_is_cut_there(followed: Rules, longitude: f
     shape = json.loads(geojson(turned))["geometry"]
     lines = [shape["coordinates"]] if shape["type"] == "LineString" else shape["coordinates"]
     assert (len(lines) > 1) == (longitude > 0.0)
-    drawn = [
+    kml_lines = [
         [[float(number) for number in place.split(",")] for place in (one.text or "").split()]
         for one in ElementTree.fromstring(kml(turned)).iterfind(".//{*}coordinates")
     ]
-    for some in (lines, drawn):
+    for some in (lines, kml_lines):
         for line in some:
             assert np.abs(np.diff(np.array(line)[:, 0])).max() < 1.0
         inner = [place for line in some for place in line if abs(place[0]) < 180.0]
@@ -267,7 +271,9 @@ def test_a_plan_over_the_antimeridian_is_cut_there(followed: Rules, longitude: f
 def test_the_map_is_the_same_on_both_sides_of_the_antimeridian(latitude: float) -> None:
     for longitude in (179.9999, -179.9999, 180.0):
         own = Report("ownship", SECOND, latitude, longitude, 20.0, 0.0)
-        origin = drawn(take_report(DisplayScene(), own, SECOND, own=True), SECOND)["origin"][1]
+        origin = page_document(take_report(DisplayScene(), own, SECOND, own=True), SECOND)[
+            "origin"
+        ][1]
         assert -180.0 <= origin <= 180.0
         assert abs(math.remainder(longitude - origin, 360.0)) < 0.5
 

@@ -32,7 +32,7 @@ from ros_bridge.mavlink.options import options_of
 from ros_bridge.mavlink.program import Program
 from ros_bridge.mavlink.state import RECOVERED
 from ros_bridge.mavlink.udp import SILENT
-from tests.ros_bridge.displays import drawn
+from tests.ros_bridge.displays import page_document
 from tests.ros_bridge.test_mavlink import PARAMETERS
 
 
@@ -267,7 +267,9 @@ def test_what_is_left_out_of_the_traffic_is_told_and_shown(tmp_path: Path) -> No
             one.turn(0.05)
             told += texts(autopilot)
         shown = SceneAdapter(one.setup.rules, lambda change: None).after(DisplayScene(), one.view)
-        (line,) = (each for each in drawn(shown, one.view.time)["health"] if "left" in each["name"])
+        (line,) = (
+            each for each in page_document(shown, one.view.time)["health"] if "left" in each["name"]
+        )
         assert "on the ground" in line["text"]
 
 

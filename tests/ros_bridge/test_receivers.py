@@ -223,11 +223,11 @@ def test_a_translator_passes_on_what_a_device_sends() -> None:
     port = free_udp_port()
     source = f"gdl90://127.0.0.1:{port}"
     with (
-        graph.beside(Translator, adsb=source, diagnostics_period=0.2) as (_, client),
+        graph.running_beside(Translator, adsb=source, diagnostics_period=0.2) as (_, client),
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as device,
     ):
         with pytest.raises(ValueError, match="Address already in use"):  # noqa: SIM117
-            with graph.beside(Translator, adsb=source):
+            with graph.running_beside(Translator, adsb=source):
                 pass
         states = client.hear_traffic()
         health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)

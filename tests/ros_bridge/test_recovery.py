@@ -20,10 +20,10 @@ from tests.ros_bridge.scenes import (
     THRESHOLDS,
     aircraft,
     alert,
-    heard,
     publish,
     refusal,
     route_points,
+    situation_after,
 )
 from tests.ros_bridge.test_assurance import publish_plan
 
@@ -41,7 +41,7 @@ def refused(situation: Situation, now: int) -> Code | None:
 
 
 def test_an_alert_that_cannot_be_read_counts_as_long_as_others():
-    situation = updates.alert(heard(), alert("a", level=9), NOW, RULES)
+    situation = updates.alert(situation_after(), alert("a", level=9), NOW, RULES)
 
     def later(seconds: float) -> Code | None:
         own = aircraft(75.0 * seconds, 0.0, 0.0, 75.0, id="own", time=at(seconds))
@@ -72,14 +72,14 @@ def twins(situation: Situation, begin: float, end: float) -> Situation:
 
 @pytest.mark.parametrize("side", [0.0, 2_000.0])
 def test_ownship_with_one_source_again_is_usable_within_seconds(side: float):
-    situation = twins(heard(), 0.2, 4.0)
+    situation = twins(situation_after(), 0.2, 4.0)
     assert refused(situation, at(4.0)) is Code.INVALID_OWNSHIP
     # Whichever of the two goes on.
     assert refused(own_reports(situation, 4.0, 7.0, y=side), at(7.0)) is None
 
 
 def test_ownship_of_two_sources_is_refused_however_long():
-    situation = heard()
+    situation = situation_after()
     for second in range(1, 40):
         situation = twins(situation, float(second), second + 1.0)
         if second > 2:
@@ -87,7 +87,7 @@ def test_ownship_of_two_sources_is_refused_however_long():
 
 
 def test_ownship_whose_clock_is_right_again_is_usable_within_seconds():
-    situation = own_reports(heard(), 0.2, 2.0)
+    situation = own_reports(situation_after(), 0.2, 2.0)
     situation = own_reports(situation, 2.0, 4.0, ahead=100.0)
     assert refused(situation, at(4.0)) is Code.FUTURE_OWNSHIP
     assert refused(own_reports(situation, 4.0, 7.0), at(7.0)) is None
@@ -96,7 +96,7 @@ def test_ownship_whose_clock_is_right_again_is_usable_within_seconds():
 @pytest.mark.parametrize("apart", [30.0, 100.0])
 @pytest.mark.parametrize("every", [0.2, 1.0])
 def test_runner_and_monitor_agree_about_a_name_at_two_near_places(apart: float, every: float):
-    situation, states = heard(), []
+    situation, states = situation_after(), []
     supervision = None
     for count in range(round(20.0 / every)):
         seconds = count * every
@@ -119,7 +119,7 @@ def test_runner_and_monitor_agree_about_a_name_at_two_near_places(apart: float, 
 
 def test_a_name_that_cannot_be_used_stands_short_and_on_one_line_everywhere():
     for name in ("a\nb" * 20_000, "", "x" * 65_000, "\u202ex"):
-        situation = heard(aircraft(9_000.0, 0.0, math.pi, 75.0, id=name))
+        situation = situation_after(aircraft(9_000.0, 0.0, math.pi, 75.0, id=name))
         [(key, track)] = situation.traffic.items()
         assert track.fault is not None
         with pytest.raises(Refusal) as caught:
@@ -137,8 +137,8 @@ def test_reasons_name_aircraft_and_not_numbers():
 
 def test_a_route_is_as_long_as_it_can_be_read_in_time():
     longest, longer = (publish(route_points(count=count, spacing=50.0)) for count in (1000, 1001))
-    assert refused(updates.route(heard(), longest, NOW, RULES), NOW) is None
-    assert refusal(updates.route(heard(), longer, NOW, RULES)) == (
+    assert refused(updates.route(situation_after(), longest, NOW, RULES), NOW) is None
+    assert refusal(updates.route(situation_after(), longer, NOW, RULES)) == (
         Code.INVALID_ROUTE,
         "route.waypoints",
     )

@@ -16,9 +16,9 @@ from tests.ros_bridge.graph import (
     Client,
     Process,
     World,
-    beside,
     domain,
     eventually,
+    running_beside,
 )
 
 pytest.importorskip("rclpy", reason=MISSING)
@@ -84,7 +84,7 @@ class Scene:
 @pytest.fixture
 def scene(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
     ages = {"ownship_max_age": 10.0, "intruder_max_age": 60.0, "request_max_age": 60.0}
-    with beside(planning.Runner, **ages) as (node, client):
+    with running_beside(planning.Runner, **ages) as (node, client):
         scene = Scene(node, client, monkeypatch)
         try:
             yield scene
@@ -159,7 +159,7 @@ def test_node_plans_once_before_its_first_request(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(
         planner, "plan", lambda *given, **more: planned.append(really(*given, **more))
     )
-    with beside(planning.Runner) as (node, client):
+    with running_beside(planning.Runner) as (node, client):
         node.trigger_configure()
         assert planned == []
         node.trigger_activate()

@@ -21,7 +21,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.ros_bridge.graph import MISSING, ROOT, Process, beside, domain
+from tests.ros_bridge.graph import MISSING, ROOT, Process, domain, running_beside
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, stamp
 
 pytest.importorskip("rclpy", reason=MISSING)
@@ -101,7 +101,7 @@ def test_route_passes_the_goal_and_is_long_enough_for_every_plan():
 def test_encounter_that_cannot_be_flown_is_a_logged_failure():
     encounter = encounters_of_seed(scenario("circle", PAPER), 0, 0, 1)
     fast = encounter._replace(own=encounter.own._replace(speed=encounter.own.speed * 0.0 + 300.0))
-    with beside(Simulator, vehicle="c208") as (node, _):
+    with running_beside(Simulator, vehicle="c208") as (node, _):
         node.begin(fast, "too fast")
         assert not node.flying
         assert node.logs[0].failure.startswith("vehicle 'c208': the flight cannot begin")
@@ -201,7 +201,7 @@ def test_unsafe_and_withdrawn_plans_are_not_flown():
 
 
 def test_pilot_turns_to_the_plan_and_stops_without_an_ownship_or_a_monitor():
-    with beside(Pilot, ownship_max_age=0.5) as (_, client):
+    with running_beside(Pilot, ownship_max_age=0.5) as (_, client):
         world = World(client)
         now = client.now()
         # Straight east at 75 m/s, 20 s a leg; the ownship is 30 m to its right.
@@ -263,7 +263,7 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship_or_a_monitor():
 
 
 def test_pilot_commands_the_climb_of_a_plan():
-    with beside(Pilot, aircraft="uas", monitor=False) as (_, client):
+    with running_beside(Pilot, aircraft="uas", monitor=False) as (_, client):
         world, now = World(client), client.now()
         level = Altitude(1_000.0, "wgs84", 3.0)
         points = [
@@ -343,7 +343,7 @@ def test_a_head_on_encounter_is_resolved_by_a_climb():
     parameters = {"aircraft": "uas", "maneuvers": "vertical", "vertical_margin_m": 10.0}
     given = [f"{name}:={value}" for name, value in (parameters | {"use_sim_time": "true"}).items()]
     arguments = [part for one in given for part in ("-p", one)]
-    with beside(Simulator, aircraft="uas", monitor=False, rate=100.0) as (node, client):
+    with running_beside(Simulator, aircraft="uas", monitor=False, rate=100.0) as (node, client):
         runner = Process(
             "ros_bridge.runner", client.context.get_domain_id(), "--ros-args", *arguments
         )

@@ -39,16 +39,16 @@ from tests.ros_bridge.scenes import (
     alert,
     crossing,
     geo_reference,
-    heard,
     point,
     publish,
     refusal,
     route_points,
+    situation_after,
 )
 
 
 def test_complete_situation_is_a_task():
-    wanted = task(heard(crossing()), NOW, SETTINGS)
+    wanted = task(situation_after(crossing()), NOW, SETTINGS)
     assert wanted.own == pytest.approx((0.0, 0.0, 0.0, 75.0), abs=1e-6)
     assert wanted.identifiers == ("4b1a2c",)
     assert wanted.intruders[0].state == pytest.approx(
@@ -63,7 +63,7 @@ def test_complete_situation_is_a_task():
 
 def test_what_an_intruder_does_not_report_is_assumed_and_said_by_its_name():
     unknown = Unknown(200.0, 2.0)
-    wanted = task(heard(crossing(valid=0x05)), NOW, replace(SETTINGS, unknown=unknown))
+    wanted = task(situation_after(crossing(valid=0x05)), NOW, replace(SETTINGS, unknown=unknown))
     assert (wanted.intruders[0].position_std, wanted.intruders[0].velocity_std) == unknown[:2]
     assert [
         in_terms_of_messages(note.field, wanted.identifiers)
@@ -83,7 +83,7 @@ def test_a_velocity_that_jumps_is_refused(valid: int):
             (-7_930.0, -math.pi / 2.0, late),
         )
     ]
-    assert refusal(heard(*reports, own=own, now=late), late) == (
+    assert refusal(situation_after(*reports, own=own, now=late), late) == (
         Code.INVALID_INTRUDER,
         "intruder 4b1a2c.velocity",
     )
@@ -102,7 +102,9 @@ def test_the_ownship_is_carried_to_the_request(
     frame = LocalFrame(*origin)
     late = NOW + round(age * SECOND)
     state = task(
-        heard(own=aircraft(x, y, heading, 75.0, id="own", frame=frame), frame=frame), late, SETTINGS
+        situation_after(own=aircraft(x, y, heading, 75.0, id="own", frame=frame), frame=frame),
+        late,
+        SETTINGS,
     ).own
     assert state.x == pytest.approx(x + 75.0 * age * math.cos(heading), abs=1e-3)
     assert state.y == pytest.approx(y + 75.0 * age * math.sin(heading), abs=1e-3)
@@ -111,7 +113,9 @@ def test_the_ownship_is_carried_to_the_request(
 
 def test_intruder_keeps_its_position_and_gets_an_age():
     late = NOW + SECOND
-    situation = heard(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
+    situation = situation_after(
+        crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late
+    )
     [intruder] = task(situation, late, SETTINGS).intruders
     assert intruder.age == pytest.approx(1.0)
     assert intruder.state.y == pytest.approx(-8_000.0, abs=1e-6)
@@ -120,7 +124,7 @@ def test_intruder_keeps_its_position_and_gets_an_age():
 def test_turn_shown_by_reports_is_expected_to_go_on():
     later, late = math.pi / 2.0 + math.radians(3.0), NOW + SECOND
     turned = aircraft(8_000.0, -7_925.0, later, 75.0, time=late)
-    situation = heard(
+    situation = situation_after(
         crossing(), turned, own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late
     )
     [intruder] = task(situation, late + SECOND // 2, SETTINGS).intruders
@@ -134,7 +138,7 @@ def test_turn_shown_by_reports_is_expected_to_go_on():
 def test_a_turning_ownship_is_advanced_along_its_arc():
     rate, age = math.radians(3.0), 1.2
     late, second = NOW + SECOND, aircraft(74.0, 2.0, rate, 75.0, id="own", time=NOW + SECOND)
-    situation = updates.ownship(heard(), second, late, RULES)
+    situation = updates.ownship(situation_after(), second, late, RULES)
     state = task(situation, late + round(age * SECOND), SETTINGS).own
     radius, turned = 75.0 / rate, rate + rate * age
     assert state.heading == pytest.approx(turned, abs=1e-4)
@@ -143,12 +147,12 @@ def test_a_turning_ownship_is_advanced_along_its_arc():
 
 
 def test_missing_input_is_named():
-    whole = heard(crossing())
+    whole = situation_after(crossing())
     assert refusal(whole, 0) == (Code.NO_CLOCK, "clock")
     assert refusal(replace(whole, origin=NOTHING)) == (Code.NO_GEO_REFERENCE, "geo_reference")
     assert refusal(replace(whole, own=Situation().own)) == (Code.NO_OWNSHIP, "ownship")
     assert refusal(replace(whole, route=NOTHING)) == (Code.NO_ROUTE, "route")
-    assert refusal(heard(crossing(), alerts=[alert("4b1a2c", "beef01")])) == (
+    assert refusal(situation_after(crossing(), alerts=[alert("4b1a2c", "beef01")])) == (
         Code.NO_INTRUDER,
         "intruder beef01",
     )
@@ -156,18 +160,23 @@ def test_missing_input_is_named():
 
 def test_stale_input_is_named():
     late = NOW + 2 * SECOND
-    assert refusal(heard(), late) == (Code.STALE_OWNSHIP, "ownship.header.stamp")
+    assert refusal(situation_after(), late) == (Code.STALE_OWNSHIP, "ownship.header.stamp")
     late = NOW + 6 * SECOND
-    situation = heard(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late)
+    situation = situation_after(
+        crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", time=late), now=late
+    )
     assert refusal(situation, late) == (Code.STALE_INTRUDER, "intruder 4b1a2c.header.stamp")
 
 
 def test_future_stamp_is_named():
     early = NOW - SECOND
-    assert refusal(heard(now=early), early) == (Code.FUTURE_OWNSHIP, "ownship.header.stamp")
+    assert refusal(situation_after(now=early), early) == (
+        Code.FUTURE_OWNSHIP,
+        "ownship.header.stamp",
+    )
     ahead = crossing(time=NOW + SECOND)
-    assert refusal(heard(ahead)) == (Code.FUTURE_INTRUDER, "intruder 4b1a2c.header.stamp")
-    assert refusal(heard(crossing(), alerts=[alert("4b1a2c", time=NOW + SECOND)])) == (
+    assert refusal(situation_after(ahead)) == (Code.FUTURE_INTRUDER, "intruder 4b1a2c.header.stamp")
+    assert refusal(situation_after(crossing(), alerts=[alert("4b1a2c", time=NOW + SECOND)])) == (
         Code.INVALID_ALERT,
         "alert.header.stamp",
     )
@@ -175,35 +184,41 @@ def test_future_stamp_is_named():
 
 def test_unreadable_input_is_named_until_it_is_replaced():
     bad = crossing(latitude=math.nan)
-    assert refusal(heard(bad)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.latitude")
-    assert refusal(heard(crossing(), bad)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.latitude")
-    later = crossing(time=NOW + SECOND // 10)
-    assert task(heard(crossing(), bad, later), NOW + SECOND // 10, SETTINGS).identifiers == (
-        "4b1a2c",
+    assert refusal(situation_after(bad)) == (Code.INVALID_INTRUDER, "intruder 4b1a2c.latitude")
+    assert refusal(situation_after(crossing(), bad)) == (
+        Code.INVALID_INTRUDER,
+        "intruder 4b1a2c.latitude",
     )
+    later = crossing(time=NOW + SECOND // 10)
+    assert task(
+        situation_after(crossing(), bad, later), NOW + SECOND // 10, SETTINGS
+    ).identifiers == ("4b1a2c",)
 
     broken = aircraft(0.0, 0.0, 0.0, math.inf, id="own")
-    assert refusal(heard(own=broken)) == (Code.INVALID_OWNSHIP, "ownship.velocity.x")
-    assert refusal(heard(reference=geo_reference(latitude=math.nan))) == (
+    assert refusal(situation_after(own=broken)) == (Code.INVALID_OWNSHIP, "ownship.velocity.x")
+    assert refusal(situation_after(reference=geo_reference(latitude=math.nan))) == (
         Code.INVALID_GEO_REFERENCE,
         "geo_reference.latitude",
     )
     twice = [point(1, 47.0, 8.0), point(1, 47.0, 8.1)]
-    assert refusal(heard(points=twice)) == (Code.INVALID_ROUTE, "route.waypoints[1].index")
+    assert refusal(situation_after(points=twice)) == (
+        Code.INVALID_ROUTE,
+        "route.waypoints[1].index",
+    )
 
 
 def test_places_far_from_the_geo_reference_are_refused_or_left_out():
-    assert refusal(heard(own=aircraft(101_000.0, 0.0, 0.0, 75.0, id="own"))) == (
+    assert refusal(situation_after(own=aircraft(101_000.0, 0.0, 0.0, 75.0, id="own"))) == (
         Code.INVALID_OWNSHIP,
         "ownship.position",
     )
-    assert refusal(heard(points=route_points(spacing=11_000.0))) == (
+    assert refusal(situation_after(points=route_points(spacing=11_000.0))) == (
         Code.INVALID_ROUTE,
         "route.waypoints[9]",
     )
     far = aircraft(301_000.0, 0.0, 0.0, 75.0)
     # The planner leaves out what cannot come near.
-    wanted = task(heard(far), NOW, SETTINGS)
+    wanted = task(situation_after(far), NOW, SETTINGS)
     _, excluded, _ = check_request(wanted.own, wanted.intruders, wanted.points, wanted.options)
     assert wanted.identifiers == ("4b1a2c",)
     assert [one.apart for one in excluded] == [Apart.FAR]
@@ -215,7 +230,7 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
 )
 def test_own_transmission_received_again_is_no_intruder(own_id: str, echo: str):
     own, copy = aircraft(0.0, 0.0, 0.0, 75.0, id=own_id), aircraft(0.0, 0.0, 0.0, 75.0, id=echo)
-    assert task(heard(copy, own=own), NOW, SETTINGS).identifiers == ()
+    assert task(situation_after(copy, own=own), NOW, SETTINGS).identifiers == ()
     before = updates.traffic(Situation(), copy, NOW, RULES)
     assert list(before.traffic) == ["4b1a2c" if own_id != "own" else "own"]
     assert not updates.ownship(before, own, NOW, RULES).traffic
@@ -224,25 +239,29 @@ def test_own_transmission_received_again_is_no_intruder(own_id: str, echo: str):
 def test_another_aircraft_with_the_ownships_id_counts():
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="4B1A2C")
     far = aircraft(8_000.0, 0.0, math.pi, 75.0, id="4b1a2c")
-    assert task(heard(far, own=own), NOW, SETTINGS).identifiers == ("4b1a2c",)
+    assert task(situation_after(far, own=own), NOW, SETTINGS).identifiers == ("4b1a2c",)
     before = updates.traffic(Situation(), far, NOW, RULES)
     assert list(updates.ownship(before, own, NOW, RULES).traffic) == ["4b1a2c"]
     # Without a place it is taken for the own transmission.
     assert (
         task(
-            heard(aircraft(0.0, 0.0, 0.0, 75.0, id="4b1a2c", valid=0), own=own), NOW, SETTINGS
+            situation_after(aircraft(0.0, 0.0, 0.0, 75.0, id="4b1a2c", valid=0), own=own),
+            NOW,
+            SETTINGS,
         ).identifiers
         == ()
     )
 
 
 def test_alert_names_an_aircraft_in_any_case():
-    wanted = task(heard(crossing(id="4B1A2C "), alerts=[alert("4b1A2c")]), NOW, SETTINGS)
+    wanted = task(situation_after(crossing(id="4B1A2C "), alerts=[alert("4b1A2c")]), NOW, SETTINGS)
     assert wanted.identifiers == ("4b1a2c",)
 
 
 def test_copy_of_the_ownship_under_another_id_is_noted():
-    wanted = task(heard(aircraft(30.0, -20.0, 0.02, 76.0, id="tisb01"), crossing()), NOW, SETTINGS)
+    wanted = task(
+        situation_after(aircraft(30.0, -20.0, 0.02, 76.0, id="tisb01"), crossing()), NOW, SETTINGS
+    )
     assert wanted.identifiers == ("4b1a2c", "tisb01")
     copies = [note for note in wanted.notes if note.code is AdvisoryCode.POSSIBLE_COPY]
     assert [in_terms_of_messages(note.field, wanted.identifiers) for note in copies] == [
@@ -255,13 +274,13 @@ def test_msl_heights_are_comparable_with_the_undulation_only():
         0.0, 0.0, 0.0, 75.0, id="own", valid=0x07, altitude=1_000.0, altitude_reference=1
     )
     other = crossing(valid=0x07, altitude=2_000.0, altitude_reference=2)
-    without = task(heard(other, own=own), NOW, SETTINGS)
+    without = task(situation_after(other, own=own), NOW, SETTINGS)
     assert (
         without.intruders[0].altitude is not None
         and without.intruders[0].altitude.reference == "msl"
     )
     undulated = geo_reference(geoid_undulation_valid=True, geoid_undulation=47.5)
-    with_it = task(heard(other, own=own, reference=undulated), NOW, SETTINGS)
+    with_it = task(situation_after(other, own=own, reference=undulated), NOW, SETTINGS)
     assert with_it.intruders[0].altitude is not None
     assert (with_it.intruders[0].altitude.value, with_it.intruders[0].altitude.reference) == (
         2_047.5,
@@ -274,7 +293,7 @@ def test_the_wind_is_planned_in_and_narrows_nothing(east: float, north: float):
     settings = replace(SETTINGS, unknown=USUAL._replace(reported_wind_std=0.7))
     blows = SimpleNamespace(x=east, y=north, z=0.0)
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=blows)
-    wanted = task(heard(own=own), NOW, settings)
+    wanted = task(situation_after(own=own), NOW, settings)
     assert wanted.options == settings.options
     assert wanted.wind == pytest.approx((east, north, 0.7))
     assert wanted.notes == ()
@@ -282,7 +301,7 @@ def test_the_wind_is_planned_in_and_narrows_nothing(east: float, north: float):
 
 def test_an_unknown_wind_may_blow_from_anywhere():
     unknown = Unknown(wind_std=4.0, reported_wind_std=0.7)
-    wanted = task(heard(), NOW, replace(SETTINGS, unknown=unknown))
+    wanted = task(situation_after(), NOW, replace(SETTINGS, unknown=unknown))
     assert wanted.wind == (0.0, 0.0, 4.0)
     said = [note.text for note in wanted.notes if note.code is AdvisoryCode.WIND_UNKNOWN]
     assert said == ["is unknown and taken as calm within 4 m/s (one sigma)"]
@@ -293,7 +312,7 @@ def test_the_wind_turns_with_true_north_into_the_frame():
     blows = SimpleNamespace(x=10.0, y=0.0, z=0.0)
     at = far.place(FRAME.latitude, FRAME.longitude)
     own = aircraft(float(at.x), float(at.y), 0.0, 75.0, id="own", valid=0x25, wind=blows, frame=far)
-    wanted = task(heard(own=own, frame=far), NOW, SETTINGS)
+    wanted = task(situation_after(own=own, frame=far), NOW, SETTINGS)
     turn = float(at.convergence)
     assert abs(turn) > 0.01
     assert (wanted.wind.east, wanted.wind.north) == pytest.approx(
@@ -304,7 +323,7 @@ def test_the_wind_turns_with_true_north_into_the_frame():
 def test_a_turn_of_the_track_is_planned_as_one_through_the_air():
     blows = SimpleNamespace(x=-20.0, y=0.0, z=0.0)
     own = aircraft(0.0, 0.0, 0.0, 55.0, id="own", valid=0x25, wind=blows)
-    situation = heard(own=own)
+    situation = situation_after(own=own)
     rate = math.radians(2.0)
     # Through the air it flies 20 m/s faster than over the ground, and turns less quickly.
     for second in range(-2, 1):
@@ -341,7 +360,7 @@ def test_a_wind_is_refused_only_where_the_aircraft_cannot_fly_against_it(name: s
         valid=0x25,
         wind=blows,
     )
-    situation = heard(own=own)
+    situation = situation_after(own=own)
     if share < 1.0:
         assert task(situation, NOW, settings).wind.speed == pytest.approx(speed, rel=1e-6)
     else:
@@ -351,7 +370,9 @@ def test_a_wind_is_refused_only_where_the_aircraft_cannot_fly_against_it(name: s
 @pytest.mark.parametrize("origin", [(0.0, 179.99), (47.0, 8.0), (89.0, -20.0)])
 def test_a_plan_survives_its_way_over_the_ellipsoid(origin: tuple[float, float]):
     frame = LocalFrame(*origin)
-    situation = heard(aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, frame=frame), frame=frame)
+    situation = situation_after(
+        aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, frame=frame), frame=frame
+    )
     wanted = task(situation, NOW, SETTINGS)
     result = plan(wanted.own, wanted.intruders, wanted.points, Policy.load(), wanted.options)
     points = plan_points(result, wanted)

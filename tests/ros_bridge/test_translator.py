@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.ros_bridge.graph import MISSING, NODE, ROOT, Client, Process, beside, domain
+from tests.ros_bridge.graph import MISSING, NODE, ROOT, Client, Process, domain, running_beside
 
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 pytest.importorskip("rclpy", reason=MISSING)
@@ -115,7 +115,7 @@ def test_a_fix_goes_with_the_velocity_of_its_time_alone():
 
 
 def test_good_states_are_passed_on_and_others_reported():
-    with beside(
+    with running_beside(
         Translator, own_source="nav_sat_fix", own_id="4b1234", own_altitude_reference="msl"
     ) as (_, client):
         states = client.hear(AircraftState, f"{NODE}/input/ownship", qos.SENSOR)
@@ -144,7 +144,7 @@ def test_good_states_are_passed_on_and_others_reported():
 
 
 def test_traffic_that_cannot_be_translated_is_named():
-    with beside(Translator, traffic_source="nav_sat_fix", traffic_id="N 42") as (_, client):
+    with running_beside(Translator, traffic_source="nav_sat_fix", traffic_id="N 42") as (_, client):
         states = client.hear_traffic()
         client.say(NavSatFix, f"{TRANSLATOR}/input/fix", fix(NOW), qos.SENSOR)
         client.spin(lambda: states)
@@ -325,19 +325,19 @@ def test_defaults_lie_in_their_ranges_and_names_are_unique(node: str):
 def test_unknown_and_undefined_values_are_refused_by_name(given: dict[str, float]):
     with (
         pytest.raises((ValueError, ParameterException), match=next(iter(given))),
-        beside(Monitor, **given),
+        running_beside(Monitor, **given),
     ):
         pass
 
 
 def test_parameters_of_the_node_itself_are_taken():
-    with beside(Monitor, margin=40.0, use_sim_time=False) as (node, _):
+    with running_beside(Monitor, margin=40.0, use_sim_time=False) as (node, _):
         assert node.get_parameter("margin").value == 40.0
 
 
 @pytest.mark.parametrize("node", [Runner, Monitor])
 def test_default_margin_is_an_aircrafts(node: Any):
-    with beside(node) as (made, _):
+    with running_beside(node) as (made, _):
         assert made.get_parameter("margin").value == 210.0
 
 

@@ -43,7 +43,7 @@ from tests.ros_bridge.scenes import (
     SECOND,
     SETTINGS,
     aircraft,
-    heard,
+    situation_after,
     stamp,
 )
 
@@ -159,7 +159,7 @@ def situation_of(found: Report | FieldError) -> Situation:
     """Return a situation with what was read, and an ownship whose altitude and climb are known."""
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xC5 | 0x0A)
     own.altitude, own.altitude_reference = OWN_HEIGHT, 3
-    situation = heard(own=own)
+    situation = situation_after(own=own)
     if isinstance(found, FieldError):
         track = note_refused(UNKNOWN, found, NOW, RULES)
     else:
@@ -296,7 +296,7 @@ def test_an_own_climb_that_is_unknown_counts_either_way() -> None:
         own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xC5 | 0x02)
         own.altitude, own.altitude_reference = OWN_HEIGHT, 3
         own.header.stamp = stamp(NOW - SECOND)
-        situation = replace(situation, own=heard(own=own).own)
+        situation = replace(situation, own=situation_after(own=own).own)
         wanted = task(situation, NOW, SETTINGS)
         if out(wanted):
             later = scene.height + scene.climb * (scene.age + end(wanted)) - OWN_HEIGHT
