@@ -71,10 +71,10 @@ def turn_through_air(state: VehicleState[Ground], turn_rate: float, wind: Wind) 
     strong that the track says nothing of the turn, the rate of the track is returned.
     """
     air = through_air(state, wind, 0.0)
-    both = air.speed * state.speed * math.cos(air.heading - state.heading)
-    if both <= 0.25 * state.speed * state.speed:
+    product = air.speed * state.speed * math.cos(air.heading - state.heading)
+    if product <= 0.25 * state.speed * state.speed:
         return turn_rate
-    return turn_rate * state.speed * state.speed / both
+    return turn_rate * state.speed * state.speed / product
 
 
 def turned_error(turn: Array, error: Array) -> Array:

@@ -216,9 +216,9 @@ def _shared(options: argparse.Namespace) -> dict[str, str]:
 
 def _nodes(options: argparse.Namespace, margin: float) -> dict[str, dict[str, Any]]:
     """Return the parameters of the nodes that are processes of their own, by their kinds."""
-    both = _shared(options) | {"margin": float(margin), "use_sim_time": True}
-    both["maneuvers"] = options.maneuvers
-    return {"runner": both | {"outside_domain": options.outside_domain}, "monitor": both}
+    shared = _shared(options) | {"margin": float(margin), "use_sim_time": True}
+    shared["maneuvers"] = options.maneuvers
+    return {"runner": shared | {"outside_domain": options.outside_domain}, "monitor": shared}
 
 
 def _simulator(options: argparse.Namespace) -> "Simulator":

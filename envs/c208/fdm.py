@@ -31,11 +31,11 @@ def _jsbsim() -> ModuleType:
     import jsbsim
 
     if not _silence:
-        nothing = {
+        silent_methods = {
             name: lambda *_: None
             for name in ("set_level", "file_location", "message", "format", "flush")
         }
-        _silence.append(type("Silence", (jsbsim.FGLogger,), nothing)())
+        _silence.append(type("Silence", (jsbsim.FGLogger,), silent_methods)())
         jsbsim.set_logger(_silence[0])
     return jsbsim
 

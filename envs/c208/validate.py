@@ -84,11 +84,11 @@ def measure(point: Point) -> float:
     return _glide(air, point.setting)
 
 
-def _bisect(low: float, high: float, beyond: Callable[[float], bool]) -> tuple[float, float]:
+def _bisect(low: float, high: float, is_beyond: Callable[[float], bool]) -> tuple[float, float]:
     """Return speeds 0.01 m/s apart between which a condition begins to hold."""
     while high - low > 0.01:
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if beyond(middle) else (middle, high)
+        low, high = (low, middle) if is_beyond(middle) else (middle, high)
     return low, high
 
 

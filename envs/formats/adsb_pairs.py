@@ -110,11 +110,11 @@ def _flight(name: str, rows: Rows) -> _Flight:
     time, latitude, longitude, altitude = (
         np.array([values[key] for _, values in rows]) for key in ("time", "lat", "lon", "alt")
     )
-    whole = np.arange(math.ceil(time[0]), math.floor(time[-1]) + 1, dtype=np.float64)
+    seconds = np.arange(math.ceil(time[0]), math.floor(time[-1]) + 1, dtype=np.float64)
     place = np.stack(
-        [np.interp(whole, time, axis) for axis in geocentric(latitude, longitude).T], axis=-1
+        [np.interp(seconds, time, axis) for axis in geocentric(latitude, longitude).T], axis=-1
     )
-    return _Flight(name, rows, whole, place, np.interp(whole, time, altitude))
+    return _Flight(name, rows, seconds, place, np.interp(seconds, time, altitude))
 
 
 def _meetings(flights: Sequence[_Flight], nearby: Nearby) -> Iterator[_Meeting]:

@@ -251,23 +251,23 @@ def _events(rows: object, where: str, repair: bool) -> tuple[np.ndarray, Repairs
     if not isinstance(rows, list):
         raise TrackError(f"{where}: expected a list of rows")
     not_finite, out_of_order = 0, 0
-    kept: list[list[float]] = []
+    ordered: list[list[float]] = []
     for i, row in enumerate(rows):
         if repair and isinstance(row, list) and any(map(_is_none, row)):
             not_finite += 1
             continue
         values = _row(row, f"{where}, row {i + 1}")
-        if kept and values[0] <= kept[-1][0]:
+        if ordered and values[0] <= ordered[-1][0]:
             if not repair:
                 raise TrackError(
                     f"{where}, row {i + 1}, time: {values[0]:g} s, expected more than "
-                    f"{kept[-1][0]:g} s"
+                    f"{ordered[-1][0]:g} s"
                 )
             out_of_order += 1
             continue
-        kept.append(values)
+        ordered.append(values)
     # Without events nothing is ever commanded.
-    events = np.array(kept or [[0.0] * len(_EVENT_FIELDS)])
+    events = np.array(ordered or [[0.0] * len(_EVENT_FIELDS)])
     return events, Repairs(not_finite=not_finite, out_of_order=out_of_order)
 
 

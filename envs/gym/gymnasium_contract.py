@@ -40,8 +40,8 @@ def observation_space(intruders: int) -> spaces.Space[Any]:
     Raises:
         EncounterError: it is no number of intruders, 1 to :data:`envs.encounters.MOST_INTRUDERS`.
     """
-    whole = isinstance(intruders, int) and not isinstance(intruders, bool)
-    if not (whole and 1 <= intruders <= MOST_INTRUDERS):
+    is_whole = isinstance(intruders, int) and not isinstance(intruders, bool)
+    if not (is_whole and 1 <= intruders <= MOST_INTRUDERS):
         raise EncounterError(
             f"intruders is {intruders!r}; expected a whole number from 1 to {MOST_INTRUDERS}"
         )

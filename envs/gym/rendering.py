@@ -228,9 +228,9 @@ class Drawing:
         ``[T + 1, K]``.
         """
         self._trails.set(segments=paths, colors=colours)
-        both = np.concatenate([close.any(axis=1, keepdims=True), close], axis=1)
+        close_of_all = np.concatenate([close.any(axis=1, keepdims=True), close], axis=1)
         steps = np.stack([paths[:, :-1], paths[:, 1:]], axis=2)
-        self._red.set_segments(list(steps[both[1:].T]))
+        self._red.set_segments(list(steps[close_of_all[1:].T]))
 
     def _move_planes(self, places: np.ndarray, ahead: np.ndarray, colours: list[str]) -> None:
         """Draw the aircraft where they are, nose ahead."""

@@ -183,13 +183,13 @@ def sampler_of(name: str) -> Sampler:
 def _check(chosen: Scenario) -> None:
     """Refuse a scenario with a field that contradicts its aircraft."""
     aircraft, limits = chosen.aircraft, chosen.aircraft.limits
-    whole = 2.0 * math.pi
+    full_turn = 2.0 * math.pi
     speeds = "the speeds of the aircraft"
     for name, low, high, why in (
         ("radius", 0.1 * aircraft.separation, 1e3 * aircraft.separation, "0.1 to 1000 separations"),
         ("own_speed", limits.speed_min, limits.speed_max, speeds),
         ("intruder_speed", 0.0, aircraft.traffic_speed_max, "the speeds of its traffic"),
-        ("course_difference", -whole, whole, "radians"),
+        ("course_difference", -full_turn, full_turn, "radians"),
         ("intruders", 1, MOST_INTRUDERS, "that an encounter can have"),
         ("latency", 0.0, 2.0 * aircraft.dt, "two time steps of the aircraft"),
         ("vertical_rate", 0.0, 100.0, "vertical speeds of aircraft"),

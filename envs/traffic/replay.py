@@ -172,6 +172,6 @@ def _states(track: Track, start: float, steps: int, dt: float) -> np.ndarray:
     """
     times = start + dt * np.arange(steps + 1)
     known = at_times(track, np.minimum(times, track.time[-1]))
-    beyond = np.maximum(times - track.time[-1], 0.0)
-    x, y = known.x + known.vx * beyond, known.y + known.vy * beyond
+    overtime = np.maximum(times - track.time[-1], 0.0)
+    x, y = known.x + known.vx * overtime, known.y + known.vy * overtime
     return np.stack([x, y, np.arctan2(known.vy, known.vx), np.hypot(known.vx, known.vy)])

@@ -158,8 +158,8 @@ class _FlightsAhead(NamedTuple):
 
     def to_waypoint(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the bearing of the waypoint from the heading, rad, and its distance, m."""
-        away = np.hypot(self.goal_x - self.own.x, self.goal_y - self.own.y)
-        return bearing(self.own, self.goal_x, self.goal_y, np), away
+        distance = np.hypot(self.goal_x - self.own.x, self.goal_y - self.own.y)
+        return bearing(self.own, self.goal_x, self.goal_y, np), distance
 
     def end(self, ends: np.ndarray, separation: float) -> "_FlightsAhead":
         """Return the flights without those that end, and without those that are beaten: that drift

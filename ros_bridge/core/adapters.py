@@ -70,7 +70,7 @@ class _FixFields(NamedTuple):
     """The parts of a NavSatFix and the velocity beside it, each checked when it is read."""
 
     message: Any
-    beside: Callable[[], Any]
+    read_velocity: Callable[[], Any]
     reference: str
 
     def time(self) -> int:
@@ -88,14 +88,14 @@ class _FixFields(NamedTuple):
 
     def velocity(self) -> tuple[float, float]:
         """Return true east and north, m/s."""
-        twist = self.beside()
+        twist = self.read_velocity()
         return velocity("fix", twist.linear.x, twist.linear.y)
 
     def altitude(self) -> Altitude | None:
         """Return the altitude with its rate; None: there is none."""
         if math.isnan(self.message.altitude):
             return None
-        climb = number("fix.twist.linear.z", self.beside().linear.z, -100.0, 100.0, "m/s")
+        climb = number("fix.twist.linear.z", self.read_velocity().linear.z, -100.0, 100.0, "m/s")
         return altitude("fix.altitude", self.message.altitude, self.reference, climb)
 
     def position_std(self) -> float | None:

@@ -130,7 +130,7 @@ class LeftOut(NamedTuple):
     """An aircraft that a plan takes no account of."""
 
     name: str
-    why: str
+    reason: str
 
 
 class _Traffic(NamedTuple):

@@ -250,6 +250,6 @@ def _reasons(status: Status) -> tuple[list[str], list[str]]:
         return list(status.reasons), []
     pairs = list(zip(causes, status.reasons, strict=True))
     return (
-        [why for cause, why in pairs if cause not in _REMARKS],
-        [why for cause, why in pairs if cause in _REMARKS],
+        [reason for cause, reason in pairs if cause not in _REMARKS],
+        [reason for cause, reason in pairs if cause in _REMARKS],
     )

@@ -156,8 +156,8 @@ def _note_parameter(state: State, message: Any) -> Advance:
     """End flying where the autopilot's own avoidance is switched on."""
     if not (message.param_id == "AVD_ENABLE" and message.param_value and state.fly):
         return Advance(state)
-    why = "AVD_ENABLE was set: the autopilot's own avoidance is on"
-    line = Log(f"{why}; nothing is taken over any more")
+    text = "AVD_ENABLE was set: the autopilot's own avoidance is on"
+    line = Log(f"{text}; nothing is taken over any more")
     return Advance(replace(state, fly=False), (line, say("off, AVD_ENABLE is set")))
 
 

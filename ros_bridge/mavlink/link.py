@@ -90,20 +90,20 @@ class Clock:
 
     def hear(self, boot: int, arrived: float) -> bool:
         """Take in a time of its clock, ns, and of ours, s; return whether it has begun anew."""
-        again = boot < self._newest - _BACK * SECOND
+        restarted = boot < self._newest - _BACK * SECOND
         offset = arrived - boot / SECOND
-        if self._offset is None or again:
+        if self._offset is None or restarted:
             self._offset = offset
             self.begun += 1
         else:
             self._offset = min(offset, self._offset + _DRIFT * (arrived - self._heard))
-        self._newest = boot if again else max(boot, self._newest)
+        self._newest = boot if restarted else max(boot, self._newest)
         self._heard = arrived
-        self._measure_speed(boot, arrived, again)
-        return again
+        self._measure_speed(boot, arrived, restarted)
+        return restarted
 
-    def _measure_speed(self, boot: int, arrived: float, again: bool) -> None:
-        if self._from is None or again:
+    def _measure_speed(self, boot: int, arrived: float, restarted: bool) -> None:
+        if self._from is None or restarted:
             self._from = boot, arrived
         elif arrived - self._from[1] >= _MEASURED:
             self.speed = (boot - self._from[0]) / SECOND / (arrived - self._from[1])

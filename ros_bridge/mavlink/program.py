@@ -420,11 +420,11 @@ def what_is_kept(rules: Rules) -> Iterator[str]:
     """
     options, sigma = rules.settings.options, rules.settings.unknown.position_std
     keep = options.requirement
-    whole = keep.separation + keep.margin + keep.sigmas * sigma
+    required = keep.separation + keep.margin + keep.sigmas * sigma
     yield (
         f"separation {keep.separation:g} m, margin {keep.margin:g} m: kept from traffic without an "
-        f"accuracy are {whole:.0f} m and more, because {keep.sigmas:g} sigmas of {sigma:g} m are "
-        "added (--unknown-position-std)"
+        f"accuracy are {required:.0f} m and more, because {keep.sigmas:g} sigmas of {sigma:g} m "
+        "are added (--unknown-position-std)"
     )
     if not options.climbs:
         return

@@ -113,8 +113,10 @@ def tell_left_out(state: State, time: int, *, foreign: bool) -> Advance:
     forbids it; and that somebody else sends under the autopilot's numbers.
     """
     view = state.view(time)
-    texts = [f"left out of traffic: {why}" for why in view.left_out if why not in OWN_TRACES]
-    texts += [f"traffic: {why}" for why in view.doubted]
+    texts = [
+        f"left out of traffic: {reason}" for reason in view.left_out if reason not in OWN_TRACES
+    ]
+    texts += [f"traffic: {reason}" for reason in view.doubted]
     if foreign:
         texts.append("another sender has the autopilot's numbers, and is not listened to")
     after = Advance(state)

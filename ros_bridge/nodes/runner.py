@@ -391,7 +391,7 @@ class Runner(ListeningNode):
             *inputs.excluded,
         ]
         response.excluded_ids = [aircraft.name for aircraft in left_out]
-        response.excluded_reasons = [aircraft.why for aircraft in left_out]
+        response.excluded_reasons = [aircraft.reason for aircraft in left_out]
 
     def _next(self, moment: int) -> int:
         """Return a revision above all before, of earlier runs of the node too: they begin at the
@@ -461,11 +461,11 @@ class Runner(ListeningNode):
             name: {kind: n for kind, n in track.counts.items() if kind is not ReportCheck.TAKEN}
             for name, track in self._aircraft_tracks().items()
         }
-        every: Counter[ReportCheck] = Counter()
+        totals: Counter[ReportCheck] = Counter()
         for counts in odd.values():
-            every.update(counts)
+            totals.update(counts)
         most = sorted(odd, key=lambda name: -sum(odd[name].values()))[:_ODD]
-        return {f"reports of all: {kind.value}": str(count) for kind, count in every.items()} | {
+        return {f"reports of all: {kind.value}": str(count) for kind, count in totals.items()} | {
             f"reports of {name}: {kind.value}": str(count)
             for name in sorted(most)
             for kind, count in odd[name].items()

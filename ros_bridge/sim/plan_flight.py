@@ -55,7 +55,7 @@ class PlanFlight:
         excused = not within or self.strayed > _STRAIGHT
         return Promise.NOT_PROMISED if excused else Promise.BROKEN
 
-    def why(self, required: float, margin: float) -> str:
+    def explanation(self, required: float, margin: float) -> str:
         """Return one sentence of what was exceeded and why; empty where the promise held."""
         promise = self.promise(required, margin)
         if promise is Promise.KEPT:
@@ -151,6 +151,6 @@ def _sentences(
 ) -> Iterator[str]:
     for name, plans in flights:
         for number, plan in enumerate(plans, 1):
-            why = plan.why(required, margin)
-            if why:
-                yield f"{name}, plan {number}: {why}"
+            explanation = plan.explanation(required, margin)
+            if explanation:
+                yield f"{name}, plan {number}: {explanation}"

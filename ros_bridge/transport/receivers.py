@@ -108,10 +108,10 @@ def _bind(source: str) -> socket.socket:
         listener.bind((host, port))
     except OSError as problem:
         listener.close()
-        why = problem.strerror or str(problem)
+        reason = problem.strerror or str(problem)
         raise ValueError(
-            f"adsb {source}: port {port} cannot be listened at: {why}; expected an address of this "
-            "machine and a port that no other program has"
+            f"adsb {source}: port {port} cannot be listened at: {reason}; expected an address of "
+            "this machine and a port that no other program has"
         ) from None
     return listener
 

@@ -328,7 +328,7 @@ def test_a_plan_taken_up_late_is_left_by_more_than_the_flight_was_off_then():
     # The flight was turned away from the plan, so that it goes on leaving it for a while.
     assert 10.0 < late.off < 0.75 * late.error
     assert late.promise(1_000.0, 25.0) is Promise.MARGIN
-    says = late.why(1_000.0, 25.0)
+    says = late.explanation(1_000.0, 25.0)
     assert f"up to {late.error:.1f} m from the plan, margin 25 m" in says
     assert "because it was taken up 4.0 s after its start" in says
     assert "the separation of 1000 m was kept" in says
@@ -337,15 +337,17 @@ def test_a_plan_taken_up_late_is_left_by_more_than_the_flight_was_off_then():
 def test_a_promise_is_broken_only_where_all_that_it_assumes_was_kept():
     held = PlanFlight(10.0, 10.1, 0.1, 0.0, error=3.0, error_at=40.0, separation=999.0)
     assert held.promise(1_000.0, 25.0) is Promise.BROKEN
-    assert "the promise of SAFE is broken" in held.why(1_000.0, 25.0)
+    assert "the promise of SAFE is broken" in held.explanation(1_000.0, 25.0)
     turned = replace(held, strayed=180.0)
     assert turned.promise(1_000.0, 25.0) is Promise.NOT_PROMISED
-    assert "an intruder left its straight course by 180 m" in turned.why(1_000.0, 25.0)
+    assert "an intruder left its straight course by 180 m" in turned.explanation(1_000.0, 25.0)
     off = replace(held, error=30.0)
     assert off.promise(1_000.0, 25.0) is Promise.NOT_PROMISED
-    assert "because the vehicle did not follow it more closely" in off.why(1_000.0, 25.0)
+    assert "because the vehicle did not follow it more closely" in off.explanation(1_000.0, 25.0)
     kept_all = replace(held, separation=1_000.0)
-    assert kept_all.promise(1_000.0, 25.0) is Promise.KEPT and not kept_all.why(1_000.0, 25.0)
+    assert kept_all.promise(1_000.0, 25.0) is Promise.KEPT and not kept_all.explanation(
+        1_000.0, 25.0
+    )
     # A distance that is no number is never called kept.
     assert replace(held, separation=math.nan).promise(1_000.0, 25.0) is Promise.BROKEN
 

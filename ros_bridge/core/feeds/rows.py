@@ -115,8 +115,8 @@ class RowTarget(Target):
 
     def _beside_position(self, *names: str) -> Any:
         """Return the first of some fields that is there, if it goes with the position."""
-        old = isinstance(attempt(self._velocity_age), FieldError)
-        return None if old else first_known(self.row, *names)
+        is_old = isinstance(attempt(self._velocity_age), FieldError)
+        return None if is_old else first_known(self.row, *names)
 
     def _velocity_age(self) -> float:
         """Return how much older the velocity is than the position, s, or raise
