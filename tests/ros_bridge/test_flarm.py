@@ -55,22 +55,22 @@ def pflaa(*more: object, **fields: Any) -> str:
 
 
 def read(
-    *given: tuple[float, str], own: str = "", traffic: Traffic | None = None
+    *arrivals: tuple[float, str], own: str = "", traffic: Traffic | None = None
 ) -> tuple[list[Any], Traffic]:
     """Return what is made of sentences and their arrivals, s."""
     traffic = traffic or Traffic(own)
     reader = Flarm(traffic)
-    found = [
-        one
-        for second, text in given
-        for one in reader.reports_of(text, round((1_000 + second) * SECOND))
+    reports = [
+        reported
+        for second, text in arrivals
+        for reported in reader.reports_of(text, round((1_000 + second) * SECOND))
     ]
-    return found, traffic
+    return reports, traffic
 
 
 def report(*more: object, **fields: Any) -> Any:
-    (found,), _ = read((0.0, rmc()), (0.0, gga()), (0.1, pflaa(*more, **fields)))
-    return found
+    (reported,), _ = read((0.0, rmc()), (0.0, gga()), (0.1, pflaa(*more, **fields)))
+    return reported
 
 
 def test_a_checksum_is_that_of_the_data_port() -> None:
@@ -80,16 +80,16 @@ def test_a_checksum_is_that_of_the_data_port() -> None:
 
 
 def test_the_example_of_the_data_port_becomes_a_report_of_the_second_of_the_fix() -> None:
-    found = report()
-    assert isinstance(found, Report)
-    assert found.identifier == "flarm:dd8f12" == identifier("", found.identifier)
-    assert displacement(*HOME, *found.place) == pytest.approx((1234.0, -1234.0), abs=1e-3)
-    assert (found.east, found.north) == pytest.approx((0.0, -30.0), abs=1e-9)
-    assert (found.altitude.value, found.altitude.reference) == (1420.0, "msl")
-    assert found.altitude.vertical_speed == -1.4
-    assert found.altitude.error == pytest.approx(22.0)
-    assert (found.position_std, found.velocity_std, found.category) == (None, None, 9)
-    assert found.time == 1_000 * SECOND and found.time_std > 0.5
+    reported = report()
+    assert isinstance(reported, Report)
+    assert reported.identifier == "flarm:dd8f12" == identifier("", reported.identifier)
+    assert displacement(*HOME, *reported.place) == pytest.approx((1234.0, -1234.0), abs=1e-3)
+    assert (reported.east, reported.north) == pytest.approx((0.0, -30.0), abs=1e-9)
+    assert (reported.altitude.value, reported.altitude.reference) == (1420.0, "msl")
+    assert reported.altitude.vertical_speed == -1.4
+    assert reported.altitude.error == pytest.approx(22.0)
+    assert (reported.position_std, reported.velocity_std, reported.category) == (None, None, 9)
+    assert reported.time == 1_000 * SECOND and reported.time_std > 0.5
 
 
 @given(
@@ -103,16 +103,16 @@ def test_the_example_of_the_data_port_becomes_a_report_of_the_second_of_the_fix(
 def test_what_is_encoded_is_read(
     north: int, east: int, above: int, track: int, speed: int, climb: int
 ) -> None:
-    found = report(
+    reported = report(
         north=north, east=east, vertical=above, track=track, speed=speed, climb=climb / 10
     )
-    assert displacement(*HOME, *found.place) == pytest.approx((east, north), abs=1e-3)
-    assert found.altitude.value == pytest.approx(1200.0 + above)
-    assert found.altitude.vertical_speed == pytest.approx(climb / 10)
+    assert displacement(*HOME, *reported.place) == pytest.approx((east, north), abs=1e-3)
+    assert reported.altitude.value == pytest.approx(1200.0 + above)
+    assert reported.altitude.vertical_speed == pytest.approx(climb / 10)
     angle = math.radians(track)
     velocity = speed * math.sin(angle), speed * math.cos(angle)
-    assert (found.east, found.north) == pytest.approx(velocity, abs=1e-9)
-    assert found.velocity_std is None or found.velocity_std > USUAL.velocity_std
+    assert (reported.east, reported.north) == pytest.approx(velocity, abs=1e-9)
+    assert reported.velocity_std is None or reported.velocity_std > USUAL.velocity_std
 
 
 @pytest.mark.parametrize(
@@ -128,8 +128,8 @@ def test_what_is_encoded_is_read(
 def test_a_name_says_whose_identification_it_is(
     kind: int, identity: str, name: str, callsign: str
 ) -> None:
-    found = report(kind=kind, id=identity)
-    assert (found.identifier, found.callsign) == (name, callsign)
+    reported = report(kind=kind, id=identity)
+    assert (reported.identifier, reported.callsign) == (name, callsign)
 
 
 def test_nobody_is_placed_by_an_own_fix_that_is_unknown_old_or_lost() -> None:
@@ -139,14 +139,14 @@ def test_nobody_is_placed_by_an_own_fix_that_is_unknown_old_or_lost() -> None:
         [(0.0, rmc()), (0.1, rmc(status="V"))],
         [(0.0, rmc()), (0.1, sentence("PFLAU,1,1,0,1,0,,0,,,"))],
     ):
-        (found,), _ = read(*before, (0.2, pflaa()))
-        assert isinstance(found, FieldError) and "own place is unknown" in str(found)
-        assert found.sighting is not None and found.sighting.identifier == "flarm:dd8f12"
-        assert found.sighting.place is None
-    (found,), _ = read((0.0, rmc()), (0.1, pflaa()))
-    assert found.altitude is None
-    (found,), _ = read((0.0, rmc()), (0.0, gga(quality=0)), (0.1, pflaa()))
-    assert found.altitude is None
+        (reported,), _ = read(*before, (0.2, pflaa()))
+        assert isinstance(reported, FieldError) and "own place is unknown" in str(reported)
+        assert reported.sighting is not None and reported.sighting.identifier == "flarm:dd8f12"
+        assert reported.sighting.place is None
+    (reported,), _ = read((0.0, rmc()), (0.1, pflaa()))
+    assert reported.altitude is None
+    (reported,), _ = read((0.0, rmc()), (0.0, gga(quality=0)), (0.1, pflaa()))
+    assert reported.altitude is None
 
 
 @pytest.mark.parametrize(
@@ -162,14 +162,14 @@ def test_nobody_is_placed_by_an_own_fix_that_is_unknown_old_or_lost() -> None:
     ],
 )
 def test_what_cannot_be_planned_with_is_sighted(changes: dict[str, Any], field: str) -> None:
-    found = report(**changes)
-    assert isinstance(found, FieldError) and found.field == f"flarm:dd8f12.{field}"
-    assert found.sighting is not None and found.sighting.identifier == "flarm:dd8f12"
-    assert (found.sighting.place is None) == (field == "relative_north")
+    reported = report(**changes)
+    assert isinstance(reported, FieldError) and reported.field == f"flarm:dd8f12.{field}"
+    assert reported.sighting is not None and reported.sighting.identifier == "flarm:dd8f12"
+    assert (reported.sighting.place is None) == (field == "relative_north")
 
 
 def test_what_is_no_traffic_is_left_out_and_counted() -> None:
-    found, traffic = read(
+    reports, traffic = read(
         (0.0, rmc()),
         (0.0, gga()),
         (0.0, sentence("PFLAU,3,1,2,1,2,-30,2,-32,755,5A77B1")),
@@ -181,7 +181,7 @@ def test_what_is_no_traffic_is_left_out_and_counted() -> None:
         (0.1, ""),
         own="4B0001",
     )
-    assert found == []
+    assert reports == []
     assert +traffic.counts == {
         "FLARM's own alarm, which decides nothing": 1,
         "without a position": 1,
@@ -192,39 +192,39 @@ def test_what_is_no_traffic_is_left_out_and_counted() -> None:
 
 @pytest.mark.parametrize("kind", ["3", "7", "B", "D", "F"])
 def test_what_stands_still_may_fly(kind: str) -> None:
-    found = report(speed=0, track="", climb=0.0, type=kind)
-    assert (found.east, found.north) == (0.0, 0.0)
+    reported = report(speed=0, track="", climb=0.0, type=kind)
+    assert (reported.east, reported.north) == (0.0, 0.0)
 
 
 def test_a_position_without_an_identification_is_told() -> None:
-    found = report(id="")
-    assert isinstance(found, FieldError) and found.sighting is not None
-    assert found.sighting.place is not None
+    reported = report(id="")
+    assert isinstance(reported, FieldError) and reported.sighting is not None
+    assert reported.sighting.place is not None
 
 
 def test_newer_versions_tell_the_source() -> None:
     traffic = Traffic("")
     traffic.own = report(kind=1, id="4B0001")
     shadow = pflaa(0, 4, "", kind=1, id="ABCDEF")
-    found, _ = read((0.0, rmc()), (0.0, gga()), (0.1, shadow), traffic=traffic)
-    assert found == [] and traffic.counts["copy of the ownship"] == 1
+    reports, _ = read((0.0, rmc()), (0.0, gga()), (0.1, shadow), traffic=traffic)
+    assert reports == [] and traffic.counts["copy of the ownship"] == 1
     assert isinstance(report(1, 0, -71.5), Report)  # the no-track flag forbids to publish it
     assert isinstance(report(0, 1, ""), Report)
 
 
 def test_a_display_gets_the_ownship_too() -> None:
     traffic = Traffic("", shows_own=True)
-    found, _ = read((0.0, gga()), (0.0, rmc()), (0.1, pflaa()), traffic=traffic)
-    assert [traffic.is_own(one.identifier) for one in found] == [True, False]
-    own = found[0]
+    reports, _ = read((0.0, gga()), (0.0, rmc()), (0.1, pflaa()), traffic=traffic)
+    assert [traffic.is_own(reported.identifier) for reported in reports] == [True, False]
+    own = reports[0]
     assert own.place == pytest.approx(HOME)
     assert (own.east, own.north) == pytest.approx((-80 * KNOT, 0.0), abs=1e-9)
     assert own.altitude.value == 1200.0
 
 
 def test_what_was_queued_is_late_by_as_much() -> None:
-    (found,), _ = read((0.0, rmc("235959.00")), (4.0, rmc("000001.00")), (4.1, pflaa()))
-    assert found.time == 1_002 * SECOND
+    (reported,), _ = read((0.0, rmc("235959.00")), (4.0, rmc("000001.00")), (4.1, pflaa()))
+    assert reported.time == 1_002 * SECOND
     with pytest.raises(TimeoutError, match="late"):
         read((0.0, rmc("120000.00")), (LATEST + 2.0, rmc("120001.00")))
 
@@ -242,21 +242,21 @@ def test_what_was_queued_is_late_by_as_much() -> None:
     ],
 )
 def test_garbage_is_one_error(garbage: str) -> None:
-    found, _ = read((0.0, garbage))
-    assert [one.field for one in found] == ([] if garbage == "$*00 " else ["sentence"])
+    reports, _ = read((0.0, garbage))
+    assert [reported.field for reported in reports] == ([] if garbage == "$*00 " else ["sentence"])
 
 
-def is_possible(found: Any) -> bool:
-    if isinstance(found, FieldError):
-        seen = found.sighting
+def is_possible(reported: Any) -> bool:
+    if isinstance(reported, FieldError):
+        seen = reported.sighting
         return seen is None or seen.place is None or abs(seen.place[0]) <= 90.0
-    level = found.altitude
+    level = reported.altitude
     return (
-        abs(found.latitude) <= 90.0
-        and abs(found.longitude) <= 180.0
-        and found.speed <= FASTEST + 1e-6
+        abs(reported.latitude) <= 90.0
+        and abs(reported.longitude) <= 180.0
+        and reported.speed <= FASTEST + 1e-6
         and (level is None or -1_000.0 <= level.value <= 30_000.0)
-        and found.identifier == identifier("", found.identifier)
+        and reported.identifier == identifier("", reported.identifier)
     )
 
 
@@ -266,8 +266,8 @@ _VALUE = st.one_of(st.just(""), st.integers(-40_000, 40_000).map(str), st.text(m
 @given(st.lists(st.text(max_size=40)), st.sampled_from(["", "$PFLAA,", "$GPRMC,", "$GPGGA,"]))
 def test_no_text_raises(texts: list[str], begins: str) -> None:
     given = ((float(n), begins + text) for n, text in enumerate(texts))
-    found, _ = read((0.0, rmc()), (0.0, gga()), *given)
-    assert all(map(is_possible, found))
+    reports, _ = read((0.0, rmc()), (0.0, gga()), *given)
+    assert all(map(is_possible, reports))
 
 
 @given(
@@ -281,5 +281,5 @@ def test_no_fields_raise_or_leave_the_range(sentences: list[tuple[str, list[str]
     given = [
         (0.01 * n, sentence(",".join((kind, *more)))) for n, (kind, more) in enumerate(sentences)
     ]
-    found, _ = read((0.0, rmc()), (0.0, gga()), *given)
-    assert all(map(is_possible, found))
+    reports, _ = read((0.0, rmc()), (0.0, gga()), *given)
+    assert all(map(is_possible, reports))

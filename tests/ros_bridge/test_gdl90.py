@@ -92,22 +92,24 @@ def aircraft(kind: int = 20, **fields: Any) -> bytes:
 
 
 def read(
-    *given: tuple[float, bytes], own: str = "", traffic: Traffic | None = None
+    *arrivals: tuple[float, bytes], own: str = "", traffic: Traffic | None = None
 ) -> tuple[list[Any], Traffic]:
     """Return what is made of datagrams and their arrivals, s."""
     traffic = traffic or Traffic(own)
     reader = Gdl90(traffic)
-    found = [
-        one
-        for second, content in given
-        for one in reader.reports_of(Datagram("10.0.0.1:4000", content), round(second * SECOND))
+    reports = [
+        reported
+        for second, content in arrivals
+        for reported in reader.reports_of(
+            Datagram("10.0.0.1:4000", content), round(second * SECOND)
+        )
     ]
-    return found, traffic
+    return reports, traffic
 
 
 def report(**fields: Any) -> Any:
-    (found,), _ = read((100.0, framed(heartbeat(7), aircraft(**fields))))
-    return found
+    (reported,), _ = read((100.0, framed(heartbeat(7), aircraft(**fields))))
+    return reported
 
 
 # The specification's examples.
@@ -125,15 +127,15 @@ def test_bytes_are_stuffed_as_in_the_specification() -> None:
 
 
 def test_the_worked_example_of_a_traffic_report() -> None:
-    (found,), _ = read((100.0, framed(HEARTBEAT, SALEM)))
-    assert isinstance(found, Report)
-    assert found.identifier == f"{0o52642511:06x}" == "ab4549"
-    assert found.place == pytest.approx((44.90708, -122.99488), abs=180 / 2**23)
-    assert found.altitude == Altitude(5000 * FOOT, "pressure", pytest.approx(64 * FOOT / 60))
-    assert found.speed == pytest.approx(123 * KNOT)
-    assert math.degrees(math.atan2(found.east, found.north)) == pytest.approx(45.0)
-    assert found.position_std == pytest.approx(30.0 / 2.448)  # HFOM below 30 m
-    assert (found.category, found.callsign, found.time) == (1, "N825V", 100 * SECOND)
+    (reported,), _ = read((100.0, framed(HEARTBEAT, SALEM)))
+    assert isinstance(reported, Report)
+    assert reported.identifier == f"{0o52642511:06x}" == "ab4549"
+    assert reported.place == pytest.approx((44.90708, -122.99488), abs=180 / 2**23)
+    assert reported.altitude == Altitude(5000 * FOOT, "pressure", pytest.approx(64 * FOOT / 60))
+    assert reported.speed == pytest.approx(123 * KNOT)
+    assert math.degrees(math.atan2(reported.east, reported.north)) == pytest.approx(45.0)
+    assert reported.position_std == pytest.approx(30.0 / 2.448)  # HFOM below 30 m
+    assert (reported.category, reported.callsign, reported.time) == (1, "N825V", 100 * SECOND)
 
 
 @pytest.mark.parametrize(
@@ -184,7 +186,7 @@ def test_what_is_encoded_is_read(
     rate: int,
     turn: int,
 ) -> None:
-    found = report(
+    reported = report(
         address=address,
         latitude=latitude,
         longitude=longitude,
@@ -193,12 +195,12 @@ def test_what_is_encoded_is_read(
         fpm=64 * rate,
         track=turn * 360 / 256,
     )
-    assert found.identifier == f"{address:06x}"
-    assert found.place == pytest.approx((latitude, longitude), abs=1.1e-5)
-    assert found.altitude.value == pytest.approx(25 * level * FOOT)
+    assert reported.identifier == f"{address:06x}"
+    assert reported.place == pytest.approx((latitude, longitude), abs=1.1e-5)
+    assert reported.altitude.value == pytest.approx(25 * level * FOOT)
     track = math.radians(turn * 360 / 256)
     velocity = knots * KNOT * math.sin(track), knots * KNOT * math.cos(track)
-    assert (found.east, found.north) == pytest.approx(velocity, abs=1e-9)
+    assert (reported.east, reported.north) == pytest.approx(velocity, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -207,8 +209,8 @@ def test_what_is_encoded_is_read(
      (9, "gdl90-9:4b1234")],
 )  # fmt: skip
 def test_a_name_says_whose_address_it_is(kind: int, name: str) -> None:
-    found = report(type=kind)
-    assert found.identifier == name == identifier("", name)
+    reported = report(type=kind)
+    assert reported.identifier == name == identifier("", name)
 
 
 @pytest.mark.parametrize(
@@ -225,30 +227,30 @@ def test_a_name_says_whose_address_it_is(kind: int, name: str) -> None:
     ],
 )
 def test_what_cannot_be_planned_with_is_sighted(changes: dict[str, Any], field: str) -> None:
-    found = report(**changes)
-    assert isinstance(found, FieldError)
-    assert str(found).startswith(f"gdl90 4b1234.{field}")
-    assert found.sighting is not None and found.sighting.identifier == "4b1234"
-    assert (found.sighting.place is None) == (field == "latitude")
+    reported = report(**changes)
+    assert isinstance(reported, FieldError)
+    assert str(reported).startswith(f"gdl90 4b1234.{field}")
+    assert reported.sighting is not None and reported.sighting.identifier == "4b1234"
+    assert (reported.sighting.place is None) == (field == "latitude")
 
 
 def test_what_stands_still_needs_no_track() -> None:
-    found = report(direction=0, knots=0)
-    assert (found.east, found.north) == (0.0, 0.0)
+    reported = report(direction=0, knots=0)
+    assert (reported.east, reported.north) == (0.0, 0.0)
 
 
 def test_an_unknown_accuracy_stays_unknown() -> None:
-    found = report(nac=0)
-    assert found.position_std is None and found.velocity_std is None
+    reported = report(nac=0)
+    assert reported.position_std is None and reported.velocity_std is None
     assert report(nac=13).position_std is None
     assert report(nac=5).position_std == pytest.approx(926 / 2.448)
-    assert found.time_std > 1.0
+    assert reported.time_std > 1.0
 
 
 def test_a_coarse_track_counts_where_it_is_more_than_what_is_unknown() -> None:
-    found = report(knots=450)
-    assert found.velocity_std > USUAL.velocity_std
-    assert found.velocity_std > 450 * KNOT * math.radians(360 / 256) / math.sqrt(3.0)
+    reported = report(knots=450)
+    assert reported.velocity_std > USUAL.velocity_std
+    assert reported.velocity_std > 450 * KNOT * math.radians(360 / 256) / math.sqrt(3.0)
 
 
 def test_what_is_no_traffic_is_left_out_and_counted() -> None:
@@ -265,8 +267,8 @@ def test_what_is_no_traffic_is_left_out_and_counted() -> None:
         bytes([7]) + bytes(435),
         b"SX" + bytes(27),  # Stratux's own
     ]
-    found, traffic = read((100.0, framed(*messages)))
-    assert found == []
+    reports, traffic = read((100.0, framed(*messages)))
+    assert reports == []
     assert +traffic.counts == {
         "on the ground": 3,
         "ground station": 1,
@@ -285,19 +287,19 @@ def test_a_flag_of_the_ground_that_others_contradict_removes_no_aircraft(
 def test_the_ownship_is_no_traffic_whoever_says_which_it_is() -> None:
     own = aircraft(10, address=0x4B0001)
     echo = aircraft(address=0x4B0001, latitude=47.1005)
-    found, traffic = read((100.0, framed(heartbeat(7), own, echo, aircraft())))
-    assert [one.identifier for one in found] == ["4b1234"]
+    reports, traffic = read((100.0, framed(heartbeat(7), own, echo, aircraft())))
+    assert [reported.identifier for reported in reports] == ["4b1234"]
     assert traffic.counts == {"own echo": 1}
-    found, traffic = read((100.0, framed(heartbeat(7), echo)), own="4B0001")
-    assert found == [] and traffic.counts == {"own echo": 1}
+    reports, traffic = read((100.0, framed(heartbeat(7), echo)), own="4B0001")
+    assert reports == [] and traffic.counts == {"own echo": 1}
 
 
 def test_another_aircraft_of_the_address_that_a_device_has_counts() -> None:
     """As where it was set up in another aircraft, which flies."""
     own = aircraft(10, address=0x4B0001)
     other = aircraft(address=0x4B0001, latitude=47.2)
-    found, traffic = read((100.0, framed(heartbeat(7), own, other)))
-    assert [one.identifier for one in found] == ["4b0001"]
+    reports, traffic = read((100.0, framed(heartbeat(7), own, other)))
+    assert [reported.identifier for reported in reports] == ["4b0001"]
     assert traffic.doubted == {"of the ownship's address, but elsewhere": 1}
     nowhere = aircraft(10, address=0x4B0001, latitude=0.0, longitude=0.0, nic=0)
     assert read((100.0, framed(heartbeat(7), nowhere, other)))[0] == []
@@ -306,8 +308,8 @@ def test_another_aircraft_of_the_address_that_a_device_has_counts() -> None:
 def test_a_display_gets_the_ownship_too() -> None:
     traffic = Traffic("", shows_own=True)
     own = aircraft(10, address=0x4B0001)
-    found, _ = read((100.0, framed(heartbeat(7), own, aircraft())), traffic=traffic)
-    assert [traffic.is_own(one.identifier) for one in found] == [True, False]
+    reports, _ = read((100.0, framed(heartbeat(7), own, aircraft())), traffic=traffic)
+    assert [traffic.is_own(reported.identifier) for reported in reports] == [True, False]
 
 
 @pytest.mark.parametrize(("kind", "copied"), [(0, False), (2, True), (3, True)])
@@ -316,51 +318,51 @@ def test_a_track_of_radar_at_the_ownship_is_its_copy(kind: int, copied: bool) ->
     altitude = Altitude(5000 * FOOT, "pressure")
     traffic.own = Report("4b0001", 100 * SECOND, 47.1, 8.2, 120 * KNOT, 0.0, altitude)
     shadow = framed(heartbeat(7), aircraft(type=kind, address=0xABCDEF))
-    found, _ = read((100.0, shadow), traffic=traffic)
-    assert (found == []) == copied == bool(traffic.counts["copy of the ownship"])
+    reports, _ = read((100.0, shadow), traffic=traffic)
+    assert (reports == []) == copied == bool(traffic.counts["copy of the ownship"])
 
 
 def test_what_is_extrapolated_is_left_to_the_tracker() -> None:
     """Only of an aircraft that nothing else was heard of a place is told."""
-    found, traffic = read(
+    reports, traffic = read(
         (100.0, framed(heartbeat(7), aircraft())),
         (101.0, framed(heartbeat(8), aircraft(extrapolated=1))),
         (102.0, framed(heartbeat(9), aircraft(extrapolated=1, address=0x4B9999))),
     )
-    assert [type(one) for one in found] == [Report, FieldError]
-    assert found[1].sighting.identifier == "4b9999"
+    assert [type(reported) for reported in reports] == [Report, FieldError]
+    assert reports[1].sighting.identifier == "4b9999"
     assert traffic.counts == {"position that the receiver has extrapolated": 1}
 
 
 def test_reports_hold_when_their_second_began() -> None:
-    found, _ = read(
+    reports, _ = read(
         (100.0, framed(heartbeat(7))),
         (100.4, framed(aircraft())),
         (103.9, framed(heartbeat(8), aircraft())),  # queued for 2.9 s
         (107.0, framed(aircraft())),  # without a heartbeat
     )
-    assert [one.time / SECOND for one in found] == pytest.approx([100.0, 101.0, 107.0])
+    assert [reported.time / SECOND for reported in reports] == pytest.approx([100.0, 101.0, 107.0])
 
 
 def test_midnight_is_no_jump_and_a_jump_is_found() -> None:
-    found, _ = read(
+    reports, _ = read(
         (100.0, framed(heartbeat(86_399), aircraft())),
         (101.0, framed(heartbeat(0), aircraft())),
     )
-    assert [one.time / SECOND for one in found] == [100.0, 101.0]
+    assert [reported.time / SECOND for reported in reports] == [100.0, 101.0]
     with pytest.raises(TimeoutError, match="late"):
         read((100.0, framed(heartbeat(50))), (100.0 + LATEST + 2.0, framed(heartbeat(51))))
-    found, _ = read(
+    reports, _ = read(
         (100.0, framed(heartbeat(50, utc=False), aircraft())),
         (101.0, framed(heartbeat(5, utc=False), aircraft())),
     )
-    assert [one.time / SECOND for one in found] == [100.0, 101.0]
+    assert [reported.time / SECOND for reported in reports] == [100.0, 101.0]
 
 
 def test_a_position_without_an_address_is_told() -> None:
-    found = report(address=0)
-    assert isinstance(found, FieldError) and found.sighting is not None
-    assert found.sighting.place == pytest.approx((47.1, 8.2), abs=1e-4)
+    reported = report(address=0)
+    assert isinstance(reported, FieldError) and reported.sighting is not None
+    assert reported.sighting.place == pytest.approx((47.1, 8.2), abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -377,22 +379,22 @@ def test_a_position_without_an_address_is_told() -> None:
     ],
 )
 def test_garbage_is_one_error(garbage: bytes, field: str) -> None:
-    found, _ = read((0.0, garbage))
-    assert [one.field for one in found] == [field]
-    assert found[0].sighting is None
+    reports, _ = read((0.0, garbage))
+    assert [reported.field for reported in reports] == [field]
+    assert reports[0].sighting is None
 
 
-def is_possible(found: Any) -> bool:
-    if isinstance(found, FieldError):
-        seen = found.sighting
+def is_possible(reported: Any) -> bool:
+    if isinstance(reported, FieldError):
+        seen = reported.sighting
         return seen is None or seen.place is None or abs(seen.place[0]) <= 90.0
-    level = found.altitude
+    level = reported.altitude
     return (
-        abs(found.latitude) <= 90.0
-        and abs(found.longitude) <= 180.0
-        and found.speed <= FASTEST + 1e-6
+        abs(reported.latitude) <= 90.0
+        and abs(reported.longitude) <= 180.0
+        and reported.speed <= FASTEST + 1e-6
         and (level is None or -1_000.0 <= level.value <= 30_000.0)
-        and found.identifier == identifier("", found.identifier)
+        and reported.identifier == identifier("", reported.identifier)
     )
 
 
@@ -400,15 +402,15 @@ def is_possible(found: Any) -> bool:
     st.lists(st.one_of(st.binary(max_size=80), st.binary(max_size=40).map(lambda b: b"\x7e" + b)))
 )
 def test_no_bytes_raise(contents: list[bytes]) -> None:
-    found, _ = read(*((float(n), content) for n, content in enumerate(contents)))
-    assert all(map(is_possible, found))
+    reports, _ = read(*((float(n), content) for n, content in enumerate(contents)))
+    assert all(map(is_possible, reports))
 
 
 @given(st.lists(st.tuples(st.sampled_from((10, 20)), st.binary(min_size=27, max_size=27))))
 def test_no_message_raises_or_leaves_the_range(messages: list[tuple[int, bytes]]) -> None:
     whole = [framed(bytes([kind]) + body) for kind, body in messages]
-    found, _ = read(*((float(n), content) for n, content in enumerate(whole)))
-    assert all(map(is_possible, found))
+    reports, _ = read(*((float(n), content) for n, content in enumerate(whole)))
+    assert all(map(is_possible, reports))
 
 
 @given(st.binary(max_size=60))

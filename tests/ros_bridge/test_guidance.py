@@ -36,35 +36,35 @@ def with_report(situation: Situation, name: str, x: float, y: float, heading: fl
 
 def display(situation: Situation, frame: LocalFrame | None = None) -> Guidance:
     """Return what is shown a second after a plan began."""
-    before = traffic(situation_after(), 0.0)
-    plan = publish_plan(before)
-    supervision: Supervision = activate(initial(THRESHOLDS), before, plan)
+    situation_before = traffic(situation_after(), 0.0)
+    plan = publish_plan(situation_before)
+    supervision: Supervision = activate(initial(THRESHOLDS), situation_before, plan)
     _, points = to_frame(FRAME, plan)
     start, _ = to_frame(FRAME, plan)
     place = at(legs(plan_states(start, points)), np.float64(1.0))
     own = aircraft(*(float(value) for value in place), id="own", time=NOW + SECOND)
     situation = updates.ownship(situation, own, NOW + SECOND, RULES)
     supervision = step_monitor(supervision, situation, NOW + SECOND)
-    judged = replace(supervision, frame=frame or supervision.frame)
-    _, found = guidance(blank(THRESHOLDS), judged, NOW + SECOND)
-    assert found is not None
-    return found
+    supervision_shown = replace(supervision, frame=frame or supervision.frame)
+    _, bands = guidance(blank(THRESHOLDS), supervision_shown, NOW + SECOND)
+    assert bands is not None
+    return bands
 
 
 def test_an_aircraft_head_on_closes_the_way_to_it() -> None:
     # The ownship flies east.
-    found = display(with_report(traffic(situation_after(), 1.0), "new001", 7_000.0, 0.0, math.pi))
-    tracks = found.tracks
+    bands = display(with_report(traffic(situation_after(), 1.0), "new001", 7_000.0, 0.0, math.pi))
+    tracks = bands.tracks
     assert tracks.target == TRACKS.tolist() and len(tracks.region) == len(tracks.loss) == 72
     east, west = tracks.target.index(90.0), tracks.target.index(270.0)
     assert tracks.region[east] == Region.CORRECTIVE and 30.0 < tracks.loss[east] < 45.0
     assert tracks.region[west] == Region.FREE and tracks.loss[west] == -1.0
-    assert found.recovery == -1
-    assert dict(zip(found.intruders, found.levels, strict=True))["new001"] == Level.CORRECTIVE
-    losses = dict(zip(found.intruders, found.losses, strict=True))
+    assert bands.recovery == -1
+    assert dict(zip(bands.intruders, bands.levels, strict=True))["new001"] == Level.CORRECTIVE
+    losses = dict(zip(bands.intruders, bands.losses, strict=True))
     assert losses["new001"] == pytest.approx(tracks.loss[east], abs=1.0)
-    assert len(found.speeds.target) == len(found.speeds.region) > 10
-    assert found.look_ahead == Alerting.for_aircraft(THRESHOLDS.options.aircraft).look_ahead
+    assert len(bands.speeds.target) == len(bands.speeds.region) > 10
+    assert bands.look_ahead == Alerting.for_aircraft(THRESHOLDS.options.aircraft).look_ahead
 
 
 def test_an_area_ahead_is_named_and_closes_the_way_into_it() -> None:
@@ -77,20 +77,20 @@ def test_an_area_ahead_is_named_and_closes_the_way_into_it() -> None:
         radius=1_000.0,
         more={"clearance": 100.0},
     )
-    found = display(replace(situation, fixed_areas=(field,)))
-    tracks = found.tracks
+    bands = display(replace(situation, fixed_areas=(field,)))
+    tracks = bands.tracks
     east, west = tracks.target.index(90.0), tracks.target.index(270.0)
-    assert found.areas == ("areas[0] (north field)",)
+    assert bands.areas == ("areas[0] (north field)",)
     assert tracks.area[east] == 0 and tracks.area[west] == -1
     assert tracks.region[east] == Region.CORRECTIVE and tracks.region[west] == Region.FREE
-    assert found.area_levels == [Level.CORRECTIVE]
-    assert found.area_losses == pytest.approx([tracks.loss[east]], abs=1.0)
-    assert "new001" in found.intruders and found.speeds.area.count(0) > 10
+    assert bands.area_levels == [Level.CORRECTIVE]
+    assert bands.area_losses == pytest.approx([tracks.loss[east]], abs=1.0)
+    assert "new001" in bands.intruders and bands.speeds.area.count(0) > 10
 
 
 def test_directions_are_true_where_the_map_is_turned() -> None:
     situation = with_report(traffic(situation_after(), 1.0), "new001", 7_000.0, 0.0, math.pi)
-    here = display(situation)
+    straight = display(situation)
 
     # The same states on a map about a place far to the west at a high latitude.
     class Turned(LocalFrame):
@@ -99,24 +99,27 @@ def test_directions_are_true_where_the_map_is_turned() -> None:
 
     turned = display(situation, Turned(FRAME.latitude, FRAME.longitude))
     quarter = 18  # of 72 directions
-    assert turned.tracks.region == here.tracks.region[-quarter:] + here.tracks.region[:-quarter]
+    assert (
+        turned.tracks.region
+        == straight.tracks.region[-quarter:] + straight.tracks.region[:-quarter]
+    )
 
 
 def test_where_nothing_is_free_there_is_a_way_out() -> None:
-    found = display(with_report(traffic(situation_after(), 1.0), "new001", 900.0, 100.0, math.pi))
-    assert found.tracks.region[found.recovery] == Region.RECOVERY
-    assert Region.FREE not in found.tracks.region
-    assert found.recovery_shortfall > 0.0
+    bands = display(with_report(traffic(situation_after(), 1.0), "new001", 900.0, 100.0, math.pi))
+    assert bands.tracks.region[bands.recovery] == Region.RECOVERY
+    assert Region.FREE not in bands.tracks.region
+    assert bands.recovery_shortfall > 0.0
 
 
 def test_nothing_is_shown_of_an_ownship_that_is_unknown() -> None:
-    before = traffic(situation_after(), 0.0)
-    supervision = activate(initial(THRESHOLDS), before, publish_plan(before))
-    supervision = step_monitor(supervision, before, NOW + 10 * SECOND)
+    situation = traffic(situation_after(), 0.0)
+    supervision = activate(initial(THRESHOLDS), situation, publish_plan(situation))
+    supervision = step_monitor(supervision, situation, NOW + 10 * SECOND)
     assessment = supervision.assessment
     assert assessment is not None
     assert assessment.state is State.DENIED
     assert assessment.measured.causes[0] & Cause.OWN_STALE
     shown_before = blank(THRESHOLDS)
-    after, found = guidance(shown_before, supervision, NOW + 10 * SECOND)
-    assert found is None and after is shown_before
+    shown_after, bands = guidance(shown_before, supervision, NOW + 10 * SECOND)
+    assert bands is None and shown_after is shown_before

@@ -55,8 +55,8 @@ def report(seconds: float, x: float | None = None, y: float = 0.0):
 
 def feed(*reports, now: float = 0.0) -> tuple[Track, list[ReportCheck]]:
     track, checks = UNKNOWN, []
-    for one in reports:
-        track = take_in(track, one, "it", max(one.time, NOW + round(now * SECOND)), RULES)
+    for newest in reports:
+        track = take_in(track, newest, "it", max(newest.time, NOW + round(now * SECOND)), RULES)
         checks.append(track.check)
     return track, checks
 
@@ -99,24 +99,24 @@ def test_in_whatever_order_they_come_the_newest_counts(order: list[int]):
     st.sampled_from([0x05, 0xC5]),
 )
 def test_a_report_that_declares_no_noise_and_agrees_with_its_past_is_believed_as_it_is(
-    flown: list[tuple[int, float]], valid: int
+    turns: list[tuple[int, float]], valid: int
 ):
-    track, at, seconds = UNKNOWN, START, 0.0
-    for step, degrees in flown:
+    track, state_at, seconds = UNKNOWN, START, 0.0
+    for step, degrees in turns:
         seconds += step
-        at = kinematics.advance(at, 0.0, math.radians(degrees), float(step), FAST, np)
-        state = tuple(float(value) for value in at)
+        state_at = kinematics.advance(state_at, 0.0, math.radians(degrees), float(step), FAST, np)
+        state = tuple(float(value) for value in state_at)
         message = aircraft(*state, time=NOW + round(seconds * SECOND), valid=valid)
-        one = read(message, "it")
-        track = take_in(track, one, "it", one.time, RULES)
+        newest = read(message, "it")
+        track = take_in(track, newest, "it", newest.time, RULES)
         assert track.estimate is not None
-        still = {"turn_rate": 0.0, "turn_std": 0.0}
-        assert replace(track.estimate, **still) == track.last == one
+        no_turn = {"turn_rate": 0.0, "turn_std": 0.0}
+        assert replace(track.estimate, **no_turn) == track.last == newest
 
 
 @pytest.mark.parametrize("latitude", [0.0, 47.0, -80.0])
 def test_errors_of_estimates_are_much_smaller_and_not_above_what_is_said(latitude: float):
-    random, frame, found = np.random.default_rng(4), LocalFrame(latitude, 179.9), []
+    random, frame, errors = np.random.default_rng(4), LocalFrame(latitude, 179.9), []
     for _ in range(60):
         track = UNKNOWN
         for second in range(30):
@@ -131,26 +131,26 @@ def test_errors_of_estimates_are_much_smaller_and_not_above_what_is_said(latitud
                 time=NOW + second * SECOND,
                 **spread,
             )
-            one = read(message, "it")
-            track = take_in(track, one, "it", one.time, RULES)
+            newest = read(message, "it")
+            track = take_in(track, newest, "it", newest.time, RULES)
         assert track.estimate is not None and track.fault is None
-        at = frame.place(track.estimate.latitude, track.estimate.longitude)
-        east, north = at.velocity(track.estimate.east, track.estimate.north)
+        place_of_estimate = frame.place(track.estimate.latitude, track.estimate.longitude)
+        east, north = place_of_estimate.velocity(track.estimate.east, track.estimate.north)
         off = (
-            float(at.x) - 60.0 * 29,
-            float(at.y) - 45.0 * 29,
+            float(place_of_estimate.x) - 60.0 * 29,
+            float(place_of_estimate.y) - 45.0 * 29,
             float(east) - 60.0,
             float(north) - 45.0,
         )
         spread = track.estimate.position_std, track.estimate.velocity_std
         assert spread[0] < 30.0 and spread[1] <= 3.0
-        found.append(
+        errors.append(
             [off[0] / spread[0], off[1] / spread[0], off[2] / spread[1], off[3] / spread[1]]
         )
     # 240 numbers of variance 1 if all is as declared: their mean square is 1 within 0.28, three
     # standard deviations. It is less, because a bias that is not significant is covered.
-    assert 0.25 < np.mean(np.square(found)) < 1.28
-    assert np.sqrt(np.mean(np.square(found), axis=0)).max() < 1.4
+    assert 0.25 < np.mean(np.square(errors)) < 1.28
+    assert np.sqrt(np.mean(np.square(errors), axis=0)).max() < 1.4
 
 
 def test_two_reports_of_one_time_that_differ_are_a_fault():
@@ -201,13 +201,13 @@ def take_in_turns(first, second, pattern: str, every: float = 1.0) -> list[Track
     track, history = UNKNOWN, []
     for number, turn in enumerate(pattern):
         seconds = every * number
-        one = (first if turn == "a" else second)(seconds)
-        track = take_in(track, one, "it", NOW + round(seconds * SECOND), RULES)
+        newest = (first if turn == "a" else second)(seconds)
+        track = take_in(track, newest, "it", NOW + round(seconds * SECOND), RULES)
         history.append(track)
     return history
 
 
-def other(seconds: float):
+def second_aircraft(seconds: float):
     """Return a report of an aircraft 60 km away that flies westwards."""
     message = aircraft(
         60_000.0 - 80.0 * seconds, 5_000.0, math.pi, 80.0, time=NOW + round(seconds * SECOND)
@@ -222,7 +222,7 @@ def other(seconds: float):
     [("ababababab", 1), ("aabaabaaba", 5), ("abbabbabba", 3), ("aabbaabbaa", 4), ("abbbabbbab", 4)],
 )
 def test_name_of_two_aircraft_is_a_fault_while_both_report(pattern: str, since: int):
-    history = take_in_turns(report, other, pattern)
+    history = take_in_turns(report, second_aircraft, pattern)
     assert all(track.fault is not None for track in history[since:])
     assert history[-1].fault is not None and history[-1].fault.check is ReportCheck.SHARED
     assert history[-1].fault.field == "it.id"
@@ -232,13 +232,13 @@ def test_name_of_two_aircraft_is_a_fault_while_both_report(pattern: str, since: 
 def test_two_aircraft_of_one_name_are_found_whatever_their_stamps(late: float):
     track = UNKNOWN
     for second in range(6):
-        for one in (report(float(second)), other(second - late)):
-            track = take_in(track, one, "it", NOW + second * SECOND, RULES)
+        for newest in (report(float(second)), second_aircraft(second - late)):
+            track = take_in(track, newest, "it", NOW + second * SECOND, RULES)
     assert track.fault is not None and track.fault.check is ReportCheck.SHARED
 
 
 def test_shared_name_is_free_again_when_one_aircraft_falls_silent():
-    track = take_in_turns(report, other, "abababab")[-1]
+    track = take_in_turns(report, second_aircraft, "abababab")[-1]
     for second in range(8, 50):
         track = take_in(track, report(float(second)), "it", NOW + second * SECOND, RULES)
         silent = second - 7.0
@@ -250,8 +250,8 @@ def follow_in_turns(pattern: str, every: float = 1.0, tracks=None, first: int = 
     tracks = {} if tracks is None else tracks
     for number, turn in enumerate(pattern, start=first):
         seconds = every * number
-        one = (report if turn == "a" else other)(seconds)
-        tracks = follow(tracks, "it", one, NOW + round(seconds * SECOND), RULES)
+        newest = (report if turn == "a" else second_aircraft)(seconds)
+        tracks = follow(tracks, "it", newest, NOW + round(seconds * SECOND), RULES)
     return tracks
 
 
@@ -262,22 +262,22 @@ def test_two_aircraft_of_one_name_are_both_followed(pattern: str):
     tracks = follow_in_turns(pattern)
     assert sharing(tracks, "it") == tuple(tracks) == ("it", "it#2")
     newest = {turn: pattern.rindex(turn) for turn in "ab"}
-    wanted = {report(float(newest["a"])), other(float(newest["b"]))}
-    assert {track.last for track in tracks.values()} == wanted
+    last_reports = {report(float(newest["a"])), second_aircraft(float(newest["b"]))}
+    assert {track.last for track in tracks.values()} == last_reports
     assert all(track.divided and track.fault is None for track in tracks.values())
 
 
 def test_of_two_aircraft_of_one_name_one_may_fall_silent_or_be_unusable():
     tracks = follow_in_turns("abababab")
     tracks = follow_in_turns("b" * 40, tracks=tracks, first=8)
-    left, gone = forget_silent(tracks, NOW + 48 * SECOND, 30.0)
-    assert len(left) == 1 and len(gone) == 1
-    [(name, track)] = left.items()
-    assert track.last == other(47.0)
-    assert follow_in_turns("b", tracks=left, first=48)[name].last == other(48.0)
+    remaining, silent = forget_silent(tracks, NOW + 48 * SECOND, 30.0)
+    assert len(remaining) == 1 and len(silent) == 1
+    [(name, track)] = remaining.items()
+    assert track.last == second_aircraft(47.0)
+    assert follow_in_turns("b", tracks=remaining, first=48)[name].last == second_aircraft(48.0)
     # Another place is another aircraft, or a jump that has to be confirmed.
-    again = follow_in_turns("a", tracks=left, first=48)
-    assert again[name].last == other(47.0)
+    moved = follow_in_turns("a", tracks=remaining, first=48)
+    assert moved[name].last == second_aircraft(47.0)
 
 
 @given(st.lists(st.sampled_from("abc"), min_size=30, max_size=40))
@@ -288,10 +288,10 @@ def test_no_aircraft_of_a_name_is_lost(turns: list[str]):
     for number, turn in enumerate([*turns, *"abcabcabc"]):
         seconds = 0.3 * number
         offset = 40_000.0 * "abc".index(turn)
-        one = report(seconds, x=offset + 80.0 * seconds)
-        tracks = follow(tracks, "it", one, NOW + round(seconds * SECOND), RULES)
-    now = NOW + round(0.3 * (len(turns) + 9) * SECOND)
-    faulty = any(track.fault is not None or track.age(now) > 5.0 for track in tracks.values())
+        newest = report(seconds, x=offset + 80.0 * seconds)
+        tracks = follow(tracks, "it", newest, NOW + round(seconds * SECOND), RULES)
+    moment = NOW + round(0.3 * (len(turns) + 9) * SECOND)
+    faulty = any(track.fault is not None or track.age(moment) > 5.0 for track in tracks.values())
     assert faulty or len(tracks) == 3
 
 
@@ -327,8 +327,8 @@ def test_position_that_moves_again_is_accepted_after_some_seconds():
     track = UNKNOWN
     for second in range(30):
         seconds = float(second)
-        one = frozen(seconds, 0.0) if second < 15 else report(seconds)
-        track = take_in(track, one, "it", NOW + second * SECOND, RULES)
+        newest = frozen(seconds, 0.0) if second < 15 else report(seconds)
+        track = take_in(track, newest, "it", NOW + second * SECOND, RULES)
     assert track.fault is None and track.last == report(29.0)
 
 
@@ -361,10 +361,10 @@ def test_a_velocity_that_differs_from_the_places_is_taken_from_them(
         track = take_in(track, read(message, "it"), "it", time, RULES)
     assert track.fault is None and track.course is not None and track.estimate is not None
     assert (track.estimate.east, track.estimate.north) == pytest.approx((80.0, 0.0), abs=0.5)
-    ((field, what),) = track.course.corrections
-    assert field == "velocity" and "taken from positions" in what
-    assert (f"{abs(turn):.0f} deg" in what) == (turn != 0.0)
-    assert (f"{80.0 * (unit - 1.0):+.0f} m/s" in what) == (unit != 1.0)
+    ((field, correction),) = track.course.corrections
+    assert field == "velocity" and "taken from positions" in correction
+    assert (f"{abs(turn):.0f} deg" in correction) == (turn != 0.0)
+    assert (f"{80.0 * (unit - 1.0):+.0f} m/s" in correction) == (unit != 1.0)
 
 
 @pytest.mark.parametrize("said", [5.0, -5.0, 0.0, 5.0 / 0.3048])
@@ -489,9 +489,9 @@ def test_silent_aircraft_is_forgotten_and_a_faulty_one_is_not():
     silent = feed(report(0.0))[0]
     noisy = note_refused(silent, FieldError("it.latitude", "is nan"), late, RULES)
     fresh, _ = feed(report(0.0), report(39.0))
-    kept, gone = forget_silent({"a": silent, "b": noisy, "c": fresh}, late, 30.0)
-    assert set(kept) == {"b", "c"}
-    assert gone == ("a",)
+    remaining, forgotten = forget_silent({"a": silent, "b": noisy, "c": fresh}, late, 30.0)
+    assert set(remaining) == {"b", "c"}
+    assert forgotten == ("a",)
 
 
 @pytest.mark.parametrize("behind", [29.0, 31.0, 40.0, 3_600.0])
@@ -499,13 +499,13 @@ def test_what_still_arrives_is_never_forgotten_however_old_it_says_that_it_is(be
     """A source whose clock is behind, or that repeats itself, is stale: it must block, not go."""
     tracks = {}
     for second in range(100):
-        now = NOW + second * SECOND
-        for name, one in (("late", report(second - behind)), ("frozen", report(-behind))):
-            tracks = follow(tracks, name, one, now, RULES)
-        tracks, gone = forget_silent(tracks, now, 30.0)
-        assert not gone and set(tracks) == {"late", "frozen"}
-    assert tracks["late"].age(now) == behind
-    assert forget_silent(tracks, now + 31 * SECOND, 30.0) == ({}, ("late", "frozen"))
+        moment = NOW + second * SECOND
+        for name, newest in (("late", report(second - behind)), ("frozen", report(-behind))):
+            tracks = follow(tracks, name, newest, moment, RULES)
+        tracks, forgotten = forget_silent(tracks, moment, 30.0)
+        assert not forgotten and set(tracks) == {"late", "frozen"}
+    assert tracks["late"].age(moment) == behind
+    assert forget_silent(tracks, moment + 31 * SECOND, 30.0) == ({}, ("late", "frozen"))
 
 
 def turning(rate: float, every: float, std: float = 0.0, count: int = 9) -> Track:
@@ -532,28 +532,28 @@ def test_a_turn_shows_in_the_reports_whatever_their_rate(degrees: float, side: f
 
 def test_gaps_show_no_turn():
     rate = math.radians(3.0)
-    flown = turning(rate, 1.0).estimate
-    assert flown is not None and turn_of(flown, SETTINGS.turns) == flown.turn_rate != 0.0
+    turned = turning(rate, 1.0).estimate
+    assert turned is not None and turn_of(turned, SETTINGS.turns) == turned.turn_rate != 0.0
     level = turning(0.0, 1.0).estimate
     assert level is not None and turn_of(level, SETTINGS.turns) == 0.0
     assert turning(rate, 6.0, count=3).turn_rate == 0.0
 
 
 def test_a_turn_too_fast_to_be_believed_counts_as_the_fastest() -> None:
-    most = SETTINGS.turns.most
+    greatest = SETTINGS.turns.most
     for sign in (1.0, -1.0):
-        flown = turning(sign * math.radians(7.0), 1.0).estimate
-        assert flown is not None and turn_of(flown, SETTINGS.turns) == sign * most
+        estimate = turning(sign * math.radians(7.0), 1.0).estimate
+        assert estimate is not None and turn_of(estimate, SETTINGS.turns) == sign * greatest
 
 
 def test_a_turn_in_noise_is_expected_to_go_on_only_where_its_end_is_known() -> None:
-    still, rate = Wind(), math.radians(3.0)
+    calm, rate = Wind(), math.radians(3.0)
     for std, goes_on in ((3.0, False), (0.1, True)):
         track = turning(rate, 1.0, std=std, count=40)
-        flown = track.estimate
-        assert flown is not None and track.turn_rate == pytest.approx(
-            rate, abs=4.0 * flown.turn_std
+        estimate = track.estimate
+        assert estimate is not None and track.turn_rate == pytest.approx(
+            rate, abs=4.0 * estimate.turn_std
         )
-        found, spread = expected_turn(flown, START, still, SETTINGS.turns)
-        assert bool(found != 0.0) is goes_on
+        expected, spread = expected_turn(estimate, START, calm, SETTINGS.turns)
+        assert bool(expected != 0.0) is goes_on
         assert bool(spread > 0.0) is goes_on
