@@ -339,6 +339,7 @@ def test_a_run_from_before_keys_moved_goes_on(uninterrupted: Path, tmp_path: Pat
     assert final.read_bytes() == final_state(uninterrupted)
 
 
+@pytest.mark.slow
 def test_a_resumed_run_must_be_the_run_that_was_begun(uninterrupted: Path, tmp_path: Path) -> None:
     copy = tmp_path / "edited"
     copy.mkdir()
