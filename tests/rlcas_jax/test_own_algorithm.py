@@ -279,6 +279,7 @@ def test_a_python_call_trains_calls_back_and_resumes_bit_for_bit(folder: Path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_stranger_trains_resumes_and_evaluates_it(tmp_path: Path):
     mine = tmp_path / "mine"
     mine.mkdir()

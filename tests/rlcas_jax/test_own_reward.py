@@ -235,6 +235,7 @@ def test_gymnax_pays_the_same_table():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_stranger_trains_evaluates_compares_and_reports(folder: Path):
     sets = [part for text in (*TINY, *OWN) for part in ("--set", text)]
     python(folder, "-m", "rlcas_jax.train", *sets, "--out", "run")
