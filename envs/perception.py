@@ -6,13 +6,17 @@ intruder's manoeuvres since.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
+
+import numpy as np
 
 from envs.angles import atan2, wrap
 from envs.arrays import Array, ArrayModule
 from envs.frames import F
 from envs.kinematics import VehicleState, velocity
 from envs.relative import distance
+from envs.trees import map_leaves, take
 
 
 class Sensor(NamedTuple):
@@ -107,3 +111,22 @@ def perceive(
         + vy * sensor.latency
     )
     return VehicleState(x, y, atan2(vy, vx, xp), distance(vx, vy, xp))
+
+
+def perceive_flights(
+    states: VehicleState[F],
+    sensor: Sensor,
+    noise: Callable[[int], np.ndarray],
+    dt: float,
+) -> VehicleState[F]:
+    """Return the intruders of flights as the ownship believes them to be, ``[T, N, K]``, time steps
+    of dt, s, apart; numpy. The noise of a step is that of :func:`perceive`, ``[4, N, K]``.
+    """
+    first = take(states, 0)
+    before = carry_back(first, dt, np), carry_back(first, 2.0 * dt, np)
+    reports = []
+    for number in range(len(states.x)):
+        current = take(states, number)
+        reports.append(perceive(current, *before, sensor, noise(number), dt, np))
+        before = current, before[0]
+    return map_leaves(lambda *fields: np.stack(fields), *reports)

@@ -29,12 +29,12 @@ from envs.angles import wrap
 from envs.encounters import Encounter, pad
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
+from envs.perception import perceive_flights
 from envs.scenarios import scenario
 from envs.starts import OF_INTRUDERS, encounters_of_seed, join
 from envs.tracking.tracker import Reports, Sightings, belief, observe
 from envs.trees import map_leaves, take
 from envs.wind import NO_WIND
-from eval.flights.reported import report_states
 from eval.stats.intervals import share
 
 _BEGIN = 10  # time steps of true reports before a shift begins
@@ -75,7 +75,7 @@ def fly_reported(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: in
     sensor = starts.sensor
     std = float(np.max(sensor.position_std)), float(np.max(sensor.velocity_std))
     noise = sensor_noise(seed, 0, *starts.mask.shape)
-    reported = report_states(others, sensor, noise, aircraft.dt) if max(std) > 0.0 else others
+    reported = perceive_flights(others, sensor, noise, aircraft.dt) if max(std) > 0.0 else others
     return Flights(flown.own, reported, others, (starts.goal_x, starts.goal_y), std)
 
 

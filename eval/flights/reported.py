@@ -7,28 +7,9 @@ import numpy as np
 from envs.encounters import Encounter
 from envs.frames import F
 from envs.kinematics import VehicleState
-from envs.perception import Sensor, carry_back, perceive, report
-from envs.trees import map_leaves, take
+from envs.perception import perceive_flights, report
+from envs.trees import map_leaves
 from eval.flights.trajectories import Trajectories
-
-
-def report_states(
-    states: VehicleState[F],
-    sensor: Sensor,
-    noise: Callable[[int], np.ndarray],
-    dt: float,
-) -> VehicleState[F]:
-    """Return the reports of intruders ``[T, N, K]``, time steps of dt, s, apart; the sensors' noise
-    is by step, ``[4, N, K]``.
-    """
-    first = take(states, 0)
-    before = carry_back(first, dt, np), carry_back(first, 2.0 * dt, np)
-    reports = []
-    for number in range(len(states.x)):
-        current = take(states, number)
-        reports.append(perceive(current, *before, sensor, noise(number), dt, np))
-        before = current, before[0]
-    return map_leaves(lambda *fields: np.stack(fields), *reports)
 
 
 def report_flights(
@@ -38,10 +19,11 @@ def report_flights(
     dt: float,
 ) -> Trajectories[F]:
     """Return flights of encounters ``[N]`` with their intruders as reported, not a number where
-    there is no report; noise as of :func:`report_states`, None: exact. Altitudes stay as they are.
+    there is no report; noise as of :func:`~envs.perception.perceive_flights`, None: exact.
+    Altitudes stay as they are.
     """
     others = flown.intruders
-    reported = others if noise is None else report_states(others, starts.sensor, noise, dt)
+    reported = others if noise is None else perceive_flights(others, starts.sensor, noise, dt)
     covered = starts.mask
     if starts.coverage is not None:
         own: VehicleState[F] = VehicleState(*(field[..., None] for field in flown.own))
