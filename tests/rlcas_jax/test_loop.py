@@ -267,6 +267,7 @@ def test_a_run_whose_folder_is_moved_says_so_and_goes_on_later(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_kept_and_broken_programs_change_no_bit(
     tmp_path: Path, config_file: Path, uninterrupted: Path
 ) -> None:
