@@ -254,6 +254,15 @@ def note_refused(track: Track, error: FieldError, moment: int, rules: Rules) -> 
     return _set_fault(track, ReportCheck.INVALID, error.field, error.problem, moment)
 
 
+def take_outcome(
+    track: Track, outcome: Report | FieldError, name: str, moment: int, rules: Rules
+) -> Track:
+    """Take in a report, or note why it could not be used; arguments as of :func:`take_in`."""
+    if isinstance(outcome, FieldError):
+        return note_refused(track, outcome, moment, rules)
+    return take_in(track, outcome, name, moment, rules)
+
+
 def forget_silent(
     tracks: Mapping[str, Track], moment: int, limit: float
 ) -> tuple[dict[str, Track], tuple[str, ...]]:

@@ -24,10 +24,8 @@ from ros_bridge.core.tracks import (
     Fault,
     ReportCheck,
     Rules,
-    Track,
     follow,
-    note_refused,
-    take_in,
+    take_outcome,
 )
 
 if TYPE_CHECKING:
@@ -53,7 +51,7 @@ def ownship(situation: Situation, message: "AircraftState", moment: int, rules: 
 
     With the first one of an id, its transmission, received as traffic before, goes.
     """
-    own = _update_track(
+    own = take_outcome(
         situation.own,
         attempt(lambda: conversions.aircraft(message, "ownship")),
         "ownship",
@@ -153,11 +151,3 @@ def _update_message(previous: Held[_T], read: Callable[[], _T], moment: int) -> 
             fault=Fault(ReportCheck.INVALID, outcome.field, outcome.problem, moment)
         )
     return Held(outcome)
-
-
-def _update_track(
-    previous: Track, outcome: Report | FieldError, name: str, moment: int, rules: Rules
-) -> Track:
-    if isinstance(outcome, FieldError):
-        return note_refused(previous, outcome, moment, rules)
-    return take_in(previous, outcome, name, moment, rules)

@@ -23,7 +23,7 @@ from ros_bridge.core.nearest import MOST, keep_nearest
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.status import Status
-from ros_bridge.core.tracks import Rules, follow, forget_silent, note_refused, take_in
+from ros_bridge.core.tracks import Rules, follow, forget_silent, take_outcome
 
 if TYPE_CHECKING:
     from diagnostic_msgs.msg import DiagnosticArray
@@ -188,10 +188,7 @@ def take_report(
         if dropped:
             scene = note(scene, "traffic", f"the nearest {MOST} aircraft alone are shown", moment)
         return replace(scene, situation=replace(situation, traffic=traffic))
-    if isinstance(report, FieldError):
-        own_track = note_refused(situation.own, report, moment, _RULES)
-    else:
-        own_track = take_in(situation.own, report, "ownship", moment, _RULES)
+    own_track = take_outcome(situation.own, report, "ownship", moment, _RULES)
     return replace(scene, situation=replace(situation, own=own_track))
 
 

@@ -16,12 +16,10 @@ from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Held, Situation
 from ros_bridge.core.tracks import (
     Rules,
-    Track,
     follow,
     forget_silent,
-    note_refused,
     sharing,
-    take_in,
+    take_outcome,
 )
 from ros_bridge.core.updates import may_be_own
 from ros_bridge.mavlink import messages, remote_id
@@ -168,7 +166,7 @@ def _position(
     outcome = attempt(lambda: messages.ownship(message, wind, fast))
     if received.problem:
         outcome = FieldError(f"{messages.OWN}.position", f"is not to be used: {received.problem}")
-    own = _follow(situation.own, outcome, messages.OWN, time, reading.rules)
+    own = take_outcome(situation.own, outcome, messages.OWN, time, reading.rules)
     origin = situation.origin
     if isinstance(outcome, Report) and own.last is not None and _needs_origin(origin, outcome):
         origin = Held(Origin(LocalFrame(outcome.latitude, outcome.longitude), None))
@@ -353,14 +351,6 @@ def _parameter(
 ) -> Received:
     parameters = {**received.parameters, message.param_id: float(message.param_value)}
     return replace(received, parameters=MappingProxyType(parameters))
-
-
-def _follow(
-    track: Track, outcome: Report | FieldError, name: str, time: int, rules: Rules
-) -> Track:
-    if isinstance(outcome, FieldError):
-        return note_refused(track, outcome, time, rules)
-    return take_in(track, outcome, name, time, rules)
 
 
 _KINDS: dict[str, Callable[[Received, Any, int, Reading], Received]] = {
