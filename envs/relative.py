@@ -166,11 +166,14 @@ def leg_separation_in_space(
     apart = step_separation(first, last, dt, np).distance
     begin, end = (np.broadcast_to(flatness * height, apart.shape) for height in above)
     # It must be searched for only where neither distance is the greater one all the time.
+    rises = np.maximum(np.abs(begin), np.abs(end)) > apart
+    if not rises.any():
+        return apart
     level = np.where(begin * end <= 0.0, 0.0, np.minimum(np.abs(begin), np.abs(end)))
     bend = 0.125 * dt * distance(last.vx - first.vx, last.vy - first.vy, np)
     most = bend + np.maximum(distance(first.x, first.y, np), distance(last.x, last.y, np))
     nearest = np.where(level >= most, level, apart)
-    both = (np.maximum(np.abs(begin), np.abs(end)) > apart) & (level < most)
+    both = rises & (level < most)
     if both.any():
         first, last = (
             RelativeMotion(*(field[both] for field in motion)) for motion in (first, last)
