@@ -46,9 +46,11 @@ from commands.command import Parser, run_cli, whole
 from envs.encounters import Encounter
 from envs.frames import Air
 from envs.kinematics import VehicleState, velocity
+from envs.perception import carry_back
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.tracking.tracker import Reports, Sightings, observe
+from envs.traffic.track_units import KNOT
 from envs.trees import map_leaves, take
 from envs.wind import NO_WIND
 from eval.evidence.outside import contradict
@@ -64,7 +66,6 @@ _ASKED = 3, 10, 21, 40  # reports after which plans are made
 _SETTLED = 20  # s, from which on scenes should be covered
 _AHEAD = 0.0, 30.0, 60.0  # s, for which a prediction is judged
 _SIGMAS = math.sqrt(-2.0 * math.log(0.01))  # within which 99 % of plane normal errors are
-_KNOT = 1852.0 / 3600.0  # m/s
 _ROWS = 500  # scenes that are planned together
 
 
@@ -84,8 +85,7 @@ class Scenes(NamedTuple):
 
     def true(self, time: Any) -> VehicleState[Air]:
         """Return the true state at times of each, s, ``[N]``."""
-        vx, vy = velocity(self.intruder, np)
-        return self.intruder._replace(x=self.intruder.x + vx * time, y=self.intruder.y + vy * time)
+        return carry_back(self.intruder, -time, np)
 
 
 Reported = Callable[[Scenes, int], VehicleState[Air]]
@@ -112,20 +112,16 @@ def _airspeed_for_ground_speed(scenes: Scenes, second: int) -> VehicleState[Air]
     return _right(scenes, second)._replace(speed=_through_air(scenes, second).speed)
 
 
-def _knots(scenes: Scenes, second: int) -> VehicleState[Air]:
-    return _right(scenes, second)._replace(speed=scenes.intruder.speed / _KNOT)
+def _speed_in_knots(scenes: Scenes, second: int) -> VehicleState[Air]:
+    return _right(scenes, second)._replace(speed=scenes.intruder.speed / KNOT)
 
 
-def _metres_a_second(scenes: Scenes, second: int) -> VehicleState[Air]:
-    return _right(scenes, second)._replace(speed=scenes.intruder.speed * _KNOT)
+def _speed_in_metres_a_second(scenes: Scenes, second: int) -> VehicleState[Air]:
+    return _right(scenes, second)._replace(speed=scenes.intruder.speed * KNOT)
 
 
 def _late(scenes: Scenes, second: int) -> VehicleState[Air]:
     return scenes.true(second - scenes.offset)
-
-
-def _held(scenes: Scenes, second: int) -> VehicleState[Air]:
-    return scenes.true(second // scenes.held * scenes.held)
 
 
 def _two_clocks(scenes: Scenes, second: int) -> VehicleState[Air]:
@@ -136,10 +132,10 @@ KINDS: dict[str, Reported] = {
     "right": _right,
     "heading for track": _heading_for_track,
     "airspeed for ground speed": _airspeed_for_ground_speed,
-    "knots for m/s": _knots,
-    "m/s for knots": _metres_a_second,
+    "knots for m/s": _speed_in_knots,
+    "m/s for knots": _speed_in_metres_a_second,
     "late": _late,
-    "held": _held,
+    "held": _right,  # with its errors, in reports
     "two clocks": _two_clocks,
 }
 

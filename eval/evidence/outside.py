@@ -79,11 +79,6 @@ def fly_reported(starts: Encounter, policy: Policy, aircraft: Aircraft, seed: in
     return Flights(flown.own, reported, others, (starts.goal_x, starts.goal_y), std)
 
 
-def _at(states: VehicleState[Air], step: int) -> VehicleState[Air]:
-    """Return states ``[T, ...]`` at one of their times."""
-    return map_leaves(lambda field: field[step], states)
-
-
 def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.ndarray]:
     """Return which flights are flagged, and for which reason, bool ``[N]``: as the assured loop
     sees them.
@@ -147,7 +142,7 @@ def _inputs(rows: np.ndarray, moment: _Moment, aircraft: Aircraft) -> SetInputs:
 def _steps(flights: Flights) -> Iterator[tuple[VehicleState[Air], VehicleState[Air]]]:
     """Yield the ownships and the reports of each time."""
     for number in range(len(flights.own.x)):
-        yield _at(flights.own, number), _at(flights.reported, number)
+        yield take(flights.own, number), take(flights.reported, number)
 
 
 def inside(flights: Flights, aircraft: Aircraft) -> np.ndarray:
