@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.assurance.bands import Bands, stretches
-from benchmarks.daidalus.program import Interval
+from benchmarks.daidalus.program import Interval, track_of
 
 NAMES = ("narrow", "grazing", "look-ahead", "opposite heading", "unexplained")
 """Why an edge of one side is not one of the other; docs/explanation/alerts.md says what each is."""
@@ -62,7 +62,7 @@ def our_edges(bands: Bands, row: int, *, circle: bool) -> list[Edge]:
     if len(parts) == 1:
         return []
     # Counter-clockwise a stretch ends where it begins clockwise.
-    return [Edge(float(90.0 - np.degrees(part.high)) % 360.0, not part.closed) for part in parts]
+    return [Edge(float(track_of(part.high)), not part.closed) for part in parts]
 
 
 def match_edges(intervals: Sequence[Interval], bands: Bands, row: int, kind: Kind) -> list[Match]:
@@ -123,7 +123,7 @@ class _Row(NamedTuple):
         return cls(
             kind.circle,
             kind.look_ahead,
-            (90.0 - np.degrees(target)) % 360.0 if kind.circle else target,
+            track_of(target) if kind.circle else target,
             bands.closed[row],
             bands.clearance[row],
             bands.loss[row],

@@ -7,6 +7,7 @@ import numpy as np
 from agents.assurance.alerts import Alerting, Region, levels
 from agents.assurance.bands import Bands
 from benchmarks.daidalus.edges import their_edges
+from benchmarks.daidalus.program import track_of
 from benchmarks.daidalus.sides import Sides
 from envs.aircraft import PAPER
 from eval.plots.style import tidy
@@ -50,7 +51,7 @@ def _draw_bands(axes: "Axes", sides: Sides, bands: Bands, *, circle: bool) -> No
     """Draw our bands over time, and the program's edges; ``circle``: of headings."""
     from matplotlib.colors import ListedColormap
 
-    values = (90.0 - np.degrees(bands.target[0])) % 360.0 if circle else bands.target[0]
+    values = track_of(bands.target[0]) if circle else bands.target[0]
     order = np.argsort(values)
     times = Alerting.for_aircraft(PAPER).reached
     axes.pcolormesh(

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from agents.baselines.baselines import Observation, check_observation, course_to_goal, steer
+from benchmarks.daidalus.program import track_of
 from commands.command import InputError
 from envs.aircraft import Aircraft
 from envs.altitudes import LEVEL
@@ -106,23 +107,18 @@ def _request(observation: Observation, aircraft: Aircraft) -> list[str]:
     lines = []
     for row, number in enumerate(np.asarray(observation.number)):
         there = np.flatnonzero(observation.mask[row])
-        ownship = own.x[row], own.y[row], LEVEL, _track(own.heading[row]), own.speed[row], 0.0
-        numbers = [float(value) for value in (time, *ownship, _track(goal[row]))]
+        ownship = own.x[row], own.y[row], LEVEL, track_of(own.heading[row]), own.speed[row], 0.0
+        numbers = [float(value) for value in (time, *ownship, track_of(goal[row]))]
         words = [str(int(number)), *(f"{value:.9g}" for value in numbers), str(there.size)]
         for place in there:
             at = (row, place)
             state = (
                 *(others.x[at], others.y[at], LEVEL + above[at]),
-                *(_track(others.heading[at]), others.speed[at], climb[at]),
+                *(track_of(others.heading[at]), others.speed[at], climb[at]),
             )
             words += [f"{float(value):.9g}" for value in state]
         lines.append(" ".join(words))
     return lines
-
-
-def _track(heading: float) -> float:
-    """Return a heading, rad, as a track, deg clockwise from north in [0, 360)."""
-    return float((90.0 - np.degrees(heading)) % 360.0)
 
 
 def daidalus_f3442(aircraft: Aircraft) -> Daidalus:

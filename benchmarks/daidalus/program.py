@@ -88,6 +88,11 @@ def locate(argument: str | None) -> Path:
     return path.resolve()
 
 
+def track_of(heading: np.ndarray | float) -> np.ndarray:
+    """Return headings, rad, as tracks, deg clockwise from north in [0, 360), ``[...]``."""
+    return np.asarray((90.0 - np.degrees(heading)) % 360.0)
+
+
 def configuration(
     setting: Setting, alerting: Alerting, *, hysteresis: bool, changes: Mapping[str, str]
 ) -> str:

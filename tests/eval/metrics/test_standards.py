@@ -17,7 +17,7 @@ F3442 = VOLUMES["f3442"]
 SAMPLE = Sample("f3442", None, 0.95, 200, 0)
 
 
-def seen(x: float, vx: float, y: float = 0.0, z: float = 0.0) -> Relative:
+def relative_state(x: float, vx: float, y: float = 0.0, z: float = 0.0) -> Relative:
     return Relative(*(np.array([value]) for value in (x, y, vx, 0.0, z)))
 
 
@@ -40,15 +40,17 @@ def passing(
 def test_a_predicted_loss_is_that_of_straight_courses_and_even_climbs() -> None:
     radius, height = F3442.horizontal, F3442.vertical
     entry = math.ceil((6_000.0 - radius) / 100.0)
-    assert time_to_loss(F3442, seen(6_000.0, -100.0), 0.0, 75.0) == [entry]
-    assert time_to_loss(F3442, seen(6_000.0, 100.0), 0.0, 75.0) == [np.inf]
-    assert time_to_loss(F3442, seen(6_000.0, -100.0, y=radius + 1.0), 0.0, 75.0) == [np.inf]
-    assert time_to_loss(F3442, seen(6_000.0, -100.0), 0.0, entry - 1.0) == [np.inf]
+    assert time_to_loss(F3442, relative_state(6_000.0, -100.0), 0.0, 75.0) == [entry]
+    assert time_to_loss(F3442, relative_state(6_000.0, 100.0), 0.0, 75.0) == [np.inf]
+    assert time_to_loss(F3442, relative_state(6_000.0, -100.0, y=radius + 1.0), 0.0, 75.0) == [
+        np.inf
+    ]
+    assert time_to_loss(F3442, relative_state(6_000.0, -100.0), 0.0, entry - 1.0) == [np.inf]
     # From above it comes down to the ownship's level while it is near.
     down = math.ceil((400.0 - height) / 5.5)
     assert entry < down <= (6_000.0 + radius) / 100.0
-    assert time_to_loss(F3442, seen(6_000.0, -100.0, z=400.0), -5.5, 75.0) == [down]
-    assert time_to_loss(F3442, seen(6_000.0, -100.0, z=400.0), 5.5, 75.0) == [np.inf]
+    assert time_to_loss(F3442, relative_state(6_000.0, -100.0, z=400.0), -5.5, 75.0) == [down]
+    assert time_to_loss(F3442, relative_state(6_000.0, -100.0, z=400.0), 5.5, 75.0) == [np.inf]
 
 
 def test_the_first_alert_comes_at_the_corrective_time() -> None:
