@@ -21,6 +21,7 @@ from envs.frames import Air
 from envs.kinematics import Limits
 from eval.flights.chunks import Conditioned, Evaluation, ReadyEvaluation, noise_of
 from eval.flights.conditions import Flown, verdict_within
+from eval.flights.in_space import altitude_deviation
 from eval.flights.optimal import WitnessSearch, fly_witnesses
 from eval.flights.recorded import fly_in_mode
 from eval.flights.reported import report_flights
@@ -139,12 +140,25 @@ def entries_of(
     entries: list[Entry] = []
     for path, name in zip(policies or [None], policy_names(policies) or ["policy"], strict=True):
         entries += policy_entries(path, name, aircraft, modes)
-    wanted = dict.fromkeys([*(baselines or BASELINES), REFERENCE])
-    for name in wanted:
+    for name in baselines_of(baselines):
         if name not in _NAMES and not is_extension(name):
             known = one_of(name, _NAMES, "module:name of your own")
             raise ConfigError(f"--baseline: {name!r}; {known}")
-    return (*entries, *(baseline_entry(name, aircraft) for name in wanted))
+        entry = baseline_entry(name, aircraft)
+        if entry.name in {other.name for other in entries}:
+            raise ConfigError(
+                f"--baseline: {name!r} is called {entry.name}, as another resolver is; expected "
+                "another name"
+            )
+        entries.append(entry)
+    return tuple(entries)
+
+
+def baselines_of(chosen: Sequence[str]) -> tuple[str, ...]:
+    """Return the baselines that are flown of those chosen (none: all), the flight without a
+    resolver always among them.
+    """
+    return tuple(dict.fromkeys([*(chosen or BASELINES), REFERENCE]))
 
 
 def policy_names(paths: Sequence[Path]) -> list[str]:
@@ -222,7 +236,9 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
             made |= {
                 "alert_s": first_alert(volume, reported, aircraft.dt),
                 "well_clear_loss_s": first_loss(volume, flown, starts.mask, aircraft.dt),
-                "altitude_deviation_m": _altitude_deviation(flown),
+                "altitude_deviation_m": np.zeros(count)
+                if flown.altitudes is None
+                else altitude_deviation(flown.altitudes),
             }
         table |= {f"{entry.name}.{name}": values for name, values in made.items()}
     lost = {
@@ -233,14 +249,6 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
     for entry, one in zip(comparison.entries, flown_within, strict=True):
         table[f"{entry.name}.unresolvable"] = lost[one.limits]
     return table
-
-
-def _altitude_deviation(flown: Trajectories[Air]) -> np.ndarray:
-    """Return the largest deviations from the altitude at the start, m, ``[N]``; 0 in the plane."""
-    if flown.altitudes is None:
-        return np.zeros(flown.own.x.shape[1])
-    own = flown.altitudes.own
-    return np.fmax.reduce(np.abs(own - own[:1]), axis=0)
 
 
 def limits_of(resolver: Resolver, aircraft: Aircraft) -> Limits:

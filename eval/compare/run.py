@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.baselines.baselines import BASELINES
 from agents.config.load import ConfigError, Parser
 from commands.command import whole
 from commands.figures import save_figure
@@ -17,10 +16,10 @@ from envs.aircraft import Aircraft
 from envs.traffic.replay import Replay
 from eval.compare.config import CompareConfig
 from eval.compare.resolvers import (
-    REFERENCE,
     Comparison,
     Modes,
     aircraft_of_all,
+    baselines_of,
     columns,
     entries_of,
 )
@@ -182,7 +181,7 @@ def _resolve(config: CompareConfig, _: argparse.Namespace) -> Resolved:
     resolved |= {
         "policies_sha256": tuple(resolver.policy.sha256 for resolver in learned),
         "modes": modes.names,
-        "baselines": tuple(dict.fromkeys([*(config.baselines or BASELINES), REFERENCE])),
+        "baselines": baselines_of(config.baselines),
     }
     say(source)
     if config.planner.maneuvers != "horizontal" and not config.modes:

@@ -24,7 +24,7 @@ from envs.observation import criticality
 from envs.profile import Height, height_flown
 from envs.relative import relative_motion, step_separation
 from envs.trees import column, take
-from eval.flights.trajectories import Trajectories
+from eval.flights.trajectories import FlownAltitudes, Trajectories
 
 _NOWHERE: VehicleState[Air] = VehicleState(0.0, 0.0, 0.0, 0.0)
 _LEVEL_FLIGHT = 0.05  # m/s; what is slower is no climb and no descent
@@ -171,6 +171,13 @@ def heights_at(profiles: np.ndarray, time: np.ndarray, acceleration: float) -> H
     return Height(altitude, climb)
 
 
+def altitude_deviation(altitudes: FlownAltitudes) -> np.ndarray:
+    """Return the largest deviations of own altitudes ``[T + 1, N]`` from the first, m, ``[N]``; not
+    a number where there was no flight.
+    """
+    return np.fmax.reduce(np.abs(altitudes.own - altitudes.own[:1]), axis=0)
+
+
 def columns_in_space(
     encounters: Encounter, trajectories: Trajectories[Air], aircraft: Aircraft
 ) -> dict[str, np.ndarray]:
@@ -194,11 +201,10 @@ def columns_in_space(
     climbs = np.diff(altitudes.own, axis=0) / aircraft.dt
     moves = np.abs(climbs) > _LEVEL_FLIGHT
     begins = moves & ~np.concatenate([np.zeros((1, count), bool), moves[:-1]])
-    off = np.abs(altitudes.own - altitudes.own[:1])
     return {
         "horizontal_miss_m": np.where(np.isfinite(miss), miss, np.nan),
         "vertical_miss_m": np.where(np.isfinite(miss), vertical, np.nan),
-        "altitude_deviation_m": np.fmax.reduce(off, axis=0),
+        "altitude_deviation_m": altitude_deviation(altitudes),
         "climbs": np.count_nonzero(begins, axis=0).astype(np.int32),
     }
 

@@ -421,6 +421,20 @@ def test_bad_input_is_one_sentence(
     assert not (tmp_path / "run").exists()
 
 
+def test_baselines_of_two_modules_have_different_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    code = "from agents.baselines.baselines import BASELINES\nmine = BASELINES['mvp']\n"
+    for module in ("of_one_user", "of_another_user"):
+        (tmp_path / f"{module}.py").write_text(code)
+    names = "of_one_user:mine", "of_another_user:mine"
+    entries = comparison.entries_of([], comparison.Modes(), names[:1], PAPER)
+    assert [entry.name for entry in entries] == ["policy", "mine", REFERENCE]
+    with pytest.raises(ConfigError, match="'of_another_user:mine' is called mine, as another"):
+        comparison.entries_of([], comparison.Modes(), names, PAPER)
+
+
 def test_policies_have_names_unlike_each_other_and_baselines() -> None:
     names = (
         "mvp.safetensors",
