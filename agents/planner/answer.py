@@ -148,11 +148,11 @@ class Reason:
     """North, m."""
 
     @classmethod
-    def of(cls, kind: Kind, field: str, what: str, *place: float) -> "Reason":
+    def of(cls, kind: Kind, field: str, text: str, *place: float) -> "Reason":
         """Return a reason whose message begins with the field; ``place`` is time, x and y, or
         nothing.
         """
-        return cls(kind, field, f"{field} {what}", *place)
+        return cls(kind, field, f"{field} {text}", *place)
 
 
 class Apart(Enum):

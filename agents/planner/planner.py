@@ -35,7 +35,7 @@ from agents.planner.search.climbs import Start
 from agents.planner.search.continuation import CROWD
 from agents.planner.search.goals import next_goals
 from agents.planner.search.horizontal import plan_rows
-from agents.planner.search.in_space import Asked, plan_in_space
+from agents.planner.search.in_space import SpaceTask, plan_in_space
 from agents.policy.inference import Policy
 from envs.areas import Area
 from envs.areas import in_air as area_in_air
@@ -87,9 +87,9 @@ def plan(
         check(options)
     options = options or Options.for_aircraft(policy.aircraft)
     budget = Budget(options.deadline_s)
-    given = Given(own, intruders, route, own_altitude, wind, areas)
+    fields = RequestFields(own, intruders, route, own_altitude, wind, areas)
     search = search_in_space if options.climbs else _search_in_plane
-    posed, plans = search(given, policy, in_wind(options, wind), budget)
+    posed, plans = search(fields, policy, in_wind(options, wind), budget)
     request, excluded, in_air = posed.request, posed.excluded, posed.options
     start: VehicleState[Air] = VehicleState(*(float(field[0]) for field in request.own))
     goal, skipped = int(next_goals(request, in_air)[0, 0]), tuple(budget.skipped)
@@ -126,7 +126,7 @@ def plan(
     )
 
 
-class Given(NamedTuple):
+class RequestFields(NamedTuple):
     """A request as it was given."""
 
     own: VehicleState[Ground]
@@ -138,10 +138,10 @@ class Given(NamedTuple):
 
 
 def _search_in_plane(
-    given: Given, policy: Policy, options: Options[Narrowed], budget: Budget
+    fields: RequestFields, policy: Policy, options: Options[Narrowed], budget: Budget
 ) -> tuple[Posed, Plans]:
     """Return a request as it is searched, and the best plan in the plane."""
-    own, intruders, route, own_altitude, wind, areas = given
+    own, intruders, route, own_altitude, wind, areas = fields
     request, excluded, counted = check_request(own, intruders, route, options, own_altitude, wind)
     request, notes = add_areas(request, areas, steady(own_altitude), options, wind)
     goals = next_goals(request, options)
@@ -150,7 +150,7 @@ def _search_in_plane(
 
 
 def search_in_space(
-    given: Given, policy: Policy, options: Options[Narrowed], budget: Budget
+    fields: RequestFields, policy: Policy, options: Options[Narrowed], budget: Budget
 ) -> tuple[Posed, Plans]:
     """Return a request as it is searched, with the profile, and the best plan ``[1]`` that may
     climb and descend.
@@ -158,15 +158,15 @@ def search_in_space(
     Raises:
         RequestError: as :func:`plan` does.
     """
-    own, intruders, route, own_altitude, wind, _ = given
-    areas = check_areas(given.areas)
+    own, intruders, route, own_altitude, wind, _ = fields
+    areas = check_areas(fields.areas)
     # Who is above or below depends on the plan.
     request, excluded, level = check_request(own, intruders, route, options, None, wind)
     altitude, target, options = check_climbs(own_altitude, route, areas, options)
     times = [leg * options.interval for leg in range(1, options.waypoints)]
     reports = reports_in_air(intruders, wind)
     case, plans, _ = plan_in_space(
-        Asked(
+        SpaceTask(
             request,
             [reports[number] for number in level],
             Start(altitude, target, times),
@@ -178,9 +178,9 @@ def search_in_space(
         )
     )
     counted = [level[number] for number in case.counted]
-    what = "stays above or below on the plan's altitudes"
+    text = "stays above or below on the plan's altitudes"
     excluded += tuple(
-        Excluded(number, what, math.inf, Apart.VERTICALLY)
+        Excluded(number, text, math.inf, Apart.VERTICALLY)
         for number in level
         if number not in counted
     )

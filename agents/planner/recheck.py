@@ -79,7 +79,7 @@ def recheck(  # noqa: PLR0913 - a plan, and all of a request
     if not plan.safe or late <= 0.0:
         return plan
     least = JOIN * options.aircraft.dt
-    left = [
+    remaining = [
         replace(point, time=point.time - late)
         for point in plan.waypoints
         if point.time - late >= least
@@ -87,22 +87,24 @@ def recheck(  # noqa: PLR0913 - a plan, and all of a request
     try:
         check(options)
         in_air = in_wind(options, wind)
-        climbs = any(point.altitude is not None for point in left)
+        climbs = any(point.altitude is not None for point in remaining)
         # Who is above or below a plan that climbs depends on it.
-        known = None if climbs else own_altitude
-        request, excluded, level = check_request(own, intruders, route, in_air, known, wind)
+        level_altitude = None if climbs else own_altitude
+        request, excluded, level = check_request(
+            own, intruders, route, in_air, level_altitude, wind
+        )
         flight = steady(own_altitude)
         if climbs:
             altitude, _, in_air = check_climbs(own_altitude, route, areas, in_air)
-            flight = _flight(left, altitude, in_air)
+            flight = _flight(remaining, altitude, in_air)
             reports = reports_in_air(intruders, wind)
             request, _ = on_profile(request, [reports[n] for n in level], flight, in_air)
         request, _ = add_areas(request, areas, flight, in_air, wind)
     except RequestError as error:
         return _void(plan, late, str(error))
-    curve = take(plan_states(own, left, wind=wind), None)
+    curve = take(plan_states(own, remaining, wind=wind), None)
     findings = find_violations(curve, request, in_air)
-    nearer = unproven_exclusions(excluded, left[-1]) if left else []
+    nearer = unproven_exclusions(excluded, remaining[-1]) if remaining else []
     if nearer:
         return _void(plan, late, nearer[0].message)
     if bool(findings.safe[0]):

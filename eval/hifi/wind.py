@@ -8,7 +8,7 @@ import numpy as np
 from agents.kernel.levels import Altitude
 from agents.kernel.traffic import Traffic
 from agents.planner.answer import RequestError
-from agents.planner.planner import Given, Plans, plan_among, plan_many, search_in_space
+from agents.planner.planner import Plans, RequestFields, plan_among, plan_many, search_in_space
 from agents.planner.request.options import Narrowed, Options, speed_range
 from agents.planner.request.reports import Intruder
 from agents.planner.request.request import Request, in_wind
@@ -94,7 +94,7 @@ def plan_in_space(
     The ownship flies level at an altitude, m above the sea, which is that of the route.
     """
     points = zip(route.x.tolist(), route.y.tolist(), strict=True)
-    given = Given(
+    given = RequestFields(
         own,
         intruders,
         [RoutePoint(number, x, y) for number, (x, y) in enumerate(points)],

@@ -37,17 +37,17 @@ def audit(
     for number, point in enumerate(waypoints):
         if not all(map(math.isfinite, (point.x, point.y, point.heading, point.speed, point.time))):
             reasons.append(Reason.of(Kind.NOT_FINITE, f"waypoints[{number}]", "is not finite"))
-    taken = Counter(point.index for point in waypoints)
-    taken.update(point.index for point in route)
+    uses = Counter(point.index for point in waypoints)
+    uses.update(point.index for point in route)
     ends_route = bool(waypoints) and waypoints[-1].index in {point.index for point in route}
     for number, point in enumerate(waypoints):
         last = number == len(waypoints) - 1
-        if taken[point.index] > (2 if last and ends_route else 1):
-            what = (
+        if uses[point.index] > (2 if last and ends_route else 1):
+            text = (
                 f"has index {point.index}, which another waypoint or a point of the route has too"
             )
             reasons.append(
-                Reason.of(Kind.INDICES, f"waypoints[{number}]", what, point.time, point.x, point.y)
+                Reason.of(Kind.INDICES, f"waypoints[{number}]", text, point.time, point.x, point.y)
             )
     if waypoints:
         reasons += _last(waypoints[-1], len(waypoints) - 1, route, extended)
@@ -82,5 +82,5 @@ def _last(
     return [] if off <= ON_ROUTE else [_off_route(point, name, f"is {off:.3f} m off {expected}")]
 
 
-def _off_route(point: Waypoint, name: str, what: str) -> Reason:
-    return Reason.of(Kind.OFF_ROUTE, name, what, point.time, point.x, point.y)
+def _off_route(point: Waypoint, name: str, text: str) -> Reason:
+    return Reason.of(Kind.OFF_ROUTE, name, text, point.time, point.x, point.y)

@@ -51,27 +51,27 @@ def profile_faults(profile: Profile, own: Altitude, options: Options[L]) -> list
     times, climbs = profile.time.tolist()[first:-1], profile.climbs.tolist()[first:]
     for time, climb in zip(times, climbs, strict=True):
         if not -vertical.descent_max - _ROUNDING <= climb <= vertical.climb_max + _ROUNDING:
-            what = (
+            text = (
                 f"climbs with {climb:.2f} m/s from {time:.1f} s on, expected "
                 f"{-vertical.descent_max:g} to {vertical.climb_max:g} m/s"
             )
-            faults.append(Reason.of(Kind.CLIMB, "altitudes", what))
+            faults.append(Reason.of(Kind.CLIMB, "altitudes", text))
     changed = 0.0
     for corner in profile.corners():
         half = 0.5 * abs(corner.change) / vertical.acceleration
         if not corner.time - half >= changed - _ROUNDING:
-            what = (
+            text = (
                 f"change their climb at {corner.time:.1f} s, expected {changed + half:.1f} s or "
                 "later"
             )
-            faults.append(Reason.of(Kind.CLIMB, "altitudes", what))
+            faults.append(Reason.of(Kind.CLIMB, "altitudes", text))
         error = corner_error(corner.change, vertical.acceleration)
         if not error <= options.vertical_margin + _ROUNDING:
-            what = (
+            text = (
                 f"are left by {error:.1f} m where the climb changes at {corner.time:.1f} s, "
                 f"expected the vertical margin, {options.vertical_margin:g} m, at most"
             )
-            faults.append(Reason.of(Kind.CLIMB, "altitudes", what))
+            faults.append(Reason.of(Kind.CLIMB, "altitudes", text))
         changed = corner.time + half
     return faults + _beyond_levels(profile, own, options)
 
@@ -109,11 +109,11 @@ def speed_faults(profile: Profile, curves: Legs[Air], limits: Limits) -> list[Re
     if beyond.size == 0:
         return []
     leg = int(beyond[0])
-    what = (
+    text = (
         f"climbs with {climb[leg]:.1f} m/s at {over_horizon[leg]:.1f} m/s over the horizon, "
         f"expected {fastest:.1f} m/s together at most"
     )
-    return [Reason(Kind.SPEED, f"waypoints[{leg}]", f"the leg to waypoints[{leg}] {what}")]
+    return [Reason(Kind.SPEED, f"waypoints[{leg}]", f"the leg to waypoints[{leg}] {text}")]
 
 
 def _beyond_levels(profile: Profile, own: Altitude, options: Options[L]) -> list[Reason]:
@@ -129,9 +129,9 @@ def _beyond_levels(profile: Profile, own: Altitude, options: Options[L]) -> list
         beyond = np.flatnonzero(~(over <= allowed + _ROUNDING))
         if beyond.size:
             first = int(beyond[0])
-            what = (
+            text = (
                 f"are {profile.altitude[first]:.1f} m at {profile.time[first]:.1f} s, expected to "
                 f"keep {spread:.1f} m from the {name}, {level.value:g} m"
             )
-            faults.append(Reason.of(Kind.CLIMB, "altitudes", what))
+            faults.append(Reason.of(Kind.CLIMB, "altitudes", text))
     return faults

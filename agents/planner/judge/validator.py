@@ -115,11 +115,11 @@ def validate(
     sound = finite.all(axis=-1) & ordered.all(axis=-1)
     if curves is None or not sound.all():
         curves = legs(_whole(plan_states, sound))
-    findings, both = Findings.blank(count), finite[:, 1:] & finite[:, :-1]
-    in_order = (ordered & (plan_states.time[:, 1:] <= LONGEST)) | ~both
+    findings, finite_ends = Findings.blank(count), finite[:, 1:] & finite[:, :-1]
+    in_order = (ordered & (plan_states.time[:, 1:] <= LONGEST)) | ~finite_ends
     of_legs = [field | ~sound[:, None] for field in right_legs(curves, limits)]
     # In the order of CHECKS.
-    for check, right in enumerate((both, in_order, *of_legs)):
+    for check, right in enumerate((finite_ends, in_order, *of_legs)):
         if not right.all():
             rows = np.flatnonzero(~right.all(axis=-1))
             leg = np.argmin(right[rows], axis=-1)
@@ -136,11 +136,13 @@ def validate(
         states, curves, intruders = take((states, curves, intruders), rows)
     flown = trajectory(states, curves)
     own: VehicleState[Air] = VehicleState(*(field[:, 0] for field in states[:4]))
-    kept = clearance(flown, separation(intruders, own, requirement), closest=True)
-    _note_separation(findings, rows, kept)
+    clearances = clearance(flown, separation(intruders, own, requirement), closest=True)
+    _note_separation(findings, rows, clearances)
     if areas:
-        kept = clearance(flown, area_clearance(areas, own.x, own.y, requirement.margin))
-        _note_lost(findings, _AREA, rows, kept, findings.area, [area.number for area in areas])
+        clearances = clearance(flown, area_clearance(areas, own.x, own.y, requirement.margin))
+        _note_lost(
+            findings, _AREA, rows, clearances, findings.area, [area.number for area in areas]
+        )
     return findings
 
 
@@ -165,33 +167,35 @@ def _note_wrong(
     findings.time[rows, check], findings.x[rows, check], findings.y[rows, check] = time, x, y
 
 
-def _note_separation(findings: Findings, rows: Array, kept: Clearance) -> None:
+def _note_separation(findings: Findings, rows: Array, clearances: Clearance) -> None:
     """Note of plans numbered ``rows`` what they keep from intruders."""
-    count = kept.distance.shape[1]
+    count = clearances.distance.shape[1]
     if count == 0:
         return
-    nearest = np.arange(rows.size), np.argmin(kept.distance, axis=1)
-    findings.min_separation[rows] = kept.distance[nearest]
-    findings.time_of_min_separation[rows] = kept.distance_time[nearest]
-    _note_lost(findings, _SEPARATION, rows, kept, findings.intruder, range(count))
+    nearest = np.arange(rows.size), np.argmin(clearances.distance, axis=1)
+    findings.min_separation[rows] = clearances.distance[nearest]
+    findings.time_of_min_separation[rows] = clearances.distance_time[nearest]
+    _note_lost(findings, _SEPARATION, rows, clearances, findings.intruder, range(count))
 
 
 def _note_lost(
     findings: Findings,
     check: int,
     rows: Array,
-    kept: Clearance,
+    clearances: Clearance,
     names: Array,
     numbers: Sequence[int],
 ) -> None:
     """Note of plans numbered ``rows`` the smallest clearance, and where it is lost first; into
     ``names`` the number of the intruder or area of which that is.
     """
-    findings.clearance[rows] = np.minimum(findings.clearance[rows], kept.margin.min(axis=1))
-    first = np.argmin(kept.loss, axis=1)
-    lost = np.flatnonzero(np.isfinite(kept.loss[np.arange(rows.size), first]))
+    findings.clearance[rows] = np.minimum(findings.clearance[rows], clearances.margin.min(axis=1))
+    first = np.argmin(clearances.loss, axis=1)
+    lost = np.flatnonzero(np.isfinite(clearances.loss[np.arange(rows.size), first]))
     if lost.size:
-        which = lost, first[lost]
-        leg, time, x, y = (field[which] for field in (kept.leg, kept.loss, kept.x, kept.y))
+        places = lost, first[lost]
+        leg, time, x, y = (
+            field[places] for field in (clearances.leg, clearances.loss, clearances.x, clearances.y)
+        )
         _note_wrong(findings, check, rows[lost], leg, time, x, y)
         names[rows[lost]] = np.asarray(numbers)[first[lost]]

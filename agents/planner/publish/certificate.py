@@ -62,7 +62,7 @@ class Evidence:
         options, altitude = self.options, self.own_altitude
         profile = self._profile()
         altitudes = self._altitudes(profile)
-        out = {
+        passed = {
             report.number
             for report in self.excluded
             if report.apart is Apart.VERTICALLY and profile is None
@@ -71,7 +71,7 @@ class Evidence:
             report if isinstance(report, Intruder) else Intruder(report)
             for report in self.intruders
         ]
-        counted = [report for number, report in enumerate(reports) if number not in out]
+        counted = [report for number, report in enumerate(reports) if number not in passed]
         plan_states = waypoints.plan_states(self.own, self.published, wind=self.wind)
         curves, end = waypoints.legs(plan_states), self.published[-1].time + _BEYOND
         data = {
@@ -84,7 +84,7 @@ class Evidence:
             ],
             "controls": np.concatenate([curves.yaw_rate, curves.acceleration], axis=-1).tolist(),
             "intruders": [_report(report, options.requirement.separation) for report in counted],
-            "excluded": [_heights(altitude, reports[number], options) for number in sorted(out)],
+            "excluded": [_heights(altitude, reports[number], options) for number in sorted(passed)],
             "apart": [
                 row
                 for number, report in enumerate(counted)

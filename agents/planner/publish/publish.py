@@ -150,14 +150,14 @@ def _climb_faults(
 
 def _out_of_time(skipped: Sequence[str], options: Options[Narrowed]) -> Reason:
     """Return that the deadline left something out of the search."""
-    what = f"options.deadline_s of {options.deadline_s:g} s was reached before: "
-    return Reason(Kind.DEADLINE, "options.deadline_s", what + ", ".join(skipped))
+    text = f"options.deadline_s of {options.deadline_s:g} s was reached before: "
+    return Reason(Kind.DEADLINE, "options.deadline_s", text + ", ".join(skipped))
 
 
 def _policy_unsafe() -> tuple[Advisory, ...]:
     """Return the advisory that the policy's own plan was not safe, and another is given."""
-    what = "to the next point of the route was not safe"
-    return (Advisory(AdvisoryCode.POLICY_UNSAFE, "the policy's own plan", what),)
+    text = "to the next point of the route was not safe"
+    return (Advisory(AdvisoryCode.POLICY_UNSAFE, "the policy's own plan", text),)
 
 
 def _best_on_ground(request: Request, plans: Plans) -> Candidates:
@@ -209,9 +209,9 @@ def _waypoints(
     """
     if best.last < 0:
         return ()
-    taken = {point.index for point in route}
+    used = {point.index for point in route}
     rows = np.stack(best.plan_states, axis=-1)[1:].tolist()
-    free = (index for index in range(len(route) + len(rows)) if index not in taken)
+    free = (index for index in range(len(route) + len(rows)) if index not in used)
     indices = [next(free) for _ in rows]
     if best.last < len(route):
         indices[-1] = route[int(best.last)].index
@@ -273,18 +273,18 @@ def _begins_too_close(request: Request, separation: Array, counted: Sequence[int
     reasons = []
     for number, far, least, counting in zip(counted, away, separation, counts, strict=True):
         if counting and far < least:
-            what = f"is {far:.1f} m away at the request, expected {least:.1f} m or more"
-            reasons.append(Reason.of(Kind.START_IN_VIOLATION, f"intruders[{number}]", what, *place))
+            text = f"is {far:.1f} m away at the request, expected {least:.1f} m or more"
+            reasons.append(Reason.of(Kind.START_IN_VIOLATION, f"intruders[{number}]", text, *place))
     return reasons
 
 
 def _no_plan(best: Candidates, options: Options[Narrowed]) -> Reason:
     """Return why no manoeuvre was completed to a plan."""
     if best.too_short:
-        what = "ends before the plan does and may not be extended"
-        return Reason.of(Kind.ROUTE_TOO_SHORT, "route", what)
-    what = f"cannot be rejoined within {options.rejoin_by:g} s by any manoeuvre that was tried"
-    return Reason.of(Kind.NO_REJOIN, "route", what)
+        text = "ends before the plan does and may not be extended"
+        return Reason.of(Kind.ROUTE_TOO_SHORT, "route", text)
+    text = f"cannot be rejoined within {options.rejoin_by:g} s by any manoeuvre that was tried"
+    return Reason.of(Kind.NO_REJOIN, "route", text)
 
 
 def _begins_inside(request: Request) -> list[Reason]:
@@ -293,9 +293,9 @@ def _begins_inside(request: Request) -> list[Reason]:
     for active in () if request.areas is None else request.areas.value:
         if active.begin > 0.0 or float(signed_distance(active.area, x, y)) >= 0.0:
             continue
-        what = "is left by" if active.area.keep is Keep.IN else "holds"
-        what = f"{what} the ownship at the request, expected it {_side(active)}"
-        reasons.append(_of_area(Kind.START_IN_VIOLATION, active, what, 0.0, x, y))
+        text = "is left by" if active.area.keep is Keep.IN else "holds"
+        text = f"{text} the ownship at the request, expected it {_side(active)}"
+        reasons.append(_of_area(Kind.START_IN_VIOLATION, active, text, 0.0, x, y))
     return reasons
 
 
@@ -304,12 +304,12 @@ def _area_finding(findings: Findings, areas: Sequence[ActiveArea], margin: float
     number = CHECKS.index(Kind.AREA.value)
     time, x, y = (float(field[number]) for field in (findings.time, findings.x, findings.y))
     lost = next(lost for lost in areas if lost.number == findings.area)
-    what = (
+    text = (
         f"is not kept clear of from {time:.1f} s on, at {x:.0f} m east and {y:.0f} m north; "
         f"expected the ownship {_side(lost)} and {lost.area.clearance + margin:.1f} m or more "
         "from it"
     )
-    return _of_area(Kind.AREA, lost, what, time, x, y)
+    return _of_area(Kind.AREA, lost, text, time, x, y)
 
 
 def _side(active: ActiveArea) -> str:
@@ -317,9 +317,9 @@ def _side(active: ActiveArea) -> str:
     return "inside" if active.area.keep is Keep.IN else "outside"
 
 
-def _of_area(kind: Kind, active: ActiveArea, what: str, *place: float) -> Reason:
+def _of_area(kind: Kind, active: ActiveArea, text: str, *place: float) -> Reason:
     """Return a reason that tells an area by its number and its name."""
-    return Reason(kind, f"areas[{active.number}]", f"{label(active)} {what}", *place)
+    return Reason(kind, f"areas[{active.number}]", f"{label(active)} {text}", *place)
 
 
 def _no_goal(request: Request, options: Options[Narrowed]) -> Reason:
@@ -328,8 +328,8 @@ def _no_goal(request: Request, options: Options[Narrowed]) -> Reason:
     nearest = float(np.min(np.hypot(x - own.x[0], y - own.y[0])))
     ahead = next_goals(request, replace(options, rejoin_by=1e9))[0, 0] >= 0
     if ahead:
-        what = f"has no point that can be reached in time; the nearest is {nearest:.0f} m away"
-        return Reason.of(Kind.GOAL_TOO_FAR, "route", what)
+        text = f"has no point that can be reached in time; the nearest is {nearest:.0f} m away"
+        return Reason.of(Kind.GOAL_TOO_FAR, "route", text)
     return Reason.of(
         Kind.GOAL_BEHIND, "route", "lies behind: the ownship has passed all of its points"
     )
@@ -342,12 +342,12 @@ def _finding(findings: Findings, check: int, counted: Sequence[int], required: f
     kind = Kind(CHECKS[check])
     time, x, y = (float(field[check]) for field in (findings.time, findings.x, findings.y))
     if kind is Kind.SEPARATION:
-        what = (
+        text = (
             f"comes closer than required from {time:.1f} s on, expected {required:.1f} m or more; "
             f"the smallest distance to any intruder is {findings.min_separation:.1f} m at "
             f"{findings.time_of_min_separation:.1f} s"
         )
-        return Reason.of(kind, f"intruders[{counted[int(findings.intruder)]}]", what, time, x, y)
+        return Reason.of(kind, f"intruders[{counted[int(findings.intruder)]}]", text, time, x, y)
     name = f"waypoints[{findings.leg[check]}]"
-    what = f"the leg to {name} fails the check of {kind.value} from {time:.1f} s on"
-    return Reason(kind, name, what, time, x, y)
+    text = f"the leg to {name} fails the check of {kind.value} from {time:.1f} s on"
+    return Reason(kind, name, text, time, x, y)

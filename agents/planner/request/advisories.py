@@ -109,8 +109,8 @@ def assumed_climbs(
 
 def assumed_climb(field: Field, options: Options[L]) -> Advisory:
     """Return that a vertical speed is unknown, and what is assumed."""
-    what = f"is unknown and taken as up to {options.unknown_climb:g} m/s either way"
-    return Advisory(AdvisoryCode.ASSUMED, field, what)
+    text = f"is unknown and taken as up to {options.unknown_climb:g} m/s either way"
+    return Advisory(AdvisoryCode.ASSUMED, field, text)
 
 
 def own_separations(
@@ -126,9 +126,9 @@ def own_separations(
         for name, others in usual.items():
             metres = getattr(intruder, name, None)
             if metres is not None and metres != others:
-                what = f"is {metres:g} m, of the others {others:g} m"
+                text = f"is {metres:g} m, of the others {others:g} m"
                 field = Field(Subject.INTRUDERS, name, number)
-                advisories.append(Advisory(AdvisoryCode.OWN_SEPARATION, field, what))
+                advisories.append(Advisory(AdvisoryCode.OWN_SEPARATION, field, text))
     return advisories
 
 
@@ -172,11 +172,11 @@ def skipped_points(
         x, y = own_x - there_x, own_y - there_y
         away = float(chord(x[:-1], y[:-1], x[1:], y[1:]).min())
         if away > options.aircraft.goal_radius:
-            what = (
+            text = (
                 f"(waypoint {route[number].index}) is skipped: the plan comes no nearer to it than "
                 f"{away:.0f} m"
             )
             advisories.append(
-                Advisory(AdvisoryCode.SKIPPED, Field(Subject.ROUTE, number=number), what)
+                Advisory(AdvisoryCode.SKIPPED, Field(Subject.ROUTE, number=number), text)
             )
     return advisories

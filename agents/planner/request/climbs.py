@@ -34,16 +34,16 @@ def check_climbs(
     if own is None:
         raise RequestError(name, "is None, expected an Altitude: the plan may climb and descend")
     if own.vertical_speed is None:
-        what = "is None, expected a number: the plan begins with it"
-        raise RequestError(name.part("vertical_speed"), what)
+        problem = "is None, expected a number: the plan begins with it"
+        raise RequestError(name.part("vertical_speed"), problem)
     for level, option in ((options.floor, "floor"), (options.ceiling, "ceiling")):
         if level is not None and level.reference != own.reference:
-            what = f"is {quote(level.reference)}, expected the ownship's, {quote(own.reference)}"
-            raise RequestError(f"options.{option}.reference", what)
+            problem = f"is {quote(level.reference)}, expected the ownship's, {quote(own.reference)}"
+            raise RequestError(f"options.{option}.reference", problem)
     options = with_levels_of(areas, own.reference, options)
     floor, ceiling = options.floor, options.ceiling
     _check_between(name.part("value"), own.value, floor, ceiling)
-    given = [
+    altitudes = [
         part_value(point, "altitude", altitude, LOWEST, HIGHEST, "m")
         for point, altitude in (
             (Field(Subject.ROUTE, number=number), point.altitude)
@@ -51,11 +51,11 @@ def check_climbs(
         )
         if altitude is not None
     ]
-    if not given:
+    if not altitudes:
         rise = rise_to_level(own.vertical_speed, options.vertical.acceleration)
         return own, own.value + rise, options
-    _check_between(Field(Subject.ROUTE, "altitude"), given[-1], floor, ceiling)
-    return own, given[-1], options
+    _check_between(Field(Subject.ROUTE, "altitude"), altitudes[-1], floor, ceiling)
+    return own, altitudes[-1], options
 
 
 def with_levels_of(areas: Sequence[Area], reference: str, options: Options[L]) -> Options[L]:
@@ -69,5 +69,5 @@ def _check_between(name: Field, value: float, floor: Level | None, ceiling: Leve
     if floor is not None and not value >= floor.value:
         raise RequestError(name, f"is {value:g} m, expected the floor, {floor.value:g} m, or more")
     if ceiling is not None and not value <= ceiling.value:
-        what = f"is {value:g} m, expected the ceiling, {ceiling.value:g} m, or less"
-        raise RequestError(name, what)
+        problem = f"is {value:g} m, expected the ceiling, {ceiling.value:g} m, or less"
+        raise RequestError(name, problem)

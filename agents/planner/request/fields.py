@@ -14,13 +14,13 @@ from envs.kinematics import VehicleState
 _LONGEST_TEXT = 60  # of a value in a message
 
 
-def sequence(name: Field | str, given: Any) -> Sequence[Any]:
+def sequence(name: Field | str, value: Any) -> Sequence[Any]:
     """Return a sequence that is neither a text nor a single state; raise RequestError if it is
     none.
     """
-    if isinstance(given, (str, bytes, VehicleState)) or not isinstance(given, Sequence):
-        raise RequestError(name, f"is {type(given).__name__}, expected a sequence")
-    return given
+    if isinstance(value, (str, bytes, VehicleState)) or not isinstance(value, Sequence):
+        raise RequestError(name, f"is {type(value).__name__}, expected a sequence")
+    return value
 
 
 def quote(value: Any) -> str:

@@ -90,13 +90,13 @@ def comfort_limits(decisions: Limits, vehicle: Limits) -> Limits:
     turn. Raises a ValueError where the limits of decisions and of the vehicle have no speeds in
     common.
     """
-    both = intersection(decisions, vehicle)
+    common = intersection(decisions, vehicle)
     return Limits(
-        max(both.speed_min, 0.05 * both.speed_max),
-        both.speed_max - 0.004 * both.speed_max,
-        max(both.acceleration_min, _RESERVE * vehicle.acceleration_min),
-        min(both.acceleration_max, _RESERVE * vehicle.acceleration_max),
-        min(both.yaw_rate_max, _RESERVE * vehicle.yaw_rate_max),
+        max(common.speed_min, 0.05 * common.speed_max),
+        common.speed_max - 0.004 * common.speed_max,
+        max(common.acceleration_min, _RESERVE * vehicle.acceleration_min),
+        min(common.acceleration_max, _RESERVE * vehicle.acceleration_max),
+        min(common.yaw_rate_max, _RESERVE * vehicle.yaw_rate_max),
     )
 
 
@@ -108,7 +108,7 @@ def speed_range(limits: Limits) -> tuple[float, float]:
     return max(limits.speed_min - swing, swing), limits.speed_max + swing
 
 
-class Given:
+class Stated:
     """Limits as they are given for the vehicle."""
 
 
@@ -117,7 +117,7 @@ class Narrowed:
 
 
 # Whose limits options have, for the type checker alone. `Options` alone are those given.
-L = TypeVar("L", default=Given)
+L = TypeVar("L", default=Stated)
 
 
 @dataclass(frozen=True)
@@ -220,11 +220,11 @@ class Options(Generic[L]):
             RequestError: the aircraft states nothing of it.
         """
         if self.aircraft.vertical is None:
-            what = (
+            problem = (
                 f'is "{self.maneuvers.value}", expected "horizontal": the aircraft states no '
                 "limits of climb and descent"
             )
-            raise RequestError("options.maneuvers", what)
+            raise RequestError("options.maneuvers", problem)
         return self.aircraft.vertical
 
     @property
@@ -358,24 +358,24 @@ def check(options: Options) -> None:
     ):
         _check_whole(f"options.{name}", getattr(options, name), low, high, step)
     if options.last_free > LONGEST:
-        what = f"makes plans of {options.last_free:g} s and more, expected {LONGEST:g} s at most"
-        raise RequestError("options.spacing", what)
+        problem = f"makes plans of {options.last_free:g} s and more, expected {LONGEST:g} s at most"
+        raise RequestError("options.spacing", problem)
     _check_numbers(options)
     _check_levels(options)
     for name, limits in (("limits", options.limits), ("manoeuvre", options.manoeuvre)):
         if limits.speed_min >= limits.speed_max:
-            what = (
+            problem = (
                 f"is {limits.speed_min:g} m/s, expected less than speed_max, "
                 f"{limits.speed_max:g} m/s"
             )
-            raise RequestError(f"options.{name}.speed_min", what)
+            raise RequestError(f"options.{name}.speed_min", problem)
     circle = 2.0 * math.pi / options.manoeuvre.yaw_rate_max
     if circle > options.last_free:
-        what = (
+        problem = (
             f"makes a full circle of {circle:.0f} s, expected at most the plan's "
             f"{options.last_free:.0f} s"
         )
-        raise RequestError("options.manoeuvre.yaw_rate_max", what)
+        raise RequestError("options.manoeuvre.yaw_rate_max", problem)
 
 
 def _check_levels(options: Options) -> None:
@@ -385,23 +385,25 @@ def _check_levels(options: Options) -> None:
         if level is None:
             continue
         if not isinstance(level, Level):
-            what = f"is {quote(level)}, expected a Level or None"
-            raise RequestError(f"options.{name}", what)
+            problem = f"is {quote(level)}, expected a Level or None"
+            raise RequestError(f"options.{name}", problem)
         real(f"options.{name}.value", level.value, LOWEST, HIGHEST, "m")
         if not options.climbs:
-            what = 'is given, expected maneuvers that are "vertical" or "both"'
-            raise RequestError(f"options.{name}", f"{what}: in the plane no altitude is planned")
+            problem = 'is given, expected maneuvers that are "vertical" or "both"'
+            raise RequestError(f"options.{name}", f"{problem}: in the plane no altitude is planned")
     if options.climbs:
         _ = options.vertical  # refused where the aircraft has none
     floor, ceiling = levels.values()
     if floor is None or ceiling is None:
         return
     if floor.reference != ceiling.reference:
-        what = f"is of {quote(floor.reference)}, expected the ceiling's {quote(ceiling.reference)}"
-        raise RequestError("options.floor.reference", what)
+        problem = (
+            f"is of {quote(floor.reference)}, expected the ceiling's {quote(ceiling.reference)}"
+        )
+        raise RequestError("options.floor.reference", problem)
     if not floor.value < ceiling.value:
-        what = f"is {floor.value:g} m, expected less than the ceiling, {ceiling.value:g} m"
-        raise RequestError("options.floor.value", what)
+        problem = f"is {floor.value:g} m, expected less than the ceiling, {ceiling.value:g} m"
+        raise RequestError("options.floor.value", problem)
 
 
 def _check_kinds(options: Options) -> None:
@@ -417,8 +419,8 @@ def _check_aircraft(aircraft: Aircraft) -> None:
     """Refuse an aircraft that cannot be."""
     vertical: Any = aircraft.vertical
     if vertical is not None and not isinstance(vertical, Vertical):
-        what = f"is {quote(vertical)}, expected Vertical or None"
-        raise RequestError("options.aircraft.vertical", what)
+        problem = f"is {quote(vertical)}, expected Vertical or None"
+        raise RequestError("options.aircraft.vertical", problem)
     numbers = aircraft._asdict()
     for group in ("limits", "vehicle", "vertical"):
         of_group = numbers.pop(group)
@@ -428,8 +430,8 @@ def _check_aircraft(aircraft: Aircraft) -> None:
         real(f"options.aircraft.{name}", value, -math.inf, math.inf, "")
     try:
         new_aircraft(**aircraft._asdict())
-    except AircraftError as problem:
-        raise RequestError("options.aircraft", f"cannot be: {problem}") from None
+    except AircraftError as error:
+        raise RequestError("options.aircraft", f"cannot be: {error}") from None
 
 
 def _check_whole(name: str, value: Any, low: int, high: int, step: int) -> None:

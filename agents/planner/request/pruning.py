@@ -56,13 +56,13 @@ def unproven_exclusions(excluded: Sequence[Excluded], end: Waypoint) -> list[Rea
     reasons = []
     for intruder in excluded:
         if not end.time <= intruder.until:
-            what = (
+            text = (
                 f"was left out until {intruder.until:.0f} s, expected until the plan's end at "
                 f"{end.time:.0f} s"
             )
             place = end.time, end.x, end.y
             reasons.append(
-                Reason.of(Kind.SEPARATION, f"intruders[{intruder.number}]", what, *place)
+                Reason.of(Kind.SEPARATION, f"intruders[{intruder.number}]", text, *place)
             )
     return reasons
 

@@ -94,8 +94,8 @@ def check_altitude(name: Field, altitude: Any) -> None:
     part_value(name, "error", altitude.error, 0.0, HIGHEST, "m")
     part_value(name, "climb_error", altitude.climb_error, 0.0, 100.0, "m/s")
     if not isinstance(altitude.reference, str) or not altitude.reference:
-        what = f"is {quote(altitude.reference)}, expected a name"
-        raise RequestError(name.part("reference"), what)
+        problem = f"is {quote(altitude.reference)}, expected a name"
+        raise RequestError(name.part("reference"), problem)
 
 
 def check_report(name: Field, report: Intruder[Ground], options: Options[L]) -> Intruder[Ground]:
@@ -112,11 +112,11 @@ def check_report(name: Field, report: Intruder[Ground], options: Options[L]) -> 
     rate = part_value(name, "turn_rate", report.turn_rate, -0.5, 0.5, "rad/s")
     lasts = part_value(name, "turn_time", report.turn_time, 0.0, 1_000.0, "s")
     if abs(rate) * lasts > _MOST_TURN:
-        what = (
+        problem = (
             f"is {lasts:g} s: a turn of {abs(rate) * lasts:.0f} rad, expected {_MOST_TURN:g} "
             "rad at most"
         )
-        raise RequestError(name.part("turn_time"), what)
+        raise RequestError(name.part("turn_time"), problem)
     vertical = report.vertical_separation
     return Intruder(
         state=state,
@@ -175,8 +175,8 @@ def reports_in_air(
 ) -> list[Intruder[Air]]:
     """Return checked intruders as reports in the air mass."""
     return [
-        report_in_air(given if isinstance(given, Intruder) else Intruder(given), wind)
-        for given in intruders
+        report_in_air(intruder if isinstance(intruder, Intruder) else Intruder(intruder), wind)
+        for intruder in intruders
     ]
 
 

@@ -86,8 +86,8 @@ def check_request(
     blows = 0.0 if wind is None else wind.speed
     end = float(options.latest_end(state.speed, x, y, wind=blows))
     excluded = find_excluded(state, reports, own_altitude, end, options)
-    out = {intruder.number for intruder in excluded}
-    counted = [number for number in range(len(reports)) if number not in out]
+    pruned = {intruder.number for intruder in excluded}
+    counted = [number for number in range(len(reports)) if number not in pruned]
     request = Request(
         own=VehicleState(*(np.array([value]) for value in state)),
         traffic=_traffic_of(reports, counted, own_altitude, options),
@@ -145,20 +145,20 @@ def in_wind(options: Options, wind: Any) -> Options[Narrowed]:
     fastest = float(options.manoeuvre.speed_max)
     if wind.speed + error >= fastest:
         unsure = f", or {wind.speed + error:.1f} m/s with its uncertainty" if error > 0.0 else ""
-        what = (
+        problem = (
             f"is {wind.speed:.1f} m/s{unsure}, expected less than the {fastest:.1f} m/s that the "
             "aircraft makes against it"
         )
-        raise RequestError(Field(Subject.WIND), what)
+        raise RequestError(Field(Subject.WIND), problem)
     limits, flown = narrow(options.limits, error), narrow(options.manoeuvre, error)
     for some in (limits, flown):
         least = min(some.speed_max - some.speed_min, some.acceleration_max, some.yaw_rate_max)
         if error > 0.0 and not (least > 0.0 and some.acceleration_min < 0.0):
-            what = (
+            problem = (
                 f"is {wind.std:g} m/s: {options.requirement.sigmas:g} sigmas of that leave nothing "
                 "of the aircraft's speeds, accelerations or turn rate; expected less"
             )
-            raise RequestError(Field(Subject.WIND, "std"), what)
+            raise RequestError(Field(Subject.WIND, "std"), problem)
     return cast("Options[Narrowed]", replace(options, limits=limits, manoeuvre=flown))
 
 
@@ -184,8 +184,8 @@ def check_finite(request: Request) -> None:
 def _check_numbers(name: str, values: Array, counts: Array) -> None:
     """Refuse numbers that are not finite where they count."""
     for where in np.argwhere(~np.isfinite(values) & counts):
-        what = f"is {values[tuple(where)]}, expected a finite number"
-        raise RequestError(f"{name}{where.tolist()}", what)
+        problem = f"is {values[tuple(where)]}, expected a finite number"
+        raise RequestError(f"{name}{where.tolist()}", problem)
 
 
 def drift_points(
@@ -209,8 +209,8 @@ def _check_own(own: Any, options: Options[Narrowed], wind: Wind | None) -> Vehic
     low, high = speed_range(options.aircraft.limits)
     if not low <= state.speed <= high:
         air = "" if wind is None else f", {state.speed:g} m/s through the air"
-        what = f"is {ground.speed:g} m/s{air}, expected {low:g} to {high:g}"
-        raise RequestError(Field(Subject.OWN, "speed"), what)
+        problem = f"is {ground.speed:g} m/s{air}, expected {low:g} to {high:g}"
+        raise RequestError(Field(Subject.OWN, "speed"), problem)
     return state
 
 
@@ -221,10 +221,10 @@ def _check_intruders(
     reports = [
         check_report(
             Field(Subject.INTRUDERS, number=number),
-            given if isinstance(given, Intruder) else Intruder(given),
+            intruder if isinstance(intruder, Intruder) else Intruder(intruder),
             options,
         )
-        for number, given in enumerate(sequence(Field(Subject.INTRUDERS), intruders))
+        for number, intruder in enumerate(sequence(Field(Subject.INTRUDERS), intruders))
     ]
     in_air = [report_in_air(report, wind) for report in reports]
     for number, report in enumerate(() if wind is None else in_air):
@@ -255,11 +255,11 @@ def _check_route(route: Any) -> tuple[Array, Array]:
     return np.array(x), np.array(y)
 
 
-def _check_index(point: Field, index: Any, taken: set[int]) -> None:
+def _check_index(point: Field, index: Any, used: set[int]) -> None:
     """Refuse what is no index of a point, and one that is taken."""
     whole = isinstance(index, int) and not isinstance(index, bool)
     if not whole or not 0 <= index < 2**31:
-        what = f"is {quote(index)}, expected an integer from 0 to 2147483647"
-        raise RequestError(point.part("index"), what)
-    if index in taken:
+        problem = f"is {quote(index)}, expected an integer from 0 to 2147483647"
+        raise RequestError(point.part("index"), problem)
+    if index in used:
         raise RequestError(point.part("index"), f"is {quote(index)} again, expected one of its own")

@@ -56,34 +56,34 @@ def add_areas(
     Raises:
         RequestError: something is no area, or there are too many.
     """
-    given = check_areas(areas)
-    if not given:
+    checked = check_areas(areas)
+    if not checked:
         return request, ()
-    air_areas = given if wind is None else [in_air(area, wind) for area in given]
+    air_areas = checked if wind is None else [in_air(area, wind) for area in checked]
     own: VehicleState[Air] = VehicleState(*(float(field[0]) for field in request.own))
     near = _reachable_areas(air_areas, request, own, flight, options)
-    left, notes = request, list[Advisory]()
+    adapted, notes = request, list[Advisory]()
     if near:
-        left, notes = _without_points_in(near, request, own, options)
+        adapted, notes = _without_points_in(near, request, own, options)
         if options.maneuvers is not Maneuvers.VERTICAL:
-            left = _with_points_round(near, left, own, options)
-    if left is not request:  # its legs may be longer, and plans of it last longer
-        near = _reachable_areas(air_areas, left, own, flight, options)
+            adapted = _with_points_round(near, adapted, own, options)
+    if adapted is not request:  # its legs may be longer, and plans of it last longer
+        near = _reachable_areas(air_areas, adapted, own, flight, options)
     if near:
-        left = left._replace(areas=Shared(near))
-    return left, (*_assumed_climb(given, flight, options), *notes)
+        adapted = adapted._replace(areas=Shared(near))
+    return adapted, (*_assumed_climb(checked, flight, options), *notes)
 
 
 def check_areas(areas: Any) -> Sequence[Area]:
     """Return areas; raise a RequestError where something is no area, or there are too many."""
-    given = sequence(Field(Subject.AREAS), areas)
-    for number, area in enumerate(given):
+    checked = sequence(Field(Subject.AREAS), areas)
+    for number, area in enumerate(checked):
         if not isinstance(area, Area):
-            what = f"is {type(area).__name__}, expected an Area"
-            raise RequestError(Field(Subject.AREAS, number=number), what)
-    if len(given) > MOST:
-        raise RequestError(Field(Subject.AREAS), f"are {len(given)}, expected {MOST} at most")
-    return given
+            problem = f"is {type(area).__name__}, expected an Area"
+            raise RequestError(Field(Subject.AREAS, number=number), problem)
+    if len(checked) > MOST:
+        raise RequestError(Field(Subject.AREAS), f"are {len(checked)}, expected {MOST} at most")
+    return checked
 
 
 def _assumed_climb(
@@ -143,18 +143,18 @@ def _without_points_in(
     ]
     free = np.flatnonzero(holder < 0)
     if free.size < 2:
-        what = (
+        problem = (
             f"has {inside.size} of its {x.size} points where areas or their clearances forbid "
             "flight, expected 2 or more elsewhere"
         )
-        raise RequestError(Field(Subject.ROUTE), what)
-    left = request._replace(
+        raise RequestError(Field(Subject.ROUTE), problem)
+    reduced = request._replace(
         route_x=x[None, free],
         route_y=y[None, free],
         points=np.array([free.size]),
         of_route=free[None],
     )
-    return left, notes
+    return reduced, notes
 
 
 def _where_forbidden(active: ActiveArea) -> str:
@@ -182,13 +182,13 @@ def _with_points_round(
     drift = float(np.sum(east)), float(np.sum(north))
     unit, latest = options.aircraft.separation, options.finished_by + _LATER
     sky = airspace(areas, own, options.requirement.margin, _PAD * unit, latest)
-    here, points, bent = Place(own.x, own.y, 0.0), list[tuple[float, float, int]](), False
+    place, points, bent = Place(own.x, own.y, 0.0), list[tuple[float, float, int]](), False
     for to_x, to_y, of in zip(x.tolist(), y.tolist(), number.tolist(), strict=True):
-        way = sky.way(here, to_x, to_y, drift) if here.time < latest else []
+        way = sky.way(place, to_x, to_y, drift) if place.time < latest else []
         bent |= len(way) > 1
         points += [(at.x - drift[0] * at.time, at.y - drift[1] * at.time, -1) for at in way[:-1]]
         points.append((to_x, to_y, of))
-        here = way[-1] if way else sky.straight(here, to_x, to_y, drift)
+        place = way[-1] if way else sky.straight(place, to_x, to_y, drift)
     if not bent:
         return request
     route_x, route_y, of_route = (np.array([column]) for column in zip(*points, strict=True))

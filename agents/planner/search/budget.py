@@ -21,20 +21,20 @@ class Budget:
     def __init__(self, seconds: float = math.inf) -> None:
         self.endless = seconds == math.inf
         """Whether there is no deadline."""
-        self._asked, self._longest = 0.0 if self.endless else time.thread_time(), 0.0
-        self._began, self._seconds = self._asked, max(seconds - _FINISH, 0.0)
+        self._last_time, self._longest = 0.0 if self.endless else time.thread_time(), 0.0
+        self._began, self._seconds = self._last_time, max(seconds - _FINISH, 0.0)
         self.skipped: list[str] = []
         """What was not searched, or not to its end."""
 
-    def ends(self, what: str, share: float = 1.0) -> bool:
+    def ends(self, work: str, share: float = 1.0) -> bool:
         """Return whether another block, as long as the longest so far, would end too late; note
         what it leaves out. What may take a share of the time alone ends when that is over.
         """
         if self.endless:
             return False
-        now = time.thread_time()
-        self._longest, self._asked = max(self._longest, now - self._asked), now
-        late = now + self._longest > self._began + share * self._seconds
-        if late and what not in self.skipped:
-            self.skipped.append(what)
+        time_now = time.thread_time()
+        self._longest, self._last_time = max(self._longest, time_now - self._last_time), time_now
+        late = time_now + self._longest > self._began + share * self._seconds
+        if late and work not in self.skipped:
+            self.skipped.append(work)
         return late

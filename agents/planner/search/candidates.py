@@ -106,7 +106,7 @@ def evaluate(
     findings = find_violations(plan_states, part, options)
     time, path = whole.rejoin_time[rows], whole.path[rows]
     to = request.route_x[rows, goal[rows]], request.route_y[rows, goal[rows]]
-    made = Candidates(
+    evaluated = Candidates(
         plan_states=plan_states,
         goal=goal[rows],
         last=whole.last[rows],
@@ -118,9 +118,9 @@ def evaluate(
         rejoining=_rejoining(part, plan_states, time, options),
     )
     if rows.size == goal.size:
-        return made
+        return evaluated
     candidates = empty(goal.size, options.waypoints)._replace(too_short=whole.too_short)
-    scatter(candidates, rows, made)
+    scatter(candidates, rows, evaluated)
     return candidates
 
 

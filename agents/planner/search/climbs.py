@@ -124,11 +124,11 @@ def nominal(start: Start, options: Options[L]) -> Profile:
     faults = [] if profile is None else profile_faults(profile, start.own, options)
     if profile is None or faults:
         why = f": {faults[0].message}" if faults else ""
-        what = (
+        problem = (
             f"is {start.own.value:g} m, {start.target - start.own.value:+.0f} m from the route's, "
             f"expected one that can be regained within a plan{why}"
         )
-        raise RequestError(Field(Subject.OWN_ALTITUDE, "value"), what)
+        raise RequestError(Field(Subject.OWN_ALTITUDE, "value"), problem)
     return profile
 
 

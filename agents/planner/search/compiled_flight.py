@@ -408,11 +408,13 @@ def surroundings_of_one(
     margin = options.requirement.margin
     away = [required_distances(area, own.x, own.y, margin) for area in active]
     east, north = request.drift or (np.zeros(1), np.zeros(1))
-    kept = required[order]
+    separations = required[order]
     none = np.zeros(order.size)
     state = intruders.state
     return SurroundingsOfOne(
-        intruders=records(vars(Intruder(*state, intruders.turn_rate, intruders.turn_time, kept))),
+        intruders=records(
+            vars(Intruder(*state, intruders.turn_rate, intruders.turn_time, separations))
+        ),
         tracks=records(vars(Track(*[none] * 12))),
         continuation=of_one(continuation, 0),
         areas=areas_of_one(active, away),
@@ -430,7 +432,7 @@ def takeoff(own: VehicleState[Air], manoeuvre: Manoeuvre) -> Array:
     :class:`FlightOfOne`.
     """
     zero = np.zeros(manoeuvre.turn.size)
-    made = FlightOfOne(
+    flights = FlightOfOne(
         *manoeuvre[:-1],
         *(zero + field for field in own),
         to_turn=manoeuvre.turn,
@@ -442,7 +444,7 @@ def takeoff(own: VehicleState[Air], manoeuvre: Manoeuvre) -> Array:
         end=zero,
         blocker=zero - 1.0,
     )
-    return records(vars(made))
+    return records(vars(flights))
 
 
 def fly_one_out(

@@ -82,15 +82,15 @@ def complete(
     latest, extension = latest_end(request, options), options.extension
     whole, tails = _begin(rollout, goal, options)
     count = tails.row.size
-    left, pieces = np.arange(count), list[Array]()
+    remaining, pieces = np.arange(count), list[Array]()
     for step in range(most + 1 + options.points_beyond(wind)):
         if not options.extend_route:
-            ended = tails.point[left] >= request.points[tails.row[left]]
-            whole.too_short[tails.row[left[ended]]] = True
-            left = left[~ended]
-        if left.size == 0:
+            ended = tails.point[remaining] >= request.points[tails.row[remaining]]
+            whole.too_short[tails.row[remaining[ended]]] = True
+            remaining = remaining[~ended]
+        if remaining.size == 0:
             break
-        legs = _next_legs(request, tails, left, extension, task, first=step == 0)
+        legs = _next_legs(request, tails, remaining, extension, task, first=step == 0)
         if step == 0:
             legs = _to_goal(whole, rollout, tails.row, legs, task)
         tails.point[legs.tail] += 1
@@ -99,15 +99,15 @@ def complete(
             legs = take(legs, legs.leg.reached)
         pieces += _pieces(count, legs, task, level=step == 0)
         arrived = end_of(legs.leg, task)
-        done = _fly_legs(whole, request, tails, legs, arrived, latest, options)
-        left = legs.tail[~done]
+        finished = _fly_legs(whole, request, tails, legs, arrived, latest, options)
+        remaining = legs.tail[~finished]
         if passed_by.size:
-            left = np.sort(np.concatenate([passed_by, left]))
-    whole.too_short[tails.row[left]] = True
-    finished = np.flatnonzero(whole.last[tails.row] >= 0)
-    if finished.size:
-        parts = _Piece(*np.moveaxis(np.stack(pieces)[:, :, finished], 0, 2))
-        _read_off(whole.plan_states, options, rollout, take(tails, finished), parts)
+            remaining = np.sort(np.concatenate([passed_by, remaining]))
+    whole.too_short[tails.row[remaining]] = True
+    completed = np.flatnonzero(whole.last[tails.row] >= 0)
+    if completed.size:
+        parts = _Piece(*np.moveaxis(np.stack(pieces)[:, :, completed], 0, 2))
+        _read_off(whole.plan_states, options, rollout, take(tails, completed), parts)
     return whole
 
 
@@ -195,36 +195,42 @@ def _fly_legs(
     leg = legs.leg
     there = VehicleState(leg.x, leg.y, wrap(leg.course, np), leg.speed)
     scatter((tails.state, tails.time), legs.tail, (there, arrived))
-    done = arrived >= options.finished_by
-    if not done.any():
-        return done
+    finished = arrived >= options.finished_by
+    if not finished.any():
+        return finished
     row = tails.row[legs.tail]
     if request.of_route is not None:  # a plan ends at a point of the route itself
         most = request.route_x.shape[1]
-        asked = request.of_route[row, np.minimum(legs.point, most - 1)]
-        done &= (asked >= 0) | (legs.point >= most)
-    in_time = done & (arrived <= latest[row])
+        of_route = request.of_route[row, np.minimum(legs.point, most - 1)]
+        finished &= (of_route >= 0) | (legs.point >= most)
+    in_time = finished & (arrived <= latest[row])
     whole.last[row[in_time]] = legs.point[in_time]
-    return done
+    return finished
 
 
 def _next_legs(
-    request: Request, tails: _Tails, left: Array, extension: float, task: DirectTask, *, first: bool
+    request: Request,
+    tails: _Tails,
+    numbers: Array,
+    extension: float,
+    task: DirectTask,
+    *,
+    first: bool,
 ) -> _Legs:
-    """Return the legs of the tails numbered ``left`` to their next points; the first ones may lead
+    """Return the legs of the tails of some numbers to their next points; the first ones may lead
     to the goal.
     """
-    row, point = tails.row[left], tails.point[left]
+    row, point = tails.row[numbers], tails.point[numbers]
     onward = Onward(
         place=_point(request, row, point, extension),
-        begin=take(tails.state, left),
-        began=tails.time[left],
-        direct=tails.direct[left] & first,
+        begin=take(tails.state, numbers),
+        began=tails.time[numbers],
+        direct=tails.direct[numbers] & first,
     )
     drift = take(request.drift, row)
     if drift is None:
-        return _Legs(left, point, leg_to(onward, None, onward.began, task, np))
-    return _Legs(left, point, legs_to_meet(onward, drift, task))
+        return _Legs(numbers, point, leg_to(onward, None, onward.began, task, np))
+    return _Legs(numbers, point, legs_to_meet(onward, drift, task))
 
 
 def _to_goal(

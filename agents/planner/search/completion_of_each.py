@@ -77,34 +77,34 @@ class Plans(NamedTuple):
 
 
 @scalar
-def complete_each(given: Manoeuvres, routes: Routes, whole: Whole, plans: Plans) -> None:
+def complete_each(manoeuvres: Manoeuvres, routes: Routes, whole: Whole, plans: Plans) -> None:
     """Complete the manoeuvres that have ended, and write the plans."""
     pieces = np.empty((2 * whole.legs + 1, 7))
-    for n in range(len(given.time)):
-        if math.isfinite(given.time[n]):
-            _complete(n, given, routes, whole, plans, pieces)
+    for n in range(len(manoeuvres.time)):
+        if math.isfinite(manoeuvres.time[n]):
+            _complete(n, manoeuvres, routes, whole, plans, pieces)
 
 
 @scalar
 def _complete(
-    n: int, given: Manoeuvres, routes: Routes, whole: Whole, plans: Plans, pieces: Array
+    n: int, manoeuvres: Manoeuvres, routes: Routes, whole: Whole, plans: Plans, pieces: Array
 ) -> None:
     task, point = whole.task, routes.goal[n]
-    if not given.direct[n]:
+    if not manoeuvres.direct[n]:
         point += 1
-    end = given.end
+    end = manoeuvres.end
     state: VehicleState[Air] = VehicleState(end.x[n], end.y[n], end.heading[n], end.speed[n])
-    time, count = given.time[n], 0
+    time, count = manoeuvres.time[n], 0
     for number in range(whole.legs):
         if not whole.extends and point >= routes.points[n]:
             plans.too_short[n] = True
             return
-        to_goal = number == 0 and given.direct[n]
+        to_goal = number == 0 and manoeuvres.direct[n]
         leg, reached = _next_leg(n, point, state, time, to_goal, routes, whole)
         if to_goal:
             if not (reached and leg.in_time):
                 return
-            _note_rejoining(n, leg, given, plans, task)
+            _note_rejoining(n, leg, manoeuvres, plans, task)
         if reached:
             count = _add(pieces, count, leg, number == 0, task)
             time = end_of(leg, task)
@@ -114,7 +114,7 @@ def _complete(
             ):
                 if time <= routes.latest[n]:
                     plans.last[n] = point
-                    _read_off(n, given, state, time, whole, pieces[:count], plans)
+                    _read_off(n, manoeuvres, state, time, whole, pieces[:count], plans)
                 return
         point += 1
     plans.too_short[n] = True
@@ -153,14 +153,16 @@ def _place(n: int, point: int, routes: Routes, extension: float) -> tuple[float,
 
 
 @scalar
-def _note_rejoining(n: int, leg: Leg, given: Manoeuvres, plans: Plans, task: DirectTask) -> None:
+def _note_rejoining(
+    n: int, leg: Leg, manoeuvres: Manoeuvres, plans: Plans, task: DirectTask
+) -> None:
     """Note when the goal is reached on the direct route, on which path, and whether that turns to
     the other side.
     """
     straight = max(leg.length - leg.disc, 0.0)
     plans.rejoin_time[n] = leg.turned + duration(straight, leg.begin.speed, leg.speed, task)
     plans.path[n] += abs(leg.arc) * leg.begin.speed / task.turn_rate + straight
-    if leg.arc * given.turn_sign[n] < 0.0:
+    if leg.arc * manoeuvres.turn_sign[n] < 0.0:
         plans.reversals[n] += 1.0
 
 
@@ -196,7 +198,7 @@ def _write(
 @scalar
 def _read_off(
     n: int,
-    given: Manoeuvres,
+    manoeuvres: Manoeuvres,
     end: VehicleState[Air],
     time: float,
     whole: Whole,
@@ -208,9 +210,9 @@ def _read_off(
     for i in range(last):
         when = i * whole.interval
         states[4, i] = when
-        if when <= given.time[n] and i < given.states.shape[2]:
+        if when <= manoeuvres.time[n] and i < manoeuvres.states.shape[2]:
             for field in range(4):
-                states[field, i] = given.states[n, field, i]
+                states[field, i] = manoeuvres.states[n, field, i]
         else:
             there = _on_pieces(pieces, when)
             states[0, i], states[1, i] = there.x, there.y

@@ -140,8 +140,8 @@ class RouteContinuation(NamedTuple):
         at_goal, course, speed = arrival(own, goal, time, task, np)
         there: VehicleState[Air] = VehicleState(*goal, course, speed)
         to_next, at_next = self._to_next(there, at_goal, owner, task)
-        rest = self._on_route(speed, at_next, owner)
-        return map_leaves(lambda *both: np.concatenate(both, axis=-1), to_next, rest)
+        beyond_next = self._on_route(speed, at_next, owner)
+        return map_leaves(lambda *parts: np.concatenate(parts, axis=-1), to_next, beyond_next)
 
     def _to_next(
         self, there: VehicleState[Air], time: Array, owner: Array, task: DirectTask

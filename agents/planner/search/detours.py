@@ -72,71 +72,71 @@ class Airspace(NamedTuple):
         # A* over the points of the rings and, as the last of them, the goal: by when each is
         # reached, and how long the straight flight from there would take.
         goal = to[0].size - 1
-        places, came, done = {_BEGIN: begin}, dict[int, int](), set[int]()
+        places, came, finished = {_BEGIN: begin}, dict[int, int](), set[int]()
         queue = [(begin.time, _BEGIN)]
-        while queue and len(done) < _MOST_TRIED:
+        while queue and len(finished) < _MOST_TRIED:
             _, at = heapq.heappop(queue)
-            if at in done:
+            if at in finished:
                 continue
-            done.add(at)
+            finished.add(at)
             if at == goal:
                 return _back(at, came, places)
-            here = places[at]
-            there_x, there_y, arrival = self._reach(here, to, velocity)
+            place = places[at]
+            there_x, there_y, arrival = self._reach(place, to, velocity)
             earlier = [
-                n not in done and arrival[n] < (places[n].time if n in places else self.latest)
+                n not in finished and arrival[n] < (places[n].time if n in places else self.latest)
                 for n in range(goal + 1)
             ]
             free = np.flatnonzero(np.array(earlier))
-            free = free[self.clear(here, there_x[free], there_y[free], arrival[free])]
+            free = free[self.clear(place, there_x[free], there_y[free], arrival[free])]
             for n in free.tolist():
                 there = Place(float(there_x[n]), float(there_y[n]), float(arrival[n]))
                 places[n], came[n] = there, at
                 off_x = x + drift[0] * there.time - there.x
                 off_y = y + drift[1] * there.time - there.y
-                left = math.hypot(off_x, off_y) / self.speed
-                heapq.heappush(queue, (there.time + left, n))
+                remaining = math.hypot(off_x, off_y) / self.speed
+                heapq.heappush(queue, (there.time + remaining, n))
         return []
 
-    def straight(self, here: Place, x: float, y: float, drift: tuple[float, float]) -> Place:
+    def straight(self, place: Place, x: float, y: float, drift: tuple[float, float]) -> Place:
         """Return where a point given at the request is met on the straight way, whatever is in
         it.
         """
-        own: VehicleState[Air] = VehicleState(here.x, here.y, 0.0, self.speed)
-        current = x + drift[0] * here.time, y + drift[1] * here.time
-        there_x, there_y = aim_point(own, current, drift, self.latest - here.time, FLOATS)
-        lasts = math.hypot(there_x - here.x, there_y - here.y) / self.speed
-        return Place(there_x, there_y, here.time + lasts)
+        own: VehicleState[Air] = VehicleState(place.x, place.y, 0.0, self.speed)
+        current = x + drift[0] * place.time, y + drift[1] * place.time
+        there_x, there_y = aim_point(own, current, drift, self.latest - place.time, FLOATS)
+        lasts = math.hypot(there_x - place.x, there_y - place.y) / self.speed
+        return Place(there_x, there_y, place.time + lasts)
 
     def _reach(
-        self, here: Place, to: tuple[Array, Array], velocity: tuple[Array, Array]
+        self, place: Place, to: tuple[Array, Array], velocity: tuple[Array, Array]
     ) -> tuple[Array, Array, Array]:
         """Return where moving points are met from a place, m, and when, s, ``[M]`` each."""
         same = np.ones_like(to[0])
         own: VehicleState[Air] = VehicleState(
-            here.x * same, here.y * same, 0.0 * same, self.speed * same
+            place.x * same, place.y * same, 0.0 * same, self.speed * same
         )
-        current = to[0] + velocity[0] * here.time, to[1] + velocity[1] * here.time
-        x, y = aim_point(own, current, velocity, self.latest - here.time, np)
-        return x, y, here.time + np.hypot(x - here.x, y - here.y) / self.speed
+        current = to[0] + velocity[0] * place.time, to[1] + velocity[1] * place.time
+        x, y = aim_point(own, current, velocity, self.latest - place.time, np)
+        return x, y, place.time + np.hypot(x - place.x, y - place.y) / self.speed
 
-    def clear(self, here: Place, x: Array, y: Array, arrival: Array) -> Array:
+    def clear(self, place: Place, x: Array, y: Array, arrival: Array) -> Array:
         """Return whether straight flights from a place keep clear of all areas, ``[M]``."""
         keeps_clear = np.ones(x.shape, dtype=bool)
         if KEEP_CLEAR.ready:
-            KEEP_CLEAR(here, x, y, arrival, *self.flat, keeps_clear)
+            KEEP_CLEAR(place, x, y, arrival, *self.flat, keeps_clear)
             return keeps_clear
         for active, need in zip(self.areas, self.need, strict=True):
             rows = np.flatnonzero(
-                keeps_clear & (arrival >= active.begin) & (here.time <= active.end)
+                keeps_clear & (arrival >= active.begin) & (place.time <= active.end)
             )
             if rows.size == 0:
                 continue
-            start = own_frame(active.area, here.x, here.y, here.time)
+            start = own_frame(active.area, place.x, place.y, place.time)
             end_x, end_y = own_frame(active.area, x[rows], y[rows], arrival[rows])
             begin_x, begin_y = (np.full(rows.size, value) for value in start)
             parts = Parts(begin_x, begin_y, end_x, end_y)
-            grown = np.minimum(gain(active.area) * here.time, gain(active.area) * arrival[rows])
+            grown = np.minimum(gain(active.area) * place.time, gain(active.area) * arrival[rows])
             clear = np.zeros(rows.size, dtype=bool)
             if active.area.keep is Keep.OUT:
                 # The rectangle around an area is far away more cheaply.
@@ -191,28 +191,28 @@ def airspace(
 
 @scalar
 def keep_clear(
-    here: Place, x: Array, y: Array, arrival: Array, areas: Array, lines: Array, clear: Array
+    place: Place, x: Array, y: Array, arrival: Array, areas: Array, lines: Array, clear: Array
 ) -> None:
     """Write whether straight flights from a place keep clear of all areas, ``[M]``: the loops of
     :meth:`Airspace.clear`; areas and edges as of :func:`envs.flat_areas.flat`.
     """
     for m in range(len(x)):
         for a in range(len(areas)):
-            if not _keeps_clear(here, x[m], y[m], arrival[m], areas[a], lines):
+            if not _keeps_clear(place, x[m], y[m], arrival[m], areas[a], lines):
                 clear[m] = False
                 break
 
 
 @scalar
 def _keeps_clear(
-    here: Place, x: float, y: float, arrival: float, area: FlatArea, lines: Array
+    place: Place, x: float, y: float, arrival: float, area: FlatArea, lines: Array
 ) -> bool:
     """Return whether a straight flight keeps clear of an area while that counts."""
-    if arrival < area.begin or here.time > area.end:
+    if arrival < area.begin or place.time > area.end:
         return True
-    x0, y0 = here.x - area.vx * here.time, here.y - area.vy * here.time
+    x0, y0 = place.x - area.vx * place.time, place.y - area.vy * place.time
     x1, y1 = x - area.vx * arrival, y - area.vy * arrival
-    grown = min(area.gain * here.time, area.gain * arrival)
+    grown = min(area.gain * place.time, area.gain * arrival)
     if area.sign > 0.0:
         away = box_distance_of_chord(area, x0, y0, x1, y1)
         if away > 0.0 and away + grown >= area.required:

@@ -52,7 +52,7 @@ _SEEDS = concatenate(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
 
 
 def search(
-    request: Request, goal: Array, options: Options[Narrowed], budget: Budget, which: slice = ALL
+    request: Request, goal: Array, options: Options[Narrowed], budget: Budget, selected: slice = ALL
 ) -> Candidates:
     """Return the best plan that the family's stages, or some of them, hold, ``[N]``; ``goal`` is
     the number of the point to rejoin at.
@@ -61,7 +61,7 @@ def search(
     last = replace(options, manoeuvre=aggressive_limits(options))
     stages = [(_FIRST, options, _SOON), (_SEEDS, last, _SOON)]
     stages += [(STAGES[3], last, np.inf)] if options.exhaustive else []
-    for stage, stage_options, longest in stages[which]:
+    for stage, stage_options, longest in stages[selected]:
         effort = Effort(
             least=_HOPELESS * aircraft.separation,
             good=options.smoothing,
@@ -83,23 +83,27 @@ def refine(request: Request, goal: Array, options: Options[Narrowed], budget: Bu
     seeds, within = np.stack(scale(_SEEDS, aircraft)), _WITHIN * aircraft.separation
     history = np.full((goal.size, _ROUNDS + 1), -np.inf)
     for part in _parts(np.arange(goal.size), _SEEDS.turn.size):
-        left, pool, scores = part, np.zeros((len(seeds), part.size, 0)), np.zeros((part.size, 0))
+        remaining, pool, scores = (
+            part,
+            np.zeros((len(seeds), part.size, 0)),
+            np.zeros((part.size, 0)),
+        )
         coarse = np.broadcast_to(seeds[:, None], (len(seeds), part.size, seeds.shape[-1]))
         for index in range(_ROUNDS + 1):
             if budget.ends("refinement"):
                 return best
             tried = offspring(pool, index - 1, aircraft) if index else coarse
             # What begins was validated by the stages before as far as it was promising.
-            score = _try_out(best, left, request, goal, tried, options, budget, index > 0)
+            score = _try_out(best, remaining, request, goal, tried, options, budget, index > 0)
             pool = np.concatenate([pool, tried], axis=-1)
             scores = np.concatenate([scores, score], axis=-1)
             order = _elites(pool[0], scores)
             pool = np.take_along_axis(pool, order[None], axis=-1)
             scores = np.take_along_axis(scores, order, axis=-1)
-            history[left, index] = scores.max(axis=-1)
-            going_on = ~best.safe[left] & _promising(history[left], index, within)
-            left, pool, scores = left[going_on], pool[:, going_on], scores[going_on]
-            if left.size == 0:
+            history[remaining, index] = scores.max(axis=-1)
+            going_on = ~best.safe[remaining] & _promising(history[remaining], index, within)
+            remaining, pool, scores = remaining[going_on], pool[:, going_on], scores[going_on]
+            if remaining.size == 0:
                 break
     return best
 
@@ -130,7 +134,7 @@ def _elites(turn: Array, scores: Array) -> Array:
 
 def _try_out(
     best: Candidates,
-    left: Array,
+    remaining: Array,
     request: Request,
     goal: Array,
     tried: Array,
@@ -141,31 +145,31 @@ def _try_out(
     """Fly manoeuvres ``[8, n, M]``, perhaps judge them as plans; return how near each is to a safe
     one, ``[n, M]``.
     """
-    request, goal = take(request, left), goal[left]
-    which = np.repeat(np.arange(left.size), tried.shape[-1])
+    request, goal = take(request, remaining), goal[remaining]
+    owner = np.repeat(np.arange(remaining.size), tried.shape[-1])
     family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
     effort = Effort(
         -np.inf, options.smoothing, enough=tried.size, ends=partial(budget.ends, "fallback")
     )
-    rollout, closest = fly_out(request, goal, which, family, options, effort)
+    rollout, closest = fly_out(request, goal, owner, family, options, effort)
     score = np.round(np.minimum(closest, 1e4), _DECIMALS)
     score -= np.where(np.isfinite(rollout.time), 0.0, 1e6)
     # The most promising first: there may be no time for the others.
-    order = np.argsort(-score, kind="stable") if judge else which[:0]
+    order = np.argsort(-score, kind="stable") if judge else owner[:0]
     block = tried[0].size if budget.endless else _JUDGED
     for first in range(0, order.size, block):
         if budget.ends("refinement"):
             break
         rows = order[first : first + block]
         plans = evaluate(
-            take(request, which[rows]), take(rollout, rows), goal[which[rows]], options
+            take(request, owner[rows]), take(rollout, rows), goal[owner[rows]], options
         )
-        keep_best(best, left[which[rows]], plans)
+        keep_best(best, remaining[owner[rows]], plans)
         # What misses the goal or a limit comes after all that do not.
-        clearance, known = plans.findings.clearance, np.isfinite(plans.findings.clearance)
-        fault = np.where(plans.findings.legal, 0.0, np.where(known, 1e5, 1e6))
-        score[rows] = np.minimum(np.where(known, clearance, closest[rows]), 1e4) - fault
-    return score.reshape(left.size, -1)
+        clearance, has_clearance = plans.findings.clearance, np.isfinite(plans.findings.clearance)
+        fault = np.where(plans.findings.legal, 0.0, np.where(has_clearance, 1e5, 1e6))
+        score[rows] = np.minimum(np.where(has_clearance, clearance, closest[rows]), 1e4) - fault
+    return score.reshape(remaining.size, -1)
 
 
 def _improve(
@@ -181,18 +185,18 @@ def _improve(
     its most promising manoeuvres become.
     """
     count, reversal = stage.turn.size, REVERSAL_WEIGHT * options.aircraft.separation
-    request, goal, which = take(request, part), goal[part], np.repeat(np.arange(part.size), count)
+    request, goal, owner = take(request, part), goal[part], np.repeat(np.arange(part.size), count)
     family = Manoeuvre(*(np.tile(field, part.size) for field in stage))
-    rollout, clearance = fly_out(request, goal, which, family, options, effort)
+    rollout, clearance = fly_out(request, goal, owner, family, options, effort)
     arrived = np.isfinite(rollout.time) & (clearance >= effort.least)
     # The same cost as of plans, but for what is equal for all manoeuvres of a request.
-    to_x, to_y = (field[which, goal[which]] for field in (request.route_x, request.route_y))
+    to_x, to_y = (field[owner, goal[owner]] for field in (request.route_x, request.route_y))
     to_goal = np.hypot(to_x - rollout.end.x, to_y - rollout.end.y)
     time = rollout.time + to_goal / rollout.end.speed
     cost = (
         rollout.path
         + to_goal
-        + TIME_WEIGHT * time * request.own.speed[which]
+        + TIME_WEIGHT * time * request.own.speed[owner]
         + reversal * rollout.reversals
     )
     cost = np.where(arrived, cost + 20.0 * np.maximum(options.smoothing - clearance, 0.0), np.inf)
@@ -203,7 +207,7 @@ def _improve(
         np.put_along_axis(picked, first, True, axis=-1)
     rows = np.flatnonzero(picked.ravel() & arrived)
     if rows.size:
-        owners = which[rows]
+        owners = owner[rows]
         plans = evaluate(take(request, owners), take(rollout, rows), goal[owners], options)
         keep_best(best, part[owners], plans)
 

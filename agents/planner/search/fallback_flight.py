@@ -45,13 +45,13 @@ class ManoeuvreFlights(NamedTuple):
 def fly_out(
     request: Request,
     goal: Array,
-    which: Array,
+    owner: Array,
     manoeuvre: Manoeuvre,
     options: Options[Narrowed],
     effort: Effort,
 ) -> ManoeuvreFlights:
-    """Fly manoeuvres ``[M]`` of requests ``which`` until the direct route to the goal, a number
-    ``[N]``, is clear; those of a single request compiled, where that is prepared.
+    """Fly manoeuvres ``[M]`` of requests numbered ``owner`` until the direct route to the goal, a
+    number ``[N]``, is clear; those of a single request compiled, where that is prepared.
     """
     task, stride, spacing = task_of(options), stride_of(options), options.spacing // EVERY
     last = int(min(task.until, effort.longest) / stride + 1e-9)
@@ -61,7 +61,7 @@ def fly_out(
         )
     around = _RequestSurroundings(request, goal, options, last)
     finished = fly_until_clear(
-        request.own, which, manoeuvre, around, effort, stride, task.until, task.limits
+        request.own, owner, manoeuvre, around, effort, stride, task.until, task.limits
     )
     rollout = _rollout(finished, task.limits, stride, spacing)
     return ManoeuvreFlights(rollout, finished.clearance)
@@ -140,9 +140,9 @@ class _RequestSurroundings:
         if self._order is not None:
             # The validator looks at all: the search may be wrong about those far from the flight.
             rows = np.flatnonzero(free)
-            left, to = take((departure, aim), rows)
-            next_ones = self._order[left.owner, CROWD:_NEAREST]
-            free[rows] = self._clear_of_some(left, to, next_ones)
+            remaining, to = take((departure, aim), rows)
+            next_ones = self._order[remaining.owner, CROWD:_NEAREST]
+            free[rows] = self._clear_of_some(remaining, to, next_ones)
         return free
 
     def _clear_of_some(

@@ -73,7 +73,7 @@ def plan_rows(
     if request.areas is not None:
         # Points of a route round areas stand close together: the next one is tried long before
         # much is tried to reach one.
-        ways = [partial(fallback.search, which=fallback.SLOW)]
+        ways = [partial(fallback.search, selected=fallback.SLOW)]
         ways += [fallback.refine] if options.exhaustive else []
         for way, choice in itertools.product(ways, range(options.goals)):
             _search_on(way, best, source, request, goals[:, choice], options, budget)
@@ -93,7 +93,7 @@ def _search_on(
     that is safe.
     """
     # Where the route is too short for one manoeuvre it is for all.
-    left = np.flatnonzero(~best.safe & (goal >= 0) & ~best.too_short)
-    if left.size:
-        plans = way(take(request, left), goal[left], options, budget)
-        source[keep_best(best, left, plans)] = FALLBACK
+    remaining = np.flatnonzero(~best.safe & (goal >= 0) & ~best.too_short)
+    if remaining.size:
+        plans = way(take(request, remaining), goal[remaining], options, budget)
+        source[keep_best(best, remaining, plans)] = FALLBACK

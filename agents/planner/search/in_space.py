@@ -71,7 +71,7 @@ class Answer(NamedTuple):
     cost: float  # with its climbs, m; inf: it is not safe
 
 
-class Asked(NamedTuple):
+class SpaceTask(NamedTuple):
     """One request ``[1]`` that may climb and descend."""
 
     request: Request  # with all intruders, each of which counts always; without areas
@@ -116,7 +116,7 @@ def _plan_alone(
     exist = np.flatnonzero(request.traffic.mask[0])
     traffic = map_leaves(lambda field: field[:, exist], request.traffic._replace(window=None))
     times = [leg * options.interval for leg in range(1, options.waypoints)]
-    asked = Asked(
+    task = SpaceTask(
         request._replace(traffic=traffic),
         [climber.reports[number] for number in exist.tolist()],
         Start(climber.own, climber.target, times),
@@ -128,7 +128,7 @@ def _plan_alone(
     )
     none = empty(1, options.waypoints, in_space=True)
     try:
-        case, plans, cost = plan_in_space(asked)
+        case, plans, cost = plan_in_space(task)
     except RequestError:  # the route's altitude cannot be regained within a plan
         return Plans(none, np.zeros(1, np.int8), np.zeros(1, dtype=bool))
     best, profile = plans.candidates, none.profile
@@ -143,18 +143,18 @@ def _plan_alone(
     return plans._replace(candidates=best._replace(findings=findings, profile=profile))
 
 
-def plan_in_space(asked: Asked) -> Answer:
+def plan_in_space(task: SpaceTask) -> Answer:
     """Return the best plan: safe at the least cost, or else of the greatest clearance."""
-    start, options, budget = asked.start, asked.options, asked.budget
-    base = _case(asked, nominal(start, options))
-    on_route = _on_route(asked, base)
+    start, options, budget = task.start, task.options, task.budget
+    base = _case(task, nominal(start, options))
+    on_route = _on_route(task, base)
     if on_route.cost < math.inf and base.detour <= 0.0:
         return on_route
     in_plane = options.maneuvers is Maneuvers.BOTH
     quick, best = replace(options, exhaustive=False), on_route
-    met, avoiding = _conflicts(asked, on_route), list[Profile]()
+    met, avoiding = _conflicts(task, on_route), list[Profile]()
     late = Ranking(met, start, options)
-    until = max((one.end for one in met), default=0.0)
+    until = max((conflict.end for conflict in met), default=0.0)
     for number, profile in enumerate(profiles(start, until, options)):
         dear = options.altitude_weight * climbed(profile) >= best.cost
         if dear or len(avoiding) == _ON_ROUTE:
@@ -165,7 +165,7 @@ def plan_in_space(asked: Asked) -> Answer:
         if not avoids:
             continue
         avoiding.append(profile)
-        tried = _on_route(asked, _case(asked, profile))
+        tried = _on_route(task, _case(task, profile))
         best = _better(best, tried)
         if tried.cost < math.inf:
             break
@@ -173,39 +173,39 @@ def plan_in_space(asked: Asked) -> Answer:
         return best
     if not budget.ends("turns"):
         # To the next point alone at first: turns that find no way leave time for climbs.
-        best = _better(best, _in_plane(asked, base, replace(quick, goals=1)))
+        best = _better(best, _in_plane(task, base, replace(quick, goals=1)))
     if best.cost < math.inf:
         return best
     for profile in [*avoiding, *late.in_order()][:_TOGETHER]:
         if budget.ends("climbs with turns"):
             break
-        best = _better(best, _in_plane(asked, _case(asked, profile), quick))
+        best = _better(best, _in_plane(task, _case(task, profile), quick))
         if best.cost < math.inf:
             return best
     # The last, slow stages: where least was missing, and on the route's altitude.
     for case in [best.case, base] if best.case is not base else [base]:
         if best.cost == math.inf:
-            best = _better(best, _in_plane(asked, case, options))
+            best = _better(best, _in_plane(task, case, options))
     return best
 
 
-def _case(asked: Asked, profile: Profile) -> Case:
+def _case(task: SpaceTask, profile: Profile) -> Case:
     """Return the request on a profile."""
-    start, options = asked.start, asked.options
+    start, options = task.start, task.options
     flight = lines(profile, start.own, options.vertical_margin)
-    request, counted = on_profile(asked.request, asked.reports, flight, options)
-    request, notes = asked.among(request, flight)
-    return Case(profile, request, counted, notes, _detour(request, asked.request))
+    request, counted = on_profile(task.request, task.reports, flight, options)
+    request, notes = task.among(request, flight)
+    return Case(profile, request, counted, notes, _detour(request, task.request))
 
 
-def _answer(asked: Asked, case: Case, plans: Plans) -> Answer:
+def _answer(task: SpaceTask, case: Case, plans: Plans) -> Answer:
     """Return a plan with its cost."""
     flown = plans.candidates
     if not flown.safe[0]:
         return Answer(case, plans, math.inf)
     curves = legs(take(flown.plan_states, 0))
-    too_fast = speed_faults(case.profile, curves, asked.options.limits)
-    cost = flown.cost + case.detour + asked.options.altitude_weight * climbed(case.profile)
+    too_fast = speed_faults(case.profile, curves, task.options.limits)
+    cost = flown.cost + case.detour + task.options.altitude_weight * climbed(case.profile)
     plans = plans._replace(candidates=flown._replace(cost=cost))
     return Answer(case, plans, math.inf if too_fast else float(cost[0]))
 
@@ -218,21 +218,21 @@ def _better(first: Answer, second: Answer) -> Answer:
     return first if first.cost <= second.cost else second
 
 
-def _detour(request: Request, given: Request) -> float:
-    """Return by how much longer a route round areas is than the one that was given, m, between the
+def _detour(request: Request, original: Request) -> float:
+    """Return by how much longer a route round areas is than the original one, m, between the
     ownship and the last of its points.
     """
     if request.of_route is None:
         return 0.0
     number = request.of_route[0]
-    kept = np.flatnonzero((number >= 0) & (number < given.points[0]))
-    if kept.size == 0:
+    original_points = np.flatnonzero((number >= 0) & (number < original.points[0]))
+    if original_points.size == 0:
         return 0.0
-    round_areas = slice(0, int(kept[-1]) + 1)
-    straight = number[kept]
+    round_areas = slice(0, int(original_points[-1]) + 1)
+    straight = number[original_points]
     bent, direct = (
         _length(request.own, route.route_x[0, points], route.route_y[0, points])
-        for route, points in ((request, round_areas), (given, straight))
+        for route, points in ((request, round_areas), (original, straight))
     )
     return max(bent - direct, 0.0)
 
@@ -243,17 +243,17 @@ def _length(own: VehicleState[Air], x: Array, y: Array) -> float:
     return float(np.hypot(*steps).sum())
 
 
-def _on_route(asked: Asked, case: Case) -> Answer:
+def _on_route(task: SpaceTask, case: Case) -> Answer:
     """Return the plan straight along the route on a profile, whoever comes near."""
-    best = _way(asked, case.request)
-    return _answer(asked, case, Plans(best, np.full(1, VERTICAL, np.int8), best.safe))
+    best = _way(task, case.request)
+    return _answer(task, case, Plans(best, np.full(1, VERTICAL, np.int8), best.safe))
 
 
-def _way(asked: Asked, request: Request) -> Candidates:
+def _way(task: SpaceTask, request: Request) -> Candidates:
     """Return the plan ``[1]`` that goes along a route as if nobody were there, and what is wrong
     with it.
     """
-    options = asked.options
+    options = task.options
     alone = request._replace(
         traffic=request.traffic._replace(mask=np.zeros_like(request.traffic.mask))
     )
@@ -262,23 +262,23 @@ def _way(asked: Asked, request: Request) -> Candidates:
         if goal < 0 or way.last[0] >= 0:
             break
         number = np.array([goal])
-        flown = roll(alone, number, asked.policy, options, asked.budget, floats=True)
+        flown = roll(alone, number, task.policy, options, task.budget, floats=True)
         way = evaluate(request, flown, number, options)
     return way
 
 
-def _in_plane(asked: Asked, case: Case, options: Options[Narrowed]) -> Answer:
+def _in_plane(task: SpaceTask, case: Case, options: Options[Narrowed]) -> Answer:
     """Return the best plan in the plane on a profile."""
     goals = next_goals(case.request, options)
-    plans = plan_rows(case.request, goals, asked.policy, options, asked.budget, floats=True)
-    return _answer(asked, case, plans)
+    plans = plan_rows(case.request, goals, task.policy, options, task.budget, floats=True)
+    return _answer(task, case, plans)
 
 
-def _conflicts(asked: Asked, on_route: Answer) -> list[Conflict]:
+def _conflicts(task: SpaceTask, on_route: Answer) -> list[Conflict]:
     """Return which conflicts the way along the route has, whoever is above or below; ``on_route``
     is the answer along it on the route's altitude.
     """
-    way = _way(asked, asked.request) if asked.areas else on_route.plans.candidates
+    way = _way(task, task.request) if task.areas else on_route.plans.candidates
     if way.last[0] < 0:
         return []
-    return conflicts(way.plan_states, asked.request, asked.reports, asked.areas, asked.options)
+    return conflicts(way.plan_states, task.request, task.reports, task.areas, task.options)

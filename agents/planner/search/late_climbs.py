@@ -20,8 +20,8 @@ Times = tuple[tuple[float, float], ...]
 class _Late(NamedTuple):
     """A profile that does not avoid all conflicts along the route."""
 
-    left: int  # conflicts
-    conflict: float  # how long they last, s
+    unresolved: int  # conflicts
+    lasting: float  # how long they last, s
     level: float  # for how long the others count in a plan, s
     profile: Profile
 
@@ -50,19 +50,20 @@ class Ranking:
         """Return whether a profile avoids all conflicts; note it where it does not."""
         flight = lines(profile, self._start.own, self._options.vertical_margin)
         levels = list[Times]()
-        for one in self._met:
-            if isinstance(one.other, Area):
-                times = level_times(one.other, flight, self._options.unknown_climb)
+        for conflict in self._met:
+            if isinstance(conflict.other, Area):
+                times = level_times(conflict.other, flight, self._options.unknown_climb)
             else:
-                times = times_of(one.other, flight, self._options)
+                times = times_of(conflict.other, flight, self._options)
             levels.append(tuple(times))
         parts = tuple(
-            tuple(_shared(one, times)) for one, times in zip(self._met, levels, strict=True)
+            tuple(_shared(conflict, times))
+            for conflict, times in zip(self._met, levels, strict=True)
         )
         if not any(parts):
             return True
-        left, conflict = sum(map(bool, parts)), self._lasting(itertools.chain(*parts))
-        late = _Late(left, conflict, self._lasting(itertools.chain(*levels)), profile)
+        unresolved, lasting = sum(map(bool, parts)), self._lasting(itertools.chain(*parts))
+        late = _Late(unresolved, lasting, self._lasting(itertools.chain(*levels)), profile)
         self._late[parts] = min(late, self._late.get(parts, late), key=_ORDER)
         return False
 
@@ -70,10 +71,13 @@ class Ranking:
         """Return the profiles that do not, the most promising first, climbs and descents by
         turns.
         """
-        late = [one.profile for one in sorted(self._late.values(), key=_ORDER)]
-        up, down = ([one for one in late if self._rises(one) == side] for side in (True, False))
+        profiles = [late.profile for late in sorted(self._late.values(), key=_ORDER)]
+        up, down = (
+            [profile for profile in profiles if self._rises(profile) == side]
+            for side in (True, False)
+        )
         by_turns = itertools.zip_longest(up, down)
-        return [one for pair in by_turns for one in pair if one is not None]
+        return [profile for pair in by_turns for profile in pair if profile is not None]
 
     def _rises(self, profile: Profile) -> bool:
         """Return whether a profile leaves the route's altitude by more upwards than downwards."""

@@ -482,8 +482,8 @@ def _continuation_clear(
         some = np.flatnonzero(free)
         least = np.where(mask, required_range, -np.inf)
         times = np.full(some.size, time)
-        asked = take((underway.flight.state, aim, least), some)
-        free[some] = continuation.clear(*asked, underway.rows[some], times, task)
+        departures = take((underway.flight.state, aim, least), some)
+        free[some] = continuation.clear(*departures, underway.rows[some], times, task)
     return free
 
 
