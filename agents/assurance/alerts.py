@@ -104,10 +104,10 @@ def rearrange(alerts: Alerts, places: Sequence[int], alerting: Alerting) -> Aler
     new.
     """
     fresh = no_alerts(alerts.time.size, len(places), alerting)
-    into = [place for place, had in enumerate(places) if had >= 0]
-    had = [place for place in places if place >= 0]
+    into = [place for place, old in enumerate(places) if old >= 0]
+    old_places = [place for place in places if place >= 0]
     for field, before in zip(fresh[1:], alerts[1:], strict=True):
-        field[:, into] = before[:, had]
+        field[:, into] = before[:, old_places]
     return fresh._replace(time=alerts.time)
 
 
@@ -126,8 +126,8 @@ def update(alerts: Alerts, time: Array, loss: Array, mask: Array, alerting: Aler
         loss: when the separation from each intruder would be lost, s from now, ``[N, K]``.
         mask: which intruders exist, bool, ``[N, K]``; one that does not is forgotten.
     """
-    now = np.asarray(time, dtype=float)[:, None]
-    since = now - alerts.time[:, None]
+    current = np.asarray(time, dtype=float)[:, None]
+    since = current - alerts.time[:, None]
     afresh = (alerts.recent[..., -1] < 0) | ~((since > 0.0) & (since <= alerting.forget))
     shown = np.where(afresh, np.int8(Level.NONE), alerts.level)
     reached, left = levels(loss, alerting.reached), levels(loss, alerting.left)
@@ -137,13 +137,13 @@ def update(alerts: Alerts, time: Array, loss: Array, mask: Array, alerting: Aler
     recent = np.where(afresh[..., None], start, alerts.recent)
     recent = np.concatenate([recent[..., 1:], raw[..., None]], axis=-1).astype(np.int8)
     # The m-th highest of the last n.
-    asked = np.maximum(np.sort(recent, axis=-1)[..., alerting.n - alerting.m], 0)
+    confirmed = np.maximum(np.sort(recent, axis=-1)[..., alerting.n - alerting.m], 0)
     raised = np.where(afresh, -np.inf, alerts.raised)
-    held = (asked < shown) & (now - raised < alerting.hold)
-    level = np.where(held, shown, asked)
-    raised = np.where(level > shown, now, raised)
+    held = (confirmed < shown) & (current - raised < alerting.hold)
+    level = np.where(held, shown, confirmed)
+    raised = np.where(level > shown, current, raised)
     return Alerts(
-        now[:, 0],
+        current[:, 0],
         np.where(mask, level, 0).astype(np.int8),
         np.where(mask, raised, -np.inf),
         np.where(mask[..., None], recent, -1).astype(np.int8),

@@ -99,12 +99,12 @@ def judge_remaining_plans(
         row = slice(n, n + 1)
         flown, time = take((plan, since), row)
         margin = max(_KEPT * thresholds.requirement.margin, float(off[n]))
-        here = at(flown.legs, time)
-        kept = clearance(flown.since(time), area_clearance(areas[n], here.x, here.y, margin))
-        if np.isfinite(kept.loss).any():
-            result.lost[n], result.deficit[n] = True, -kept.margin.min()
-            result.loss[n] = kept.loss.min()
-            result.area[n] = _first_lost(areas[n], kept)[0]
+        own = at(flown.legs, time)
+        clearances = clearance(flown.since(time), area_clearance(areas[n], own.x, own.y, margin))
+        if np.isfinite(clearances.loss).any():
+            result.lost[n], result.deficit[n] = True, -clearances.margin.min()
+            result.loss[n] = clearances.loss.min()
+            result.area[n] = _first_lost(areas[n], clearances)[0]
     return result
 
 
@@ -146,9 +146,9 @@ def nameless(count: int) -> Array:
     return np.full(count, "", dtype=object)
 
 
-def _first_lost(areas: tuple[ActiveArea, ...], kept: Clearance) -> list[str]:
+def _first_lost(areas: tuple[ActiveArea, ...], clearances: Clearance) -> list[str]:
     """Return what messages call the area that each of some rows loses first."""
-    return [label(areas[k]) for k in np.argmin(kept.loss, axis=1)]
+    return [label(areas[k]) for k in np.argmin(clearances.loss, axis=1)]
 
 
 def _mean_depth(plan_states: PlanStates[Air], areas: tuple[ActiveArea, ...]) -> Array:

@@ -37,16 +37,16 @@ _AGAIN = 5  # time steps from one attempt at a better kind to the next
 
 
 def tries(
-    options: Options[Narrowed], left: float
+    options: Options[Narrowed], time_left: float
 ) -> tuple[Options[Narrowed], Options[Narrowed], Options[Narrowed]]:
-    """Return how to plan for each kind, with ``left`` seconds until the goal is missed."""
+    """Return how to plan for each kind, with ``time_left`` seconds until the goal is missed."""
     # The refinement takes longer than a monitor can wait.
     along = replace(options, exhaustive=False)
-    in_time = replace(along, goals=1, rejoin_by=min(left, options.rejoin_by))
+    in_time = replace(along, goals=1, rejoin_by=min(time_left, options.rejoin_by))
     required = options.requirement
     wide = required._replace(margin=required.margin + _SPARE * options.aircraft.separation)
     return (
-        replace(in_time, requirement=wide, rejoin_by=min(_SOON * left, options.rejoin_by)),
+        replace(in_time, requirement=wide, rejoin_by=min(_SOON * time_left, options.rejoin_by)),
         in_time,
         along,
     )
@@ -57,7 +57,7 @@ def renew(
     decision: Decision,
     short: Array,
     reached: Array,
-    left: float,
+    time_left: float,
     make: Planner,
     thresholds: Thresholds[Narrowed],
     meets: Meets | None = None,
@@ -67,7 +67,7 @@ def renew(
 
     Args:
         short: whether the plan that is flown passes over the goal, or gets there too late, ``[N]``.
-        reached: whether the goal was reached, ``[N]``; ``left``: seconds until it is missed.
+        reached: whether the goal was reached, ``[N]``; ``time_left``: seconds until it is missed.
         meets: of plans that may climb and descend; None: they are in the plane.
 
     Returns:
@@ -76,13 +76,13 @@ def renew(
         they are in the plane.
     """
     taken_up = None if meets is None else np.full(short.size, None, dtype=object)
-    options, unit = tries(thresholds.options, left), thresholds.options.aircraft
-    short, asked = np.array(short), np.array(decision.replan)
-    rows = np.flatnonzero(asked)
+    options, unit = tries(thresholds.options, time_left), thresholds.options.aircraft
+    short, requested = np.array(short), np.array(decision.replan)
+    rows = np.flatnonzero(requested)
     if rows.size:
         first = np.where(reached[rows], ALONG, WIDE)
         candidates, kind = _plan(make, options, rows, first, np.full(rows.size, ALONG))
-        monitor, taken = answer(
+        monitor, accepted = answer(
             monitor,
             rows,
             decision.number[rows],
@@ -91,26 +91,26 @@ def renew(
             thresholds,
             None if meets is None else meets(rows, candidates),
         )
-        short[rows[taken]] = kind[taken] == ALONG
+        short[rows[accepted]] = kind[accepted] == ALONG
         if taken_up is not None and candidates.profile is not None:
-            taken_up[rows[taken]] = candidates.profile[taken]
+            taken_up[rows[accepted]] = candidates.profile[accepted]
 
     narrow = decision.separation < (1.0 + _LEFT) * unit.separation
     due = np.rint(monitor.memory.time / unit.dt) % _AGAIN == 0.0
-    rows = np.flatnonzero(due & (short | narrow) & ~reached & ~monitor.on_backup & ~asked)
+    rows = np.flatnonzero(due & (short | narrow) & ~reached & ~monitor.on_backup & ~requested)
     if rows.size:
         candidates, _ = _plan(
             make, options, rows, np.full(rows.size, WIDE), np.where(short[rows], IN_TIME, WIDE)
         )
-        rows, made = rows[candidates.safe], take(candidates, candidates.safe)
+        rows, plans = rows[candidates.safe], take(candidates, candidates.safe)
         traffic, when = take((decision.traffic, monitor.memory.time), rows)
         if meets is not None:
-            traffic = traffic._replace(window=meets(rows, made).all_times)
-        monitor = activate(monitor, rows, made.plan_states, made.safe, when, traffic, thresholds)
-        short[rows], asked[rows] = False, True
-        if taken_up is not None and made.profile is not None:
-            taken_up[rows] = made.profile
-    return monitor, short, asked, taken_up
+            traffic = traffic._replace(window=meets(rows, plans).all_times)
+        monitor = activate(monitor, rows, plans.plan_states, plans.safe, when, traffic, thresholds)
+        short[rows], requested[rows] = False, True
+        if taken_up is not None and plans.profile is not None:
+            taken_up[rows] = plans.profile
+    return monitor, short, requested, taken_up
 
 
 def _plan(

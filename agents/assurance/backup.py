@@ -111,12 +111,12 @@ def refresh(
     monitor's clock, s; areas as of now, object ``[N]``, None: none.
     """
     areas = no_areas(own.x.size) if areas is None else areas
-    had = np.isfinite(previous.started)
-    course = np.where(had, previous.course, own.heading)
-    speed = np.where(had, previous.speed, own.speed)
+    exists = np.isfinite(previous.started)
+    course = np.where(exists, previous.course, own.heading)
+    speed = np.where(exists, previous.speed, own.speed)
     everyone = np.arange(own.x.size)
     same = _judge(_Turns(everyone, course, speed), own, traffic, time, thresholds, areas)
-    result = map_leaves(np.array, same._replace(safe=same.safe & had))
+    result = map_leaves(np.array, same._replace(safe=same.safe & exists))
     rows = np.flatnonzero(~result.safe)
     for first in range(0, rows.size, _BLOCK):
         part = rows[first : first + _BLOCK]
@@ -124,7 +124,7 @@ def refresh(
         current = take(result, part)
         grades = grade(other) - grade(current)
         gain = _value(other) > _value(current) + thresholds.backup_gain
-        better = ~had[part] | (grades < 0) | ((grades == 0) & gain)
+        better = ~exists[part] | (grades < 0) | ((grades == 0) & gain)
         scatter(result, part[better], take(other, better))
     return result
 

@@ -276,7 +276,9 @@ def _block(kind: _Kind, sky: _Sky, look_ahead: float) -> Bands:
     flown = _fly(kind.own, everyone, steering, look_ahead)
     shape = kind.change.shape
     level = _INTEREST * sky.requirement.separation
-    kept = _Kept(*(field.reshape(shape) for field in _keep(flown, kind.own, everyone, sky, level)))
+    losses = _Losses(
+        *(field.reshape(shape) for field in _keep(flown, kind.own, everyone, sky, level))
+    )
 
     def judge(rows: Array, low: Array, high: Array) -> tuple[Array, Array]:
         """Judge intervals by the manoeuvre in their middle, which the others leave by their
@@ -291,15 +293,15 @@ def _block(kind: _Kind, sky: _Sky, look_ahead: float) -> Bands:
         proven, loss = kept_between.clearance >= 0.0, np.minimum(kept_between.loss, look_ahead)
         return proven.reshape(low.shape), loss.reshape(low.shape)
 
-    between = prove_between(kind.change, np.isfinite(kept.loss), judge, circle=kind.circle)
+    between = prove_between(kind.change, np.isfinite(losses.loss), judge, circle=kind.circle)
     return Bands(
         kind.target,
         steering.reached,
-        kept.loss,
-        kept.intruder,
-        kept.area,
-        kept.clearance,
-        np.where(kept.until >= look_ahead, np.inf, np.maximum(kept.until, 0.0)),
+        losses.loss,
+        losses.intruder,
+        losses.area,
+        losses.clearance,
+        np.where(losses.until >= look_ahead, np.inf, np.maximum(losses.until, 0.0)),
         kind.target + (between.low - kind.change),
         kind.target + (between.high - kind.change),
         between.nearby,
@@ -314,7 +316,7 @@ def _fly(
     return manoeuvres(take(own, owners), map_leaves(np.ravel, steering), look_ahead)
 
 
-class _Kept(NamedTuple):
+class _Losses(NamedTuple):
     """What manoeuvres keep; fields ``[M]``, as those of bands."""
 
     loss: Array
@@ -326,39 +328,39 @@ class _Kept(NamedTuple):
 
 def _keep(
     flown: Trajectory[Air], own: VehicleState[Air], rows: Array, sky: _Sky, level: float
-) -> _Kept:
+) -> _Losses:
     """Return what manoeuvres ``[R * B]`` of ownships numbered ``rows`` keep of all that they may
     meet; clearances above a level, m, are lower bounds.
     """
     size = flown.end.size // max(rows.size, 1)
     keeping = separation(sky.traffic, own, sky.requirement).rows(np.repeat(rows, size))
     loss, until, clear, intruder = _of_all(clearance(flown, keeping, level))
-    kept = _Kept(loss, until, clear, intruder, np.full(loss.shape, -1))
+    losses = _Losses(loss, until, clear, intruder, np.full(loss.shape, -1))
     for r, n in enumerate(rows):
         if not sky.areas[n]:
             continue
         part, begin = slice(r * size, (r + 1) * size), (own.x[[n]], own.y[[n]])
         keeping = area_clearance(sky.areas[n], *begin, sky.requirement.margin)
         keeping = keeping._replace(required=np.repeat(keeping.required, size, axis=0))
-        loss, until, clear, which = _of_all(clearance(take(flown, part), keeping, level))
-        earlier = loss < kept.loss[part]
+        loss, until, clear, lost = _of_all(clearance(take(flown, part), keeping, level))
+        earlier = loss < losses.loss[part]
         numbers = np.array([active.number for active in sky.areas[n]])
-        kept.intruder[part] = np.where(earlier, -1, kept.intruder[part])
-        kept.area[part] = np.where(earlier, numbers[which], -1)
-        np.minimum(kept.loss[part], loss, out=kept.loss[part])
-        np.maximum(kept.until[part], until, out=kept.until[part])
-        np.minimum(kept.clearance[part], clear, out=kept.clearance[part])
-    return kept
+        losses.intruder[part] = np.where(earlier, -1, losses.intruder[part])
+        losses.area[part] = np.where(earlier, numbers[lost], -1)
+        np.minimum(losses.loss[part], loss, out=losses.loss[part])
+        np.maximum(losses.until[part], until, out=losses.until[part])
+        np.minimum(losses.clearance[part], clear, out=losses.clearance[part])
+    return losses
 
 
-def _of_all(kept: Clearance) -> tuple[Array, Array, Array, Array]:
+def _of_all(clearances: Clearance) -> tuple[Array, Array, Array, Array]:
     """Return when manoeuvres ``[M]`` lose what is required of some intruder or area first and until
     when, the smallest clearance, m, and with which it is lost first, -1: with none.
     """
-    if kept.loss.shape[1] == 0:
-        none = np.full(len(kept.loss), np.inf)
-        return none, -none, none.copy(), np.full(len(kept.loss), -1)
-    first = np.argmin(kept.loss, axis=1)
-    loss = np.take_along_axis(kept.loss, first[:, None], 1)[:, 0]
-    which = np.where(np.isfinite(loss), first, -1)
-    return loss, kept.until.max(axis=1), kept.margin.min(axis=1), which
+    if clearances.loss.shape[1] == 0:
+        none = np.full(len(clearances.loss), np.inf)
+        return none, -none, none.copy(), np.full(len(clearances.loss), -1)
+    first = np.argmin(clearances.loss, axis=1)
+    loss = np.take_along_axis(clearances.loss, first[:, None], 1)[:, 0]
+    lost = np.where(np.isfinite(loss), first, -1)
+    return loss, clearances.until.max(axis=1), clearances.margin.min(axis=1), lost

@@ -38,9 +38,9 @@ class _Intervals(NamedTuple):
     low: Array
     high: Array
 
-    def pick(self, which: Array) -> "_Intervals":
+    def pick(self, numbers: Array) -> "_Intervals":
         """Return some of them."""
-        return _Intervals(*(field[which] for field in self))
+        return _Intervals(*(field[numbers] for field in self))
 
     def cut(self) -> "_Intervals":
         """Return their parts."""

@@ -44,10 +44,10 @@ class Met(NamedTuple):
         """Return intruders ``[N, K]`` once for each of their times, ``[N, K * T]``."""
         count, others = traffic.mask.shape
         begin, end = (field.reshape(count, others * self.times) for field in self.window)
-        spread = map_leaves(self.each, traffic._replace(window=None))
+        spread = map_leaves(self.repeat, traffic._replace(window=None))
         return spread._replace(mask=spread.mask & (begin <= end), window=Window(begin, end))
 
-    def each(self, values: Array) -> Array:
+    def repeat(self, values: Array) -> Array:
         """Return values of intruders ``[N, K]`` once for each of their times, ``[N, K * T]``."""
         return np.repeat(values, self.times, axis=-1)
 
@@ -103,8 +103,8 @@ def climb_of(
         )
     for level in (options.floor, options.ceiling):
         if level is not None and level.reference != own.reference:
-            what = f"the plan climbs from an altitude of {own.reference}"
-            raise ValueError(f"{what}, but floor or ceiling is of {level.reference}")
+            problem = f"the plan climbs from an altitude of {own.reference}"
+            raise ValueError(f"{problem}, but floor or ceiling is of {level.reference}")
     return Climb(flyable_profile(waypoints, own, options).since(-time), own.reference)
 
 

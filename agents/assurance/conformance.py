@@ -112,8 +112,8 @@ def measure(
     latch = _Latch(monitor.causes, thresholds.leave)
     off = deviation(monitor.plan.legs, own, since)
     sums, of_errors = _judge_errors(monitor, memory, off, ~has(causes, BLIND), latch, thresholds)
-    left = monitor.plan.end - since
-    of_end = latch.bits(thresholds.plan_ending - left, 0.0, Cause.PLAN_ENDING)
+    remaining = monitor.plan.end - since
+    of_end = latch.bits(thresholds.plan_ending - remaining, 0.0, Cause.PLAN_ENDING)
 
     offset = np.hypot(off.cross_track, off.along_track)
     of_altitude, altitude_error = _judge_altitude(on_profile, latch, since.size)
@@ -219,24 +219,24 @@ def _look_ahead(
         np.inf,
     )
     if met is not None:
-        traffic, planned = met.columns(traffic), met.each(planned)
+        traffic, planned = met.columns(traffic), met.repeat(planned)
     least = floor(
         np.minimum(planned, requirement_of(traffic, own, requirement)), traffic, thresholds
     )
     # The present distance of the ownship from its plan may last: it is taken off.
     off = offset[:, None]
-    had = has(monitor.causes, Cause.SEPARATION)[:, None]
-    edge = np.where(had, least + thresholds.separation_band, least - thresholds.resolution)
+    active = has(monitor.causes, Cause.SEPARATION)[:, None]
+    edge = np.where(active, least + thresholds.separation_band, least - thresholds.resolution)
     edge = np.maximum(edge, separations(traffic, requirement) - thresholds.resolution + off)
     # A plan that is not flown needs no closer look.
     level = np.where(follows_plan(monitor)[:, None], 0.0, -np.inf)
-    kept = clearance(
+    clearances = clearance(
         monitor.plan.since(since), Separation(traffic, edge, None, requirement.sigmas), level
     )
     by_time = count, others, 1 if met is None else met.times
-    close = (kept.margin < 0.0).reshape(by_time).any(axis=-1)
-    loss = np.min(np.where(np.isfinite(level), kept.loss, np.inf), axis=-1, initial=np.inf)
-    return (edge + kept.margin).reshape(by_time).min(axis=-1), loss, close
+    close = (clearances.margin < 0.0).reshape(by_time).any(axis=-1)
+    loss = np.min(np.where(np.isfinite(level), clearances.loss, np.inf), axis=-1, initial=np.inf)
+    return (edge + clearances.margin).reshape(by_time).min(axis=-1), loss, close
 
 
 class _Deviations(NamedTuple):

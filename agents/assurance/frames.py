@@ -44,20 +44,20 @@ class Frame(NamedTuple):
         """Return a state at a time, s, as the ground sees it."""
         return over_ground(state, self.wind if self.moves else NO_WIND, time - self.since)
 
-    def report(self, given: Intruder[Ground], time: float) -> Intruder[Air]:
+    def report(self, report: Intruder[Ground], time: float) -> Intruder[Air]:
         """Return a report, as it is known at a time, s, as the air mass sees it."""
-        state = self.to_air(given.state, time - given.age)
-        return with_state(given, state, velocity_std_in(given, state, self.wind))
+        state = self.to_air(report.state, time - report.age)
+        return with_state(report, state, velocity_std_in(report, state, self.wind))
 
-    def area(self, given: Area, time: float) -> Area:
+    def area(self, area: Area, time: float) -> Area:
         """Return an area as it is over the ground at a time, s, as the air mass sees it."""
-        return in_air(given, self.wind, time - self.since) if self.moves else given
+        return in_air(area, self.wind, time - self.since) if self.moves else area
 
-    def area_on_ground(self, given: Area, time: float) -> Area:
+    def area_on_ground(self, area: Area, time: float) -> Area:
         """Return an area as the air mass sees it at a time, s, as it is over the ground."""
         if not self.moves:
-            return given
-        return in_air(given, Wind(-self.wind.east, -self.wind.north), time - self.since)
+            return area
+        return in_air(area, Wind(-self.wind.east, -self.wind.north), time - self.since)
 
 
 STILL = Frame()
@@ -79,24 +79,24 @@ def carry(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
     if old == new:
         return monitor
 
-    def state(given: VehicleState[Air], time: Array) -> VehicleState[Air]:
-        known = np.isfinite(time)
-        time = np.where(known, time, 0.0)
-        there = new.to_air(old.to_ground(given, time), time)
-        return map_leaves(lambda a, b: np.where(known, a, b), there, given)
+    def state(old_state: VehicleState[Air], time: Array) -> VehicleState[Air]:
+        finite = np.isfinite(time)
+        time = np.where(finite, time, 0.0)
+        there = new.to_air(old.to_ground(old_state, time), time)
+        return map_leaves(lambda a, b: np.where(finite, a, b), there, old_state)
 
-    def traffic(given: Traffic, time: Array) -> Traffic:
-        turn = given.turn_rate * (given.turn_time + given.age)  # since the report
-        grown = given.velocity_std + turned_error(turn, new.wind.std - old.wind.std)
-        return given._replace(
-            state=state(given.state, time[:, None]), velocity_std=np.maximum(grown, 0.0)
+    def traffic(old_traffic: Traffic, time: Array) -> Traffic:
+        turn = old_traffic.turn_rate * (old_traffic.turn_time + old_traffic.age)  # since the report
+        grown = old_traffic.velocity_std + turned_error(turn, new.wind.std - old.wind.std)
+        return old_traffic._replace(
+            state=state(old_traffic.state, time[:, None]), velocity_std=np.maximum(grown, 0.0)
         )
 
     memory = monitor.memory
     return monitor._replace(
         memory=memory._replace(
             own=state(memory.own, memory.own_time),
-            intruders=state(memory.intruders, memory.seen),
+            intruders=state(memory.intruders, memory.reported),
             areas=_areas(memory, old, new),
         ),
         expected=traffic(monitor.expected, monitor.started),

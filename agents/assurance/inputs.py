@@ -69,7 +69,7 @@ class Memory(NamedTuple):
     own: VehicleState[Air]
     own_time: Array  # time of the own report, s; -inf before the first
     intruders: VehicleState[Air]  # [N, K]
-    seen: Array  # times of the intruders' reports, s, [N, K]; -inf before the first
+    reported: Array  # times of the intruders' reports, s, [N, K]; -inf before the first
     position_std: Array
     velocity_std: Array
     turn_rate: Array  # rad/s, [N, K]
@@ -89,9 +89,9 @@ def inputs(
     """Return inputs ``[N]``, those of intruders ``[N, K]``; what is not given is 0, that is exact,
     fresh and straight ahead, and every intruder exists.
     """
-    each, pairs = np.shape(own.x), np.shape(intruders.x)
-    given: dict[str, Any] = {
-        "own_age": np.zeros(each),
+    rows, pairs = np.shape(own.x), np.shape(intruders.x)
+    exact: dict[str, Any] = {
+        "own_age": np.zeros(rows),
         "age": np.zeros(pairs),
         "position_std": np.zeros(pairs),
         "velocity_std": np.zeros(pairs),
@@ -100,11 +100,11 @@ def inputs(
     } | more
     exists = np.ones(pairs, dtype=bool) if mask is None else mask
     return Inputs(
-        np.broadcast_to(np.asarray(time, float), each),
+        np.broadcast_to(np.asarray(time, float), rows),
         own,
         intruders=intruders,
         mask=exists,
-        **given,
+        **exact,
     )
 
 
@@ -121,17 +121,17 @@ def believed(
 
     A turn is expected to go on for a time, s. ``more`` is as of :func:`inputs`.
     """
-    known = belief(sightings.tracks)
-    missing = known.doubtful | ~np.isfinite(sightings.time)
-    turn_rate, turn_std = carried_turn(known.turn_rate, known.turn_std, turn_time)
+    beliefs = belief(sightings.tracks)
+    missing = beliefs.doubtful | ~np.isfinite(sightings.time)
+    turn_rate, turn_std = carried_turn(beliefs.turn_rate, beliefs.turn_std, turn_time)
     return inputs(
         time,
         own,
-        map_leaves(lambda field: np.where(missing, np.nan, field), known.state),
+        map_leaves(lambda field: np.where(missing, np.nan, field), beliefs.state),
         mask,
         age=np.where(missing, 0.0, time - sightings.time),
-        position_std=known.position_std,
-        velocity_std=known.velocity_std,
+        position_std=beliefs.position_std,
+        velocity_std=beliefs.velocity_std,
         turn_rate=turn_rate,
         turn_std=turn_std,
         **more,
@@ -162,79 +162,79 @@ def no_areas(count: int) -> Array:
 
 
 def update(
-    memory: Memory, given: Inputs, thresholds: Thresholds[Narrowed]
+    memory: Memory, inputs: Inputs, thresholds: Thresholds[Narrowed]
 ) -> tuple[Memory, VehicleState[Air], Traffic, Array, Array]:
     """Return the memory with what is valid, own states and known intruders now (dead-reckoned), and
     the causes, int32: those that do not lie in intruders ``[N]``, and those that do ``[N, K]``.
     """
-    clock = clock_runs(memory, given)
-    now = np.where(clock, given.time, np.where(np.isfinite(memory.time), memory.time, 0.0))
+    clock = clock_runs(memory, inputs)
+    time = np.where(clock, inputs.time, np.where(np.isfinite(memory.time), memory.time, 0.0))
     causes = np.where(clock, 0, int(Cause.CLOCK)).astype(np.int32)
-    own, own_time, of_own = _take_own(memory, given, now, clock, thresholds)
-    memory, of_intruders = _take_intruders(memory, given, now, clock, thresholds)
-    areas = no_areas(now.size) if given.areas is None else given.areas
-    memory = memory._replace(time=now, own=own, own_time=own_time, areas=areas)
-    return memory, *advance(memory, given.mask, thresholds), causes | of_own, of_intruders
+    own, own_time, of_own = _take_own(memory, inputs, time, clock, thresholds)
+    memory, of_intruders = _take_intruders(memory, inputs, time, clock, thresholds)
+    areas = no_areas(time.size) if inputs.areas is None else inputs.areas
+    memory = memory._replace(time=time, own=own, own_time=own_time, areas=areas)
+    return memory, *advance(memory, inputs.mask, thresholds), causes | of_own, of_intruders
 
 
 def _take_own(
-    memory: Memory, given: Inputs, now: Array, clock: Array, thresholds: Thresholds[Narrowed]
+    memory: Memory, inputs: Inputs, time: Array, clock: Array, thresholds: Thresholds[Narrowed]
 ) -> tuple[VehicleState[Air], Array, Array]:
     """Return the last good own states, their times, s, and the causes that lie in them, ``[N]``."""
-    sane = _sane(given.own, given.own_age)
-    reported = now - np.where(sane, given.own_age, 0.0)
-    ordered = (given.own_age >= -AHEAD) & (reported >= memory.own_time - _SAME)
+    sane = _sane(inputs.own, inputs.own_age)
+    reported = time - np.where(sane, inputs.own_age, 0.0)
+    ordered = (inputs.own_age >= -AHEAD) & (reported >= memory.own_time - _SAME)
     good = sane & ordered & clock
-    own = map_leaves(partial(np.where, good), given.own, memory.own)
+    own = map_leaves(partial(np.where, good), inputs.own, memory.own)
     own_time = np.where(good, np.fmax(reported, memory.own_time), memory.own_time)
     causes = _bit(~sane, Cause.OWN_MISSING) | _bit(sane & ~ordered, Cause.OWN_OUT_OF_ORDER)
-    causes |= _bit(now - own_time > thresholds.own_age, Cause.OWN_STALE)
+    causes |= _bit(time - own_time > thresholds.own_age, Cause.OWN_STALE)
     return own, own_time, causes
 
 
 def _take_intruders(
-    memory: Memory, given: Inputs, now: Array, clock: Array, thresholds: Thresholds[Narrowed]
+    memory: Memory, inputs: Inputs, time: Array, clock: Array, thresholds: Thresholds[Narrowed]
 ) -> tuple[Memory, Array]:
     """Return the memory with the last good reports of intruders, and the causes that lie in them,
     ``[N, K]``.
     """
-    sane, ordered, reported, known = _judge_reports(memory, given, now)
-    good = sane & ordered & clock[:, None] & given.mask
+    sane, ordered, reported, last = _judge_reports(memory, inputs, time)
+    good = sane & ordered & clock[:, None] & inputs.mask
     names = "intruders", "position_std", "velocity_std", "turn_rate", "turn_std"
-    taken = {
-        name: map_leaves(partial(np.where, good), getattr(given, name), getattr(memory, name))
+    fields = {
+        name: map_leaves(partial(np.where, good), getattr(inputs, name), getattr(memory, name))
         for name in names
     }
     separation = memory.separation
-    if given.separation is not None:
-        separation = np.where(good, given.separation, separation)
-    ends = given.window or Window(-np.inf, np.inf)
+    if inputs.separation is not None:
+        separation = np.where(good, inputs.separation, separation)
+    ends = inputs.window or Window(-np.inf, np.inf)
     window = map_leaves(
-        lambda had, new: np.where(good, now[:, None] + new, had), memory.window, ends
+        lambda old, new: np.where(good, time[:, None] + new, old), memory.window, ends
     )
     memory = memory._replace(
-        **taken,
-        seen=np.where(good, np.fmax(reported, known), known),
+        **fields,
+        reported=np.where(good, np.fmax(reported, last), last),
         separation=separation,
         window=window,
     )
     causes = (
         _bit(~sane, Cause.INTRUDER_MISSING)
         | _bit(sane & ~ordered, Cause.INTRUDER_OUT_OF_ORDER)
-        | _lasting_causes(memory, now[:, None], thresholds)
+        | _lasting_causes(memory, time[:, None], thresholds)
     )
-    return memory, np.where(given.mask, causes, 0).astype(np.int32)
+    return memory, np.where(inputs.mask, causes, 0).astype(np.int32)
 
 
-def good_reports(memory: Memory, given: Inputs) -> Array:
+def good_reports(memory: Memory, inputs: Inputs) -> Array:
     """Return whose reports are taken: they replace the last good ones, bool ``[N, K]``."""
-    reports = _judge_reports(memory, given, given.time)
-    return reports.sane & reports.ordered & clock_runs(memory, given)[:, None] & given.mask
+    reports = _judge_reports(memory, inputs, inputs.time)
+    return reports.sane & reports.ordered & clock_runs(memory, inputs)[:, None] & inputs.mask
 
 
-def clock_runs(memory: Memory, given: Inputs) -> Array:
+def clock_runs(memory: Memory, inputs: Inputs) -> Array:
     """Return whether the clock has gone on since the last step, bool ``[N]``."""
-    return (np.abs(given.time) <= _LONGEST) & (given.time > memory.time)
+    return (np.abs(inputs.time) <= _LONGEST) & (inputs.time > memory.time)
 
 
 class _Reports(NamedTuple):
@@ -246,22 +246,22 @@ class _Reports(NamedTuple):
     before: Array  # when the last good ones did, s; -inf: there is none
 
 
-def _judge_reports(memory: Memory, given: Inputs, now: Array) -> _Reports:
+def _judge_reports(memory: Memory, inputs: Inputs, time: Array) -> _Reports:
     """Return what is judged of the reports of intruders at a time, s, ``[N]``."""
     sane = (
-        _sane(given.intruders, given.age)
-        & _spread(given.position_std)
-        & _spread(given.velocity_std)
-        & (np.abs(given.turn_rate) <= _FASTEST_TURN)
-        & _spread(given.turn_std)
+        _sane(inputs.intruders, inputs.age)
+        & _spread(inputs.position_std)
+        & _spread(inputs.velocity_std)
+        & (np.abs(inputs.turn_rate) <= _FASTEST_TURN)
+        & _spread(inputs.turn_std)
     )
-    reported = now[:, None] - np.where(sane, given.age, 0.0)
-    known = np.where(given.mask, memory.seen, -np.inf)
-    ordered = (given.age >= -AHEAD) & (reported >= known - _SAME)
-    return _Reports(sane, ordered, reported, known)
+    reported = time[:, None] - np.where(sane, inputs.age, 0.0)
+    last = np.where(inputs.mask, memory.reported, -np.inf)
+    ordered = (inputs.age >= -AHEAD) & (reported >= last - _SAME)
+    return _Reports(sane, ordered, reported, last)
 
 
-def _lasting_causes(memory: Memory, now: Array, thresholds: Thresholds[Narrowed]) -> Array:
+def _lasting_causes(memory: Memory, time: Array, thresholds: Thresholds[Narrowed]) -> Array:
     """Return the causes that lie in the last good reports of intruders, ``[N, K]``, at a time, s,
     ``[N, 1]``.
     """
@@ -273,8 +273,8 @@ def _lasting_causes(memory: Memory, now: Array, thresholds: Thresholds[Narrowed]
     outside |= excess(thresholds.traffic["velocity_std"], memory.velocity_std) > 0.0
     causes = np.zeros(outside.shape, np.int32)
     for where, cause in (
-        (~(now - memory.seen <= thresholds.intruder_age), Cause.INTRUDER_STALE),
-        (outside & np.isfinite(memory.seen), Cause.OUTSIDE_RANGE),
+        (~(time - memory.reported <= thresholds.intruder_age), Cause.INTRUDER_STALE),
+        (outside & np.isfinite(memory.reported), Cause.OUTSIDE_RANGE),
     ):
         causes |= _bit(where, cause)
     return causes
@@ -287,15 +287,15 @@ def advance(
     turns they show.
     """
     own_age = np.where(np.isfinite(memory.own_time), memory.time - memory.own_time, 0.0)
-    known = np.isfinite(memory.seen)
-    age = np.where(known, memory.time[:, None] - memory.seen, 0.0)
+    reported = np.isfinite(memory.reported)
+    age = np.where(reported, memory.time[:, None] - memory.reported, 0.0)
     limits = thresholds.turn_rate_min, thresholds.turn_rate_max
     turn_rate = plausible_turn(memory.turn_rate, *limits)
     turn_time = np.where(turn_rate == 0.0, 0.0, thresholds.turn_time)
     turned = turn_error(memory.intruders.speed, memory.turn_std, turn_time)
     reports = Traffic(
         state=memory.intruders,
-        mask=mask & known,
+        mask=mask & reported,
         turn_rate=turn_rate,
         turn_time=turn_time,
         position_std=memory.position_std,

@@ -61,40 +61,40 @@ def activate(
 
 
 def step(
-    monitor: Monitor, given: Inputs, thresholds: Thresholds[Narrowed]
+    monitor: Monitor, inputs: Inputs, thresholds: Thresholds[Narrowed]
 ) -> tuple[Monitor, Decision]:
     """Judge one time step of monitors ``[N]`` by what they are given, ``[N]`` and of intruders
     ``[N, K]``.
     """
-    memory, own, traffic, causes, of_each = update(monitor.memory, given, thresholds)
-    now, idle, blind = memory.time, monitor.state == State.IDLE, has(causes, BLIND)
+    memory, own, traffic, causes, of_each = update(monitor.memory, inputs, thresholds)
+    time, idle, blind = memory.time, monitor.state == State.IDLE, has(causes, BLIND)
     sums, causes, measured = measure(
-        monitor, memory, own, traffic, causes, of_each, thresholds, given.on_profile
+        monitor, memory, own, traffic, causes, of_each, thresholds, inputs.on_profile
     )
 
     sighted = np.flatnonzero(~(idle | blind))
-    levelling, others, areas = given.levelling, traffic, memory.areas
+    levelling, others, areas = inputs.levelling, traffic, memory.areas
     if levelling is not None:
         others, areas = levelling.columns(traffic), levelling.areas
-    backup = _refresh_backups(monitor.backup, sighted, own, others, areas, now, thresholds)
+    backup = _refresh_backups(monitor.backup, sighted, own, others, areas, time, thresholds)
     causes |= np.where(~idle & ~backup.safe, int(Cause.BACKUP_UNSAFE), 0)
     causes |= np.where(~idle & (backup.depth > 0.0), int(Cause.BACKUP_IN_AREA), 0)
 
-    asked = _requests(monitor, causes, now, thresholds)
-    causes |= np.where(asked.refused, int(Cause.REFUSED), 0)
-    causes |= np.where(asked.silent, int(Cause.NO_ANSWER), 0)
+    requests = _requests(monitor, causes, time, thresholds)
+    causes |= np.where(requests.refused, int(Cause.REFUSED), 0)
+    causes |= np.where(requests.silent, int(Cause.NO_ANSWER), 0)
     causes = np.where(idle, causes & int(BLIND | LOST), causes).astype(np.int32)
 
     urgent = measured.loss <= thresholds.urgent
-    at_once = has(causes, UNSAFE) & (asked.hopeless | (asked.held_up & urgent))
+    at_once = has(causes, UNSAFE) & (requests.hopeless | (requests.held_up & urgent))
     # Of a plan that has ended nothing is left to fly.
-    ended = now - monitor.started >= monitor.plan.end
+    ended = time - monitor.started >= monitor.plan.end
     on_backup = (monitor.on_backup | ((at_once | ended) & ~blind)) & ~idle
-    state = _state(idle, on_backup, causes, unanswered=asked.refused | asked.silent)
-    replan = asked.may_ask & (has(causes, WANTING) | on_backup)
+    state = _state(idle, on_backup, causes, unanswered=requests.refused | requests.silent)
+    replan = requests.may_ask & (has(causes, WANTING) | on_backup)
     asking = np.flatnonzero(replan)
     monitor = _with(
-        monitor, asking, request_traffic=take(traffic, asking), requested_at=now[asking]
+        monitor, asking, request_traffic=take(traffic, asking), requested_at=time[asking]
     )
     monitor = monitor._replace(
         state=state,
@@ -131,15 +131,15 @@ class _Requests(NamedTuple):
 
 
 def _requests(
-    monitor: Monitor, causes: Array, now: Array, thresholds: Thresholds[Narrowed]
+    monitor: Monitor, causes: Array, time: Array, thresholds: Thresholds[Narrowed]
 ) -> _Requests:
     """Return how monitors ``[N]`` stand with the planner, by the causes of this second."""
     idle, blind, lost = monitor.state == State.IDLE, has(causes, BLIND), has(causes, LOST)
     pending = monitor.requested > monitor.answered
-    silent = pending & (now - monitor.requested_at > thresholds.answer_time)
+    silent = pending & (time - monitor.requested_at > thresholds.answer_time)
     unmet = has(causes, WANTING) | monitor.on_backup | blind
     refused = has(monitor.causes, Cause.REFUSED) & unmet
-    rested = now - monitor.requested_at >= thresholds.replan_interval - 1e-9
+    rested = time - monitor.requested_at >= thresholds.replan_interval - 1e-9
     may_ask = rested & (~pending | silent) & ~blind & ~lost & ~idle
     held_up = (pending & ~may_ask) | ~rested | silent
     return _Requests(silent, refused, may_ask, held_up, hopeless=refused | lost | silent)
@@ -151,14 +151,14 @@ def _refresh_backups(
     own: VehicleState[Air],
     traffic: Traffic,
     areas: Array,
-    now: Array,
+    time: Array,
     thresholds: Thresholds[Narrowed],
 ) -> Backup:
     """Return backups ``[N]`` of which those in some rows are as of now."""
     if rows.size == 0:
         return backup
-    had, here, others, when = take((backup, own, traffic, now), rows)
-    fresh = refresh(had, here, others, when, thresholds, areas[rows])
+    previous, states, others, when = take((backup, own, traffic, time), rows)
+    fresh = refresh(previous, states, others, when, thresholds, areas[rows])
     result = map_leaves(np.array, backup)
     scatter(result, rows, fresh)
     return result
@@ -201,28 +201,28 @@ def answer(
     current = (number == monitor.requested[rows]) & (monitor.answered[rows] < number)
     blind = has(monitor.causes[rows], BLIND)
     usable, plan = _usable(plan_states, np.asarray(safe) & current & ~blind, thresholds)
-    memory, when, known = take(
+    memory, when, expected = take(
         (monitor.memory, monitor.requested_at, monitor.request_traffic), rows[usable]
     )
-    _own, traffic = advance(memory, known.mask, thresholds)
+    _own, traffic = advance(memory, expected.mask, thresholds)
     since, areas = memory.time - when, memory.areas
     if met is not None:
         met = take(met, usable)
         later = map_leaves(lambda time: time + since[:, None], met.all_times)
-        known, areas = known._replace(window=later), met.areas
+        expected, areas = expected._replace(window=later), met.areas
     least = (
-        floor(required_separations(plan, known, thresholds), known, thresholds)
+        floor(required_separations(plan, expected, thresholds), expected, thresholds)
         - thresholds.resolution
     )
     if met is not None:
-        traffic, least = met.columns(traffic), met.each(least)
+        traffic, least = met.columns(traffic), met.repeat(least)
     keeping = Separation(traffic, least, None, thresholds.requirement.sigmas)
-    kept = clearance(plan.since(since), keeping)
+    clearances = clearance(plan.since(since), keeping)
     from_areas = judge_remaining_plans(plan, since, areas, np.zeros(when.size), thresholds)
-    good = (kept.margin >= 0.0).all(axis=-1) & ~from_areas.lost
+    good = (clearances.margin >= 0.0).all(axis=-1) & ~from_areas.lost
     usable = usable[good]
 
-    result = _install(monitor, rows[usable], *take((plan, when, known), good))
+    result = _install(monitor, rows[usable], *take((plan, when, expected), good))
     result = _with(result, rows[current], answered=number[current])
     accepted = np.isin(np.arange(rows.size), usable)
     refused = rows[current & ~accepted]
@@ -253,12 +253,12 @@ def references(monitor: Monitor, time: Array, dt: float, count: int) -> VehicleS
 
 
 def _usable(
-    plan_states: PlanStates[Air], asked: Array, thresholds: Thresholds[Narrowed]
+    plan_states: PlanStates[Air], requested: Array, thresholds: Thresholds[Narrowed]
 ) -> tuple[Array, Trajectory[Air]]:
     """Return the numbers of the plans ``[M]`` that are asked for and can be flown, and these as
     courses.
     """
-    rows = np.flatnonzero(asked)
+    rows = np.flatnonzero(requested)
     nobody = Traffic.straight(VehicleState(*np.zeros((4, rows.size, 0))))
     rows = rows[
         validate(take(plan_states, rows), nobody, thresholds.requirement, thresholds.limits).safe
@@ -270,9 +270,11 @@ def _usable(
 def _install(
     monitor: Monitor, rows: Array, plan: Trajectory[Air], started: Array, expected: Traffic
 ) -> Monitor:
-    what = {"plan": plan, "started": started, "expected": expected, "sums": 0.0}
+    fields = {"plan": plan, "started": started, "expected": expected, "sums": 0.0}
     causes = monitor.causes[rows] & int(Cause.BACKUP_UNSAFE | Cause.BACKUP_IN_AREA)
-    return _with(monitor, rows, **what, state=int(State.MONITORING), on_backup=False, causes=causes)
+    return _with(
+        monitor, rows, **fields, state=int(State.MONITORING), on_backup=False, causes=causes
+    )
 
 
 def _with(monitor: Monitor, rows: Array, **values: Any) -> Monitor:

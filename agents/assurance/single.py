@@ -148,9 +148,9 @@ def activate(
     watch = _in_air_of(watch, plan, time)
     air = watch.air
     reports = [intruders.get(name, Intruder(_NOWHERE)) for name in watch.names]
-    given, age = arrays_of_reports([air.report(report, time) for report in reports])
+    arrays, age = arrays_of_reports([air.report(report, time) for report in reports])
     traffic = advance_reports(
-        given._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)),
+        arrays._replace(mask=np.array([[name in intruders for name in watch.names]], dtype=bool)),
         age,
     )
     thresholds = watch.thresholds_in_air
@@ -197,10 +197,10 @@ def step(
     not count any more. The own altitude is as of now, and so are the areas, all that there are.
     """
     # Among hundreds of aircraft a name is sought for in sets alone.
-    known, left = set(watch.names), set(gone)
+    watched, leaving = set(watch.names), set(gone)
     names = (
-        *(name for name in watch.names if name not in left),
-        *(name for name in intruders if name not in known),
+        *(name for name in watch.names if name not in leaving),
+        *(name for name in intruders if name not in watched),
     )
     watch = _allocate(watch, names)
     air, reports = watch.air, [intruders.get(name, Intruder(_MISSING)) for name in names]
@@ -209,11 +209,11 @@ def step(
         for report in reports
     ]
     (traffic, age), thresholds = arrays_of_reports(in_air), watch.thresholds_in_air
-    here = air.to_air(own or _MISSING, time - own_age)
-    now, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
-    given = Inputs(
-        time=now,
-        own=VehicleState(*(np.array([value], dtype=float) for value in here)),
+    own_state = air.to_air(own or _MISSING, time - own_age)
+    times, late = np.array([time], dtype=float), np.array([own_age], dtype=float)
+    inputs = Inputs(
+        time=times,
+        own=VehicleState(*(np.array([value], dtype=float) for value in own_state)),
         own_age=late,
         intruders=traffic.state,
         age=age,
@@ -226,13 +226,13 @@ def step(
         window=windows(reports, own_altitude, thresholds.options),
     )
     watch = replace(watch, last_areas=areas)
-    space = _space(watch, here, reports, time)
-    given = given._replace(areas=space.areas_met(steady(own_altitude)))
-    in_space = thresholds.options.climbs and clock_runs(watch.monitor.memory, given)[0]
+    space = _space(watch, own_state, reports, time)
+    inputs = inputs._replace(areas=space.areas_met(steady(own_altitude)))
+    in_space = thresholds.options.climbs and clock_runs(watch.monitor.memory, inputs)[0]
     if in_space:
-        space = replace(space, reports=_known_levels(watch, given, reports))
-        given = _in_space(watch, given, space, own_altitude)
-    monitor, decision = monitors.step(watch.monitor, given, thresholds)
+        space = replace(space, reports=_known_levels(watch, inputs, reports))
+        inputs = _in_space(watch, inputs, space, own_altitude)
+    monitor, decision = monitors.step(watch.monitor, inputs, thresholds)
     counted = set(names)
     levels = {name: at for name, at in watch.levels.items() if name in counted} | {
         name: (time - report.age, report)
@@ -240,9 +240,9 @@ def step(
         if report.altitude is not None
     }
     watch = replace(watch, levels=levels)
-    asked = _ask(watch, monitor, decision, own_altitude) if decision.replan[0] else None
+    ask = _ask(watch, monitor, decision, own_altitude) if decision.replan[0] else None
     backup = _waypoints(monitor, air) if np.isfinite(monitor.backup.started[0]) else ()
-    watch = replace(watch, monitor=monitor, ask=asked or watch.ask)
+    watch = replace(watch, monitor=monitor, ask=ask or watch.ask)
     fly, state = FlyMode(int(decision.fly[0])), State(int(decision.state[0]))
     in_height = None
     if in_space:
@@ -250,7 +250,7 @@ def step(
         flight = altitude_flown(fly, causes, watch.climb, own_altitude, time, options)
         in_height = InHeight(own_altitude, flight, space)
     whys = reasons(decision, thresholds, names)
-    return watch, Assessment(state, fly, asked, whys, backup, decision, in_height)
+    return watch, Assessment(state, fly, ask, whys, backup, decision, in_height)
 
 
 def _space(
@@ -262,27 +262,27 @@ def _space(
     return Space(own, reports, areas, ends, watch.thresholds)
 
 
-def _in_space(watch: Watch, given: Inputs, space: Space, own_altitude: Altitude | None) -> Inputs:
+def _in_space(watch: Watch, inputs: Inputs, space: Space, own_altitude: Altitude | None) -> Inputs:
     """Return inputs with what plan and backup meet by their altitudes."""
-    options, climb, time = watch.thresholds.options, watch.climb, float(given.time[0])
-    given = given._replace(levelling=space.find_met(level_off(own_altitude, options)))
+    options, climb, time = watch.thresholds.options, watch.climb, float(inputs.time[0])
+    inputs = inputs._replace(levelling=space.find_met(level_off(own_altitude, options)))
     if climb is None:
-        return given
+        return inputs
     error = np.array([climb.error(own_altitude, time)])
     allowed = np.array([options.vertical_margin + (own_altitude.error if own_altitude else 0.0)])
     met = space.find_met(climb.flight(own_altitude, time, options))
-    return given._replace(on_profile=OnProfile(error, allowed, met))
+    return inputs._replace(on_profile=OnProfile(error, allowed, met))
 
 
 def _known_levels(
-    watch: Watch, given: Inputs, reports: Sequence[Intruder[Ground]]
+    watch: Watch, inputs: Inputs, reports: Sequence[Intruder[Ground]]
 ) -> list[Intruder[Ground]]:
     """Return good reports, and the last good ones of intruders without."""
-    good = good_reports(watch.monitor.memory, given)[0]
-    last = _last_levels(watch, float(given.time[0]))
+    good = good_reports(watch.monitor.memory, inputs)[0]
+    last = _last_levels(watch, float(inputs.time[0]))
     return [
-        report if taken else before
-        for report, taken, before in zip(reports, good, last, strict=True)
+        report if is_good else before
+        for report, is_good, before in zip(reports, good, last, strict=True)
     ]
 
 
@@ -290,10 +290,10 @@ def _last_levels(watch: Watch, time: float) -> list[Intruder[Ground]]:
     """Return the last good reports of the intruders, as old as they are at a time, s, of which only
     the altitudes count.
     """
-    seen = watch.monitor.memory.seen[0].tolist()
+    times = watch.monitor.memory.reported[0].tolist()
     return [
         _at_its_level(Intruder(_NOWHERE, age=time - when), when, watch.levels.get(name))
-        for name, when in zip(watch.names, seen, strict=True)
+        for name, when in zip(watch.names, times, strict=True)
     ]
 
 
@@ -305,21 +305,23 @@ def answer(watch: _Watch, number: int, plan: Plan) -> tuple[_Watch, bool]:
     """
     if watch.ask is None or number != watch.ask.number:
         return watch, False
-    asked = float(watch.monitor.requested_at[0])
-    moved = _in_air_of(watch, plan, asked)
+    requested_at = float(watch.monitor.requested_at[0])
+    moved = _in_air_of(watch, plan, requested_at)
     thresholds = moved.thresholds_in_air
-    given = _plan_states(watch.ask.own, plan, moved.air, thresholds)
-    climb, safe = _climb(plan, watch.ask.own_altitude, asked, thresholds.options)
+    plan_states = _plan_states(watch.ask.own, plan, moved.air, thresholds)
+    climb, safe = _climb(plan, watch.ask.own_altitude, requested_at, thresholds.options)
     met = None if climb is None else _what_answer_meets(moved, climb, watch.ask, thresholds)
-    which, safe = np.array([number]), np.array([safe])
-    monitor, taken_up = monitors.answer(moved.monitor, _ONE, which, given, safe, thresholds, met)
+    numbers, safe = np.array([number]), np.array([safe])
+    monitor, taken_up = monitors.answer(
+        moved.monitor, _ONE, numbers, plan_states, safe, thresholds, met
+    )
     if taken_up[0]:
         return replace(moved, monitor=monitor, climb=climb), True
     if moved.air == watch.air:
         return replace(moved, monitor=monitor), False
     # The active plan goes on, in its own air mass.
     refused, thresholds = np.array([False]), watch.thresholds_in_air
-    monitor, _ = monitors.answer(watch.monitor, _ONE, which, given, refused, thresholds)
+    monitor, _ = monitors.answer(watch.monitor, _ONE, numbers, plan_states, refused, thresholds)
     return replace(watch, monitor=monitor), False
 
 
@@ -328,12 +330,12 @@ def _what_answer_meets(
 ) -> Met:
     """Return what a plan that answers a request meets from the last step on, on its profile."""
     memory, options = watch.monitor.memory, thresholds.options
-    now = float(memory.time[0])
-    here: VehicleState[Air] = VehicleState(*(float(field[0]) for field in memory.own))
+    time = float(memory.time[0])
+    own: VehicleState[Air] = VehicleState(*(float(field[0]) for field in memory.own))
     assert ask.own_altitude is not None, "a plan climbs from an altitude"
-    altitude = replace(ask.own_altitude, value=float(climb.profile.at(np.array(now))))
-    flight = climb.flight(altitude, now, options)
-    return _space(watch, here, _last_levels(watch, now), now).find_met(flight)
+    altitude = replace(ask.own_altitude, value=float(climb.profile.at(np.array(time))))
+    flight = climb.flight(altitude, time, options)
+    return _space(watch, own, _last_levels(watch, time), time).find_met(flight)
 
 
 def _in_air_of(watch: _Watch, plan: Plan, time: float) -> _Watch:
@@ -362,20 +364,20 @@ def _ask(watch: Watch, monitor: Monitor, decision: Decision, own_altitude: Altit
     them.
     """
     memory, air = monitor.memory, watch.air
-    here: VehicleState[Air] = VehicleState(*(float(field[0]) for field in decision.own))
-    own = air.to_ground(here, float(memory.time[0]))
-    when = np.where(np.isfinite(memory.seen), memory.seen, 0.0)
+    own_state: VehicleState[Air] = VehicleState(*(float(field[0]) for field in decision.own))
+    own = air.to_ground(own_state, float(memory.time[0]))
+    when = np.where(np.isfinite(memory.reported), memory.reported, 0.0)
     intruders = air.to_ground(memory.intruders, when)
-    known = tuple(
+    reports = tuple(
         _at_its_level(
             _last_report(memory, intruders, place, watch.thresholds_in_air),
-            float(memory.seen[0, place]),
+            float(memory.reported[0, place]),
             watch.levels.get(name),
         )
         for place, name in enumerate(watch.names)
         if decision.traffic.mask[0, place]
     )
-    return Ask(int(decision.number[0]), own, known, own_altitude)
+    return Ask(int(decision.number[0]), own, reports, own_altitude)
 
 
 def _last_report(
@@ -387,7 +389,7 @@ def _last_report(
     separation = float(memory.separation[0, place])
     return Intruder(
         state=VehicleState(*(float(field[0, place]) for field in intruders)),
-        age=float(memory.time[0] - memory.seen[0, place]),
+        age=float(memory.time[0] - memory.reported[0, place]),
         turn_rate=turn_rate,
         turn_time=0.0 if turn_rate == 0.0 else thresholds.turn_time,
         turn_std=float(memory.turn_std[0, place]),
@@ -398,12 +400,12 @@ def _last_report(
 
 
 def _at_its_level(
-    last: Intruder[Ground], time: float, said: tuple[float, Intruder[Ground]] | None
+    last: Intruder[Ground], time: float, reported: tuple[float, Intruder[Ground]] | None
 ) -> Intruder[Ground]:
     """Return a report with the altitude of the same time, s; without one it counts as level."""
-    if said is None or abs(said[0] - time) > _SAME:
+    if reported is None or abs(reported[0] - time) > _SAME:
         return last
-    _, report = said
+    _, report = reported
     return replace(last, altitude=report.altitude, vertical_separation=report.vertical_separation)
 
 
@@ -416,9 +418,9 @@ def reasons(
         if not int(decision.causes[0]) & int(cause):
             continue
         lies = np.flatnonzero(decided.intruder_causes & int(cause)).tolist()
-        who = listed([names[place] for place in lies]) if names else ""
+        affected = listed([names[place] for place in lies]) if names else ""
         text = f"{of} {says.format(now=decided, **vars(thresholds))}"
-        whys.append(Why(cause, of, f"{text} ({who})" if who else text))
+        whys.append(Why(cause, of, f"{text} ({affected})" if affected else text))
     return tuple(whys)
 
 

@@ -115,7 +115,7 @@ def start(count: int, intruders: int, thresholds: Thresholds[L]) -> Monitor:
 
 _BY_PLACE = (
     "intruders",
-    "seen",
+    "reported",
     "turn_rate",
     "turn_std",
     "position_std",
@@ -131,12 +131,12 @@ def rearrange(monitor: Monitor, places: Sequence[int], thresholds: Thresholds[L]
     is new, and nothing is remembered of it.
     """
     fresh = start(len(monitor.state), len(places), thresholds)
-    known = [place for place, before in enumerate(places) if before >= 0]
-    before = [places[place] for place in known]
+    present = [place for place, before in enumerate(places) if before >= 0]
+    before = [places[place] for place in present]
 
-    def move(field: Array, had: Array) -> Array:
+    def move(field: Array, old: Array) -> Array:
         result = np.array(field)
-        result[:, known] = had[:, before]
+        result[:, present] = old[:, before]
         return result
 
     memory = monitor.memory._replace(

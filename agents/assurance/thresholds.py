@@ -249,10 +249,10 @@ class Thresholds(Generic[L]):
         """
         if wind.std == 0.0:
             return cast("Thresholds[Narrowed]", self)
-        kept = self.requirement
-        planned = kept._replace(sigmas=kept.sigmas / _KEPT)
+        requirement = self.requirement
+        planned = requirement._replace(sigmas=requirement.sigmas / _KEPT)
         narrowed = in_wind(replace(self.options, requirement=planned), wind)
-        options = replace(narrowed, requirement=kept)
+        options = replace(narrowed, requirement=requirement)
         narrow = cast("Thresholds[Narrowed]", self)
         return replace(
             narrow, options=options, manoeuvre=backup_limits(options), wind_std=float(wind.std)
@@ -273,6 +273,8 @@ def backup_limits(options: Options[L]) -> Limits:
     """Return what backups are made with: all that the vehicle can, at the speeds of decisions; each
     leg is constant.
     """
-    both = intersection(options.aircraft.limits, options.limits)
+    common = intersection(options.aircraft.limits, options.limits)
     slowest = options.manoeuvre.speed_min
-    return options.limits._replace(speed_min=max(both.speed_min, slowest), speed_max=both.speed_max)
+    return options.limits._replace(
+        speed_min=max(common.speed_min, slowest), speed_max=common.speed_max
+    )

@@ -205,10 +205,10 @@ def _reach(altitudes: Altitudes, vertical: Vertical, look_ahead: float) -> tuple
     return low, high
 
 
-def _on_course(kept: Clearance) -> Times:
+def _on_course(clearances: Clearance) -> Times:
     """Return when straight flights lose what they must keep, ``[N, K]``."""
-    lost = np.isfinite(kept.loss)
-    return Times(np.where(lost, kept.loss, 1.0), np.where(lost, kept.until, 0.0))
+    lost = np.isfinite(clearances.loss)
+    return Times(np.where(lost, clearances.loss, 1.0), np.where(lost, clearances.until, 0.0))
 
 
 def _intruder_layers(
@@ -255,8 +255,8 @@ def _area_layers(
     )
 
     def fill(field: Array, absent: Array) -> Array:
-        rest = np.repeat(absent, most - field.shape[1], axis=1)
-        return np.concatenate([field, rest], axis=1)
+        padding = np.repeat(absent, most - field.shape[1], axis=1)
+        return np.concatenate([field, padding], axis=1)
 
     filled = [map_leaves(fill, row, none) for row in rows]
     return map_leaves(lambda *fields: np.concatenate(fields), *filled)

@@ -101,8 +101,8 @@ def to_altitude(rise: Array, climb: Array, vertical: Vertical, until: float) -> 
     rate = np.minimum(np.sqrt(np.maximum(squared, 0.0)), fastest)
     change = rate - climb_there
     first, last = np.abs(change) / acceleration, rate / acceleration
-    left = rise - 0.5 * (climb_there + rate) * first - 0.5 * rate * last
-    held = np.maximum(left, 0.0) / np.where(rate > 0.0, rate, 1.0)
+    remaining = rise - 0.5 * (climb_there + rate) * first - 0.5 * rate * last
+    held = np.maximum(remaining, 0.0) / np.where(rate > 0.0, rate, 1.0)
     parts = [
         (first, side * np.sign(change) * acceleration),
         (held, 0.0 * side),

@@ -121,12 +121,12 @@ def distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return members
 
 
-def content(path: Path, what: str) -> bytes:
+def content(path: Path, expected: str) -> bytes:
     """Return the content of a regular file, or raise ValueError."""
     if not path.exists():
-        raise ValueError(f"there is no such file; expected {what}")
+        raise ValueError(f"there is no such file; expected {expected}")
     if not path.is_file():
-        raise ValueError(f"it is not a regular file; expected {what}")
+        raise ValueError(f"it is not a regular file; expected {expected}")
     if path.stat().st_size > _MOST_BYTES:
-        raise ValueError(f"it is larger than {_MOST_BYTES >> 20} MiB; expected {what}")
+        raise ValueError(f"it is larger than {_MOST_BYTES >> 20} MiB; expected {expected}")
     return path.read_bytes()

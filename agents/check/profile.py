@@ -52,9 +52,9 @@ def first_change(rise: Ball, climb: Ball, time: Ball, acceleration: Ball) -> Bal
     the theorem ``first_leg``, without a difference of what is nearly the same.
     """
     more = rise - climb * time
-    left = time * time - TWO * more.magnitude() / acceleration
-    demand(left.lo >= 0, "the altitude of waypoint 0 cannot be reached in its time")
-    return TWO * more / (time + left.root())
+    discriminant = time * time - TWO * more.magnitude() / acceleration
+    demand(discriminant.lo >= 0, "the altitude of waypoint 0 cannot be reached in its time")
+    return TWO * more / (time + discriminant.root())
 
 
 def lead(change: Ball, profile: Profile) -> Ball:
@@ -125,8 +125,8 @@ def check_levels(profile: Profile, heights: list[Ball], spread: Ball) -> None:
         if level is None:
             continue
         room = [side * (height - ball(level)) for height in heights]
-        kept = min(spread.hi, room[0].lo) - ball(LEVEL).lo
-        demand(min(place.lo for place in room) >= kept, f"profile does not keep its {name}")
+        least = min(spread.hi, room[0].lo) - ball(LEVEL).lo
+        demand(min(place.lo for place in room) >= least, f"profile does not keep its {name}")
 
 
 def check_levels_of_areas(profile: Profile, areas: list[Area]) -> None:

@@ -18,9 +18,9 @@ class Work:
 
     def __init__(self, most: int = _MOST_WORK) -> None:
         self.most = most
-        self.left = most
+        self.remaining = most
 
     def spend(self, parts: int) -> None:
         """Take off some work; refuse the certificate where nothing is left."""
-        self.left -= parts
-        demand(self.left >= 0, f"its proof takes more than {self.most} parts of arcs")
+        self.remaining -= parts
+        demand(self.remaining >= 0, f"its proof takes more than {self.most} parts of arcs")

@@ -76,9 +76,9 @@ def climbs_sentence(profile: Profile, vertical: float | None) -> str:
     separation it keeps.
     """
     low, high = min(profile.altitudes), max(profile.altitudes)
-    kept = "nobody is passed above or below"
+    separation = "nobody is passed above or below"
     if vertical is not None:
-        kept = f"{vertical:g} m above or below others"
+        separation = f"{vertical:g} m above or below others"
     levels = [
         f"{name} {level:g} m"
         for name, level in (("floor", profile.floor), ("ceiling", profile.ceiling))
@@ -90,7 +90,7 @@ def climbs_sentence(profile: Profile, vertical: float | None) -> str:
             f"{profile.climb_max:g} m/s up and {profile.descent_max:g} m/s down at most",
             f"{profile.acceleration:g} m/s^2",
             *levels,
-            kept,
+            separation,
         ]
     )
 

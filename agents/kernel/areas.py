@@ -73,7 +73,7 @@ class AreaClearance(NamedTuple):
         return True
 
     def fill(
-        self, flown: Trajectory[Any], levels: Array, kept: Clearance, *, closest: bool
+        self, flown: Trajectory[Any], levels: Array, clearances: Clearance, *, closest: bool
     ) -> bool:
         """Fill in what is kept by compiled code; return whether there is any. For the closest there
         is none.
@@ -83,12 +83,12 @@ class AreaClearance(NamedTuple):
         areas, lines = _flat(tuple(self.areas))
         keeping = AreaKeeping(areas, lines, *contiguous((self.required, levels)))
         flown = contiguous(flown)
-        for rows, which in _calls(flown, areas):
-            FILL_AREA_CLEARANCE(flown, rows, which, keeping, kept)
+        for rows, numbers in _calls(flown, areas):
+            FILL_AREA_CLEARANCE(flown, rows, numbers, keeping, clearances)
         return True
 
     def near(
-        self, flown: Trajectory[Any], levels: Array, kept: Clearance, *, closest: bool
+        self, flown: Trajectory[Any], levels: Array, clearances: Clearance, *, closest: bool
     ) -> Near:
         """Return the legs that come near an area, and note the bounds of all others: what the
         rectangle about the area tells.
@@ -106,33 +106,33 @@ class AreaClearance(NamedTuple):
             clear = margin > levels[row, k, None]
             near[:, k] = (counts & ~clear).any(axis=1)
             far = np.where(counts & ~near[:, k, None], margin, np.inf).reshape(rows, -1)
-            np.minimum(kept.margin[:, k], far.min(axis=1), out=kept.margin[:, k])
-        m, which = np.nonzero(near)
-        return Near(row[m], leg[m], which)
+            np.minimum(clearances.margin[:, k], far.min(axis=1), out=clearances.margin[:, k])
+        m, number = np.nonzero(near)
+        return Near(row[m], leg[m], number)
 
-    def bounds(self, given: Pieces, which: Array) -> Bounds:
+    def bounds(self, pieces: Pieces, number: Array) -> Bounds:
         """Return what pieces keep of an area each, by their numbers ``[M]``."""
-        shape = given.begin.shape
+        shape = pieces.begin.shape
         bound, attained = np.full((2, *shape), np.inf)
         counts = np.zeros(shape, dtype=bool)
-        required = np.broadcast_to(self.required[given.row, which][:, None], shape)
-        for k in np.unique(which):
-            rows = np.flatnonzero(which == k)
+        required = np.broadcast_to(self.required[pieces.row, number][:, None], shape)
+        for k in np.unique(number):
+            rows = np.flatnonzero(number == k)
             bound[rows], attained[rows], counts[rows] = _bound_area(
-                self.areas[k], take(given, rows), required[rows]
+                self.areas[k], take(pieces, rows), required[rows]
             )
         tolerated = _less_tolerance(required)
         return Bounds(
             distance=bound,
-            nearest=given.begin,
+            nearest=pieces.begin,
             margin=bound - required,
             tolerant=bound - tolerated,
             attained=attained,
             counts=counts,
             exact=np.zeros(shape, dtype=bool),
             surely_lost=attained < tolerated,
-            lost_from=given.begin,
-            lost_until=given.end,
+            lost_from=pieces.begin,
+            lost_until=pieces.end,
         )
 
 
@@ -259,31 +259,31 @@ def _calls(flown: Trajectory[Any], areas: Array) -> Iterator[tuple[Span, Span]]:
     edges = np.maximum(areas["end_edge"] - areas["first_edge"], 1.0) * legs
     count = len(areas)
     together = edges.sum() <= _EDGES
-    for which in [(0, count)] if together else [(k, k + 1) for k in range(count)]:
-        step = max(int(_EDGES / edges[slice(*which)].sum()), 1)
+    for numbers in [(0, count)] if together else [(k, k + 1) for k in range(count)]:
+        step = max(int(_EDGES / edges[slice(*numbers)].sum()), 1)
         for first in range(0, rows, step):
-            yield (first, min(first + step, rows)), which
+            yield (first, min(first + step, rows)), numbers
 
 
-def _counts(active: ActiveArea, given: Pieces) -> Array:
+def _counts(active: ActiveArea, pieces: Pieces) -> Array:
     """Return in which pieces an area counts, bool ``[M, P]``."""
-    return (given.end > 0.0) & (given.end >= active.begin) & (given.begin <= active.end)
+    return (pieces.end > 0.0) & (pieces.end >= active.begin) & (pieces.begin <= active.end)
 
 
-def _bound_area(active: ActiveArea, given: Pieces, required: Array) -> tuple[Array, Array, Array]:
+def _bound_area(active: ActiveArea, pieces: Pieces, required: Array) -> tuple[Array, Array, Array]:
     """Return a lower bound of the signed distance of pieces from an area, m, the least value that
     is known to occur, m, and where the area counts, ``[M, P]`` each; only pieces that the rectangle
     about the area does not tell to be far are set against its edges.
     """
-    counts = near = _counts(active, given)
+    counts = near = _counts(active, pieces)
     bound, attained = np.full((2, *counts.shape), np.inf)
     if active.area.keep is Keep.OUT:
-        bound = far = _far_bound(active.area, given)
+        bound = far = _far_bound(active.area, pieces)
         near = counts & ~(far > required)
     m, p = np.nonzero(near)
     chord = Chords(
-        *(np.broadcast_to(field, near.shape)[m, p] for field in given[2:8]),
-        *(np.broadcast_to(field, near.shape)[m, p] for field in (given.bend, given.error)),
+        *(np.broadcast_to(field, near.shape)[m, p] for field in pieces[2:8]),
+        *(np.broadcast_to(field, near.shape)[m, p] for field in (pieces.bend, pieces.error)),
     )
     bound[m, p], ends = bounds_of_chords(active.area, chord, required[m, p])
     # Where the area counts for a part of a piece only, its ends decide nothing.
@@ -305,13 +305,13 @@ class Chords(NamedTuple):
     error: Array  # of the positions, m
 
 
-def bounds_of_chords(area: Area, given: Chords, enough: Array) -> tuple[Array, Array]:
+def bounds_of_chords(area: Area, chords: Chords, enough: Array) -> tuple[Array, Array]:
     """Return a lower bound of the signed distance on whole pieces ``[M]``, and the least of its
     values at their ends, m; bounds that are ``enough``, m, need not be better.
     """
-    grown, lost, rate = _least_gain(area, given), _chord_error(given), gain(area)
-    chord = chord_distances(area, _in_frame(area, given), enough + lost - grown)
-    ends = chord.begin + rate * given.begin, chord.end + rate * given.end
+    grown, lost, rate = _least_gain(area, chords), _chord_error(chords), gain(area)
+    chord = chord_distances(area, _in_frame(area, chords), enough + lost - grown)
+    ends = chord.begin + rate * chords.begin, chord.end + rate * chords.end
     return chord.bound + grown - lost, np.minimum(*ends)
 
 
@@ -322,28 +322,28 @@ def _less_tolerance(required: Array) -> Array:
     return np.maximum(required - CLOSE, -ROUNDING)
 
 
-def _far_bound(area: Area, given: Pieces | Chords) -> Array:
+def _far_bound(area: Area, pieces: Pieces | Chords) -> Array:
     """Return a lower bound of the signed distance in pieces by the rectangle about an area to be
     kept out of, m; -inf where they may meet it: signed distances within it may be negative.
     """
-    away = box_distance(area, _in_frame(area, given))
+    away = box_distance(area, _in_frame(area, pieces))
     away = np.where(away > 0.0, away, -np.inf)
-    return away + _least_gain(area, given) - _chord_error(given)
+    return away + _least_gain(area, pieces) - _chord_error(pieces)
 
 
-def _in_frame(area: Area, given: Pieces | Chords) -> Parts:
+def _in_frame(area: Area, pieces: Pieces | Chords) -> Parts:
     """Return chords where the area stands still."""
     return Parts(
-        *own_frame(area, given.x0, given.y0, given.begin),
-        *own_frame(area, given.x1, given.y1, given.end),
+        *own_frame(area, pieces.x0, pieces.y0, pieces.begin),
+        *own_frame(area, pieces.x1, pieces.y1, pieces.end),
     )
 
 
-def _least_gain(area: Area, given: Pieces | Chords) -> Array:
+def _least_gain(area: Area, pieces: Pieces | Chords) -> Array:
     """Return the least that the area's growth adds to signed distances within pieces, m."""
-    return np.minimum(gain(area) * given.begin, gain(area) * given.end)
+    return np.minimum(gain(area) * pieces.begin, gain(area) * pieces.end)
 
 
-def _chord_error(given: Pieces | Chords) -> Array:
+def _chord_error(pieces: Pieces | Chords) -> Array:
     """Return by how much the curve may be nearer than its chord as it is computed, m."""
-    return 0.125 * given.bend * (given.end - given.begin) ** 2 + given.error
+    return 0.125 * pieces.bend * (pieces.end - pieces.begin) ** 2 + pieces.error

@@ -37,18 +37,18 @@ class Chord(NamedTuple):
     share: Array  # of the chord at which it is nearest, 0 to 1
 
 
-def chords(given: Pieces, traffic: Traffic) -> Chord:
+def chords(pieces: Pieces, traffic: Traffic) -> Chord:
     """Return pieces ``[M, P]`` relative to an intruder each, ``[M, 1]``, with what is known of the
     distance.
     """
     # Beginnings and ends in one array, [2, M, P]: half the calls, the same bits.
-    times = np.stack([given.begin, given.end])
+    times = np.stack([pieces.begin, pieces.end])
     x, y = positions(map_leaves(lambda field: field[None], traffic), times)
-    x0, x1 = x - np.stack([given.x0, given.x1])
-    y0, y1 = y - np.stack([given.y0, given.y1])
+    x0, x1 = x - np.stack([pieces.x0, pieces.x1])
+    y0, y1 = y - np.stack([pieces.y0, pieces.y1])
     turn = np.where(traffic.turn_time > 0.0, np.abs(traffic.state.speed * traffic.turn_rate), 0.0)
-    sagitta = largest_sagitta(given.bend + turn, given.end - given.begin, np)
-    return chord_of(x0, y0, x1, y1, sagitta, given.error, np)
+    sagitta = largest_sagitta(pieces.bend + turn, pieces.end - pieces.begin, np)
+    return chord_of(x0, y0, x1, y1, sagitta, pieces.error, np)
 
 
 @scalar

@@ -73,7 +73,7 @@ class Near(NamedTuple):
 
     row: Array  # number of the trajectory
     leg: Array  # number of its leg
-    which: Array  # number of the intruder or area
+    number: Array  # of the intruder or area
 
 
 class Bounds(NamedTuple):
@@ -107,7 +107,7 @@ class Constraint(Protocol):
         ...
 
     def fill(
-        self, flown: Trajectory[Any], levels: Array, kept: Clearance, *, closest: bool
+        self, flown: Trajectory[Any], levels: Array, clearances: Clearance, *, closest: bool
     ) -> bool:
         """Fill in what is kept by compiled code; return whether there is any that is ready.
 
@@ -116,15 +116,15 @@ class Constraint(Protocol):
         ...
 
     def near(
-        self, flown: Trajectory[Any], levels: Array, kept: Clearance, *, closest: bool
+        self, flown: Trajectory[Any], levels: Array, clearances: Clearance, *, closest: bool
     ) -> Near:
         """Return the legs that must be judged, and note bounds of the margins of all others, which
         are above the levels of interest, m, ``[N, K]``.
         """
         ...
 
-    def bounds(self, given: Pieces, which: Array) -> Bounds:
-        """Return what pieces keep of the one numbered ``which``, ``[M]``."""
+    def bounds(self, pieces: Pieces, number: Array) -> Bounds:
+        """Return what pieces keep of the ones of their numbers ``[M]``."""
         ...
 
 
@@ -140,38 +140,38 @@ def clearance(
         closest: whether the smallest distance of each trajectory is to be exact, however far.
     """
     rows = len(flown.states.time)
-    kept = Clearance.blank(rows, constraint.size)
-    if kept.margin.size == 0:
-        return kept
-    levels = np.broadcast_to(level, kept.margin.shape)
-    if constraint.fill(flown, levels, kept, closest=closest):
-        return kept
-    near = constraint.near(flown, levels, kept, closest=closest)
-    near = _judge_straight_legs(kept, flown, constraint, near, levels, closest=closest)
+    clearances = Clearance.blank(rows, constraint.size)
+    if clearances.margin.size == 0:
+        return clearances
+    levels = np.broadcast_to(level, clearances.margin.shape)
+    if constraint.fill(flown, levels, clearances, closest=closest):
+        return clearances
+    near = constraint.near(flown, levels, clearances, closest=closest)
+    near = _judge_straight_legs(clearances, flown, constraint, near, levels, closest=closest)
     if near.row.size == 0:
-        return kept
+        return clearances
     arcs = rest_of(pieces(flown, near.row, near.leg))
-    bounds = constraint.bounds(arcs, near.which)
-    unclear = bounds.counts & ~(bounds.margin >= levels[near.row, near.which][:, None])
+    bounds = constraint.bounds(arcs, near.number)
+    unclear = bounds.counts & ~(bounds.margin >= levels[near.row, near.number][:, None])
     if closest:
-        nearest = kept.distance.min(axis=1)
+        nearest = clearances.distance.min(axis=1)
         np.minimum.at(nearest, near.row, bounds.attained.min(axis=1))
         unclear |= bounds.counts & (bounds.distance <= nearest[near.row, None])
     unclear &= ~bounds.exact
     if constraint.cuts_once:
         unclear &= ~_lost_later(near, constraint.size, arcs, bounds)
     margin = np.where(bounds.exact, bounds.tolerant, bounds.margin)
-    _note(kept, arcs, near.which, margin, bounds._replace(counts=bounds.counts & ~unclear))
+    _note(clearances, arcs, near.number, margin, bounds._replace(counts=bounds.counts & ~unclear))
     m, p = np.nonzero(unclear)
     if m.size:
-        parts, which = cut(arcs, m, p), near.which[m]
-        bounds = constraint.bounds(parts, which)
-        _note(kept, parts, which, bounds.tolerant, bounds)
-    return kept
+        parts, number = cut(arcs, m, p), near.number[m]
+        bounds = constraint.bounds(parts, number)
+        _note(clearances, parts, number, bounds.tolerant, bounds)
+    return clearances
 
 
 def _judge_straight_legs(
-    kept: Clearance,
+    clearances: Clearance,
     flown: Trajectory[Any],
     constraint: Constraint,
     near: Near,
@@ -185,15 +185,15 @@ def _judge_straight_legs(
         return near
     legs = take(near, straight)
     whole = rest_of(whole_legs(flown, legs.row, legs.leg))
-    bounds = constraint.bounds(whole, legs.which)
+    bounds = constraint.bounds(whole, legs.number)
     decided = bounds.exact
     if not closest:
-        decided = decided | (bounds.margin >= levels[legs.row, legs.which][:, None])
+        decided = decided | (bounds.margin >= levels[legs.row, legs.number][:, None])
     margin = np.where(bounds.exact, bounds.tolerant, bounds.margin)
-    _note(kept, whole, legs.which, margin, bounds._replace(counts=bounds.counts & decided))
-    left = np.ones(near.row.size, dtype=bool)
-    left[straight] = (bounds.counts & ~decided)[:, 0]
-    return take(near, left)
+    _note(clearances, whole, legs.number, margin, bounds._replace(counts=bounds.counts & decided))
+    remaining = np.ones(near.row.size, dtype=bool)
+    remaining[straight] = (bounds.counts & ~decided)[:, 0]
+    return take(near, remaining)
 
 
 def _lost_later(near: Near, count: int, arcs: Pieces, bounds: Bounds) -> Array:
@@ -202,18 +202,22 @@ def _lost_later(near: Near, count: int, arcs: Pieces, bounds: Bounds) -> Array:
     """
     lost = bounds.counts & bounds.surely_lost
     m, p = np.nonzero(lost)
-    owner = near.row[m] * count + near.which[m]
+    owner = near.row[m] * count + near.number[m]
     _, first = first_of_each(owner, arcs.begin[m, p])
     lost[m[first], p[first]] = False
     return lost
 
 
-def _note(kept: Clearance, given: Pieces, which: Array, margin: Array, bounds: Bounds) -> None:
+def _note(
+    clearances: Clearance, pieces: Pieces, number: Array, margin: Array, bounds: Bounds
+) -> None:
     """Note what pieces ``[M, P]`` keep where it counts: the smallest margin and distance, m, and
     the first and the last loss, of each row and intruder or area.
     """
-    owner = given.row * kept.margin.shape[1] + which
-    flat = Clearance(*(field.reshape(-1) for field in kept))  # views: its arrays are contiguous
+    owner = pieces.row * clearances.margin.shape[1] + number
+    flat = Clearance(
+        *(field.reshape(-1) for field in clearances)
+    )  # views: its arrays are contiguous
     margin, distance = (
         np.where(bounds.counts, field, np.inf) for field in (margin, bounds.distance)
     )
@@ -230,16 +234,16 @@ def _note(kept: Clearance, given: Pieces, which: Array, margin: Array, bounds: B
         return
     p = np.argmax(lost[m], axis=1)
     # What is not a number is lost from the beginning of the piece.
-    lost_from = np.where(np.isnan(bounds.lost_from), given.begin, bounds.lost_from)
+    lost_from = np.where(np.isnan(bounds.lost_from), pieces.begin, bounds.lost_from)
     row, first = first_of_each(owner[m], lost_from[m, p])
     m_first, p_first = m[first], p[first]
     earlier = lost_from[m_first, p_first] < flat.loss[row]
     row, piece = row[earlier], (m_first[earlier], p_first[earlier])
-    flat.loss[row], flat.leg[row] = lost_from[piece], given.leg[piece[0]]
-    begin, end = given.begin[piece], given.end[piece]
+    flat.loss[row], flat.leg[row] = lost_from[piece], pieces.leg[piece[0]]
+    begin, end = pieces.begin[piece], pieces.end[piece]
     share = (flat.loss[row] - begin) / np.maximum(end - begin, 1e-9)
     for place, (first_end, last_end) in zip(
-        (flat.x, flat.y), ((given.x0, given.x1), (given.y0, given.y1)), strict=True
+        (flat.x, flat.y), ((pieces.x0, pieces.x1), (pieces.y0, pieces.y1)), strict=True
     ):
         place[row] = first_end[piece] + share * (last_end[piece] - first_end[piece])
     ends = np.where(lost[m], bounds.lost_until[m], -np.inf).max(axis=1)

@@ -12,14 +12,14 @@ import numpy as np
 
 from agents.kernel.clearance import CLOSE, ROUNDING, Bounds, Clearance
 from agents.kernel.scalar_clearance import (
-    KEPT,
+    CLEARANCE,
     Judged,
     are_trajectories,
     clear,
     judge_arcs,
     judge_straight_legs,
     no_parts,
-    write_kept,
+    write_clearance,
 )
 from agents.kernel.scalar_pieces import PIECE, write_arcs, write_whole_legs
 from agents.kernel.trajectory import STRAIGHT, Trajectory
@@ -38,60 +38,60 @@ class AreaKeeping(NamedTuple):
     levels: np.ndarray  # margins above are bounded coarsely, m, [N, K]
 
 
-class _Kept(NamedTuple):
+class _Keep(NamedTuple):
     """An area, and what one trajectory keeps from it."""
 
     area: FlatArea
     lines: Array  # records of edges, [E]
     required: float  # signed distance, m
-    known: Array  # a record of envs.flat_areas.SIDE, [1]
+    side: Array  # a record of envs.flat_areas.SIDE, [1]
 
 
 def fill_area_clearance(
     flown: Trajectory,
     rows: tuple[int, int],
-    which: tuple[int, int],
+    numbers: tuple[int, int],
     keeping: AreaKeeping,
-    kept: Clearance,
+    clearances: Clearance,
 ) -> None:
     """Fill in what trajectories keep from areas.
 
     Args:
         flown: the trajectories, contiguous.
         rows: number of the first one that is looked at, and the number after that of the last.
-        which: the same of the areas.
+        numbers: the same of the areas.
         keeping: what is kept.
-        kept: that is filled in.
+        clearances: filled in.
 
     Raises:
         ValueError: arrays are of other shapes than the trajectories and the areas.
     """
     pairs = flown.sagitta.shape[0], len(keeping.areas)
-    right = are_trajectories(flown, kept, pairs) and keeping.required.shape == pairs
+    right = are_trajectories(flown, clearances, pairs) and keeping.required.shape == pairs
     if not (right and keeping.levels.shape == pairs):
         raise ValueError("trajectories, areas and what is kept are not of the same shape")
     legs = flown.sagitta.shape[1]
     wholes, arcs = np.empty(legs, PIECE), np.empty((legs, ARCS), PIECE)
-    near, of_row = np.empty(legs, np.bool_), np.empty(len(keeping.areas), KEPT)
-    parts, known = no_parts(legs), np.empty(1, SIDE)
+    near, of_row = np.empty(legs, np.bool_), np.empty(len(keeping.areas), CLEARANCE)
+    parts, side = no_parts(legs), np.empty(1, SIDE)
     for row in range(rows[0], rows[1]):
         write_whole_legs(flown, row, wholes)
         write_arcs(flown, row, arcs)
         parts.ready[:] = False
-        for k in range(which[0], which[1]):
-            known[0].x = math.nan
-            area = _Kept(keeping.areas[k], keeping.lines, keeping.required[row, k], known)
+        for k in range(numbers[0], numbers[1]):
+            side[0].x = math.nan
+            area = _Keep(keeping.areas[k], keeping.lines, keeping.required[row, k], side)
             judged = Judged(area, _place, _bounds, keeping.levels[row, k], True)
             clear(of_row[k])
             _leave_out(arcs, judged, near, of_row[k])
             straight = near & (flown.sagitta[row] <= STRAIGHT)
             judge_straight_legs(wholes, straight, judged, False, near, of_row[k])
             judge_arcs(arcs, judged, -math.inf, near, parts, of_row[k])
-            write_kept(of_row[k], kept, row, k)
+            write_clearance(of_row[k], clearances, row, k)
 
 
 @scalar
-def _leave_out(arcs: Array, judged: Judged, near: np.ndarray, kept: Record) -> None:
+def _leave_out(arcs: Array, judged: Judged, near: np.ndarray, clearance: Record) -> None:
     """Write which legs come near an area, ``[L]``, and note bounds of the margins of all others, as
     :meth:`agents.kernel.areas.AreaClearance.near` does.
     """
@@ -107,13 +107,13 @@ def _leave_out(arcs: Array, judged: Judged, near: np.ndarray, kept: Record) -> N
                 near[leg] = near[leg] or not far > judged.level
                 margin = min(margin, far)
         if not near[leg]:
-            kept.margin = min(kept.margin, margin)
+            clearance.margin = min(clearance.margin, margin)
 
 
 @scalar
-def _place(kept: _Kept, time: float, x: float, y: float) -> tuple[float, float]:
+def _place(keep: _Keep, time: float, x: float, y: float) -> tuple[float, float]:
     """Return a place at a time, s, where the area stands still, m."""
-    return x - kept.area.vx * time, y - kept.area.vy * time
+    return x - keep.area.vx * time, y - keep.area.vy * time
 
 
 @scalar
@@ -149,19 +149,19 @@ def _far_bound(
 
 @scalar
 def _bounds(
-    kept: _Kept, piece: Record, begin: tuple[float, float], end: tuple[float, float]
+    keep: _Keep, piece: Record, begin: tuple[float, float], end: tuple[float, float]
 ) -> Bounds:
     """Return what a piece keeps from an area, in plain numbers, as
     :meth:`agents.kernel.areas.AreaClearance.bounds` does. In the area's frame it leads from one
     place to another, m.
     """
-    area, required = kept.area, kept.required
+    area, required = keep.area, keep.required
     tolerated = max(required - CLOSE, -ROUNDING)
     counts, bound, attained = _counts(area, piece), math.inf, math.inf
     if counts:
         bound = _far_bound(area, piece, begin, end)
         if not bound > required:
-            bound, attained = _chord_bounds(kept, piece, begin, end)
+            bound, attained = _chord_bounds(keep, piece, begin, end)
     return Bounds(
         bound,
         piece.begin,
@@ -178,14 +178,14 @@ def _bounds(
 
 @scalar
 def _chord_bounds(
-    kept: _Kept, piece: Record, begin: tuple[float, float], end: tuple[float, float]
+    keep: _Keep, piece: Record, begin: tuple[float, float], end: tuple[float, float]
 ) -> tuple[float, float]:
     """Return a lower bound of the signed distance in a piece by its chord, and the least value that
     is known to occur, m.
     """
-    area, lost = kept.area, _chord_error(piece) - _least_gain(kept.area, piece)
+    area, lost = keep.area, _chord_error(piece) - _least_gain(keep.area, piece)
     bound, first, last = chord_distances_of_one(
-        area, kept.lines, *begin, *end, kept.required + lost, kept.known[0]
+        area, keep.lines, *begin, *end, keep.required + lost, keep.side[0]
     )
     # Where the area counts for a part of a piece only, its ends decide nothing.
     if not (piece.begin >= area.begin and piece.end <= area.end):

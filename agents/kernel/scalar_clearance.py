@@ -18,7 +18,7 @@ from envs.arrays import Array, Record
 from envs.compiled import scalar
 from envs.waypoints import ARCS
 
-KEPT = np.dtype([(name, int if name == "leg" else float) for name in Clearance._fields])
+CLEARANCE = np.dtype([(name, int if name == "leg" else float) for name in Clearance._fields])
 """What is kept from an intruder or an area."""
 
 
@@ -54,36 +54,40 @@ def no_parts(legs: int) -> Parts:
 
 
 @scalar
-def are_trajectories(flown: Trajectory, kept: Clearance, pairs: tuple[int, int]) -> bool:
+def are_trajectories(flown: Trajectory, clearances: Clearance, pairs: tuple[int, int]) -> bool:
     """Return whether the arrays of trajectories have the shapes that they must have, and those of
     what they keep: compiled code would notice nothing.
     """
     rows, legs = flown.sagitta.shape
-    right = are_legs(flown.legs, rows, legs) and pairs[0] == rows and kept.leg.shape == pairs
+    right = are_legs(flown.legs, rows, legs) and pairs[0] == rows and clearances.leg.shape == pairs
     right = right and flown.bend.shape == (rows, legs, ARCS)
     for field in flown.states:
         right = right and field.shape == (rows, legs + 1)
     for field in flown[4:]:
         right = right and field.shape == (rows, legs)
-    for field in kept[:3] + kept[4:]:
+    for field in clearances[:3] + clearances[4:]:
         right = right and field.shape == pairs
     return right
 
 
 @scalar
-def clear(kept: Record) -> None:
+def clear(clearance: Record) -> None:
     """Write that nothing counts."""
-    kept.margin = kept.loss = kept.distance = math.inf
-    kept.x = kept.y = kept.distance_time = math.nan
-    kept.until, kept.leg = -math.inf, -1
+    clearance.margin = clearance.loss = clearance.distance = math.inf
+    clearance.x = clearance.y = clearance.distance_time = math.nan
+    clearance.until, clearance.leg = -math.inf, -1
 
 
 @scalar
-def write_kept(kept: Record, into: Clearance, row: int, k: int) -> None:
+def write_clearance(clearance: Record, into: Clearance, row: int, k: int) -> None:
     """Write what a trajectory keeps of the intruder or area of a number."""
-    into.margin[row, k], into.loss[row, k], into.until[row, k] = kept.margin, kept.loss, kept.until
-    into.leg[row, k], into.x[row, k], into.y[row, k] = kept.leg, kept.x, kept.y
-    into.distance[row, k], into.distance_time[row, k] = kept.distance, kept.distance_time
+    into.margin[row, k], into.loss[row, k], into.until[row, k] = (
+        clearance.margin,
+        clearance.loss,
+        clearance.until,
+    )
+    into.leg[row, k], into.x[row, k], into.y[row, k] = clearance.leg, clearance.x, clearance.y
+    into.distance[row, k], into.distance_time[row, k] = clearance.distance, clearance.distance_time
 
 
 @scalar
@@ -93,7 +97,7 @@ def judge_straight_legs(
     judged: Judged,
     closest: bool,
     near: np.ndarray,
-    kept: Record,
+    clearance: Record,
 ) -> None:
     """Note what legs of uniform motion keep where that decides, which are near no longer; ``[L]``
     each.
@@ -104,7 +108,7 @@ def judge_straight_legs(
             decides = bounds.exact or (not closest and bounds.margin >= judged.level)
             near[leg] = bounds.counts and not decides
             if bounds.counts and decides:
-                _note(kept, leg, wholes[leg], bounds, bounds.exact)
+                _note(clearance, leg, wholes[leg], bounds, bounds.exact)
 
 
 @scalar
@@ -114,7 +118,7 @@ def judge_arcs(
     nearest: float,
     near: np.ndarray,
     parts: Parts,
-    kept: Record,
+    clearance: Record,
 ) -> None:
     """Note what the arcs of legs that are near keep, ``[L]``; in parts where that does not decide,
     or where they may be as near as the nearest, m.
@@ -132,7 +136,7 @@ def judge_arcs(
                     decides, lost = decides or lost, True
                 unclear[leg, number] = bounds.counts and not decides
                 if bounds.counts and decides:
-                    _note(kept, leg, arc, bounds, bounds.exact)
+                    _note(clearance, leg, arc, bounds, bounds.exact)
     for leg in range(len(near)):
         for number in range(ARCS):
             if unclear[leg, number]:
@@ -140,7 +144,7 @@ def judge_arcs(
                 if not parts.ready[leg, number]:
                     write_parts(arc, x, y)
                     parts.ready[leg, number] = True
-                _judge_parts(arc, x, y, parts.room, judged, leg, kept)
+                _judge_parts(arc, x, y, parts.room, judged, leg, clearance)
 
 
 @scalar
@@ -151,7 +155,7 @@ def _judge_parts(
     room: Array,
     judged: Judged,
     leg: int,
-    kept: Record,
+    clearance: Record,
 ) -> None:
     """Note what the parts of an arc keep, which begin and end at places, m, ``[FINE + 1]`` each."""
     lasts, part = (arc.end - arc.begin) / FINE, room[0]
@@ -164,7 +168,7 @@ def _judge_parts(
         bounds = judged.bounds(judged.of, part, begin, end)
         begin = end
         if bounds.counts:
-            _note(kept, leg, part, bounds, True)
+            _note(clearance, leg, part, bounds, True)
 
 
 @scalar
@@ -176,22 +180,22 @@ def _bounds(piece: Record, judged: Judged) -> Bounds:
 
 
 @scalar
-def _note(kept: Record, leg: int, piece: Record, bounds: Bounds, tolerant: bool) -> None:
+def _note(clearance: Record, leg: int, piece: Record, bounds: Bounds, tolerant: bool) -> None:
     """Note what a piece of a leg keeps: the smallest margin and distance, the first and the last
     loss.
     """
     margin = bounds.tolerant if tolerant else bounds.margin
-    if margin < kept.margin or math.isnan(margin):
-        kept.margin = margin
-    if bounds.distance < kept.distance:
-        kept.distance, kept.distance_time = bounds.distance, bounds.nearest
+    if margin < clearance.margin or math.isnan(margin):
+        clearance.margin = margin
+    if bounds.distance < clearance.distance:
+        clearance.distance, clearance.distance_time = bounds.distance, bounds.nearest
     if margin >= 0.0:
         return
-    kept.until = max(kept.until, bounds.lost_until)
+    clearance.until = max(clearance.until, bounds.lost_until)
     # What is not a number is lost from the beginning of the piece.
     lost_from = piece.begin if math.isnan(bounds.lost_from) else bounds.lost_from
-    if lost_from < kept.loss:
+    if lost_from < clearance.loss:
         share = (lost_from - piece.begin) / max(piece.end - piece.begin, 1e-9)
-        kept.loss, kept.leg = lost_from, leg
-        kept.x = piece.x0 + share * (piece.x1 - piece.x0)
-        kept.y = piece.y0 + share * (piece.y1 - piece.y0)
+        clearance.loss, clearance.leg = lost_from, leg
+        clearance.x = piece.x0 + share * (piece.x1 - piece.x0)
+        clearance.y = piece.y0 + share * (piece.y1 - piece.y0)

@@ -21,14 +21,14 @@ from agents.kernel.chords import (
 )
 from agents.kernel.clearance import CLOSE, ROUNDING, Bounds, Clearance
 from agents.kernel.scalar_clearance import (
-    KEPT,
+    CLEARANCE,
     Judged,
     are_trajectories,
     clear,
     judge_arcs,
     judge_straight_legs,
     no_parts,
-    write_kept,
+    write_clearance,
 )
 from agents.kernel.scalar_pieces import PIECE, write_arcs, write_whole_legs
 from agents.kernel.traffic import STRAIGHT as STRAIGHT_TURN
@@ -92,7 +92,7 @@ def fill_clearance(
     keeping: Keeping,
     closest: bool,
     few: bool,
-    kept: Clearance,
+    clearances: Clearance,
 ) -> None:
     """Fill in what trajectories keep from intruders.
 
@@ -103,14 +103,14 @@ def fill_clearance(
         keeping: what is kept.
         closest: whether the smallest distance of each trajectory is to be exact.
         few: whether no leg is left out because its chord is far away.
-        kept: that is filled in.
+        clearances: filled in.
 
     Raises:
         ValueError: arrays are of other shapes than the trajectories and the intruders.
     """
-    _check_shapes(flown, keeping, kept)
+    _check_shapes(flown, keeping, clearances)
     count, legs = keeping.required.shape[1], flown.sagitta.shape[1]
-    intruders, of_row = np.empty(count, _INTRUDER), np.empty(count, KEPT)
+    intruders, of_row = np.empty(count, _INTRUDER), np.empty(count, CLEARANCE)
     wholes, arcs = np.empty(legs, PIECE), np.empty((legs, ARCS), PIECE)
     near = np.empty((count, legs), np.bool_)
     parts = no_parts(legs)
@@ -130,14 +130,14 @@ def fill_clearance(
         for k in range(count):
             judged = Judged(intruders[k], _relative_place, _bounds, keeping.levels[row, k], False)
             judge_arcs(arcs, judged, nearest, near[k], parts, of_row[k])
-            write_kept(of_row[k], kept, row, k)
+            write_clearance(of_row[k], clearances, row, k)
 
 
 @scalar
-def _check_shapes(flown: Trajectory, keeping: Keeping, kept: Clearance) -> None:
+def _check_shapes(flown: Trajectory, keeping: Keeping, clearances: Clearance) -> None:
     """Raise ValueError where an array is not as large as it must be: nothing else would notice."""
     traffic, pairs = keeping.traffic, keeping.levels.shape
-    right = are_trajectories(flown, kept, pairs)
+    right = are_trajectories(flown, clearances, pairs)
     right = right and traffic.mask.shape == pairs and keeping.required.shape == pairs
     right = right and (len(keeping.least) == 0 or keeping.least.shape == pairs)
     for field in traffic.state:
@@ -246,7 +246,7 @@ def _leave_out(
     closest: bool,
     few: bool,
     near: np.ndarray,
-    kept: Array,
+    clearances: Array,
 ) -> None:
     """Write which legs must be judged against which intruders, ``[K, L]``, and note bounds of the
     margins of all others, as :meth:`agents.kernel.separation.Separation.near` does.
@@ -282,17 +282,17 @@ def _leave_out(
                     closest and (bound[k, leg] <= attained or margin[k, leg] <= least)
                 )
                 if not near[k, leg]:
-                    kept[k].margin = min(kept[k].margin, margin[k, leg])
+                    clearances[k].margin = min(clearances[k].margin, margin[k, leg])
 
 
 @scalar
-def _nearest_end(arcs: Array, intruders: Array, near: np.ndarray, kept: Array) -> float:
+def _nearest_end(arcs: Array, intruders: Array, near: np.ndarray, clearances: Array) -> float:
     """Return the smallest distance that is known to occur, at the ends of arcs that are near, or on
     legs that are judged, m.
     """
     nearest = math.inf
     for k in range(len(near)):
-        nearest, intruder = min(nearest, kept[k].distance), intruders[k]
+        nearest, intruder = min(nearest, clearances[k].distance), intruders[k]
         for leg in range(near.shape[1]):
             if near[k, leg]:
                 for number in range(ARCS):

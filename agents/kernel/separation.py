@@ -50,13 +50,13 @@ class Separation(NamedTuple):
         """
         return False
 
-    def rows(self, which: Array) -> "Separation":
+    def rows(self, numbers: Array) -> "Separation":
         """Return what some trajectories keep, by their numbers."""
-        traffic, required, least = take((self.traffic, self.required, self.least), which)
+        traffic, required, least = take((self.traffic, self.required, self.least), numbers)
         return Separation(traffic, required, least, self.sigmas)
 
     def fill(
-        self, flown: Trajectory[Any], levels: Array, kept: Clearance, *, closest: bool
+        self, flown: Trajectory[Any], levels: Array, clearances: Clearance, *, closest: bool
     ) -> bool:
         """Fill in what is kept by compiled code; return whether there is any."""
         if not FILL_CLEARANCE.ready:
@@ -73,11 +73,11 @@ class Separation(NamedTuple):
         step = max(_PAIRS // max(legs * self.size, 1), 1)
         for first in range(0, rows, step):
             end, few = min(first + step, rows), self.size <= _FEW
-            FILL_CLEARANCE(flown, first, end, keeping, closest, few, kept)
+            FILL_CLEARANCE(flown, first, end, keeping, closest, few, clearances)
         return True
 
     def near(
-        self, flown: Trajectory[Any], levels: Array, kept: Clearance, *, closest: bool
+        self, flown: Trajectory[Any], levels: Array, clearances: Clearance, *, closest: bool
     ) -> Near:
         """Return the legs that must be judged piece by piece, and note the bounds of all others.
 
@@ -105,64 +105,64 @@ class Separation(NamedTuple):
             away = np.sqrt(x * x + y * y)[:, :-1]
             # Where an intruder does not count at the beginning of a leg, its distance there is no
             # finding.
-            told = wide.mask & (begin >= 0.0) & within_window(wide, begin, begin)
+            begins = wide.mask & (begin >= 0.0) & within_window(wide, begin, begin)
             begin_margin = away - (required + growth(wide, np.maximum(begin, 0.0), self.sigmas))
             attained, least = (
-                np.where(told, values, np.inf).min(axis=(1, 2), keepdims=True, initial=np.inf)
+                np.where(begins, values, np.inf).min(axis=(1, 2), keepdims=True, initial=np.inf)
                 for values in (away, begin_margin)
             )
             near |= (bound <= attained) | (margin <= least)
         near &= counts
         far = np.where(counts & ~near, margin, np.inf).min(axis=1, initial=np.inf)
-        np.minimum(kept.margin, far, out=kept.margin)
+        np.minimum(clearances.margin, far, out=clearances.margin)
         return Near(*np.nonzero(near))
 
-    def bounds(self, given: Pieces, which: Array) -> Bounds:
+    def bounds(self, pieces: Pieces, number: Array) -> Bounds:
         """Return what pieces keep of the separation from an intruder each, by their numbers
         ``[M]``.
 
         The tolerance :data:`CLOSE` is for the margin, and for parts alone; the separation itself is
         kept but for rounding.
         """
-        pair = given.row, which
+        pair = pieces.row, number
         traffic = column(take(self.traffic, pair))
-        chord = chords(given, traffic)
-        counts = (given.end > 0.0) & within_window(traffic, given.begin, given.end)
+        chord = chords(pieces, traffic)
+        counts = (pieces.end > 0.0) & within_window(traffic, pieces.begin, pieces.end)
         attained, straight = chord.attained, chord.sagitta <= STRAIGHT
         if traffic.window is not None:
-            inside = (given.begin >= traffic.window.begin) & (given.end <= traffic.window.end)
+            inside = (pieces.begin >= traffic.window.begin) & (pieces.end <= traffic.window.end)
             attained, straight = np.where(inside, attained, np.inf), straight & inside
         # At the end; and of straight pieces at the beginning, half-way and at the end, each a part
         # later, since of parts the end counts. What grows is convex: its secant is never less.
-        middle = 0.5 * (given.begin + given.end)
-        later = (time + given.part for time in (given.begin, middle, given.end))
-        grown = growth(traffic, np.stack([given.end, *later]), self.sigmas)
+        middle = 0.5 * (pieces.begin + pieces.end)
+        later = (time + pieces.part for time in (pieces.begin, middle, pieces.end))
+        grown = growth(traffic, np.stack([pieces.end, *later]), self.sigmas)
         required = self.required[pair][:, None] + grown
         required = tolerated = np.broadcast_to(required, (4, *counts.shape))
         if self.least is not None:
             tolerated = np.maximum(required - CLOSE, self.least[pair][:, None] - ROUNDING)
         margin, tolerant = (chord.distance - distances[0] for distances in (required, tolerated))
-        enters, leaves = (np.array(field) for field in (given.begin, given.end))
+        enters, leaves = (np.array(field) for field in (pieces.begin, pieces.end))
         some = np.nonzero(straight & counts)
         if some[0].size:
-            line, length = take(chord, some), (given.end - given.begin)[some]
+            line, length = take(chord, some), (pieces.end - pieces.begin)[some]
             begin, end = (
                 distances[some] + np.broadcast_to(error, counts.shape)[some] + line.sagitta
                 for distances, error in (
-                    (tolerated[1], given.error_begin),
-                    (tolerated[3], given.error),
+                    (tolerated[1], pieces.error_begin),
+                    (tolerated[3], pieces.error),
                 )
             )
             tolerant[some] = least_margin(line, begin, end, np)
             margin[some] = tolerant[some] - (required - tolerated).max(axis=0)[some]
             first, last = shares_lost(line, begin, end, np)
-            enters[some] = given.begin[some] + first * length
-            leaves[some] = given.begin[some] + last * length
+            enters[some] = pieces.begin[some] + first * length
+            leaves[some] = pieces.begin[some] + last * length
         exact = straight & (0.5 * (tolerated[1] + tolerated[3]) - tolerated[2] <= SECANT)
         return Bounds(
             distance=chord.distance,
             nearest=np.where(
-                straight, given.begin + chord.share * (given.end - given.begin), given.begin
+                straight, pieces.begin + chord.share * (pieces.end - pieces.begin), pieces.begin
             ),
             margin=margin,
             tolerant=tolerant,

@@ -176,14 +176,17 @@ def same_flight(reports: Traffic, age: Array, traffic: Traffic) -> Array:
     They are looked at where they stand, half-way through the turn, at its end and long after it:
     two arcs of one rate through the same points are the same, two straight lines too.
     """
-    said, used = (map_leaves(np.ravel, given) for given in (reports, traffic))
+    reported, used = (map_leaves(np.ravel, source) for source in (reports, traffic))
     turn = used.turn_time[:, None]
     times = np.concatenate([turn * np.array([0.0, 0.5, 1.0]), turn + 500.0], axis=1)
-    there = positions(column(said), times + np.ravel(age)[:, None])
-    here = positions(column(used), times)
-    near = np.hypot(there[0] - here[0], there[1] - here[1]).max(axis=1) <= _SAME_PLACE
-    alike = (used.turn_time == 0.0) | (said.turn_rate == used.turn_rate)
-    return (near & alike & (said.mask == used.mask)).reshape(np.shape(age))
+    reported_at = positions(column(reported), times + np.ravel(age)[:, None])
+    used_at = positions(column(used), times)
+    near = (
+        np.hypot(reported_at[0] - used_at[0], reported_at[1] - used_at[1]).max(axis=1)
+        <= _SAME_PLACE
+    )
+    alike = (used.turn_time == 0.0) | (reported.turn_rate == used.turn_rate)
+    return (near & alike & (reported.mask == used.mask)).reshape(np.shape(age))
 
 
 def advance_reports(reports: Traffic, age: Array) -> Traffic:

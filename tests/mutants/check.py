@@ -348,7 +348,7 @@ _PROFILE = (
     ("start + climb * corner, climb + change", "start + climb * corner, change"),
     ("rise - climb * time", "rise"),
     ("TWO * more.magnitude() / acceleration", "more.magnitude() / acceleration"),
-    ("TWO * more / (time + left.root())", "more / time"),
+    ("TWO * more / (time + discriminant.root())", "more / time"),
     ("(TWO * ball(profile.acceleration))", "ball(profile.acceleration)"),
     ("ball(profile.margin) + (ball(levels.high)", "(ball(levels.high)"),
     ("    check_climbs(profile, pieces)\n", ""),
@@ -395,7 +395,7 @@ _PROOF = (
 _REFUSAL = (
     ("if not holds:", "if holds is None:"),
     ("_MOST_WORK = 300_000", "_MOST_WORK = 3_000_000"),
-    ("self.left >= 0", "self.left >= -100"),
+    ("self.remaining >= 0", "self.remaining >= -100"),
 )
 
 _AIRCRAFT = (

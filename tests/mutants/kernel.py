@@ -64,9 +64,9 @@ _OF_SEPARATION = (
     ("near |= (bound <= attained) | (margin <= least)", "near |= bound <= attained"),
     ("counts = wide.mask & (end > 0.0)", "counts = (end > 0.0)"),
     # What is required.
-    ("middle, given.end))", "middle, middle))"),
+    ("middle, pieces.end))", "middle, middle))"),
     ("tolerated = np.maximum(required - CLOSE, ", "tolerated = np.minimum(required - CLOSE, "),
-    ("counts = (given.end > 0.0) & within_window", "counts = within_window"),
+    ("counts = (pieces.end > 0.0) & within_window", "counts = within_window"),
     (
         "begin, end = (\n                distances[some] + ",
         "begin, end = (\n                distances[some] - ",
@@ -79,8 +79,8 @@ _OF_CHORDS = (
     ("xp.where(faster, nearest + after, 1.0)", "xp.where(faster, nearest, 1.0)"),
     ("xp.where(c < 0.0, 0.0, c /", "xp.where(c < 0.0, 1.0, c /"),
     ("acceleration * (0.125 * lasts**2)", "acceleration * (0.0125 * lasts**2)"),
-    ("largest_sagitta(given.bend + turn,", "largest_sagitta(given.bend,"),
-    ("largest_sagitta(given.bend + turn,", "largest_sagitta(turn,"),
+    ("largest_sagitta(pieces.bend + turn,", "largest_sagitta(pieces.bend,"),
+    ("largest_sagitta(pieces.bend + turn,", "largest_sagitta(turn,"),
     ("near - loss - error", "near - error"),
     ("near - loss - error", "near - loss"),
 )
@@ -102,9 +102,9 @@ _OF_SCALAR_CLEARANCE = (
     ("not closest and bounds.margin >= judged.level", "bounds.margin >= judged.level"),
     ("and not bounds.distance <= nearest", ""),
     ("decides or lost, True", "decides, True"),
-    ("margin < kept.margin or", "margin > kept.margin or"),
-    ("lost_from < kept.loss", "lost_from > kept.loss"),
-    ("max(kept.until, bounds.lost_until)", "bounds.lost_until"),
+    ("margin < clearance.margin or", "margin > clearance.margin or"),
+    ("lost_from < clearance.loss", "lost_from > clearance.loss"),
+    ("max(clearance.until, bounds.lost_until)", "bounds.lost_until"),
 )
 
 _OF_SCALAR_AREAS = (
@@ -131,11 +131,11 @@ _OF_AREAS = (
     ("return chord.bound + grown - lost,", "return chord.bound + grown,"),
     ("return chord.bound + grown - lost,", "return chord.bound - lost,"),
     ("np.maximum(required - CLOSE, -ROUNDING)", "required - 100.0"),
-    ("0.125 * given.bend * (given.end - given.begin) ** 2 + given.error", "given.error"),
-    ("(given.end >= active.begin) & (given.begin <= active.end)", "(given.end >= active.begin)"),
-    ("away + _least_gain(area, given) - _chord_error(given)", "away + _least_gain(area, given)"),
+    ("0.125 * pieces.bend * (pieces.end - pieces.begin) ** 2 + pieces.error", "pieces.error"),
+    ("(pieces.end >= active.begin) & (pieces.begin <= active.end)", "(pieces.end >= active.begin)"),
+    ("away + _least_gain(area, pieces) - _chord_error(pieces)", "away + _least_gain(area, pieces)"),
     ("np.where(away > 0.0, away, -np.inf)", "away"),
-    ("np.minimum(gain(area) * given.begin,", "np.maximum(gain(area) * given.begin,"),
+    ("np.minimum(gain(area) * pieces.begin,", "np.maximum(gain(area) * pieces.begin,"),
 )
 
 _OF_TRAFFIC = (

@@ -17,16 +17,16 @@ _OF_MONITOR = (
     ("state=int(State.DENIED), on_backup=True, causes", "state=int(State.DENIED), causes"),
     ("causes |= np.where(~idle & ~backup.safe, int(Cause.BACKUP_UNSAFE), 0)", "pass"),
     ("causes |= np.where(~idle & (backup.depth > 0.0), int(Cause.BACKUP_IN_AREA), 0)", "pass"),
-    ("causes |= np.where(asked.refused, int(Cause.REFUSED), 0)", "pass"),
-    ("causes |= np.where(asked.silent, int(Cause.NO_ANSWER), 0)", "pass"),
+    ("causes |= np.where(requests.refused, int(Cause.REFUSED), 0)", "pass"),
+    ("causes |= np.where(requests.silent, int(Cause.NO_ANSWER), 0)", "pass"),
     ("causes & int(BLIND | LOST), causes)", "causes, causes)"),
     # When the backup is flown, and when it is left.
     ("urgent = measured.loss <= thresholds.urgent", "urgent = measured.loss > thresholds.urgent"),
-    ("(asked.hopeless | (asked.held_up & urgent))", "asked.hopeless"),
-    ("(asked.hopeless | (asked.held_up & urgent))", "(asked.held_up & urgent)"),
-    ("(asked.hopeless | (asked.held_up & urgent))", "(asked.hopeless | asked.held_up)"),
-    ("has(causes, UNSAFE) & (asked", "(asked"),
-    ("ended = now - monitor.started >= monitor.plan.end", "ended = now < 0.0"),
+    ("(requests.hopeless | (requests.held_up & urgent))", "requests.hopeless"),
+    ("(requests.hopeless | (requests.held_up & urgent))", "(requests.held_up & urgent)"),
+    ("(requests.hopeless | (requests.held_up & urgent))", "(requests.hopeless | requests.held_up)"),
+    ("has(causes, UNSAFE) & (requests", "(requests"),
+    ("ended = time - monitor.started >= monitor.plan.end", "ended = time < 0.0"),
     ("(monitor.on_backup | ((at_once | ended) & ~blind)) & ~idle", "(at_once | ended) & ~blind"),
     ("((at_once | ended) & ~blind)", "(at_once | ended)"),
     # When a plan is asked for.
@@ -44,7 +44,7 @@ _OF_MONITOR = (
     ("sighted = np.flatnonzero(~(idle | blind))", "sighted = np.flatnonzero(~idle)"),
     # Which state wins.
     ("has(causes, LOST) | (wants & unanswered)", "has(causes, LOST)"),
-    ("unanswered=asked.refused | asked.silent", "unanswered=asked.refused"),
+    ("unanswered=requests.refused | requests.silent", "unanswered=requests.refused"),
     (
         "has(causes, BLIND), on_backup, denied, wants],\n        [State.IDLE, State.DENIED, State.BACKUP,",
         "on_backup, has(causes, BLIND), denied, wants],\n        [State.IDLE, State.BACKUP, State.DENIED,",
@@ -54,8 +54,11 @@ _OF_MONITOR = (
     ("& (monitor.answered[rows] < number)", ""),
     ("np.asarray(safe) & current & ~blind", "np.asarray(safe) & current"),
     ("        - thresholds.resolution\n", "        + 10.0\n"),
-    ("(kept.margin >= 0.0).all(axis=-1) & ~from_areas.lost", "~from_areas.lost"),
-    ("(kept.margin >= 0.0).all(axis=-1) & ~from_areas.lost", "(kept.margin >= 0.0).all(axis=-1)"),
+    ("(clearances.margin >= 0.0).all(axis=-1) & ~from_areas.lost", "~from_areas.lost"),
+    (
+        "(clearances.margin >= 0.0).all(axis=-1) & ~from_areas.lost",
+        "(clearances.margin >= 0.0).all(axis=-1)",
+    ),
     ("causes=result.causes[refused] | int(Cause.REFUSED)", "causes=result.causes[refused]"),
     ("seeing = rows[current & ~accepted & ~blind]", "seeing = rows[current & ~accepted]"),
     ("result.on_backup[seeing] | has(result.causes[seeing], UNSAFE)", "result.on_backup[seeing]"),
@@ -80,7 +83,7 @@ _OF_CONFORMANCE = (
     ("self.leave * limit", "limit"),
     # What is measured against the plan.
     ("~has(causes, BLIND), latch", "has(causes, BLIND) | True, latch"),
-    ("thresholds.plan_ending - left, 0.0", "-left, 0.0"),
+    ("thresholds.plan_ending - remaining, 0.0", "-remaining, 0.0"),
     ("np.hypot(off.cross_track, off.along_track)", "np.abs(off.cross_track)"),
     ("np.where(concern, deviations.share_of(thresholds), 0.0)", "deviations.share_of(thresholds)"),
     ("np.where(follows_plan(monitor), -1, ~int(WANTING & ~_REPORTS))", "np.full(since.shape, -1)"),
@@ -153,30 +156,30 @@ _OF_CLIMBS = (
 
 _OF_INPUTS = (
     # Which reports count.
-    ("(given.time > memory.time)", "(given.time >= memory.time)"),
+    ("(inputs.time > memory.time)", "(inputs.time >= memory.time)"),
     ("good = sane & ordered & clock\n", "good = sane & ordered\n"),
     ("good = sane & ordered & clock\n", "good = sane & clock\n"),
-    ("        & _spread(given.position_std)\n", ""),
-    ("        & _spread(given.velocity_std)\n", ""),
-    ("np.where(given.mask, memory.seen, -np.inf)", "memory.seen"),
+    ("        & _spread(inputs.position_std)\n", ""),
+    ("        & _spread(inputs.velocity_std)\n", ""),
+    ("np.where(inputs.mask, memory.reported, -np.inf)", "memory.reported"),
     (
-        "good = sane & ordered & clock[:, None] & given.mask",
-        "good = sane & clock[:, None] & given.mask",
+        "good = sane & ordered & clock[:, None] & inputs.mask",
+        "good = sane & clock[:, None] & inputs.mask",
     ),
-    ("good = sane & ordered & clock[:, None] & given.mask", "good = sane & ordered & given.mask"),
+    ("good = sane & ordered & clock[:, None] & inputs.mask", "good = sane & ordered & inputs.mask"),
     # What lies in them.
     ("outside = speed > _SIGMAS * memory.velocity_std", "outside = speed > np.inf"),
     ("outside |= turn > thresholds.turn_rate_min + _SIGMAS * memory.turn_std", "pass"),
     ('outside |= excess(thresholds.traffic["position_std"], memory.position_std) > 0.0', "pass"),
     ('outside |= excess(thresholds.traffic["velocity_std"], memory.velocity_std) > 0.0', "pass"),
     (
-        "~(now - memory.seen <= thresholds.intruder_age)",
-        "now - memory.seen > thresholds.intruder_age + 1.0",
+        "~(time - memory.reported <= thresholds.intruder_age)",
+        "time - memory.reported > thresholds.intruder_age + 1.0",
     ),
     ("velocity_std=np.hypot(memory.velocity_std, turned)", "velocity_std=memory.velocity_std"),
     # What is believed of reports.
     (
-        "missing = known.doubtful | ~np.isfinite(sightings.time)",
+        "missing = beliefs.doubtful | ~np.isfinite(sightings.time)",
         "missing = ~np.isfinite(sightings.time)",
     ),
     ("age=np.where(missing, 0.0, time - sightings.time)", "age=np.zeros(np.shape(missing))"),
@@ -189,7 +192,7 @@ _OF_TRACKER = (
 )
 
 _OF_FRAMES = (
-    ("intruders=state(memory.intruders, memory.seen)", "intruders=memory.intruders"),
+    ("intruders=state(memory.intruders, memory.reported)", "intruders=memory.intruders"),
     ("areas=_areas(memory, old, new)", "areas=memory.areas"),
     ("expected=traffic(monitor.expected, monitor.started)", "expected=monitor.expected"),
     (
@@ -197,14 +200,14 @@ _OF_FRAMES = (
         "request_traffic=monitor.request_traffic",
     ),
     ("turned_error(turn, new.wind.std - old.wind.std)", "0.0 * turn"),
-    ("(given.turn_time + given.age)", "given.turn_time"),
+    ("(old_traffic.turn_time + old_traffic.age)", "old_traffic.turn_time"),
     (
-        "there = new.to_air(old.to_ground(given, time), time)",
-        "there = new.to_air(old.to_ground(given, 0.0 * time), 0.0 * time)",
+        "there = new.to_air(old.to_ground(old_state, time), time)",
+        "there = new.to_air(old.to_ground(old_state, 0.0 * time), 0.0 * time)",
     ),
     (
-        "state = self.to_air(given.state, time - given.age)",
-        "state = self.to_air(given.state, time)",
+        "state = self.to_air(report.state, time - report.age)",
+        "state = self.to_air(report.state, time)",
     ),
 )
 

@@ -185,7 +185,7 @@ def test_an_intruder_stands_once_for_each_of_its_times() -> None:
     state = VehicleState(*(np.zeros((1, 3)) for _ in range(4)))
     columns = met.columns(Traffic.straight(state))
     assert columns.mask.tolist() == [[True, True, False, False, True, False]]
-    assert met.each(np.array([[1.0, 2.0, 3.0]])).tolist() == [[1.0, 1.0, 2.0, 2.0, 3.0, 3.0]]
+    assert met.repeat(np.array([[1.0, 2.0, 3.0]])).tolist() == [[1.0, 1.0, 2.0, 2.0, 3.0, 3.0]]
     whole = met.all_times
     assert whole.begin[0, 0] <= 0.0 and whole.end[0, 0] == math.inf
     assert whole.begin[0, 1] > whole.end[0, 1]  # never

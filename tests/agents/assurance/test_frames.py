@@ -160,7 +160,7 @@ def test_what_is_remembered_stays_where_it_is_over_the_ground() -> None:
         memory = monitor.memory
         return [
             air.to_ground(memory.own, memory.own_time),
-            air.to_ground(memory.intruders, memory.seen),
+            air.to_ground(memory.intruders, memory.reported),
             air.to_ground(monitor.expected.state, monitor.started[:, None]),
             air.to_ground(monitor.request_traffic.state, monitor.requested_at[:, None]),
         ]
@@ -192,7 +192,7 @@ def test_intruders_keep_what_is_known_of_them_in_whatever_place() -> None:
     watch, _ = watch_flight(NO_WIND)
     before = watch.monitor
     moved = rearrange(before, [-1, 0, -1], THRESHOLDS)
-    assert np.isfinite(moved.memory.seen).tolist() == [[False, True, False]]
+    assert np.isfinite(moved.memory.reported).tolist() == [[False, True, False]]
     assert moved.expected.mask.tolist() == [[False, True, False]]
     back = rearrange(moved, [1], THRESHOLDS)
     map_leaves(np.testing.assert_array_equal, back, before)

@@ -105,7 +105,7 @@ def test_a_repeated_report_is_in_order_however_its_age_rounds() -> None:
         ages = {"own_age": np.array([later + jitter]), "age": np.full((1, 1), later + jitter)}
         monitor, _ = tell(monitor, 1.0 + later, on_plan(1.0), far(1.0), **ages)
         assert not causes_of(monitor) & (Cause.OWN_OUT_OF_ORDER | Cause.INTRUDER_OUT_OF_ORDER)
-        known.append((float(monitor.memory.own_time[0]), float(monitor.memory.seen[0, 0])))
+        known.append((float(monitor.memory.own_time[0]), float(monitor.memory.reported[0, 0])))
     # And the times that are known never go back.
     assert known == sorted(known)
 
@@ -386,7 +386,7 @@ def test_a_report_whose_accuracy_is_no_size_is_no_report(name: str, std: float) 
     monitor, _ = tell(flying(), 0.0)
     monitor, _ = tell(monitor, 1.0, **{name: np.full((1, 1), std)})
     assert causes_of(monitor) & Cause.INTRUDER_MISSING
-    assert monitor.memory.seen[0, 0] == 0.0
+    assert monitor.memory.reported[0, 0] == 0.0
     assert monitor.memory.position_std[0, 0] == monitor.memory.velocity_std[0, 0] == 0.0
 
 
@@ -407,7 +407,7 @@ def test_what_does_not_count_changes_nothing_that_is_remembered(time: float, age
         position_std=np.full((1, 1), 3.0),
     )
     after = assurance.step(monitor, given, THRESHOLDS)[0].memory
-    for name in ("own", "own_time", "intruders", "seen", "position_std", "turn_rate", "turn_std"):
+    for name in ("own", "own_time", "intruders", "reported", "position_std", "turn_rate", "turn_std"):
         for had, kept in zip(flat(getattr(before, name)), flat(getattr(after, name)), strict=True):
             np.testing.assert_array_equal(had, kept)
 

@@ -169,7 +169,7 @@ def work_of(data: Any) -> int:
     """Return the work that a proof takes, of a certificate that is accepted."""
     work = Work()
     accept(data, work)
-    return work.most - work.left
+    return work.most - work.remaining
 
 
 def threshold(holds: Callable[[float], bool], low: float, high: float) -> float:

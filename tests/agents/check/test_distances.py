@@ -245,7 +245,7 @@ def test_work_is_bounded() -> None:
     accept(far, Work(101))
     with pytest.raises(RefusedError, match="takes more than 100 parts of arcs"):
         accept(far, Work(100))
-    assert Work().left == 300_000
+    assert Work().remaining == 300_000
 
 
 # Clearances: 120 m to be kept from an area.
