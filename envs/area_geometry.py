@@ -112,11 +112,11 @@ def _signed_distances(area: Area, x: Array, y: Array) -> Array:
     if isinstance(area.shape, Circle):
         return sign * (np.hypot(x - area.shape.x, y - area.shape.y) - area.shape.radius)
     lines = edges(area.shape)
-    out = np.empty(x.shape)
+    distances = np.empty(x.shape)
     for rows in _chunks(x.size, lines.x.size):
         nearest = _to_edges(lines, x[rows], y[rows])
-        out[rows] = np.where(inside(lines, x[rows], y[rows]), -nearest, nearest)
-    return sign * out
+        distances[rows] = np.where(inside(lines, x[rows], y[rows]), -nearest, nearest)
+    return sign * distances
 
 
 def chord_distances(area: Area, parts: Parts, enough: Array = np.inf) -> Distances:
@@ -215,9 +215,9 @@ def _sides(lines: Edges, parts: Parts, meets: Array, follows: Array) -> tuple[Ar
         follows: at whose end the next one begins, bool ``[M]``.
     """
     # A chord that meets no edge ends on the side on which it begins, and the next one begins there.
-    known = np.append(False, (follows & ~meets)[:-1])
-    heads = np.flatnonzero(~known)
-    first = inside(lines, parts.x0[heads], parts.y0[heads])[np.cumsum(~known) - 1]
+    continues = np.append(False, (follows & ~meets)[:-1])
+    heads = np.flatnonzero(~continues)
+    first = inside(lines, parts.x0[heads], parts.y0[heads])[np.cumsum(~continues) - 1]
     last = first.copy()
     last[meets] = inside(lines, parts.x1[meets], parts.y1[meets])
     return first, last

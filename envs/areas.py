@@ -342,8 +342,8 @@ def check_simple(name: str, ring: Ring, numbers: Sequence[int] | None = None) ->
         for m in {(n + 1) % count, (n - 1) % count} & set(later.tolist()):
             hit[m - n - 1] = _leads_back(ring, n, m)
         if hit.any():
-            both = n, int(later[np.argmax(hit)])
-            first, second = both if numbers is None else (numbers[k] for k in both)
+            sides = n, int(later[np.argmax(hit)])
+            first, second = sides if numbers is None else (numbers[k] for k in sides)
             raise RingError(
                 f"{name} crosses or touches itself: its edge from point {first} and its edge from "
                 f"point {second}, expected edges that meet at their ends only"

@@ -110,23 +110,24 @@ def chord_distances_of_one(
     x1: float,
     y1: float,
     enough: float,
-    known: Record,
+    side: Record,
 ) -> tuple[float, float, float]:
     """Return :func:`envs.area_geometry.chord_distances` of a chord in an area's own frame, m.
 
     On which side of a polygon's edges it is, the winding tells as there, since this decides whether
     plans are safe: the proof is of the winding (proofs/Area.v, ``winding_constant``). It takes
-    several times as long as rays do. Where a chord ends is ``known``, a :data:`SIDE`, to the next.
+    several times as long as rays do. On which ``side`` a chord ends, a :data:`SIDE`, the next one
+    is told.
     """
     if area.first_edge == area.end_edge:
         return _circle_distances(area, x0, y0, x1, y1)
     begin, end, apart = _edge_distances(area, lines, (x0, y0, x1, y1), enough)
-    begins_inside = known.inside
-    if not (known.x == x0 and known.y == y0):
+    begins_inside = side.inside
+    if not (side.x == x0 and side.y == y0):
         begins_inside = _winds(area, lines, x0, y0)
     # A chord that meets no edge ends on the side on which it begins.
     ends_inside = begins_inside if apart > 0.0 else _winds(area, lines, x1, y1)
-    known.x, known.y, known.inside = x1, y1, ends_inside
+    side.x, side.y, side.inside = x1, y1, ends_inside
     length = distance(x1 - x0, y1 - y0, FLOATS)
     return _signed(area, begin, end, apart, length, begins_inside, ends_inside)
 

@@ -71,19 +71,19 @@ def intersection(first: Limits, second: Limits) -> Limits:
     Raises:
         ValueError: they share less than 1 m/s of speed.
     """
-    both = Limits(
+    limits = Limits(
         speed_min=max(first.speed_min, second.speed_min),
         speed_max=min(first.speed_max, second.speed_max),
         acceleration_min=max(first.acceleration_min, second.acceleration_min),
         acceleration_max=min(first.acceleration_max, second.acceleration_max),
         yaw_rate_max=min(first.yaw_rate_max, second.yaw_rate_max),
     )
-    if both.speed_min >= both.speed_max - 1.0:
+    if limits.speed_min >= limits.speed_max - 1.0:
         raise ValueError(
             f"allows {second.speed_min:g} to {second.speed_max:g} m/s; expected a range that "
             f"overlaps {first.speed_min:g} to {first.speed_max:g} m/s by more than 1 m/s"
         )
-    return both
+    return limits
 
 
 @scalar

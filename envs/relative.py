@@ -173,12 +173,12 @@ def leg_separation_in_space(
     bend = 0.125 * dt * distance(last.vx - first.vx, last.vy - first.vy, np)
     most = bend + np.maximum(distance(first.x, first.y, np), distance(last.x, last.y, np))
     nearest = np.where(level >= most, level, apart)
-    both = rises & (level < most)
-    if both.any():
+    within = rises & (level < most)
+    if within.any():
         first, last = (
-            RelativeMotion(*(field[both] for field in motion)) for motion in (first, last)
+            RelativeMotion(*(field[within] for field in motion)) for motion in (first, last)
         )
-        nearest[both] = _nearest_in_space(first, last, (begin[both], end[both]), dt)
+        nearest[within] = _nearest_in_space(first, last, (begin[within], end[within]), dt)
     return nearest
 
 

@@ -103,7 +103,7 @@ def begin(
         own=encounter.own,
         goal_x=encounter.goal_x,
         goal_y=encounter.goal_y,
-        intruders=_each(partial(intruder.start, xp=xp), xp, encounter.intruders),
+        intruders=_map_intruders(partial(intruder.start, xp=xp), xp, encounter.intruders),
         mask=encounter.mask,
         intent=encounter.intent,
         sensor=encounter.sensor,
@@ -120,7 +120,7 @@ def begin(
 
 def _carry_back(vehicles: Vehicles, seconds: Array, xp: ArrayModule) -> Vehicles:
     """Return where intruders ``[..., K]`` were some seconds ago if they flew straight until now."""
-    return _each(lambda vehicle: carry_back(vehicle, seconds, xp), xp, vehicles)
+    return _map_intruders(lambda vehicle: carry_back(vehicle, seconds, xp), xp, vehicles)
 
 
 def step(
@@ -175,7 +175,7 @@ def move_intruders(state: State, dt: float, xp: ArrayModule) -> Intruders:
     if state.reaction is not None:  # arrays alone
         answers = partial(answer, own=beside(state.own), reaction=state.reaction, xp=xp)
         return intruder.step(state.intruders, state.intent, time, dt, xp, answers=answers)
-    return _each(
+    return _map_intruders(
         lambda moving, intent: intruder.step(moving, intent, time, dt, xp),
         xp,
         state.intruders,
@@ -209,7 +209,7 @@ def evaluate(
         rules = rules._replace(separation=state.required_separation)
     begin, end, dt = beside((state.own, own, rules.dt))
     if flatness is None:
-        separations = _each(
+        separations = _map_intruders(
             lambda old, new: leg_separation(begin, end, old.vehicle, new.vehicle, dt, xp),
             xp,
             state.intruders,
@@ -221,7 +221,9 @@ def evaluate(
         separations = leg_separation_in_space((begin, end), vehicles, above, flatness, dt)
     if state.separation is not None:
         distance_scale = _distance_scales(state.separation, usual, xp)
-        separations = _each(lambda apart, times: apart * times, xp, separations, distance_scale)
+        separations = _map_intruders(
+            lambda apart, times: apart * times, xp, separations, distance_scale
+        )
     separation = smallest(separations, state.mask, xp)
     goal_distance = distance(state.goal_x - own.x, state.goal_y - own.y, xp)
     steps = state.steps + 1.0
@@ -260,7 +262,7 @@ def perceive_intruders(state: State, noise: Array | None, dt: Array, xp: ArrayMo
         return vehicles
     # Where no history is kept no report is late, and earlier states have no weight.
     earlier = (vehicles, vehicles) if state.previous is None else state.previous
-    return _each(
+    return _map_intruders(
         lambda a, b, c, draws: perceive(a, b, c, state.sensor, draws, dt, xp),
         xp,
         vehicles,
@@ -280,7 +282,7 @@ def distance_scales(state: State | Encounter, aircraft: Aircraft, xp: ArrayModul
 
 
 def _distance_scales(separation: Array, usual: Array, xp: ArrayModule) -> Array:
-    return _each(lambda own: usual / own, xp, separation)
+    return _map_intruders(lambda own: usual / own, xp, separation)
 
 
 def known_intruders(state: State, aircraft: Aircraft, xp: ArrayModule) -> Array:
@@ -303,7 +305,9 @@ def _in_own_separations(
     distance_scale = distance_scales(state, aircraft, xp)
     if distance_scale is None:
         return perceived
-    return _each(partial(at_distance_scale, beside(state.own)), xp, perceived, distance_scale)
+    return _map_intruders(
+        partial(at_distance_scale, beside(state.own)), xp, perceived, distance_scale
+    )
 
 
 def observe(
@@ -349,7 +353,7 @@ def smallest(values: Array, mask: Array, xp: ArrayModule) -> Array:
     return xp.min(xp.where(mask, values, xp.inf), axis=-1)
 
 
-def _each(function: Callable[..., Any], xp: ArrayModule, *trees: Any) -> Any:
+def _map_intruders(function: Callable[..., Any], xp: ArrayModule, *trees: Any) -> Any:
     """Apply a function to arrays ``[..., K]`` at once, and to tuples of K plain ones one after
     another.
     """
@@ -359,4 +363,4 @@ def _each(function: Callable[..., Any], xp: ArrayModule, *trees: Any) -> Any:
 
 
 def _vehicles(intruders: Intruders, xp: ArrayModule) -> Vehicles:
-    return _each(lambda moving: moving.vehicle, xp, intruders)
+    return _map_intruders(lambda moving: moving.vehicle, xp, intruders)

@@ -103,23 +103,23 @@ def _check_published(encounters: list[LincolnEncounter], source: str) -> None:
     """Raise a TrackError where the encounters as flown are not those whose miss distances the file
     has: their speeds are in another unit, or their headings are others.
     """
-    known = [
+    compared = [
         encounter
         for encounter in encounters
         if math.isfinite(encounter.miss) and math.isfinite(encounter.time)
     ]
-    if len(known) < _FEWEST_PUBLISHED:
+    if len(compared) < _FEWEST_PUBLISHED:
         return
-    known = known[:_MOST_PUBLISHED]
-    off = _off_published(known, 1.0)
+    compared = compared[:_MOST_PUBLISHED]
+    off = _off_published(compared, 1.0)
     if off <= _OFF_PUBLISHED:
         return
-    by_unit = {unit: _off_published(known, value / FOOT) for unit, value in UNITS.items()}
+    by_unit = {unit: _off_published(compared, value / FOOT) for unit, value in UNITS.items()}
     likely = min(by_unit, key=by_unit.__getitem__)
     fits = by_unit[likely] <= _OFF_PUBLISHED
     question = f": are they in {likely}?" if fits else ""
     raise TrackError(
-        f"{source}, field v_ftps: with these speeds the flights of {len(known)} encounters miss "
+        f"{source}, field v_ftps: with these speeds the flights of {len(compared)} encounters miss "
         f"each other by {off:.0f} m more or less than published, in the median, expected at most "
         f"{_OFF_PUBLISHED:g} m{question}"
     )

@@ -67,9 +67,9 @@ def local(latitude: Array, longitude: Array, reference: tuple[float, float]) -> 
     """
     latitude, longitude = np.asarray(latitude, np.float64), np.asarray(longitude, np.float64)
     start = np.full(latitude.shape, reference[1]), np.full(latitude.shape, reference[0])
-    out, back, length = map(np.asarray, wgs84().inv(*start, longitude, latitude, radians=True))
-    convergence = np.where(length > 1e-6, wrap(back + np.pi - out, np), 0.0)
-    return Place(length * np.sin(out), length * np.cos(out), convergence)
+    azimuth, back, length = map(np.asarray, wgs84().inv(*start, longitude, latitude, radians=True))
+    convergence = np.where(length > 1e-6, wrap(back + np.pi - azimuth, np), 0.0)
+    return Place(length * np.sin(azimuth), length * np.cos(azimuth), convergence)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,12 +91,12 @@ class LocalFrame:
         :meth:`place`.
         """
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-        out, length = np.arctan2(x, y), np.hypot(x, y)
+        azimuth, length = np.arctan2(x, y), np.hypot(x, y)
         start = np.full(x.shape, self.longitude), np.full(x.shape, self.latitude)
-        longitude, latitude, back = wgs84().fwd(*start, np.degrees(out), length)
+        longitude, latitude, back = wgs84().fwd(*start, np.degrees(azimuth), length)
         longitude = np.remainder(np.asarray(longitude) + 180.0, 360.0) - 180.0
         # At the origin the geodesic has no direction.
-        turn = np.where(length > 1e-6, wrap(np.radians(back) + math.pi - out, np), 0.0)
+        turn = np.where(length > 1e-6, wrap(np.radians(back) + math.pi - azimuth, np), 0.0)
         return Geodetic(np.asarray(latitude), longitude, turn)
 
 
@@ -111,8 +111,8 @@ def displacement(
     """Return the way from one point to another, both in degrees, as true east and north at the
     first, m.
     """
-    out, _, length = wgs84().inv(longitude_a, latitude_a, longitude_b, latitude_b)
-    return length * math.sin(math.radians(out)), length * math.cos(math.radians(out))
+    azimuth, _, length = wgs84().inv(longitude_a, latitude_a, longitude_b, latitude_b)
+    return length * math.sin(math.radians(azimuth)), length * math.cos(math.radians(azimuth))
 
 
 def fly_straight(

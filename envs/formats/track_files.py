@@ -138,9 +138,9 @@ def _header(
         unit_name = unit[1:-1] if unit.startswith("[") and unit.endswith("]") else unit
         scale = si(unit_name, family)
         if scale is None or (unit_name == unit and unit_name.lower() != "unitless"):
-            known = ", ".join(FAMILIES[family])
+            listed = ", ".join(FAMILIES[family])
             raise TrackError(
-                f"{where_units}, field {key}: unit {unit!r}, expected one in brackets of {known}"
+                f"{where_units}, field {key}: unit {unit!r}, expected one in brackets of {listed}"
             )
         if key in fields:
             raise TrackError(f"{where}: column {key} stands twice")

@@ -38,7 +38,7 @@ _NOSE_TO_TAIL = [
 ]
 _OUTLINE = np.array([*_NOSE_TO_TAIL, (-0.34, 0.24), (-0.48, 0.24), (-0.44, 0.0)])
 _AIRCRAFT = np.concatenate([_OUTLINE, _OUTLINE[-2:0:-1] * (1.0, -1.0)])
-_VERDICTS = {
+_OUTCOMES = {
     "reached": ("goal reached", GOAL),
     "violation": ("separation lost", VIOLATION),
     "timeout": ("out of time", _INK),
@@ -169,7 +169,7 @@ class Drawing:
         self._title = header(left, 0.968, "left", color=_INK, fontsize=11, fontweight="bold")
         self._figures = header(left, 0.935, "left", color=_INK, fontsize=9)
         self._clock = header(right, 0.968, "right", color=_INK, fontsize=11, fontweight="bold")
-        self._verdict = header(right, 0.935, "right", color=_FAINT, fontsize=9, fontweight="bold")
+        self._outcome = header(right, 0.935, "right", color=_FAINT, fontsize=9, fontweight="bold")
 
     def _place(self, scene: Picture) -> None:
         """Move what belongs to the route, and the edges of the picture."""
@@ -273,5 +273,5 @@ class Drawing:
             f"separation {scene.separations[-1].min() / 1000.0:.2f} km   "
             f"least {smallest / 1000.0:.2f} km   own speed {speed[0]:.0f} m/s"
         )
-        verdict, colour = _VERDICTS.get(scene.outcome, ("", _FAINT))
-        self._verdict.set(text=verdict, color=colour)
+        text, colour = _OUTCOMES.get(scene.outcome, ("", _FAINT))
+        self._outcome.set(text=text, color=colour)

@@ -84,7 +84,7 @@ def begin(
     """
     vx, vy = velocity
     zero = 0.0 * (vx + declared[0] + declared[1])
-    known = xp.maximum(zero + declared[0], _UNKNOWN)
+    position_std = xp.maximum(zero + declared[0], _UNKNOWN)
     return Agreement(
         zero + 1.0,
         zero,
@@ -101,7 +101,7 @@ def begin(
         zero,
         zero,
         zero,
-        known * known,
+        position_std * position_std,
         zero,
         zero + _BIAS_PRIOR**2,
         zero,
@@ -204,12 +204,12 @@ def worse(
         declared: one sigma per axis of position and velocity, m and m/s.
         xp: the array module.
     """
-    known = (
+    declared_std = (
         xp.maximum(before.position_std, declared[0]),
         xp.maximum(before.velocity_std, declared[1]),
     )
-    further = after.position_std > _GROWN * xp.maximum(known[0], ROUNDING[0])
-    faster = after.velocity_std > _GROWN * xp.maximum(known[1], ROUNDING[1])
+    further = after.position_std > _GROWN * xp.maximum(declared_std[0], ROUNDING[0])
+    faster = after.velocity_std > _GROWN * xp.maximum(declared_std[1], ROUNDING[1])
     biased = xp.logical_and(after.biased, xp.logical_not(before.biased))
     return xp.logical_or(xp.logical_or(further, faster), biased)
 

@@ -220,18 +220,18 @@ def mix(first: Estimate[F], second: Estimate[F], share: Array) -> Estimate[F]:
     What the means differ by adds to the covariance of both axes alike, half of the squared distance
     to each: the trace is that of the mixture.
     """
-    rest = 1.0 - share
+    other_share = 1.0 - share
     px, py = second.x - first.x, second.y - first.y
     vx, vy = second.vx - first.vx, second.vy - first.vy
     ax, ay = second.ax - first.ax, second.ay - first.ay
-    apart, a, b = 0.5 * rest * share, first.covariance, second.covariance
+    apart, a, b = 0.5 * other_share * share, first.covariance, second.covariance
     covariance = Covariance(
-        rest * a.pp + share * b.pp + apart * (px * px + py * py),
-        rest * a.pv + share * b.pv + apart * (px * vx + py * vy),
-        rest * a.pa + share * b.pa + apart * (px * ax + py * ay),
-        rest * a.vv + share * b.vv + apart * (vx * vx + vy * vy),
-        rest * a.va + share * b.va + apart * (vx * ax + vy * ay),
-        rest * a.aa + share * b.aa + apart * (ax * ax + ay * ay),
+        other_share * a.pp + share * b.pp + apart * (px * px + py * py),
+        other_share * a.pv + share * b.pv + apart * (px * vx + py * vy),
+        other_share * a.pa + share * b.pa + apart * (px * ax + py * ay),
+        other_share * a.vv + share * b.vv + apart * (vx * vx + vy * vy),
+        other_share * a.va + share * b.va + apart * (vx * ax + vy * ay),
+        other_share * a.aa + share * b.aa + apart * (ax * ax + ay * ay),
     )
     return Estimate(
         first.x + share * px,

@@ -24,8 +24,8 @@ def _follow(
     extended, jumped = extend(tracks, reports, dt, FLOATS)
     if jumped:
         extended = restart(extended, FLOATS)
-    here = shift(extended, reports.state.x, reports.state.y)
-    return here, belief(here, FLOATS), jumped
+    local = shift(extended, reports.state.x, reports.state.y)
+    return local, belief(local, FLOATS), jumped
 
 
 def _examples() -> list[Arguments]:

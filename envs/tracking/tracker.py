@@ -70,7 +70,7 @@ class Reports(NamedTuple, Generic[F]):
     state: VehicleState[F]
     position_std: Array  # one sigma per axis, m, as declared; 0: exact, or unknown
     velocity_std: Array  # m/s
-    known: Array = True  # whether both are declared, bool
+    declared: Array = True  # whether both are declared, bool
 
 
 class Tracks(NamedTuple, Generic[F]):
@@ -114,7 +114,7 @@ def begin(reports: Reports[F], xp: ArrayModule = np) -> Tracks[F]:
         VehicleState(state.x + zero, state.y + zero, state.heading + zero, state.speed + zero),
         reports.position_std + zero,
         reports.velocity_std + zero,
-        xp.logical_and(reports.known, zero == 0.0),
+        xp.logical_and(reports.declared, zero == 0.0),
     )
     declared = reports.position_std, reports.velocity_std
     agreement = agreements.begin(velocity(reports.state, xp), declared, xp)
@@ -171,7 +171,7 @@ def extend(
             state,
             reports.position_std + zero,
             reports.velocity_std + zero,
-            xp.logical_and(reports.known, zero == 0.0),
+            xp.logical_and(reports.declared, zero == 0.0),
         ),
         straight,
         turning,
@@ -204,21 +204,21 @@ def _measure(reports: Reports[F], agreement: Agreement, xp: ArrayModule) -> Meas
     """
     vx, vy = velocity(reports.state, xp)
     bias_x, bias_y, bias_variance = agreements.bias(agreement, xp)
-    variances = _variances(agreement, reports.known, bias_variance, xp)
+    variances = _variances(agreement, reports.declared, bias_variance, xp)
     x, y = reports.state.x, reports.state.y
     return Measurement(x, y, vx + bias_x, vy + bias_y, variances[0], variances[1])
 
 
 @scalar
 def _variances(
-    agreement: Agreement, known: Array, bias_variance: Array, xp: ArrayModule
+    agreement: Agreement, declared: Array, bias_variance: Array, xp: ArrayModule
 ) -> tuple[Array, Array]:
     """Return the variances of the newest reports as the filters take them in, per axis, m^2 and
-    m^2/s^2; ``known``: of which reports the errors are declared.
+    m^2/s^2; ``declared``: of which reports the errors are declared.
     """
     hidden = agreements.hidden(agreement, xp)
-    near = xp.maximum(agreement.position_std, xp.where(known, ROUNDING[0], hidden[0]))
-    fast = xp.maximum(agreement.velocity_std, xp.where(known, ROUNDING[1], hidden[1]))
+    near = xp.maximum(agreement.position_std, xp.where(declared, ROUNDING[0], hidden[0]))
+    fast = xp.maximum(agreement.velocity_std, xp.where(declared, ROUNDING[1], hidden[1]))
     return near * near, fast * fast + _BIASED * bias_variance
 
 
@@ -267,7 +267,7 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
     bias = xp.sqrt(bias_x * bias_x + bias_y * bias_y)
     exact = xp.logical_and(least[0] == 0.0, least[1] == 0.0)
     shown = xp.logical_or(xp.logical_or(near > least[0], fast > least[1]), bias > 0.0)
-    averaged = xp.logical_and(newest.known, xp.logical_not(exact))
+    averaged = xp.logical_and(newest.declared, xp.logical_not(exact))
     passes = xp.logical_not(xp.logical_or(shown, averaged))
 
     flown = mix(tracks.straight, tracks.turning, tracks.turns)
@@ -276,7 +276,7 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
     # Which of two is wrong that differ by so much, nobody knows.
     doubtful = bias > _BOTH * xp.maximum(speed, reported.speed)
     # The newest report alone is as good as this.
-    alone = _variances(agreement, newest.known, bias_variance, xp)
+    alone = _variances(agreement, newest.declared, bias_variance, xp)
     c = flown.covariance
     place, motion = xp.clip(c.pp, 0.0, alone[0]), xp.clip(c.vv, 0.0, alone[1])
     # The error of a bias is the same in many reports, so that the filters average none of it.
@@ -289,7 +289,7 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
     # Errors that nobody declared need not be white: no average makes them smaller.
     position_std = xp.where(near > least[0], xp.maximum(position_std, near), position_std)
     velocity_std = xp.where(fast > least[1], xp.maximum(velocity_std, fast), velocity_std)
-    unknown = xp.logical_not(newest.known)
+    unknown = xp.logical_not(newest.declared)
     position_std = xp.where(unknown, xp.maximum(position_std, least[0]), position_std)
     velocity_std = xp.where(unknown, xp.maximum(velocity_std, least[1]), velocity_std)
     position_std = xp.where(doubtful, math.inf, position_std)
@@ -299,7 +299,7 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
     c = tracks.turning.covariance
     turn_std = xp.sqrt(xp.maximum(c.aa + rate * rate * c.vv, 0.0) / xp.maximum(squared, 1.0))
     rate = xp.where(turns, rate, 0.0)
-    known = xp.logical_and(xp.logical_and(passes, exact), newest.known)
+    passes_exactly = xp.logical_and(xp.logical_and(passes, exact), newest.declared)
     return Belief(
         VehicleState(
             xp.where(passes, reported.x, flown.x),
@@ -307,8 +307,8 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
             xp.where(passes, reported.heading, atan2(flown.vy, flown.vx, xp)),
             xp.where(passes, reported.speed, speed),
         ),
-        xp.where(known, xp.clip(tracks.rate, -FASTEST_TURN, FASTEST_TURN), rate),
-        xp.where(xp.logical_or(known, xp.logical_not(turns)), 0.0, turn_std),
+        xp.where(passes_exactly, xp.clip(tracks.rate, -FASTEST_TURN, FASTEST_TURN), rate),
+        xp.where(xp.logical_or(passes_exactly, xp.logical_not(turns)), 0.0, turn_std),
         xp.where(passes, least[0], position_std),
         xp.where(passes, least[1], velocity_std),
         bias,
@@ -325,7 +325,7 @@ def shift(tracks: Tracks[F], x: Array, y: Array) -> Tracks[F]:
             VehicleState(at.x - x, at.y - y, at.heading, at.speed),
             newest.position_std,
             newest.velocity_std,
-            newest.known,
+            newest.declared,
         ),
         _shifted(tracks.straight, x, y),
         _shifted(tracks.turning, x, y),
@@ -338,9 +338,15 @@ def shift(tracks: Tracks[F], x: Array, y: Array) -> Tracks[F]:
 
 
 @scalar
-def _shifted(given: Estimate[F], x: Array, y: Array) -> Estimate[F]:
+def _shifted(estimate: Estimate[F], x: Array, y: Array) -> Estimate[F]:
     return Estimate(
-        given.x - x, given.y - y, given.vx, given.vy, given.ax, given.ay, given.covariance
+        estimate.x - x,
+        estimate.y - y,
+        estimate.vx,
+        estimate.vy,
+        estimate.ax,
+        estimate.ay,
+        estimate.covariance,
     )
 
 
@@ -377,11 +383,11 @@ def observe(
     extended, jumps = extend(sightings.tracks, reports, flown)
     if np.any(jumps & new):
         extended = map_leaves(
-            lambda anew, kept: np.where(jumps, anew, kept), restart(extended), extended
+            lambda anew, old: np.where(jumps, anew, old), restart(extended), extended
         )
-    known = elapsed <= _SILENCE
+    recent = elapsed <= _SILENCE
     tracks = map_leaves(
-        lambda kept, extended, first: np.where(new, np.where(known, extended, first), kept),
+        lambda old, extended, first: np.where(new, np.where(recent, extended, first), old),
         sightings.tracks,
         extended,
         first,

@@ -171,7 +171,9 @@ def _states(track: Track, start: float, steps: int, dt: float) -> np.ndarray:
     ``[4, steps + 1]``.
     """
     times = start + dt * np.arange(steps + 1)
-    known = at_times(track, np.minimum(times, track.time[-1]))
+    track_at = at_times(track, np.minimum(times, track.time[-1]))
     overtime = np.maximum(times - track.time[-1], 0.0)
-    x, y = known.x + known.vx * overtime, known.y + known.vy * overtime
-    return np.stack([x, y, np.arctan2(known.vy, known.vx), np.hypot(known.vx, known.vy)])
+    x, y = track_at.x + track_at.vx * overtime, track_at.y + track_at.vy * overtime
+    return np.stack(
+        [x, y, np.arctan2(track_at.vy, track_at.vx), np.hypot(track_at.vx, track_at.vy)]
+    )

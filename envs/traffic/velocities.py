@@ -107,7 +107,7 @@ def describe(off: Mismatch, name: str, unit: float) -> str:
 
 def _likely_unit(value: float) -> str | None:
     """Return the unit of a value, m/s, or None."""
-    distances = {unit: abs(math.log(value / known)) for unit, known in UNITS.items()}
+    distances = {unit: abs(math.log(value / factor)) for unit, factor in UNITS.items()}
     unit = min(distances, key=distances.__getitem__)
     return unit if distances[unit] <= math.log(_NEAR) else None
 

@@ -108,13 +108,13 @@ def thin(rings: Sequence[Array], most: int, least: float) -> tuple[list[Array], 
     """
     distance = least
     while True:
-        thinned = [ring[_kept(ring, distance)] for ring in rings]
+        thinned = [ring[_kept_points(ring, distance)] for ring in rings]
         if sum(map(len, thinned)) <= most:
             return thinned, distance
         distance *= 2.0
 
 
-def _kept(ring: Array, distance: float) -> Array:
+def _kept_points(ring: Array, distance: float) -> Array:
     """Return which points of a ring are kept, in their order; three at least."""
     far = int(np.argmax(np.hypot(*(ring - ring[0]).T)))
     closed = np.concatenate([ring, ring[:1]])
