@@ -92,14 +92,14 @@ def read(path: str | os.PathLike[str]) -> Network:
             f"{source}: {len(numbers)} numbers, expected {begin + ends[-1]} for the sizes {sizes}"
         )
     parts = np.split(numbers[begin:], ends[:-1].astype(int))
-    low, high, mean, span, *rest = (
+    low, high, mean, span, *matrices = (
         part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)
     )
     if not ((low < high).all() and (span > 0.0).all()):
         raise NnetError(
             f"{source}: expected maxima of the inputs above their minima, and ranges above 0"
         )
-    return Network(tuple(rest[::2]), tuple(rest[1::2]), low, high, mean, span)
+    return Network(tuple(matrices[::2]), tuple(matrices[1::2]), low, high, mean, span)
 
 
 @dataclass(frozen=True)

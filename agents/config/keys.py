@@ -77,9 +77,9 @@ def markdown(
     begin with ``but``.
     """
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
-    known = set(keys(beside)) if beside is not None else set[Key]()
+    shared = set(keys(beside)) if beside is not None else set[Key]()
     for key in keys(model):
-        if key not in known and not key.name.startswith(but):
+        if key not in shared and not key.name.startswith(but):
             cells = (f"`{key.name}`", _short(key.expected), f"`{key.default}`", key.text)
             rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(rows) + "\n"
@@ -104,22 +104,22 @@ def field_at(
 
     Where a path ends inside a list or tuple of plain values, the answer is the field that holds it.
     """
-    here: FieldInfo | type[BaseModel] | None = model
+    node: FieldInfo | type[BaseModel] | None = model
     for step in path:
-        if isinstance(here, FieldInfo):
-            inner, listed = nested_model(here.annotation)
+        if isinstance(node, FieldInfo):
+            inner, listed = nested_model(node.annotation)
             if isinstance(step, int) or (listed and step.isdecimal()):
-                here = inner if listed and inner is not None else here
+                node = inner if listed and inner is not None else node
                 continue
             # Anything else that pydantic puts into a location names a branch of a union, not a key.
-            here = inner
-        if here is None:
+            node = inner
+        if node is None:
             return None
-        if step not in here.model_fields:
-            own = here.model_config.get("extra") == "allow" and is_extension(str(step))
+        if step not in node.model_fields:
+            own = node.model_config.get("extra") == "allow" and is_extension(str(step))
             return FieldInfo(annotation=float) if own else None
-        here = here.model_fields[str(step)]
-    return here
+        node = node.model_fields[str(step)]
+    return node
 
 
 def moved_to(model: type[BaseModel], path: Sequence[str | int]) -> str | None:

@@ -61,9 +61,9 @@ def _with_places(
 
 
 def _backward(
-    kept: tuple[jax.Array, jax.Array, jax.Array], gradient: jax.Array
+    residuals: tuple[jax.Array, jax.Array, jax.Array], gradient: jax.Array
 ) -> tuple[jax.Array, jax.Array, None]:
-    traffic, kernel, places = kept
+    traffic, kernel, places = residuals
     numbers = jnp.arange(traffic.shape[-2])[:, None]
     of_each = jnp.where(places[..., None, :] == numbers, gradient[..., None, :], 0.0)
     rows, of_rows = traffic.reshape(-1, traffic.shape[-1]), of_each.reshape(-1, kernel.shape[-1])

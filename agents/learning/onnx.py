@@ -381,8 +381,8 @@ def _properties(content: PolicyFile) -> dict[str, str]:
     """Return the model's metadata: what the policy's numbers mean and which policy it is, JSON but
     for the digests.
     """
-    kept = ("schema", "scene", "observation", "action", "limits", "task", "family", "inputs")
-    parts = {name: canonical(content.metadata[name]) for name in kept if name in content.metadata}
+    names = ("schema", "scene", "observation", "action", "limits", "task", "family", "inputs")
+    parts = {name: canonical(content.metadata[name]) for name in names if name in content.metadata}
     return {
         "policy_sha256": content.sha256,
         "training_config_sha256": content.metadata["training"]["config_sha256"],

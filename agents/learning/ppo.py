@@ -403,8 +403,11 @@ def explained_variance(
     """
     if axis is None:
         return 1.0 - jnp.var(target - value) / (jnp.var(target) + 1e-8)
-    (_, left), (_, whole) = _moments((target - value).ravel(), axis), _moments(target.ravel(), axis)
-    return 1.0 - jnp.square(left) / (jnp.square(whole) + 1e-8)
+    (_, unexplained), (_, whole) = (
+        _moments((target - value).ravel(), axis),
+        _moments(target.ravel(), axis),
+    )
+    return 1.0 - jnp.square(unexplained) / (jnp.square(whole) + 1e-8)
 
 
 def mean_of_devices(tree: Any, axis: str) -> Any:
@@ -421,11 +424,11 @@ def _moments(
     """Return mean and standard deviation along the last axis, of all devices' values where there is
     an axis of them.
     """
-    here = values.mean(axis=-1)
+    own_mean = values.mean(axis=-1)
     if axis is None:
-        return here, values.std(axis=-1)
+        return own_mean, values.std(axis=-1)
     # One message: the variance over all is that within the devices and that of their means.
     mean, square, within = jax.lax.pmean(
-        jnp.stack([here, jnp.square(here), values.var(axis=-1)]), axis
+        jnp.stack([own_mean, jnp.square(own_mean), values.var(axis=-1)]), axis
     )
     return mean, jnp.sqrt(within + jnp.maximum(square - jnp.square(mean), 0.0))

@@ -46,10 +46,10 @@ def end_speed(
 
     The present speed where it is enough; else, accelerating at once by as much as the limits allow.
     """
-    gain, left = limits.acceleration_max, xp.maximum(seconds, 0.0)
-    missing = length - speed * left
-    square = gain * gain * left * left - 2.0 * gain * missing
-    more = gain * left - xp.sqrt(xp.maximum(square, 0.0))
+    gain, time = limits.acceleration_max, xp.maximum(seconds, 0.0)
+    missing = length - speed * time
+    square = gain * gain * time * time - 2.0 * gain * missing
+    more = gain * time - xp.sqrt(xp.maximum(square, 0.0))
     hurry = missing > 0.0
     final_speed = xp.where(hurry, speed + more, speed)
     enough = xp.logical_and(square >= 0.0, final_speed <= limits.speed_max)

@@ -58,7 +58,7 @@ class _Active(NamedTuple):
     """Escapes in the air; fields ``[M]``."""
 
     row: Array  # their numbers
-    which: Array  # number of the encounter
+    owner: Array  # number of the encounter
     goal: tuple[Array, Array]  # m
     counting: Counting  # how the intruders count, [M, K]
     manoeuvre: Manoeuvre
@@ -144,7 +144,7 @@ unsolved.
 def fly_out(
     encounter: Encounter,
     traffic: VehicleState[Air],
-    which: Array,
+    owner: Array,
     manoeuvre: Manoeuvre,
     rules: Rules,
     limits: Limits,
@@ -155,38 +155,41 @@ def fly_out(
     """Fly escapes ``[M]`` of encounters ``[N]`` to their ends, against intruders ``[T + 1, N, K]``.
 
     Args:
-        which: number of the encounter that each escape belongs to, ``[M]``.
+        owner: number of the encounter that each escape belongs to, ``[M]``.
         scoring: go on after a violation, to learn by how much it was missed; otherwise an escape is
             dropped there.
         first: without scoring, drop all of an encounter's escapes as soon as one of them has
             reached the goal.
     """
     outcome = EscapeOutcome(
-        arrival=np.full(which.size, np.nan),
-        separation=np.full(which.size, np.inf),
-        path=np.full(which.size, np.nan),
+        arrival=np.full(owner.size, np.nan),
+        separation=np.full(owner.size, np.inf),
+        path=np.full(owner.size, np.nan),
     )
     solved = np.zeros(np.shape(encounter.goal_x), dtype=bool)
-    goal = take((encounter.goal_x, encounter.goal_y), which)
-    flight, intruders = takeoff(take(encounter.own, which), manoeuvre), take(traffic, (0, which))
+    goal = take((encounter.goal_x, encounter.goal_y), owner)
+    flight, intruders = (
+        takeoff(take(encounter.own, owner), manoeuvre),
+        take(traffic, (0, owner)),
+    )
     active = _Active(
-        row=np.arange(which.size),
-        which=which,
+        row=np.arange(owner.size),
+        owner=owner,
         goal=goal,
-        counting=take(count_in(encounter, rules), which),
+        counting=take(count_in(encounter, rules), owner),
         manoeuvre=manoeuvre,
         flight=flight,
         intruders=intruders,
-        length=np.zeros(which.size),
+        length=np.zeros(owner.size),
         to_goal=distance(goal[0] - flight.own.x, goal[1] - flight.own.y, np),
     )
     for index in range(steps(rules)):
-        after = take(traffic, (index + 1, active.which))
+        after = take(traffic, (index + 1, active.owner))
         active, judged = _fly_one(active, index, after, outcome, rules, limits, scoring=scoring)
         going_on = ~judged.ended(np)
         if first and not scoring:
-            solved[active.which[judged.reached]] = True
-            going_on &= ~solved[active.which]
+            solved[active.owner[judged.reached]] = True
+            going_on &= ~solved[active.owner]
         if not going_on.all():
             active = take(active, going_on)
             if active.row.size == 0:
@@ -207,10 +210,17 @@ def _fly_one(
     """Fly the step numbered ``index`` against traffic that is somewhere after it, and note what
     has ended; return the escapes after it and how it was judged.
     """
-    both = active.intruders, after
+    intruders = active.intruders, after
     start = index * rules.dt
     step = fly_step(
-        active.flight, active.manoeuvre, start, active.goal, both, active.counting, rules, limits
+        active.flight,
+        active.manoeuvre,
+        start,
+        active.goal,
+        intruders,
+        active.counting,
+        rules,
+        limits,
     )
     row, time = active.row, (index + 1) * rules.dt
     outcome.separation[row] = np.minimum(outcome.separation[row], step.separation)
@@ -239,17 +249,17 @@ def search(encounter: Encounter, rules: Rules, limits: Limits) -> Escapes:
     count = np.shape(encounter.goal_x)[0]
     best = nothing(count)
     for stage in STAGES:
-        left = np.flatnonzero(np.isnan(best.arrival))
-        for part in parts(left, stage.turn.size, encounter):
+        unsolved = np.flatnonzero(np.isnan(best.arrival))
+        for part in parts(unsolved, stage.turn.size, encounter):
             chosen = take(encounter, part)
-            which = np.repeat(np.arange(part.size), stage.turn.size)
+            owner = np.repeat(np.arange(part.size), stage.turn.size)
             family = Manoeuvre(*(np.tile(field, part.size) for field in scale(stage, rules)))
             flown = fly_out(
-                chosen, tracks(chosen, steps(rules), rules), which, family, rules, limits
+                chosen, tracks(chosen, steps(rules), rules), owner, family, rules, limits
             )
-            _keep_best(best, part, which, family, flown)
-    left = np.flatnonzero(np.isnan(best.arrival))
-    for part in parts(left, max(CHILDREN, COARSE.turn.size), encounter):
+            _keep_best(best, part, owner, family, flown)
+    unsolved = np.flatnonzero(np.isnan(best.arrival))
+    for part in parts(unsolved, max(CHILDREN, COARSE.turn.size), encounter):
         scatter(best, part, refine(take(encounter, part), rules, limits))
     return best
 
@@ -261,29 +271,31 @@ def refine(encounter: Encounter, rules: Rules, limits: Limits) -> Escapes:
     count = np.shape(encounter.goal_x)[0]
     traffic = tracks(encounter, steps(rules), rules)
     result = nothing(count)
-    left = np.arange(count)
+    unsolved = np.arange(count)
     pool, scores = np.zeros((len(SPREAD), count, 0)), np.zeros((count, 0))
     seeds = np.stack(scale(COARSE, rules))
     coarse = np.broadcast_to(seeds[:, None], (len(SPREAD), count, COARSE.turn.size))
     for index in range(ROUNDS + 1):
         tried = offspring(pool, index - 1, rules) if index else coarse
         family = Manoeuvre(*(np.ascontiguousarray(field).ravel() for field in tried))
-        which = np.repeat(left, tried.shape[-1])
-        flown = fly_out(encounter, traffic, which, family, rules, limits, scoring=True)
+        owner = np.repeat(unsolved, tried.shape[-1])
+        flown = fly_out(encounter, traffic, owner, family, rules, limits, scoring=True)
         works = ~np.isnan(flown.arrival) & (flown.separation >= rules.separation)
         arrival = np.where(works, flown.arrival, np.nan)
-        _keep_best(result, np.arange(count), which, family, flown._replace(arrival=arrival))
+        _keep_best(result, np.arange(count), owner, family, flown._replace(arrival=arrival))
 
         # What misses the goal comes after all that reach it.
         missed = np.isnan(flown.arrival)
-        score = np.where(missed, flown.separation - 1e6, flown.separation).reshape(left.size, -1)
+        score = np.where(missed, flown.separation - 1e6, flown.separation).reshape(
+            unsolved.size, -1
+        )
         pool = np.concatenate([pool, tried], axis=-1)
         scores = np.concatenate([scores, score], axis=-1)
         best = np.argsort(-scores, axis=-1, kind="stable")[:, :ELITES]
-        on = np.isnan(result.arrival[left])
+        on = np.isnan(result.arrival[unsolved])
         pool = np.take_along_axis(pool, best[None], axis=-1)[:, on]
-        left, scores = left[on], np.take_along_axis(scores, best, axis=-1)[on]
-        if left.size == 0:
+        unsolved, scores = unsolved[on], np.take_along_axis(scores, best, axis=-1)[on]
+        if unsolved.size == 0:
             break
     return result
 
@@ -313,14 +325,14 @@ def within_range(values: Array) -> Array:
 
 
 def _keep_best(
-    best: Escapes, part: Array, which: Array, family: Manoeuvre, flown: EscapeOutcome
+    best: Escapes, part: Array, owner: Array, family: Manoeuvre, flown: EscapeOutcome
 ) -> None:
     """Write, per encounter, the earliest arrival of what was flown (the widest of those) into what
     is found.
     """
     arrived = np.flatnonzero(~np.isnan(flown.arrival))
     owners, first = first_of_each(
-        which[arrived], -flown.separation[arrived], flown.arrival[arrived]
+        owner[arrived], -flown.separation[arrived], flown.arrival[arrived]
     )
     scatter(best, part[owners], take(Escapes(family, *flown), arrived[first]))
 

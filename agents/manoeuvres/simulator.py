@@ -258,8 +258,8 @@ def fly_one_away(
     own, full_turn = flight.own, limits.yaw_rate_max * dt
     away = steer_away(flight, manoeuvre, number * dt, full_turn, FLOATS)
     acceleration, yaw_rate = commands((away.throttle, away.turn / full_turn), limits, FLOATS)
-    here = VehicleState(0.0, 0.0, wrap(own.heading, FLOATS), own.speed)
-    moved = advance(here, acceleration, yaw_rate, dt, limits, FLOATS)
+    at_origin = VehicleState(0.0, 0.0, wrap(own.heading, FLOATS), own.speed)
+    moved = advance(at_origin, acceleration, yaw_rate, dt, limits, FLOATS)
     low, high = min(own.speed, limits.speed_min), max(own.speed, limits.speed_max)
     speed = min(max(own.speed + acceleration * dt, low), high)
     x, y, course = own.x + moved.x, own.y + moved.y, own.heading + yaw_rate * dt
@@ -295,8 +295,8 @@ def integrate(
         np.clip(after, low, high, out=speed[number + 1])
     course = _running_sums(own.heading, yaw_rate * dt)
     heading = wrap(course, np)
-    here = VehicleState(0.0, 0.0, heading[:-1], speed[:-1])
-    moved = advance(here, acceleration, yaw_rate, dt, limits, np)
+    at_origin = VehicleState(0.0, 0.0, heading[:-1], speed[:-1])
+    moved = advance(at_origin, acceleration, yaw_rate, dt, limits, np)
     x, y = _running_sums(own.x, moved.x), _running_sums(own.y, moved.y)
     return VehicleState(x, y, heading, speed), VehicleState(x[-1], y[-1], course[-1], speed[-1])
 

@@ -158,12 +158,12 @@ def _least_squares(path: Paths, intruders: _Intruders, xp: ArrayModule, lax: Mod
         return xp.min(_squares(intruders, wide, xp), axis=(1, -1))
 
     def nearer(chord: Array, nearest: Array) -> Array:
-        here = Paths(
+        path_at = Paths(
             *(lax.dynamic_index_in_dim(field, chord, axis=1, keepdims=False) for field in path)
         )
         for number in range(count):
             row = map_leaves(lambda field, number=number: field[..., number], intruders)
-            nearest = xp.minimum(nearest, _squares(row, here, xp))
+            nearest = xp.minimum(nearest, _squares(row, path_at, xp))
         return nearest
 
     farthest = xp.full_like(path.x[:, 0], xp.inf)
@@ -221,10 +221,10 @@ class MinSeparationOfOne:
         """Return the least separation of each manoeuvre, D, ``[22]``; without intruders far
         away.
         """
-        speed, ratios, known = scene.own_speed, self._ratios, self.fixed.copy()
+        speed, ratios, chords = scene.own_speed, self._ratios, self.fixed.copy()
         to_goal = _chords(math.atan2(scene.goal_y, scene.goal_x), ratios.turn_radius)
-        known[:, -_TO_GOAL:, 1:] = np.array(to_goal)[:, None]
-        ends, courses, shortening = known[0], known[1:3, :, 1:], known[3, :, 1:]
+        chords[:, -_TO_GOAL:, 1:] = np.array(to_goal)[:, None]
+        ends, courses, shortening = chords[0], chords[1:3, :, 1:], chords[3, :, 1:]
         times, spans = ends[:, 1:], ends[:, 1:] - ends[:, :-1]
         speeds = speed + self.acceleration[:, None] * ends
         np.maximum(speeds, min(ratios.speed_min, speed), out=speeds)

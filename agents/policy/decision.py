@@ -185,19 +185,19 @@ def through(numbers: np.ndarray, layers: FlatLayers, last_too: bool) -> Array:
     at, count = 0, len(layers.sizes) - 1
     for number in range(count):
         # Slices from 0 on and loops over columns: vector instructions without a change of order.
-        out = layers.sizes[number + 1]
-        after = np.zeros(out, numbers.dtype)
+        width = layers.sizes[number + 1]
+        after = np.zeros(width, numbers.dtype)
         for i in range(layers.sizes[number]):
-            row, factor = layers.values[at : at + out], numbers[i]
-            for j in range(out):
+            row, factor = layers.values[at : at + width], numbers[i]
+            for j in range(width):
                 after[j] += factor * row[j]
-            at += out
-        bias = layers.values[at : at + out]
-        at += out
-        for j in range(out):
+            at += width
+        bias = layers.values[at : at + width]
+        at += width
+        for j in range(width):
             after[j] += bias[j]
         if last_too or number < count - 1:
-            for j in range(out):
+            for j in range(width):
                 after[j] = math.tanh(after[j])
         numbers = after
     return numbers

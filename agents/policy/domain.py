@@ -69,12 +69,12 @@ def unlike(content: PolicyFile, aircraft: Aircraft) -> Departure | None:
         alone = getattr(trained, name)
         low, high = content.metadata["family"][name] if content.of_set else (alone, alone)
         if not low - _TOLERANCE * abs(low) <= value <= high + _TOLERANCE * abs(high):
-            what = (
+            text = (
                 f"is {value:.3g} {_RATIO_UNITS[name]}; expected {low:.3g} to {high:.3g}, "
                 f"what the policy was trained for (D: separation {aircraft.separation:g} m; V: "
                 f"{aircraft.limits.speed_max:g} m/s)"
             )
-            return Departure(name, what)
+            return Departure(name, text)
     return None
 
 
@@ -135,6 +135,6 @@ def departures(
         beyond = excess((low, high), numbers)
         if beyond.any():
             worst, unit = numbers[np.argmax(beyond)], _UNITS.get(name, " m/s")
-            what = f"is {worst:.4g}{unit}; expected {low:.4g} to {high:.4g}{unit}"
-            outside.append(Departure(name, what))
+            text = f"is {worst:.4g}{unit}; expected {low:.4g} to {high:.4g}{unit}"
+            outside.append(Departure(name, text))
     return outside

@@ -266,8 +266,8 @@ def _check_tensors(
     shapes.
     """
     for name in sorted(shapes.keys() ^ tensors.keys(), key=lambda name: (name in tensors, name)):
-        what = "is unexpected" if name in tensors else "is missing"
-        raise PolicyFileError(f"{source}: tensor {name!r} {what}; expected {', '.join(shapes)}")
+        problem = "is unexpected" if name in tensors else "is missing"
+        raise PolicyFileError(f"{source}: tensor {name!r} {problem}; expected {', '.join(shapes)}")
     for name, expected in shapes.items():
         _check_tensor(name, tensors[name], expected, source)
     counts = {len(tensors[PARITY_OBSERVATION]), len(tensors[PARITY_ACTION])}

@@ -367,9 +367,9 @@ def input_table(
     if not content.extensions:
         return TABLE
     # One that is given counts before a registered one of its name.
-    known = (*inputs, *INPUTS.own.values())
+    available = (*inputs, *INPUTS.own.values())
     try:
-        return table(extension_for(contract, known) for contract in content.extensions)
+        return table(extension_for(contract, available) for contract in content.extensions)
     except InputError as problem:
         raise PolicyFileError(f"{source}: {problem}") from None
 

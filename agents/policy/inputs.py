@@ -119,10 +119,10 @@ def extension_for(contract: Mapping[str, Any], inputs: Iterable[Input]) -> Input
     name, code = contract["name"], contract["code"]
     for entry in inputs:
         if entry.name == name:
-            here = entry.contract()
-            if any(here[key] != contract[key] for key in ("of", "numbers")):
+            ours = entry.contract()
+            if any(ours[key] != contract[key] for key in ("of", "numbers")):
                 raise InputError(
-                    f"input {name!r} describes {_describe(here)} here; the policy was trained "
+                    f"input {name!r} describes {_describe(ours)} here; the policy was trained "
                     f"with {_describe(contract)}"
                 )
             return entry

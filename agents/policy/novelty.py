@@ -99,10 +99,10 @@ def departures(
     ranges = np.concatenate([box.own, np.tile(box.traffic, len(traffic))], axis=1)
     worst = int(np.argmax(beyond / (ranges[1] - ranges[0])))
     if worst < inputs.own_size:
-        what = inputs.own_numbers[worst].name
+        sentence = inputs.own_numbers[worst].name
     else:
         number, index = divmod(worst - inputs.own_size, inputs.intruder_size)
-        what = f"{inputs.intruder_numbers[index].name} (intruder {number})"
+        sentence = f"{inputs.intruder_numbers[index].name} (intruder {number})"
     low, high = ranges[:, worst]
     text = f"is {values[worst]:.3g}; {box.source} {low:.3g} to {high:.3g}"
-    return [Departure(f"novelty: {what}", text)]
+    return [Departure(f"novelty: {sentence}", text)]

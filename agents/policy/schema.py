@@ -218,8 +218,8 @@ def check_metadata(document: Any, source: str) -> None:
     if of_set:
         _check_family(document, demand)
     else:
-        feature_set, known = architecture["feature_set"], f"one of {', '.join(FEATURE_SETS)}"
-        demand(feature_set in FEATURE_SETS, "architecture.feature_set", feature_set, known)
+        feature_set, choices = architecture["feature_set"], f"one of {', '.join(FEATURE_SETS)}"
+        demand(feature_set in FEATURE_SETS, "architecture.feature_set", feature_set, choices)
     _check_limits(document, demand)
     steps = document["training"]["steps"]
     demand(steps >= 0, "training.steps", steps, "0 or more")
@@ -235,8 +235,8 @@ class _Demand(NamedTuple):
     def __call__(self, holds: bool, name: str, value: Any, expected: str) -> None:
         """Raise a PolicyFileError about a value unless something holds."""
         if not holds:
-            what = f"is {_brief(value)}, expected {expected}"
-            raise PolicyFileError(f"{self.source}: metadata.{name} {what}")
+            problem = f"is {_brief(value)}, expected {expected}"
+            raise PolicyFileError(f"{self.source}: metadata.{name} {problem}")
 
 
 def _check_contracts(document: Mapping[str, Any], of_set: bool, demand: _Demand) -> None:
@@ -350,12 +350,14 @@ def _check_fields(
     """Raise unless an object has exactly these fields, of these types."""
     missing, unexpected = sorted(fields.keys() - value.keys()), sorted(value.keys() - fields.keys())
     if missing or unexpected:
-        what = (
+        problem = (
             f"lacks {', '.join(missing)}"
             if missing
             else f"has unexpected {_brief(', '.join(unexpected))}"
         )
-        raise PolicyFileError(f"{source}: {path} {what}; expected the fields {', '.join(fields)}")
+        raise PolicyFileError(
+            f"{source}: {path} {problem}; expected the fields {', '.join(fields)}"
+        )
     for name, expected in fields.items():
         kind = dict if isinstance(expected, dict) else expected
         if not _is(value[name], kind):

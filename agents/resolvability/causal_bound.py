@@ -114,24 +114,24 @@ def _fly(encounter: Encounter, part: Array, rules: Rules, limits: Limits, result
     scatter(result.own, (0, part), air.own)
     for index in range(steps(rules)):
         elapsed = index * rules.dt
-        left = rules._replace(t_max=rules.t_max - elapsed)
-        air = air._replace(plan=_plan(air, index, left, limits))
+        remaining_rules = rules._replace(t_max=rules.t_max - elapsed)
+        air = air._replace(plan=_plan(air, index, remaining_rules, limits))
         goal, before = (air.encounter.goal_x, air.encounter.goal_y), air.intruders.vehicle
         counting = count_in(air.encounter, rules)
         traffic = step(air.intruders, air.encounter.intent, elapsed, rules.dt, np)
-        both = before, traffic.vehicle
+        ends = before, traffic.vehicle
         begun = takeoff(air.own, air.plan)
-        made = fly_step(begun, air.plan, 0.0, goal, both, counting, left, limits)
-        flight = made.flight
-        ended = judge(made.separation, made.to_goal, elapsed + rules.dt, rules, np)
+        flown = fly_step(begun, air.plan, 0.0, goal, ends, counting, remaining_rules, limits)
+        flight = flown.flight
+        ended = judge(flown.separation, flown.to_goal, elapsed + rules.dt, rules, np)
         nearest = result.separation[air.number]
-        result.separation[air.number] = np.minimum(nearest, made.separation)
+        result.separation[air.number] = np.minimum(nearest, flown.separation)
         result.path[air.number] += (0.5 * rules.dt) * (air.own.speed + flight.own.speed)
         result.outcome[air.number[ended.violation]] = 0
         result.outcome[air.number[ended.reached]] = 1
         result.arrival[air.number[ended.reached]] = elapsed + rules.dt
         rate = wrap(traffic.vehicle.heading - before.heading, np) / rules.dt
-        plan = _rest(air.plan, flight, rules.dt)
+        plan = _after_first_step(air.plan, flight, rules.dt)
         air = air._replace(own=flight.own, intruders=traffic, rate=rate, plan=plan)
         scatter(result.own, (index + 1, air.number), air.own)
         air = take(air, ~ended.ended(np))
@@ -204,10 +204,10 @@ def _value(futures: list[Encounter], tried: Array, rules: Rules, limits: Limits)
     together = futures[0]
     for future in futures[1:]:
         together = join(together, future)
-    which = np.repeat(np.arange(shape[0] * shape[1]), shape[2])
+    owner = np.repeat(np.arange(shape[0] * shape[1]), shape[2])
     family = Manoeuvre(*(np.tile(np.ascontiguousarray(field).ravel(), shape[0]) for field in tried))
     flown = fly_out(
-        together, tracks(together, steps(rules), rules), which, family, rules, limits, scoring=True
+        together, tracks(together, steps(rules), rules), owner, family, rules, limits, scoring=True
     )
     arrival, separation = (field.reshape(shape) for field in flown[:2])
     weights = np.array(_WEIGHTS)[:, None, None]
@@ -223,14 +223,14 @@ def _value(futures: list[Encounter], tried: Array, rules: Rules, limits: Limits)
     return np.where((separation[0] < rules.separation) | np.isnan(arrival[0]), failed, value)
 
 
-def _rest(plan: Manoeuvre, flight: Flight, dt: float) -> Manoeuvre:
+def _after_first_step(plan: Manoeuvre, flight: Flight, dt: float) -> Manoeuvre:
     """Return what is left of plans after their first step."""
-    done = flight.switched
+    switched = flight.switched
     return plan._replace(
         turn=flight.to_turn,
-        throttle=np.where(done, plan.throttle_after, plan.throttle),
+        throttle=np.where(switched, plan.throttle_after, plan.throttle),
         switch=np.maximum(plan.switch - dt, 0.0),
-        turn_after=np.where(done, 0.0, plan.turn_after),
+        turn_after=np.where(switched, 0.0, plan.turn_after),
         resume=np.where(flight.returning, 0.0, np.maximum(plan.resume - dt, 0.0)),
         slack=np.where(flight.returning, REGARDLESS, plan.slack),
     )

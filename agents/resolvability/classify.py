@@ -90,18 +90,20 @@ def classify(
             them.
     """
     chosen, count = to_double(encounters), np.size(encounters.goal_x)
-    known = np.zeros(count, dtype=bool) if solved is None else np.asarray(solved)
-    if known.shape != (count,) or known.dtype != bool:
-        raise ValueError(f"solved must be bool [{count}], got {known.dtype} {list(known.shape)}")
+    is_solved = np.zeros(count, dtype=bool) if solved is None else np.asarray(solved)
+    if is_solved.shape != (count,) or is_solved.dtype != bool:
+        raise ValueError(
+            f"solved must be bool [{count}], got {is_solved.dtype} {list(is_solved.shape)}"
+        )
     result = Resolvability(
-        np.where(known, Verdict.RESOLVABLE, Verdict.UNDECIDED).astype(np.int8),
-        np.where(known, Method.SOLVED_ELSEWHERE, Method.NONE).astype(np.int8),
+        np.where(is_solved, Verdict.RESOLVABLE, Verdict.UNDECIDED).astype(np.int8),
+        np.where(is_solved, Method.SOLVED_ELSEWHERE, Method.NONE).astype(np.int8),
         Manoeuvre(*np.full((len(Manoeuvre._fields), count), np.nan)),
         *np.full((3, count), np.nan),
     )
     scale = reach_scale(chosen, rules)
     for horizon in np.unique(scale):
-        for part in parts(np.flatnonzero(~known & (scale == horizon)), 1, chosen):
+        for part in parts(np.flatnonzero(~is_solved & (scale == horizon)), 1, chosen):
             _decide(take(chosen, part), part, rules, limits, reserve, result)
     return result
 
@@ -122,9 +124,9 @@ def replay(encounter: Encounter, witness: Manoeuvre, rules: Rules, limits: Limit
     counting = count_in(single, rules)
     states, separations = [flight.own], []
     for index in range(steps(rules)):
-        both = take(traffic, index), take(traffic, index + 1)
+        ends = take(traffic, index), take(traffic, index + 1)
         start, end = index * rules.dt, (index + 1) * rules.dt
-        step = fly_step(flight, manoeuvre, start, goal, both, counting, rules, limits)
+        step = fly_step(flight, manoeuvre, start, goal, ends, counting, rules, limits)
         flight = step.flight
         states.append(flight.own)
         separations.append(float(step.separation[0]))
@@ -166,10 +168,10 @@ def _decide(
     note_proof(every, times, Method.CONTAINMENT)
     note_proof(every, np.where(times == 0.0, times, np.nan), Method.START)
 
-    left = undecided_rows()
-    escapes = search(take(chosen, left), rules, limits)
+    undecided = undecided_rows()
+    escapes = search(take(chosen, undecided), rules, limits)
     works = ~np.isnan(escapes.arrival)
-    rows = part[left[works]]
+    rows = part[undecided[works]]
     result.verdict[rows], result.method[rows] = Verdict.RESOLVABLE, Method.SEARCH
     scatter(result.witness, rows, take(escapes.manoeuvre, works))
     result.arrival[rows], result.separation[rows] = (
@@ -177,5 +179,5 @@ def _decide(
         escapes.separation[works],
     )
 
-    left = undecided_rows()
-    note_proof(left, split(take(ahead, left), missed, limits), Method.SPLITTING)
+    undecided = undecided_rows()
+    note_proof(undecided, split(take(ahead, undecided), missed, limits), Method.SPLITTING)

@@ -35,10 +35,10 @@ def outside(supports: Array, x: float, y: float, radius: float) -> tuple[Array, 
     corner_x, corner_y = corner_x - x, corner_y - y
     beyond = corner_x * corner_x + corner_y * corner_y - radius * radius
     gone = beyond <= 0.0
-    left = ~gone.all(axis=1)
-    rows = np.flatnonzero(gone.any(axis=1) & left)
+    nonempty = ~gone.all(axis=1)
+    rows = np.flatnonzero(gone.any(axis=1) & nonempty)
     if not rows.size:
-        return supports, left
+        return supports, nonempty
     corner_x, corner_y, beyond, gone = corner_x[rows], corner_y[rows], beyond[rows], gone[rows]
     side_x, side_y = _next(corner_x) - corner_x, _next(corner_y) - corner_y
     crosses = gone != _next(gone)
@@ -53,7 +53,7 @@ def outside(supports: Array, x: float, y: float, radius: float) -> tuple[Array, 
         + x * _NORMAL_X
         + y * _NORMAL_Y
     )
-    return shrunk, left
+    return shrunk, nonempty
 
 
 def beside(supports: Array, direction: Array, place: Array) -> Array:
@@ -80,7 +80,7 @@ def corners(supports: Array) -> tuple[Array, Array]:
 def _hull(
     corner_x: Array,
     corner_y: Array,
-    kept: Array,
+    corners: Array,
     side_x: Array,
     side_y: Array,
     part: Array,
@@ -91,7 +91,7 @@ def _hull(
     """
     x = np.concatenate([corner_x, corner_x + part * side_x], axis=1)
     y = np.concatenate([corner_y, corner_y + part * side_y], axis=1)
-    barred = np.where(np.concatenate([kept, crosses], axis=1), 0.0, -np.inf)
+    barred = np.where(np.concatenate([corners, crosses], axis=1), 0.0, -np.inf)
     along = [
         np.max(x * nx + y * ny + barred, axis=1)
         for nx, ny in zip(_NORMAL_X, _NORMAL_Y, strict=True)

@@ -77,8 +77,8 @@ def last_time(
             if not np.all(np.any(supports < short_of, axis=1)):
                 return np.nan
             at = first + test
-            supports, left = _outside_all(supports, x[:, at], y[:, at], radius)
-            supports, row = supports[left], row[left]
+            supports, nonempty = _outside_all(supports, x[:, at], y[:, at], radius)
+            supports, row = supports[nonempty], row[nonempty]
             if not row.size:
                 return (first + test + 1) * stride
         states = merge(take(ended, row)._replace(supports=supports), cells)
@@ -91,11 +91,11 @@ def _outside_all(supports: Array, x: Array, y: Array, radius: Array) -> tuple[Ar
     """Shrink polygons to what they have outside the discs of all intruders ``[K]``; return also
     whether anything is left, bool ``[M]``.
     """
-    left = np.ones(len(supports), dtype=bool)
+    nonempty = np.ones(len(supports), dtype=bool)
     for place_x, place_y, far in zip(x, y, radius, strict=True):
         supports, some = outside(supports, place_x, place_y, far)
-        left &= some
-    return supports, left
+        nonempty &= some
+    return supports, nonempty
 
 
 def branches(states: States, seconds: float, cells: Cells, limits: Limits) -> tuple[Array, States]:
@@ -177,18 +177,18 @@ def _cut_along_grid(states: States, ahead: int, place: float) -> States:
     stay.
     """
     back = ahead + DIRECTIONS.size // 2
-    done = []
+    pieces = []
     while True:
         lowest = -states.supports[:, back]
         line = (np.floor((lowest + 1e-3) / place) + 1.0) * place
         crosses = line < states.supports[:, ahead] - 1e-3
-        done.append(take(states, ~crosses))
+        pieces.append(take(states, ~crosses))
         if not crosses.any():
             break
         states, line = take(states, crosses), line[crosses]
-        done.append(states._replace(supports=beside(states.supports, ahead, line)))
+        pieces.append(states._replace(supports=beside(states.supports, ahead, line)))
         states = states._replace(supports=beside(states.supports, back, -line))
-    return States(*(np.concatenate(field) for field in zip(*done, strict=True)))
+    return States(*(np.concatenate(field) for field in zip(*pieces, strict=True)))
 
 
 def _passes(states: States, x: Array, y: Array, radius: Array, stride: float) -> bool:

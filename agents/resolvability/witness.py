@@ -70,29 +70,31 @@ def least_cost(
     """
     chosen, count = to_double(encounters), np.size(encounters.goal_x)
     result = nothing(count)
-    known = np.stack(result.manoeuvre if start is None else start).astype(np.float64)
+    starts = np.stack(result.manoeuvre if start is None else start).astype(np.float64)
     for part in parts(np.arange(count), sum(stage.turn.size for stage in STAGES), chosen):
-        scatter(result, part, _cheapest(take(chosen, part), known[:, part], rounds, rules, limits))
+        scatter(result, part, _cheapest(take(chosen, part), starts[:, part], rounds, rules, limits))
     return result
 
 
 def _cheapest(
-    encounter: Encounter, known: Array, rounds: int, rules: Rules, limits: Limits
+    encounter: Encounter, starts: Array, rounds: int, rules: Rules, limits: Limits
 ) -> Escapes:
-    """Return the witnesses of a part of the encounters, ``[N]``; ``known`` is ``[8, N]``."""
+    """Return the witnesses of a part of the encounters, ``[N]``; ``starts`` are ``[8, N]``."""
     count = np.shape(encounter.goal_x)[0]
     traffic, every = tracks(encounter, steps(rules), rules), np.arange(count)
     families = np.concatenate([np.stack(scale(stage, rules)) for stage in STAGES], axis=-1)
     families = np.broadcast_to(families[:, None], (len(SPREAD), count, families.shape[-1]))
-    pool = np.concatenate([families, _direct(encounter, rules), known[:, :, None]], axis=-1)
+    pool = np.concatenate([families, _direct(encounter, rules), starts[:, :, None]], axis=-1)
     pool, flown = _best(pool, _fly(encounter, traffic, every, pool, rules, limits), _ELITES)
 
     # What no family solves may be solved by the search's refinement towards a larger separation.
-    left = np.flatnonzero(np.isnan(flown.arrival[:, 0]))
-    if left.size:
-        rescued = np.stack(search(take(encounter, left), rules, limits).manoeuvre)[:, :, None]
-        pool[:, left, :1] = rescued
-        scatter(flown, (left, slice(1)), _fly(encounter, traffic, left, rescued, rules, limits))
+    unsolved = np.flatnonzero(np.isnan(flown.arrival[:, 0]))
+    if unsolved.size:
+        rescued = np.stack(search(take(encounter, unsolved), rules, limits).manoeuvre)[:, :, None]
+        pool[:, unsolved, :1] = rescued
+        scatter(
+            flown, (unsolved, slice(1)), _fly(encounter, traffic, unsolved, rescued, rules, limits)
+        )
 
     _breed(encounter, traffic, pool, flown, rounds, rules, limits)
     works = ~np.isnan(flown.arrival[:, 0])
@@ -125,10 +127,10 @@ def _breed(
         spread = np.array(scale(SPREAD, rules))[:, None] * (changes[index] * _DECAY**index)
         tried = _offspring(pool[:, alive], working[alive], spread, draws[index])
         outcome = _fly(encounter, traffic, alive, tried, rules, limits)
-        both = map_leaves(
+        pools = map_leaves(
             lambda old, new: np.concatenate([old, new], axis=-1), take(flown, alive), outcome
         )
-        best, how = _best(np.concatenate([pool[:, alive], tried], axis=-1), both, _ELITES)
+        best, how = _best(np.concatenate([pool[:, alive], tried], axis=-1), pools, _ELITES)
         pool[:, alive] = best
         scatter(flown, alive, how)
 
@@ -178,16 +180,16 @@ def _fly(
     """
     size = tried.shape[-1]
     flat = np.ascontiguousarray(tried.reshape(tried.shape[0], -1))
-    which = np.repeat(rows, size)
+    owner = np.repeat(rows, size)
     able = np.flatnonzero(np.isfinite(flat).all(axis=0))
     stricter = rules._replace(separation=rules.separation + _MARGIN)
     if encounter.separation is not None:  # of each grows in the same proportion
         separation = encounter.separation * (stricter.separation / rules.separation)
         encounter = encounter._replace(separation=separation)
     flown = fly_out(
-        encounter, traffic, which[able], Manoeuvre(*flat[:, able]), stricter, limits, first=False
+        encounter, traffic, owner[able], Manoeuvre(*flat[:, able]), stricter, limits, first=False
     )
-    result = EscapeOutcome(*np.full((3, which.size), np.nan))
+    result = EscapeOutcome(*np.full((3, owner.size), np.nan))
     scatter(result, able, flown)
     return EscapeOutcome(*(field.reshape(-1, size) for field in result))
 
