@@ -179,12 +179,12 @@ def run_cli(main: Callable[[], int | None] | str) -> NoReturn:
             # Buffered output to the full disk must not complain again at the exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (MemoryError, RecursionError, OverflowError) as problem:
-        what = {
+        texts = {
             MemoryError: "out of memory",
             RecursionError: "nested too deeply",
             OverflowError: "a number too large",
         }
-        words = next(text for kind, text in what.items() if isinstance(problem, kind))
+        words = next(text for kind, text in texts.items() if isinstance(problem, kind))
         status = _say(f"{words}: {str(problem) or type(problem).__name__}, {_place(problem)}", 1)
     sys.exit(status)
 

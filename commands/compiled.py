@@ -68,13 +68,13 @@ def local_devices(jax: ModuleType) -> list[Any]:
     try:
         return jax.local_devices()
     except (AssertionError, RuntimeError):
-        asked = jax.config.jax_platforms
-        if not asked:
+        platforms = jax.config.jax_platforms
+        if not platforms:
             raise
         jax.config.update("jax_platforms", None)
         there = sorted({"cpu", *(device.platform for device in jax.local_devices())})
     raise ConfigError(
-        f"JAX_PLATFORMS is {asked}, of which JAX finds no device; expected one that there is: "
+        f"JAX_PLATFORMS is {platforms}, of which JAX finds no device; expected one that there is: "
         f"{', '.join(there)}"
     )
 

@@ -37,19 +37,19 @@ def is_extension(name: str) -> bool:
     return bool(colon) and all(part.isidentifier() for part in parts)
 
 
-def load_extension(name: str, what: str) -> Any:
+def load_extension(name: str, expected: str) -> Any:
     """Return the object that ``module:name`` names.
 
     Args:
         name: such as ``my_module:thing``.
-        what: what it is expected to be, for the message, such as ``a scenario``.
+        expected: what it should be, for the message, such as ``a scenario``.
 
     Raises:
         InputError: the name has another form, the module cannot be found or fails while it is
             imported, or it has no such name.
     """
     if not is_extension(name):
-        raise InputError(f"{name!r} names no code; expected module:name, {what} of your own")
+        raise InputError(f"{name!r} names no code; expected module:name, {expected} of your own")
     module_name, _, attribute = name.partition(":")
     folder = str(Path.cwd())
     if folder not in sys.path and "" not in sys.path:
@@ -59,7 +59,7 @@ def load_extension(name: str, what: str) -> Any:
     except ModuleNotFoundError as problem:
         missing = problem.name or module_name
         raise InputError(
-            f"{name}: no module {missing!r} is in {folder} or installed; expected {what}"
+            f"{name}: no module {missing!r} is in {folder} or installed; expected {expected}"
         ) from None
     except Exception as problem:
         raise InputError(f"{name}: importing {module_name} {failure(problem)}") from problem
@@ -67,7 +67,7 @@ def load_extension(name: str, what: str) -> Any:
         return getattr(module, attribute)
     except AttributeError:
         raise InputError(
-            f"{name}: {module_name} has no {attribute!r}; expected {what} there"
+            f"{name}: {module_name} has no {attribute!r}; expected {expected} there"
         ) from None
 
 

@@ -34,10 +34,10 @@ def sign_alike(figure: "Figure") -> None:
         text.set_text(with_minus(text.get_text()))
     for axes in figure.axes:  # ticks with texts of their own make these anew when they are drawn
         for axis in (axes.xaxis, axes.yaxis):
-            made = axis.get_major_formatter()
-            if isinstance(made, FuncFormatter):
-                func = made.func
-                made.func = lambda value, place, func=func: with_minus(func(value, place))
+            formatter = axis.get_major_formatter()
+            if isinstance(formatter, FuncFormatter):
+                func = formatter.func
+                formatter.func = lambda value, place, func=func: with_minus(func(value, place))
 
 
 def save_figure(figure: "Figure", path: Path, dpi: int = 150) -> list[Path]:

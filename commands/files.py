@@ -73,11 +73,11 @@ def check_regular(path: str | os.PathLike[str]) -> None:
         raise OSError(errno.EINVAL, "not a regular file", os.fspath(path))
 
 
-def check_space(folder: Path, needed: int, what: str) -> None:
+def check_space(folder: Path, needed: int, content: str) -> None:
     """Raise a ConfigError where the disk of an output folder, new or not, has less room than
     needed, bytes.
 
-    ``what`` says what the room is for, such as ``10000 rows``.
+    ``content`` says what the room is for, such as ``10000 rows``.
     """
     there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
     disk = shutil.disk_usage(there)
@@ -85,5 +85,5 @@ def check_space(folder: Path, needed: int, what: str) -> None:
     if disk.total and disk.free < needed:
         raise ConfigError(
             f"--out {folder}: {disk.free / 1e6:.1f} MB are free there, expected about "
-            f"{needed / 1e6:.1f} MB for {what}"
+            f"{needed / 1e6:.1f} MB for {content}"
         ) from OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -42,7 +42,7 @@ class Progress:
         self._origin: tuple[float, float] | None = None
         self._unsaid = ""
 
-    def start(self, total: int, done: float = 0, word: str = "") -> Self:
+    def start(self, total: int, completed: float = 0, word: str = "") -> Self:
         """Begin a whole of so many units, some of them done where a run goes on.
 
         The word says what happens until the first figures come, such as ``compiling``.
@@ -53,16 +53,18 @@ class Progress:
             from rich.live import Live
 
             console = Console(file=self._stream)
-            self._live = Live(self._screen(done, word, ""), console=console, auto_refresh=False)
+            self._live = Live(
+                self._screen(completed, word, ""), console=console, auto_refresh=False
+            )
             self._live.start()
         return self
 
-    def begin_measuring(self, done: float, figures: str) -> None:
+    def begin_measuring(self, completed: float, figures: str) -> None:
         """Begin to measure the speed here: the time before, such as that of a compilation, says
         nothing of the time left. The figures are shown only where no others follow.
         """
-        self._origin = done, self._clock()
-        self._unsaid = f"{self._done(done)}, {figures}"
+        self._origin = completed, self._clock()
+        self._unsaid = f"{self._completed(completed)}, {figures}"
 
     def leave_out(self, seconds: float) -> None:
         """Do not count some seconds since the measuring began, such as those of another
@@ -71,24 +73,24 @@ class Progress:
         if self._origin is not None:
             self._origin = self._origin[0], self._origin[1] + seconds
 
-    def show(self, done: float, figures: str, rate: float) -> None:
+    def show(self, completed: float, figures: str, rate: float) -> None:
         """Take how far it has come, with figures, and how many units a second are done at
         present.
         """
-        now = self._clock()
+        moment = self._clock()
         # What comes before the first figures, such as a compilation, does not count.
-        self._origin = self._origin or (done, now)
-        since = done - self._origin[0], now - self._origin[1]
+        self._origin = self._origin or (completed, moment)
+        since = completed - self._origin[0], moment - self._origin[1]
         if min(since) > 0:
             rate = since[0] / since[1]
-        left = f"{duration((self._total - done) / rate if rate > 0 else math.nan)} left"
+        time_left = f"{duration((self._total - completed) / rate if rate > 0 else math.nan)} left"
         if self._live is not None:
-            self._live.update(self._screen(done, left, figures), refresh=True)
+            self._live.update(self._screen(completed, time_left, figures), refresh=True)
         elif not self._quiet:
-            self._unsaid = f"{self._done(done)}, {figures}, {left}"
-            if now - self._shown >= self._silence and done < self._total:
+            self._unsaid = f"{self._completed(completed)}, {figures}, {time_left}"
+            if moment - self._shown >= self._silence and completed < self._total:
                 self.note(self._unsaid)
-                self._shown, self._unsaid = now, ""
+                self._shown, self._unsaid = moment, ""
 
     def note(self, text: str) -> None:
         """Say something between the figures."""
@@ -111,10 +113,10 @@ class Progress:
     def __exit__(self, *problem: object) -> None:
         self.stop()
 
-    def _done(self, done: float) -> str:
-        return f"{group_digits(int(done))} of {group_digits(self._total)} {self._unit}"
+    def _completed(self, completed: float) -> str:
+        return f"{group_digits(int(completed))} of {group_digits(self._total)} {self._unit}"
 
-    def _screen(self, done: float, left: str, figures: str) -> "Group":
+    def _screen(self, completed: float, time_left: str, figures: str) -> "Group":
         """Return what a terminal shows; it fits into 80 columns."""
         from rich.console import Group
         from rich.progress_bar import ProgressBar
@@ -122,8 +124,8 @@ class Progress:
         from rich.text import Text
 
         line = Table.grid(padding=(0, 1))
-        bar = ProgressBar(total=self._total, completed=done, width=20)
-        line.add_row(bar, f"{done / self._total:.0%}", self._done(done), left)
+        bar = ProgressBar(total=self._total, completed=completed, width=20)
+        line.add_row(bar, f"{completed / self._total:.0%}", self._completed(completed), time_left)
         return Group(line, Text(figures, no_wrap=True, overflow="ellipsis"))
 
 
@@ -132,12 +134,12 @@ def duration(seconds: float) -> str:
     if math.isnan(seconds):
         return "? s"
     whole = max(0, round(seconds))
-    hours, minutes, rest = whole // 3600, whole // 60 % 60, whole % 60
+    hours, minutes, left_s = whole // 3600, whole // 60 % 60, whole % 60
     if hours:
         return f"{hours} h {minutes} min"
     if minutes:
-        return f"{minutes} min {rest} s"
-    return f"{rest} s"
+        return f"{minutes} min {left_s} s"
+    return f"{left_s} s"
 
 
 def group_digits(value: int) -> str:

@@ -21,7 +21,7 @@ class Registry(Generic[Thing]):
     """
 
     word: str  # for one of them, in messages: "scenario"
-    what: str  # each of them is, in messages: "a scenario (envs.encounters.Sampler)"
+    meaning: str  # what each of them is, in messages: "a scenario (envs.encounters.Sampler)"
     kind: type  # of which each of them is an instance
     error: type[InputError]  # that is raised
     shipped: Mapping[str, Thing] = field(default_factory=dict)
@@ -50,7 +50,7 @@ class Registry(Generic[Thing]):
         """Return the end of a refusal of a name: the known ones, ``more``, the nearest one."""
         return one_of(name, self, more)
 
-    def register(self, name: str, thing: Thing) -> Thing:
+    def register(self, name: str, entry: Thing) -> Thing:
         """Make a thing of the user's own known in this process under a name, and return it.
 
         One of the same name is replaced, as when a notebook's cell is run again; a name that ships
@@ -58,10 +58,10 @@ class Registry(Generic[Thing]):
         """
         if name in self.shipped:
             raise self.error(f"{self.word} {name!r} ships; expected another name")
-        self._check_kind(name, thing)
-        self.check(name, thing)
-        self.own[name] = thing
-        return thing
+        self._check_kind(name, entry)
+        self.check(name, entry)
+        self.own[name] = entry
+        return entry
 
     def load(self, name: str) -> Thing:
         """Return what the user names: what is known, or what ``module:name`` names, which is
@@ -70,18 +70,18 @@ class Registry(Generic[Thing]):
         if name in self or not is_extension(name):
             return self.find(name)
         try:
-            thing = load_extension(name, self.what)
+            entry = load_extension(name, self.meaning)
         except InputError as problem:
             raise self.error(str(problem)) from problem.__cause__
-        self._check_kind(name, thing)
-        return thing
+        self._check_kind(name, entry)
+        return entry
 
     def resolve(self, name: str) -> Thing:
         """Return what :meth:`load` does, and register what was not known under its name."""
         return self.find(name) if name in self else self.register(name, self.load(name))
 
-    def _check_kind(self, name: str, thing: Any) -> None:
-        if not isinstance(thing, self.kind):
+    def _check_kind(self, name: str, entry: Any) -> None:
+        if not isinstance(entry, self.kind):
             raise self.error(
-                f"{self.word} {name!r} is of type {type(thing).__name__}; expected {self.what}"
+                f"{self.word} {name!r} is of type {type(entry).__name__}; expected {self.meaning}"
             )

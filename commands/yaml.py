@@ -128,11 +128,11 @@ def check_distinct(text: str) -> None:
                     continue
                 # One value may be written in two ways, such as 1 and 0x1.
                 merges = key.tag == "tag:yaml.org,2002:merge"
-                made = None if merges else yaml.SafeLoader("").construct_object(key)
-                if key.value in keys or (not merges and (type(made), made) in keys):
+                constructed = None if merges else yaml.SafeLoader("").construct_object(key)
+                if key.value in keys or (not merges and (type(constructed), constructed) in keys):
                     line = key.start_mark.line + 1
                     raise YamlError(f"line {line}: key {key.value} stands twice")
-                keys |= {key.value, (type(made), made)}
+                keys |= {key.value, (type(constructed), constructed)}
 
 
 def parse(text: str, name: str) -> Any:
@@ -152,8 +152,8 @@ def parse(text: str, name: str) -> Any:
     ) as problem:
         mark = getattr(problem, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark is not None else ""
-        what = " ".join((getattr(problem, "problem", None) or str(problem)).split())
-        raise YamlError(f"{name}: {where}not valid YAML ({what})") from None
+        text_of_problem = " ".join((getattr(problem, "problem", None) or str(problem)).split())
+        raise YamlError(f"{name}: {where}not valid YAML ({text_of_problem})") from None
 
 
 def write(values: Any) -> str:

@@ -44,8 +44,8 @@ def save(directory: Path, number: int, tree: Any, meta: Mapping[str, Any]) -> Pa
     written = json.dumps(dict(meta))
     header = {"schema": SCHEMA, "meta": written, "sha256": _digest(tensors, written)}
     path = directory / _NAME.format(number)
-    for left in directory.glob(".checkpoint-*.tmp"):  # by a process that was killed
-        left.unlink()
+    for partial in directory.glob(".checkpoint-*.tmp"):  # by a process that was killed
+        partial.unlink()
     # All under one key: safetensors writes several in an order that changes from run to run.
     write_file(path, save_tensors(tensors, {_HEADER: json.dumps(header)}))
     for old in _checkpoints_of(directory)[_KEPT:]:
@@ -65,8 +65,8 @@ def latest(directory: Path) -> Path:
             _log.warning("%s; taking the one before it", problem)
         else:
             return path
-    what = f"none of its {len(stored)} checkpoints is whole" if stored else "there is no checkpoint"
-    raise CheckpointError(f"{directory}: {what}")
+    text = f"none of its {len(stored)} checkpoints is whole" if stored else "there is no checkpoint"
+    raise CheckpointError(f"{directory}: {text}")
 
 
 def meta(path: Path) -> dict[str, Any]:

@@ -61,11 +61,11 @@ class Options:
     processes: Processes | None = None  # the processes that train together; None: this one alone
 
 
-def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> Options:
+def parse(argv: Sequence[str] | None = None, *, moment: datetime | None = None) -> Options:
     """Read the command line, that of the process by default; raises a ConfigError, and writes
     nothing.
 
-    The moment ``now`` stands in the default name of the directory.
+    The ``moment`` stands in the default name of the directory.
     """
     arguments = _parser().parse_args(argv)
     processes = _processes(arguments.coordinator, arguments.processes, arguments.process)
@@ -81,7 +81,7 @@ def parse(argv: Sequence[str] | None = None, *, now: datetime | None = None) -> 
         config = load(TrainConfig, arguments.config, overrides)
         _check_effective(config, overrides)
         seeds = _seeds(config, arguments.seeds)
-        directory = _new_directory(config, arguments.out, processes, now)
+        directory = _new_directory(config, arguments.out, processes, moment)
         jobs = _new_jobs(config, directory, seeds)
     resumed = arguments.resume is not None
     return Options(directory, jobs, arguments.quiet, resumed, arguments.devices, processes)
@@ -99,13 +99,16 @@ def _seeds(config: TrainConfig, count: int | None) -> int:
 
 
 def _new_directory(
-    config: TrainConfig, out: Path | None, processes: Processes | None, now: datetime | None
+    config: TrainConfig,
+    named: Path | None,
+    processes: Processes | None,
+    began: datetime | None,
 ) -> Path:
     """Return the directory of a new run."""
-    if processes is not None and out is None:
+    if processes is not None and named is None:
         raise ConfigError("--coordinator needs --out, the same directory for all processes")
-    moment = datetime.now(UTC) if now is None else now
-    directory = out or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
+    moment = datetime.now(UTC) if began is None else began
+    directory = named or Path("runs") / f"{config.name}-{moment:%Y%m%dT%H%M%S}-{config.seed}"
     # Another process may have begun to fill it.
     if (processes is None or processes.number == 0) and not is_unused(directory):
         raise ConfigError(
@@ -191,12 +194,12 @@ def resumed_jobs(directory: Path) -> tuple[Job, ...]:
         else sorted(of_seeds, key=lambda file: int(file.parent.name[5:]))
     )
     if not files:
-        what = (
+        problem = (
             "there is no such directory"
             if not directory.is_dir()
             else "it holds no config.yaml, so it is no run"
         )
-        raise ConfigError(f"--resume {directory}: {what}")
+        raise ConfigError(f"--resume {directory}: {problem}")
     begun = [any((file.parent / "checkpoints").glob("checkpoint-*.safetensors")) for file in files]
     return tuple(
         Job(configuration_of_run(file), file.parent, resume)

@@ -56,14 +56,14 @@ def collect(
         index, epsilon = step_noise
         world = environment.restart(world, index)
         observation = observe(world, index)
-        action, kept = algorithm.act(state, observation, epsilon)
+        action, carried = algorithm.act(state, observation, epsilon)
         world, result = environment.step(world, action)
-        return world, (observation, kept, result)
+        return world, (observation, carried, result)
 
-    world, (observation, kept, result) = jax.lax.scan(
+    world, (observation, carried, result) = jax.lax.scan(
         forward, environment_state, (jnp.arange(steps), noise)
     )
     rollout = Rollout(
-        observation, observe(world, steps), noise, kept, result.reward, result.terminated
+        observation, observe(world, steps), noise, carried, result.reward, result.terminated
     )
     return world, rollout, result.statistics

@@ -90,11 +90,11 @@ def connect(devices: int | None = None, processes: Processes | None = None) -> D
         jax.config.update("jax_num_cpu_devices", devices)
     if processes is not None:
         _join(processes)
-    here = local_devices(jax)
-    count = len(here) if devices is None else devices
-    if count > len(here):
+    there = local_devices(jax)
+    count = len(there) if devices is None else devices
+    if count > len(there):
         raise ConfigError(
-            f"--devices is {count}; expected at most {len(here)}, the visible {here[0].platform} "
+            f"--devices is {count}; expected at most {len(there)}, the visible {there[0].platform} "
             "devices"
         )
     of_each = [
@@ -125,21 +125,21 @@ def _join(processes: Processes) -> None:
 
 
 @contextmanager
-def _says_that_it_waits(what: str) -> Generator[None, None, None]:
+def _says_that_it_waits(task: str) -> Generator[None, None, None]:
     """Say every :data:`_PATIENCE_S` on the standard error that what is inside still waits."""
-    done = Event()
+    finished = Event()
 
     def say() -> None:
         began = time.monotonic()
-        while not done.wait(_PATIENCE_S):
-            print(f"note: {what}, {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
+        while not finished.wait(_PATIENCE_S):
+            print(f"note: {task}, {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
 
     teller = Thread(target=say, daemon=True)
     teller.start()
     try:
         yield
     finally:
-        done.set()
+        finished.set()
         teller.join()
 
 

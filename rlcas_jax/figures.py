@@ -53,14 +53,14 @@ FIGURES = {
 """Metric, title and unit of the figures by the name of their file."""
 
 
-def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
+def training_figures(runs: Sequence[Path], directory: Path) -> list[Path]:
     """Draw the figures of a training as PNG and SVG and return the files: one a metric that its
     algorithm logs, and ``training`` with all.
 
     Args:
         runs: directories (or metrics files) of the seeds of one configuration; of several, thin
             lines and a thick mean.
-        out: directory of the files; made if it is not there.
+        directory: of the files; made if it is not there.
 
     Raises:
         ConfigError: no run has a metric yet.
@@ -73,7 +73,7 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
     if not logs:
         raise ConfigError(f"no metrics to draw in {', '.join(map(str, runs))}")
     reference = PAPER_SCORE if all(map(_flies_as_the_paper, runs)) else None
-    out.mkdir(parents=True, exist_ok=True)
+    directory.mkdir(parents=True, exist_ok=True)
     drawn = [name for name, figure in FIGURES.items() if any(figure[0] in log for log in logs)]
     sheets = {name: [[name, "success"]] for name in drawn}
     pairs = [[left, right] for left, right in zip_longest(drawn[::2], drawn[1::2], fillvalue=".")]
@@ -82,7 +82,7 @@ def training_figures(runs: Sequence[Path], out: Path) -> list[Path]:
         return [
             file
             for name, layout in sheets.items()
-            for file in save_figure(_figure(logs, layout, reference), out / name)
+            for file in save_figure(_figure(logs, layout, reference), directory / name)
         ]
 
 
@@ -136,12 +136,12 @@ def _draw_evaluations(axes: "Axes", logs: Sequence[dict[str, np.ndarray]]) -> No
     style: Any = {"color": _ORANGE, "linewidth": 0.8, "marker": "o", "markersize": 4.0}
     style |= {"alpha": 1.0 if len(logs) == 1 else 0.6, "label": "deterministic policy, evaluations"}
     for log in logs:
-        known = np.isfinite(log["eval_success"])
-        percent = 100.0 * log["eval_success"][known]
+        evaluated = np.isfinite(log["eval_success"])
+        percent = 100.0 * log["eval_success"][evaluated]
         if percent.size == 1 and len(logs) == 1:
             # A dot alone is easily overlooked: say its value.
             style["label"] = f"deterministic policy, one evaluation: {percent[0]:.1f} %"
-        axes.plot(1e-6 * log["step"][known], percent, **style)
+        axes.plot(1e-6 * log["step"][evaluated], percent, **style)
         style["label"] = None
 
 
@@ -153,10 +153,10 @@ def _lines(
         values = log.get(metric, np.full_like(log["step"], np.nan)) * (
             100.0 if metric == "success" else 1.0
         )
-        known = np.isfinite(values)
-        if known.any():
+        finite = np.isfinite(values)
+        if finite.any():
             weights = log["episodes"] if metric in _OF_EPISODES else np.ones_like(values)
-            curves.append(stretches(log["step"][known] * 1e-6, values[known], weights[known]))
+            curves.append(stretches(log["step"][finite] * 1e-6, values[finite], weights[finite]))
     if len(curves) > 1:
         for curve in curves:
             axes.plot(*curve, color=color, linewidth=0.7, alpha=0.4)

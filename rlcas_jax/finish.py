@@ -67,7 +67,7 @@ def evaluate(run: Run) -> dict[str, Any]:
     outcome = outcomes(run.task, run.state, encounters)
     solved, rules = np.asarray(outcome.reached), run.task.rules
     verdict = classify(encounters, rules, aircraft.limits, solved=solved).verdict
-    resolvable = int(np.sum(verdict != Verdict.UNRESOLVABLE))
+    possible = int(np.sum(verdict != Verdict.UNRESOLVABLE))
     measured = rates(outcome, rules)
     return {
         "encounters": settings.final_encounters,
@@ -78,7 +78,7 @@ def evaluate(run: Run) -> dict[str, Any]:
         "timeout_rate": measured["eval_timeout"],
         "unresolvable_proven": int(np.sum(verdict == Verdict.UNRESOLVABLE)),
         "undecided": int(np.sum(verdict == Verdict.UNDECIDED)),
-        "success_given_resolvable": float(np.sum(solved)) / max(resolvable, 1),
+        "success_given_resolvable": float(np.sum(solved)) / max(possible, 1),
         "wall_s": time.monotonic() - began,
     }
 

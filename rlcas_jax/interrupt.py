@@ -26,14 +26,14 @@ class Interrupt:
     def __init__(self) -> None:
         """Prepare."""
         self.requested = False
-        self._what: str | None = None
+        self._task: str | None = None
         self._before: list[tuple[int, Any]] = []
 
-    def waits_for(self, what: str | None) -> None:
+    def waits_for(self, task: str | None) -> None:
         """Say what a signal would have to wait for from now on; None: for nothing, as there is
         nothing to lose.
         """
-        self._what = what
+        self._task = task
 
     def __enter__(self) -> "Interrupt":
         """Take over the signals; only possible in the main thread."""
@@ -60,9 +60,9 @@ class Interrupt:
         os.close(reader)
 
     def _answer(self) -> None:
-        what = self._what
-        if self.requested or what is None:
-            _say("interrupted; the last checkpoint is kept" if what else "interrupted")
+        task = self._task
+        if self.requested or task is None:
+            _say("interrupted; the last checkpoint is kept" if task else "interrupted")
             if sys.stderr.isatty():
                 print(
                     "\x1b[?25h", end="", file=sys.stderr, flush=True
@@ -70,7 +70,7 @@ class Interrupt:
             os._exit(INTERRUPTED)
         self.requested = True
         _say(
-            f"stopping: waits for {what}; Ctrl-C again ends at once, and the last checkpoint is "
+            f"stopping: waits for {task}; Ctrl-C again ends at once, and the last checkpoint is "
             "kept"
         )
 

@@ -178,14 +178,14 @@ class _Runner:
         """Train from the beginning, or from the newest checkpoint, and return the end."""
         training = self._training
         self._interrupt.waits_for(None)
-        done, resumed_update = 0, None
+        taken_steps, resumed_update = 0, None
         if training.resumed is not None:
             number, state = training.resumed
-            done = self._done(number, state)
+            taken_steps = self._steps_taken(number, state)
             resumed_update = self._updates[number] + int(state.update)
         elif self._writes:
             _write_versions(training.directory)
-        self._reporter.start(self._steps[-1], done, "compiling")
+        self._reporter.start(self._steps[-1], taken_steps, "compiling")
         with ExitStack() as stack:
             stack.callback(self._reporter.stop)
             if self._writes:
@@ -225,20 +225,20 @@ class _Runner:
 
     def _end(self, number: int, state: TrainState) -> Run:
         """Return the end of the run, in a phase with a state."""
-        training, done = self._training, self._done(number, state)
+        training, taken_steps = self._training, self._steps_taken(number, state)
         log = metrics.read(training.directory / "metrics.jsonl") if self._writes else {}
         return Run(
             training.directory,
             state,
             training.tasks[number],
             training.config,
-            done,
-            finished=done == self._steps[-1],
+            taken_steps,
+            finished=taken_steps == self._steps[-1],
             score=_final_score(log),
             wall_s=time.monotonic() - self._began,
         )
 
-    def _done(self, number: int, state: TrainState) -> int:
+    def _steps_taken(self, number: int, state: TrainState) -> int:
         """Return the environment steps at a state of a phase."""
         return (
             self._steps[number] + int(state.update) * self._training.tasks[number].steps_per_update
@@ -336,9 +336,9 @@ class _Runner:
 
 def _write_versions(directory: Path) -> None:
     """Write the platform and the versions that decide a run's numbers."""
-    here = {"platform": platform.platform(), "machine": platform.machine()}
-    here |= versions("numpy", "jax", "jaxlib", "flax", "optax", "safetensors")
-    write_file(directory / "versions.json", json.dumps(here, indent=2) + "\n")
+    versions_used = {"platform": platform.platform(), "machine": platform.machine()}
+    versions_used |= versions("numpy", "jax", "jaxlib", "flax", "optax", "safetensors")
+    write_file(directory / "versions.json", json.dumps(versions_used, indent=2) + "\n")
 
 
 def outcomes(task: CompiledTask, state: TrainState, starts: Encounter) -> Outcome:
@@ -367,8 +367,8 @@ def _final_score(log: dict[str, np.ndarray]) -> float:
         return math.nan
     tail = max(1, len(log["step"]) // 20)
     score, episodes = log["score"][-tail:], log["episodes"][-tail:]
-    known = episodes > 0
-    return float(np.average(score[known], weights=episodes[known])) if known.any() else math.nan
+    ended = episodes > 0
+    return float(np.average(score[ended], weights=episodes[ended])) if ended.any() else math.nan
 
 
 def check_own_code(config: TrainConfig) -> None:

@@ -51,17 +51,17 @@ def _of_phase(config: TrainConfig) -> int:
 
 def check_memory(config: TrainConfig) -> None:
     """Raise a ConfigError where the devices have less memory than :func:`needed_bytes`."""
-    needed, had = needed_bytes(config), _had_bytes()
-    if needed > had:
+    needed, available = needed_bytes(config), _available_bytes()
+    if needed > available:
         raise ConfigError(
             f"environments {config.environments} with rollout {config.rollout} "
             "and pool_rows "
             f"{config.pool_rows} need about {needed / 2**30:.3g} GiB of memory; expected at most "
-            f"{had / 2**30:.3g} GiB"
+            f"{available / 2**30:.3g} GiB"
         )
 
 
-def _had_bytes() -> int:
+def _available_bytes() -> int:
     devices = local_devices(jax)
     if devices[0].platform == "cpu":
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") * jax.process_count()

@@ -110,16 +110,16 @@ class Writer:
         """
         path = directory / FILE
         last = -1 if resume_update is None else resume_update
-        kept = [line for line in _lines(path) if parse_json(line)["update"] <= last]
+        lines = [line for line in _lines(path) if parse_json(line)["update"] <= last]
         with path.open("ab") as file:
-            file.truncate(sum(map(len, kept)))
+            file.truncate(sum(map(len, lines)))
         self._file: IO[str] = path.open("a", encoding="utf-8")
-        self.wall_s = float(parse_json(kept[-1])["wall_s"]) if kept else 0.0
+        self.wall_s = float(parse_json(lines[-1])["wall_s"]) if lines else 0.0
         """Time spent until the last line that is kept, s."""
         self._board: _Board | None = None
         if find_spec("tensorboardX") is not None:
             self._board = _Board(
-                directory / "tensorboard", parse_json(kept[-1])["step"] + 1 if kept else 0
+                directory / "tensorboard", parse_json(lines[-1])["step"] + 1 if lines else 0
             )
 
     def write(self, row: Mapping[str, Any]) -> None:

@@ -29,9 +29,9 @@ class Reporter(Progress):
         self._evaluated: float | None = None
         self._compiled = False
 
-    def start(self, total: int, done: float = 0, word: str = "") -> Self:
+    def start(self, total: int, completed: float = 0, word: str = "") -> Self:
         """Begin; the word, such as ``compiling``, is shown at once."""
-        super().start(total, done, word)
+        super().start(total, completed, word)
         if word and self._live is None:
             self.note(word)
         return self

@@ -180,8 +180,8 @@ def draw_update(
 def _learning_rate(context: TrainingContext, update: Int32[Array, ""]) -> Float[Array, ""]:
     """Return the learning rate of an update: it changes linearly over the phase."""
     first, final = context.config.learning_rate, context.config.learning_rate_final
-    done = update.astype(jnp.float32) / context.updates
-    return first + (final - first) * done
+    progress = update.astype(jnp.float32) / context.updates
+    return first + (final - first) * progress
 
 
 def _finite(learner: Any, figures: Figures) -> Bool[Array, ""]:

@@ -56,15 +56,15 @@ def report_unwritten(directory: Path, problem: Exception, again: str) -> int:
     """Say that a run's files cannot be written (a full disk, a folder that has gone), and return
     the exit status.
     """
-    what = (
+    reason = (
         f"{problem.filename or directory}: {problem.strerror}"
         if isinstance(problem, OSError)
         else str(problem)
     )
     if not directory.is_dir():
-        what = f"{directory} has been moved or deleted"
+        reason = f"{directory} has been moved or deleted"
     print(
-        f"error: {what}; once it can be written again, go on with  python -m rlcas_jax.{again}",
+        f"error: {reason}; once it can be written again, go on with  python -m rlcas_jax.{again}",
         file=sys.stderr,
     )
     return FAILED

@@ -141,8 +141,8 @@ def train_all(
             if not summaries[-1]["finished"]:
                 break
         if first() and len(options.jobs) > 1:
-            done = [job.directory for job in options.jobs[: len(summaries)]]
-            training_figures(done, options.directory / "figures")
+            directories = [job.directory for job in options.jobs[: len(summaries)]]
+            training_figures(directories, options.directory / "figures")
     return summaries
 
 
@@ -162,10 +162,10 @@ def _train_seed(
         f"training {job.config.name}, seed {job.config.seed}, in {job.directory}: {memory}"
     )
     training = prepare(job.config, job.directory, devices, resume=job.resume)
-    done = run(training, reporter, interrupt, callback)
+    result = run(training, reporter, interrupt, callback)
     interrupt.waits_for("the evaluation of the policy")
     reporter.note("evaluating the policy")
-    return finish(done) if first() else {"finished": done.finished}
+    return finish(result) if first() else {"finished": result.finished}
 
 
 def _config_of(

@@ -44,22 +44,22 @@ class Cluster:
     def __init__(self, client: Client, address: str) -> None:
         """Take a client that is connected; :func:`connect_scheduler` makes one."""
         self._client, self._address = client, address
-        self._asked, self._known = 0.0, 0
+        self._counted_at, self._size = 0.0, 0
 
     def size(self) -> int:
         """Return the number of workers, as of the last two seconds; ``WorkerError``: the scheduler
         has gone.
         """
-        if time.monotonic() - self._asked >= _PATIENCE_S:
+        if time.monotonic() - self._counted_at >= _PATIENCE_S:
             try:
                 workers: Any = self._client.nthreads()
-                found = len(workers)
+                size = len(workers)
             except (OSError, CancelledError):
                 raise self._lost_error() from None
-            if found == 0 and self._known > 0:
+            if size == 0 and self._size > 0:
                 self._note("has no worker left: waiting for one (Ctrl-C stops)")
-            self._asked, self._known = time.monotonic(), found
-        return self._known
+            self._counted_at, self._size = time.monotonic(), size
+        return self._size
 
     def wait_for_a_worker(self) -> None:
         """Return as soon as there is one; a batch system may take its time."""
@@ -71,8 +71,8 @@ class Cluster:
     def check(self, expected: Mapping[str, str]) -> None:
         """Refuse workers whose packages differ from those expected."""
         # Workers come and go meanwhile; those that have gone need not fit.
-        found: Any = self._client.run(versions, *expected, on_error="return")
-        for worker, answer in sorted(found.items()):
+        answers: Any = self._client.run(versions, *expected, on_error="return")
+        for worker, answer in sorted(answers.items()):
             unlike = differences(expected, answer) if isinstance(answer, dict) else ""
             unlike = f"no toolkit ({answer})" if isinstance(answer, ImportError) else unlike
             if unlike:
@@ -164,8 +164,8 @@ def connect_scheduler(address: str, packages: tuple[str, ...]) -> Generator[Clus
     Also ``tls`` and ``ws``, set up as Dask's configuration says. The packages must have one version
     everywhere.
     """
-    found = _ADDRESS.fullmatch(address)
-    if found is None or not 0 < int(found["port"]) < 65_536:
+    match = _ADDRESS.fullmatch(address)
+    if match is None or not 0 < int(match["port"]) < 65_536:
         raise ConfigError(
             f"--scheduler: {address!r} is no address; expected tcp://HOST:PORT, such as "
             "tcp://node7:8786"
@@ -182,8 +182,8 @@ def connect_scheduler(address: str, packages: tuple[str, ...]) -> Generator[Clus
     with client:
         cluster = Cluster(client, address)
         cluster.wait_for_a_worker()
-        here = versions(*packages)
-        cluster.check({name: here[name] for name in packages})
+        versions_here = versions(*packages)
+        cluster.check({name: versions_here[name] for name in packages})
         yield cluster
 
 
@@ -206,9 +206,9 @@ def _greet(address: str) -> None:
         kind = answer.get("type")
     # A stranger's bytes can break the reading of them in any way.
     except Exception:
-        wanted = "expected the address that dask scheduler prints when it starts"
+        expected = "expected the address that dask scheduler prints when it starts"
         raise ConfigError(
-            f"--scheduler {address}: no Dask scheduler answers within {_ANSWER_S:g} s, {wanted}"
+            f"--scheduler {address}: no Dask scheduler answers within {_ANSWER_S:g} s, {expected}"
         ) from None
     if kind != "Scheduler":
         raise ConfigError(

@@ -108,13 +108,14 @@ def run(command: Command, options: argparse.Namespace) -> int:
         return 0
     config = load_config(command.folder.model, options, command.keys, command.prefix)
     resolved = command.resolve(config, options)
-    out = options.out or default_folder(command.name)
+    folder = options.out or default_folder(command.name)
     try:
         with _cluster_of(options, (*DECISIVE, *resolved.packages)) as cluster:
-            finished = fly(command, resolved, out, resume=options.resume, cluster=cluster)
+            finished = fly(command, resolved, folder, resume=options.resume, cluster=cluster)
     except UnfinishedError as end:
         print(
-            f"{end}Go on with: python -m eval.{command.name} --resume --out {out}", file=sys.stderr
+            f"{end}Go on with: python -m eval.{command.name} --resume --out {folder}",
+            file=sys.stderr,
         )
         return end.status
     command.show(finished.summary)
@@ -122,14 +123,14 @@ def run(command: Command, options: argparse.Namespace) -> int:
     flown, wall_s = finished.flown, finished.wall_s
     if flown:
         print(f"{wall_s:.1f} s, {flown / wall_s:.1f} {command.unit}/s")
-    print(f"files: {out}: {', '.join(finished.files)}")
+    print(f"files: {folder}: {', '.join(finished.files)}")
     return 0
 
 
 def fly(
     command: Command,
     resolved: Resolved,
-    out: Path,
+    run_folder: Path,
     *,
     resume: bool = False,
     cluster: "Cluster | None" = None,
@@ -147,7 +148,7 @@ def fly(
     workers = config.workers or cores() if cluster is None else cluster.size()
     chunk = config.chunk_for(config.default_count, workers)
     config = config.model_copy(update={"chunk": chunk})
-    folder = command.folder(out, config)
+    folder = command.folder(run_folder, config)
     fly_all = partial(fly_chunks, task, resolved.work, workers)
     if cluster is not None:
         sha256 = config.policy_sha256 if isinstance(config, PolicyConfig) else None
@@ -160,19 +161,19 @@ def fly(
     with lock(folder.path):
         folder.begin(resume=resume)
         table, flown = _whole_table(folder, config, fly_all, command.outcome(resolved.work))
-        now = FlownNow(flown, time.perf_counter() - begun)
+        flown_now = FlownNow(flown, time.perf_counter() - begun)
         resolved = resolved._replace(config=config)
-        summary = command.summarise(table, resolved, now)
+        summary = command.summarise(table, resolved, flown_now)
         write_file(
             folder.path / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n"
         )
         figures = command.draw(folder.path, table, resolved, summary)
     written = {"summary.json", folder.table, "config.yaml", *(path.name for path in figures)}
-    return Finished(summary, sorted(written), *now)
+    return Finished(summary, sorted(written), *flown_now)
 
 
 def summary_of_policy(
-    unit: str, flights: Mapping[str, Any], resolved: Resolved, now: FlownNow
+    unit: str, flights: Mapping[str, Any], resolved: Resolved, flown: FlownNow
 ) -> dict[str, Any]:
     """Return what summary.json says of the flights of one policy.
 
@@ -189,9 +190,9 @@ def summary_of_policy(
         **describe(resolved.work.aircraft, named_policy(config)),
         "confidence": config.confidence,
         **flights,
-        "wall_s": now.wall_s,
-        f"{unit}_flown_now": now.flown,
-        f"{unit}_per_s": now.flown / now.wall_s if now.flown else None,
+        "wall_s": flown.wall_s,
+        f"{unit}_flown_now": flown.flown,
+        f"{unit}_per_s": flown.flown / flown.wall_s if flown.flown else None,
         "versions": versions("numpy", "safetensors", "pyarrow", "scipy", *resolved.packages),
     }
 
@@ -208,7 +209,7 @@ class Encounters(Progress):
     def __enter__(self) -> Self:
         self.start(self._total, self._before, "flying")
         if self._before:
-            self.note(f"{self._done(self._before)} are stored already")
+            self.note(f"{self._completed(self._before)} are stored already")
         return self
 
     def advance(self, flown: int, reached: int) -> None:
@@ -247,7 +248,7 @@ def _whole_table(
     flown now. The column ``outcome`` tells which reached their goal.
     """
     assert config.chunk is not None  # it is resolved
-    total, size, stored, flown = config.default_count, config.chunk, folder.done(), 0
+    total, size, stored, flown = config.default_count, config.chunk, folder.stored(), 0
     missing = [
         Chunk(first, min(size, total - first))
         for first in range(0, total, size)

@@ -276,9 +276,15 @@ def load_config(
         overrides += [] if options.resume else ["scenario_sha256=null"]
     if getattr(options, "areas", None) is not None and not options.resume:
         overrides.append("areas_sha256=null")
-    given = {key: getattr(options, name) for name, key in keys.items()}
-    overrides += [f"{key}={value}" for key, value in given.items() if value is not None]
-    check_once([one for one in (*overrides, *options.set) if not one.endswith("_sha256=null")])
+    options_given = {key: getattr(options, name) for name, key in keys.items()}
+    overrides += [f"{key}={value}" for key, value in options_given.items() if value is not None]
+    check_once(
+        [
+            override_text
+            for override_text in (*overrides, *options.set)
+            if not override_text.endswith("_sha256=null")
+        ]
+    )
     try:
         config = load(model, path, [*overrides, *options.set])
     except ConfigError as problem:
@@ -291,7 +297,9 @@ def load_config(
 
 def _absolute(scenario: str) -> str:
     """Return a scenario whose file, if it is one, is named from the root."""
-    kind = next((each for each in PREFIXES if scenario.startswith(each) and scenario != each), None)
+    kind = next(
+        (prefix for prefix in PREFIXES if scenario.startswith(prefix) and scenario != prefix), None
+    )
     return scenario if kind is None else f"{kind}{Path(scenario.removeprefix(kind)).absolute()}"
 
 
@@ -316,13 +324,13 @@ def named_policy(config: PolicyConfig) -> Policy:
     return policy
 
 
-def check_digest(path: Path | None, found: str, wanted: str | None, option: str) -> None:
+def check_digest(path: Path | None, digest: str, expected: str | None, option: str) -> None:
     """Refuse a policy (None: the one that ships) whose SHA-256 is not the wanted one (None: any),
     as an option says.
     """
-    if wanted is not None and found != wanted.lower():
+    if expected is not None and digest != expected.lower():
         raise ConfigError(
-            f"policy {path or 'that ships'} has SHA-256 {found}, expected {wanted} ({option})"
+            f"policy {path or 'that ships'} has SHA-256 {digest}, expected {expected} ({option})"
         )
 
 
@@ -339,10 +347,10 @@ def named_source(
     if config.file is None:
         return source, names, {"encounters": count}
     digest = hashlib.sha256(config.file.read_bytes()).hexdigest()
-    wanted = config.scenario_sha256
-    if wanted not in (None, digest):
+    expected = config.scenario_sha256
+    if expected not in (None, digest):
         raise ConfigError(
-            f"{config.file} has SHA-256 {digest}, expected {wanted} (key scenario_sha256)"
+            f"{config.file} has SHA-256 {digest}, expected {expected} (key scenario_sha256)"
         )
     if names is not None and count > len(names):
         raise ConfigError(
@@ -365,8 +373,8 @@ def named_evaluation(config: MonteCarloConfig) -> tuple[Evaluation, Policy, dict
     backend = config.backend_for(policy, resolved["encounters"])
     planner = config.planner.options(aircraft)
     how = (config.mode, planner, config.baseline, backend, config.wind_mps, config.areas)
-    given, digest = named_areas(config)
-    evaluation = Evaluation(config.policy, source, names, config.seed, aircraft, *how, given)
+    areas, digest = named_areas(config)
+    evaluation = Evaluation(config.policy, source, names, config.seed, aircraft, *how, areas)
     resolved |= {"policy_sha256": policy.sha256, "backend": backend, "areas_sha256": digest}
     return evaluation, policy, resolved
 

@@ -71,18 +71,21 @@ class ResumableFolder:
             check_unused(self.path)
         try:
             (self.path / self.parts).mkdir(parents=True, exist_ok=True)
-            for left in self.path.glob(".*.tmp"):
-                left.unlink()
+            for partial in self.path.glob(".*.tmp"):
+                partial.unlink()
             write_file(self.path / _CONFIG, dump(self._config))
         except OSError as problem:
             raise ConfigError(f"--out {self.path}: cannot be written: {problem.strerror}") from None
 
     def _check_same(self) -> None:
         path = self.path / _CONFIG
-        before, now = self._decisive(load(type(self._config), path)), self._decisive(self._config)
-        for key in now:
-            if before[key] != now[key]:
-                other = f"{key} is {now[key]!r}, expected {before[key]!r} as in {path}"
+        before, current = (
+            self._decisive(load(type(self._config), path)),
+            self._decisive(self._config),
+        )
+        for key in current:
+            if before[key] != current[key]:
+                other = f"{key} is {current[key]!r}, expected {before[key]!r} as in {path}"
                 raise ConfigError(f"--resume: {other}; use another --out for another evaluation")
 
     def _decisive(self, config: Strict) -> dict[str, Any]:
@@ -96,17 +99,17 @@ class ResumableFolder:
 
     def identity(self) -> str:
         """Return a digest by which a stored part is known to belong to this run."""
-        made = {
+        origin = {
             "config": self._decisive(self._config),
             "versions": {k: versions(*self.packages)[k] for k in ("rlcas-toolkit", *self.packages)},
         }
-        return hashlib.sha256(json.dumps(made, sort_keys=True, default=str).encode()).hexdigest()
+        return hashlib.sha256(json.dumps(origin, sort_keys=True, default=str).encode()).hexdigest()
 
     def check_made_here(self, part: Path, identity: str) -> None:
         """Refuse a stored part with the identity of another run."""
         if identity != self.identity():
-            made = f"{part} was made with other versions of the toolkit, numpy or jax"
-            raise ConfigError(f"--resume: {made}; expected the same as now, or another --out")
+            problem = f"{part} was made with other versions of the toolkit, numpy or jax"
+            raise ConfigError(f"--resume: {problem}; expected the same as now, or another --out")
 
 
 class RunFolder(ResumableFolder):
@@ -127,7 +130,7 @@ class RunFolder(ResumableFolder):
         compiled = isinstance(self._config, MonteCarloConfig) and self._config.backend == "jax"
         return ("numpy", "jaxlib") if compiled else ("numpy",)
 
-    def done(self) -> set[int]:
+    def stored(self) -> set[int]:
         """Return the first encounters of the chunks that are stored; other versions made them:
         ``ConfigError``.
         """
@@ -140,10 +143,10 @@ class RunFolder(ResumableFolder):
         stored = set()
         for path in (self.path / self.parts).glob("*.parquet"):
             try:
-                found = (pq.read_schema(path).metadata or {}).get(b"rlcas_run", b"").decode()
+                identity = (pq.read_schema(path).metadata or {}).get(b"rlcas_run", b"").decode()
             except (OSError, pa.ArrowException):
                 continue  # not one of ours, or damaged: it is flown again
-            self.check_made_here(path, found)
+            self.check_made_here(path, identity)
             stored.add(int(path.stem))
         return stored
 
@@ -186,7 +189,7 @@ def arrow_table(columns: Mapping[str, np.ndarray]) -> "pa.Table":
     return pa.table({name: pa.array(values, type=kinds[name]) for name, values in columns.items()})
 
 
-def read_table(path: Path, what: str, schema: bytes | None = None) -> dict[str, np.ndarray]:
+def read_table(path: Path, expected: str, schema: bytes | None = None) -> dict[str, np.ndarray]:
     """Return the columns of a file; equal words are one object, not one a row.
 
     A file that cannot be read, or is of another schema than the one given, raises ``ConfigError``.
@@ -198,13 +201,13 @@ def read_table(path: Path, what: str, schema: bytes | None = None) -> dict[str, 
         read = pq.read_table(path)
     except (OSError, pa.ArrowException) as problem:
         raise ConfigError(
-            f"{path}: cannot be read as parquet ({problem}), expected {what}"
+            f"{path}: cannot be read as parquet ({problem}), expected {expected}"
         ) from None
-    found = (read.schema.metadata or {}).get(b"rlcas_schema", b"none")
-    if schema is not None and found != schema:
+    stored_schema = (read.schema.metadata or {}).get(b"rlcas_schema", b"none")
+    if schema is not None and stored_schema != schema:
         raise ConfigError(
-            f"{path}: has the schema {found.decode(errors='replace')!r}, expected "
-            f"{schema.decode()!r}, {what}"
+            f"{path}: has the schema {stored_schema.decode(errors='replace')!r}, expected "
+            f"{schema.decode()!r}, {expected}"
         )
     columns = {}
     for name, column in zip(read.column_names, read.columns, strict=True):

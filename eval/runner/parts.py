@@ -56,13 +56,13 @@ class PartsFolder(ResumableFolder):
             ConfigError: other versions have made it.
         """
         path = self.path / self.parts / f"{name}.npz"
-        found = _read(path)
-        if found is None:
+        part = _read(path)
+        if part is None:
             _write(path, {**make(), _IDENTITY: self.identity()})
-            found = _read(path)
-            assert found is not None
-        self.check_made_here(path, str(found.pop(_IDENTITY, "")))
-        return found
+            part = _read(path)
+            assert part is not None
+        self.check_made_here(path, str(part.pop(_IDENTITY, "")))
+        return part
 
 
 def _write(path: Path, part: Mapping[str, Any]) -> None:
@@ -79,7 +79,7 @@ def _read(path: Path) -> dict[str, np.ndarray] | None:
     """Return the arrays of a file; None where there is none, or a damaged one."""
     try:
         with np.load(path, allow_pickle=False) as arrays:
-            found = dict(arrays)
+            columns = dict(arrays)
     except (OSError, ValueError, zipfile.BadZipFile):
         return None
-    return {name: a.astype(object) if a.dtype.kind == "U" else a for name, a in found.items()}
+    return {name: a.astype(object) if a.dtype.kind == "U" else a for name, a in columns.items()}

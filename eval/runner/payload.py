@@ -162,12 +162,12 @@ def fly(payload: Payload, first: int, count: int) -> dict[str, np.ndarray]:
             raise WorkerError(traceback.format_exc()) from None
 
 
-def differences(expected: Mapping[str, str], found: Mapping[str, str]) -> str:
+def differences(expected: Mapping[str, str], installed: Mapping[str, str]) -> str:
     """Return what differs, in words; empty where nothing does."""
     return ", ".join(
-        f"{name} {found.get(name, 'not installed')} instead of {version}"
+        f"{name} {installed.get(name, 'not installed')} instead of {version}"
         for name, version in expected.items()
-        if found.get(name) != version
+        if installed.get(name) != version
     )
 
 

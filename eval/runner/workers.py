@@ -79,7 +79,7 @@ def fly_chunks(
 
 @contextmanager
 def processes(
-    size: int, begin: Callable[..., object], *given: Any
+    size: int, begin: Callable[..., object], *arguments: Any
 ) -> Generator[ProcessPoolExecutor, None, None]:
     """Give processes that begin with a call of ``begin``; Ctrl-C does not reach them. On leaving
     they end, at once (SIGTERM) where an error or an interrupt ends the run, or this process is
@@ -88,7 +88,7 @@ def processes(
     before = set(multiprocessing.active_children())
     # A fresh interpreter each: a fork would copy the locks of whatever threads numpy has started.
     pool = ProcessPoolExecutor(
-        size, multiprocessing.get_context("spawn"), _begin_beside, (begin, *given)
+        size, multiprocessing.get_context("spawn"), _begin_beside, (begin, *arguments)
     )
     try:
         with _ignore_interrupts():
@@ -103,7 +103,7 @@ def processes(
         pool.shutdown(cancel_futures=True)
 
 
-def _begin_beside(begin: Callable[..., object], *given: Any) -> None:
+def _begin_beside(begin: Callable[..., object], *arguments: Any) -> None:
     """Begin a process, which ends without its parent: by SIGTERM, and at last at once."""
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -115,7 +115,7 @@ def _begin_beside(begin: Callable[..., object], *given: Any) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-    begin(*given)
+    begin(*arguments)
 
 
 @contextmanager

@@ -133,8 +133,8 @@ def _parser() -> Parser:
         metavar="FILE",
         help=f"what varies: YAML file (see below), or a name: {_SPACE}",
     )
-    what = "trials in all, also those of earlier calls"
-    add("--trials", type=whole(1), metavar="N", help=what)
+    help_text = "trials in all, also those of earlier calls"
+    add("--trials", type=whole(1), metavar="N", help=help_text)
     add("--out", type=Path, metavar="DIR", help="directory of the sweep")
     add(
         "--resume",

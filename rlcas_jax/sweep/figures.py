@@ -25,11 +25,11 @@ _LEAST_SPAN = 2.0  # points of success that an axis shows at least
 _LONGEST = 12  # characters of a choice on an axis
 
 
-def draw(study: Study, out: Path) -> list[Path]:
+def draw(study: Study, directory: Path) -> list[Path]:
     """Draw the figures of a study with a complete trial, and return the files, PNG and SVG.
 
     Args:
-        out: their directory; made if it is not there.
+        directory: of the files; made if it is not there.
     """
     import matplotlib as mpl
 
@@ -40,11 +40,11 @@ def draw(study: Study, out: Path) -> list[Path]:
     }
     if len(complete) >= _ENOUGH:
         figures["importance"] = lambda: _importance(study)
-    out.mkdir(exist_ok=True)
+    directory.mkdir(exist_ok=True)
     files = []
     with mpl.rc_context(STYLE):
         for name, figure in figures.items():
-            files += save_figure(figure(), out / name)
+            files += save_figure(figure(), directory / name)
     return files
 
 

@@ -145,9 +145,9 @@ def _objective(trial: Trial, options: Options, interrupt: Interrupt) -> float:
     from rlcas_jax.loop import TrainingError
 
     seeds, values = options.settings.seeds, trial.params
-    for done in trial.study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
-        if done.params == values:
-            return float(done.value or 0.0)
+    for complete in trial.study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
+        if complete.params == values:
+            return float(complete.value or 0.0)
     directory = trial_directory(options.directory, trial.number)
     resolved = []
     try:
@@ -211,9 +211,9 @@ def _train(
     training = prepare(config, directory)
     directory.mkdir(parents=True, exist_ok=True)
     write_file(directory / "config.yaml", dump(config))
-    done = run(training, watch, interrupt)
+    result = run(training, watch, interrupt)
     interrupt.waits_for("the evaluation of the policy")
-    return finish(done) if done.finished else {}
+    return finish(result) if result.finished else {}
 
 
 def _write_results(options: Options, study: Study) -> bool:

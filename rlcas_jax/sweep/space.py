@@ -89,7 +89,7 @@ def _distribution(key: str, entry: Any, where: str) -> BaseDistribution:
         raise ConfigError(f"{where} has moved; expected {moved}")
     field = field_at(TrainConfig, key.split("."))
     if not isinstance(field, FieldInfo):
-        close = nearest(key, [known.name.replace("[]", ".0") for known in keys(TrainConfig)])
+        close = nearest(key, [fields.name.replace("[]", ".0") for fields in keys(TrainConfig)])
         hint = (
             f"did you mean {close}?"
             if close
@@ -100,12 +100,12 @@ def _distribution(key: str, entry: Any, where: str) -> BaseDistribution:
         raise ConfigError(
             f"{where} cannot be searched, because trials would not be compared on equal terms"
         )
-    known = (
+    fields = (
         {"choices"}
         if isinstance(entry, dict) and "choices" in entry
         else {"low", "high", "log", "step"}
     )
-    if not isinstance(entry, dict) or not entry.keys() <= known:
+    if not isinstance(entry, dict) or not entry.keys() <= fields:
         raise ConfigError(
             f"{where} is {quote(entry)}; expected {{low, high}}, with log or step, or {{choices}}"
         )

@@ -34,7 +34,7 @@ def test_a_change_of_the_defaults_is_trained_in_a_folder_with_the_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(tmp_path)
-    options = parse(["--set", "seed=0"], now=MOMENT)
+    options = parse(["--set", "seed=0"], moment=MOMENT)
     assert options.directory == Path("runs/train-20260131T120000-0")
     (job,) = options.jobs
     assert (job.config, job.directory, job.resume) == (TrainConfig(), options.directory, False)
