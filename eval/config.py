@@ -218,11 +218,15 @@ class EncountersConfig(Strict):
     @field_validator("scenario")
     @classmethod
     def _scenario(cls, name: str, info: ValidationInfo) -> str:
-        prefix = next((each for each in PREFIXES if name.startswith(each)), None)
+        prefix = next(
+            (prefix_known for prefix_known in PREFIXES if name.startswith(prefix_known)), None
+        )
         if prefix is not None:
             if prefix not in cls.files:
-                known = " or ".join(["a sampled scenario", *(f"{each}PATH" for each in cls.files)])
-                raise ConfigError(f"{name!r} cannot be flown here; expected {known}")
+                expected = " or ".join(
+                    ["a sampled scenario", *(f"{prefix_known}PATH" for prefix_known in cls.files)]
+                )
+                raise ConfigError(f"{name!r} cannot be flown here; expected {expected}")
             if name == prefix:
                 raise ConfigError(f"{name!r} names no file; expected {prefix}PATH")
             if name.rpartition("+")[2].strip() in MODIFIERS:
@@ -231,7 +235,7 @@ class EncountersConfig(Strict):
                     "the modifier, such as circle + standing"
                 )
             return f"{prefix}{locate(Path(name.removeprefix(prefix)), info)}"
-        files = ", ".join(f"{each}PATH" for each in cls.files)
+        files = ", ".join(f"{prefix_known}PATH" for prefix_known in cls.files)
         own = "module:name of your own"
         return known_scenario(name, f"{own}, or {files}" if files else own)
 
@@ -248,9 +252,9 @@ class EncountersConfig(Strict):
                 "a file"
             )
         if self.file is None and self.scenario_sha256 is not None:
-            wanted = ", ".join(f"{each}PATH" for each in self.files)
+            forms = ", ".join(f"{form}PATH" for form in self.files)
             raise ConfigError(
-                f"scenario_sha256 is for a scenario {wanted}, not for {self.scenario!r}; expected "
+                f"scenario_sha256 is for a scenario {forms}, not for {self.scenario!r}; expected "
                 "null"
             )
         return self
@@ -260,7 +264,7 @@ class EncountersConfig(Strict):
         """What kind of file the scenario is, one of :data:`PREFIXES`; None for a sampled
         scenario.
         """
-        return next((each for each in PREFIXES if self.scenario.startswith(each)), None)
+        return next((prefix for prefix in PREFIXES if self.scenario.startswith(prefix)), None)
 
     @property
     def file(self) -> Path | None:

@@ -96,11 +96,11 @@ def _convert(options: argparse.Namespace) -> int:
     source, target = options.source, options.target.suffix
     scenes = _read(source, source.suffix, options.seconds, options.repair)
     if options.encounter is not None:
-        known = [scene.name for scene in scenes]
+        names = [scene.name for scene in scenes]
         scenes = [scene for scene in scenes if scene.name == options.encounter]
         if not scenes:
             raise ConfigError(
-                f"--encounter: {options.encounter!r} is not in {source}; it holds {known[:5]} ..."
+                f"--encounter: {options.encounter!r} is not in {source}; it holds {names[:5]} ..."
             )
     lost = _losses(scenes, target)
     if lost and not options.lossy:
@@ -120,26 +120,26 @@ def _convert(options: argparse.Namespace) -> int:
 
 def _losses(scenes: Sequence[ExchangedEncounter], target: str) -> list[str]:
     """Return what a form of file cannot hold of the encounters, with how many have it."""
-    had: dict[str, list[ExchangedEncounter]] = {}
+    losses: dict[str, list[ExchangedEncounter]] = {}
     for kind in sorted({kind for scene in scenes for kind, rows in scene.left_out.items() if rows}):
-        which = [scene for scene in scenes if scene.left_out.get(kind)]
-        had[f"{sum(scene.left_out[kind] for scene in which)} {kind}"] = which
+        affected = [scene for scene in scenes if scene.left_out.get(kind)]
+        losses[f"{sum(scene.left_out[kind] for scene in affected)} {kind}"] = affected
     if target == ".csv":
-        had["altitudes"] = [scene for scene in scenes if scene.altitudes]
-        had["the ownship's motion after the start"] = [
+        losses["altitudes"] = [scene for scene in scenes if scene.altitudes]
+        losses["the ownship's motion after the start"] = [
             scene for scene in scenes if not scene.straight(0)
         ]
     else:
-        had["the goal"] = [scene for scene in scenes if scene.goal is not None]
-        had["the noise of reports"] = [scene for scene in scenes if any(scene.sensor)]
+        losses["the goal"] = [scene for scene in scenes if scene.goal is not None]
+        losses["the noise of reports"] = [scene for scene in scenes if any(scene.sensor)]
     if target == ".json":
-        had["the name"] = [scene for scene in scenes if not is_number(scene.name)]
+        losses["the name"] = [scene for scene in scenes if not is_number(scene.name)]
     else:
-        had["the weight"] = [scene for scene in scenes if scene.weight != 1.0]
+        losses["the weight"] = [scene for scene in scenes if scene.weight != 1.0]
     return [
-        f"{what} of {len(which)} of {len(scenes)} encounters, the first {which[0].name!r}"
-        for what, which in had.items()
-        if which
+        f"{part} of {len(affected)} of {len(scenes)} encounters, the first {affected[0].name!r}"
+        for part, affected in losses.items()
+        if affected
     ]
 
 
@@ -147,9 +147,12 @@ def _read(path: Path, form: str, seconds: int, repair: bool) -> list[ExchangedEn
     if form == ".csv":
         return scenes_of(*encounter_file.read(path), seconds)
     if form == ".json":
-        found = read_lincoln(path, repair=repair)
-        repairs = sum_of_repairs([each.repairs for each in found])
-        recorded = [(str(each.number), tracks_of(each), each.weight) for each in found]
+        encounters = read_lincoln(path, repair=repair)
+        repairs = sum_of_repairs([encounter.repairs for encounter in encounters])
+        recorded = [
+            (str(encounter.number), tracks_of(encounter), encounter.weight)
+            for encounter in encounters
+        ]
     else:
         tracks, repairs = read_daidalus(path, repair=repair)
         recorded = [(path.stem, tracks, 1.0)]

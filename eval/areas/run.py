@@ -40,14 +40,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     config = _load(options)
     areas, remarks = read_near_areas(config.file, LocalFrame(config.latitude, config.longitude))
     if not areas:
-        said = "; ".join(remarks) or f"{config.file}: holds none"
-        raise AreaError(f"{said}; expected areas to draw")
-    out = options.out or default_folder("areas")
-    picture_folder.create(out, config)
-    save_figure(picture(areas), out / "areas", 120)
+        problem = "; ".join(remarks) or f"{config.file}: holds none"
+        raise AreaError(f"{problem}; expected areas to draw")
+    folder = options.out or default_folder("areas")
+    picture_folder.create(folder, config)
+    save_figure(picture(areas), folder / "areas", 120)
     for remark in remarks:
         print(remark)
-    print(f"{out}: {len(areas)} areas")
+    print(f"{folder}: {len(areas)} areas")
     return 0
 
 
@@ -76,10 +76,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def _load(options: argparse.Namespace) -> AreasConfig:
     """Return the configuration of a file under what the command line says."""
-    given = {name: getattr(options, name) for name in AreasConfig.model_fields}
-    if options.config is None and None in given.values():
+    overrides = {name: getattr(options, name) for name in AreasConfig.model_fields}
+    if options.config is None and None in overrides.values():
         raise ConfigError("expected FILE, --latitude and --longitude, or --config")
-    return load_given(AreasConfig, options.config, given)
+    return load_given(AreasConfig, options.config, overrides)
 
 
 def picture(areas: Sequence[Area]) -> Figure:

@@ -221,8 +221,8 @@ class RLCAS(_Resolution):
     def _begin(self) -> None:
         self.outside, self.planning, self.among_areas = "refuse", False, False
         self.maneuvers, self.floor, self.ceiling = Maneuvers.HORIZONTAL, -np.inf, np.inf
-        self._known: dict[tuple[float, ...], Policy | str] = {}
-        self._said: set[str] = set()
+        self._policies: dict[tuple[float, ...], Policy | str] = {}
+        self._messages: set[str] = set()
         self._lasting: dict[str, float] = {}  # s, for how long an aircraft has been in conflict
         self.plans: dict[str, _Plan] = {}
         self.climbing: set[str] = set()  # aircraft whose altitudes are those of their plans
@@ -244,7 +244,7 @@ class RLCAS(_Resolution):
         """
         if allow is not None:
             self.outside = "allow" if allow else "refuse"
-            self._known.clear()
+            self._policies.clear()
         state = "ON" if self.outside == "allow" else "OFF"
         behaviour = "fly it too" if self.outside == "allow" else "fly on without resolution"
         return True, (
@@ -349,17 +349,17 @@ class RLCAS(_Resolution):
         zone = conf.rpz[index] if conf.global_rpz else conf.rpz.max()
         separation = np.round(zone * self.resofach)
         key = float(low), float(high), float(bank), float(separation)
-        if key not in self._known:
+        if key not in self._policies:
             try:
                 yaw_rate = _GRAVITY * np.tan(bank) / max(high, 1.0)
                 yaw_rate = min(yaw_rate, high / (_SHARPEST * separation))
                 limits = Limits(max(low, 0.0), high, -_ACCELERATION, _ACCELERATION, yaw_rate)
-                self._known[key] = self.policy.for_aircraft(
+                self._policies[key] = self.policy.for_aircraft(
                     new_aircraft(limits, separation), outside=self.outside
                 )
             except InputError as problem:
-                self._known[key] = str(problem)
-        policy = self._known[key]
+                self._policies[key] = str(problem)
+        policy = self._policies[key]
         if isinstance(policy, str):
             self._say(
                 f"{name} outside",
@@ -370,8 +370,8 @@ class RLCAS(_Resolution):
 
     def _say(self, about: str, sentence: str) -> None:
         """Say something once."""
-        if about not in self._said:
-            self._said.add(about)
+        if about not in self._messages:
+            self._messages.add(about)
             bs.stack.echo(f"RLCAS: {sentence}")
 
     def _decide(

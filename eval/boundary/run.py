@@ -252,11 +252,11 @@ def _slices(requested: Sequence[tuple[float, float, float]], aircraft: Aircraft)
     return cuts
 
 
-def _check(what: str, value: float, span: tuple[float, float], unit: str) -> None:
+def _check(quantity: str, value: float, span: tuple[float, float], unit: str) -> None:
     low, high = span
     if not low <= value <= high:
         problem = f"{value:g} {unit}; expected {low:g} to {high:g} {unit}"
-        raise ConfigError(f"--slice: the {what} is {problem}")
+        raise ConfigError(f"--slice: the {quantity} is {problem}")
 
 
 @lru_cache(1)  # of one speed at a time, which bounds the memory

@@ -243,15 +243,18 @@ def best_separation(
     time = step * np.arange(own_x.shape[1])
     vx = intruder_speed * math.cos(intruder_heading)
     vy = intruder_speed * math.sin(intruder_heading)
-    left, over = (own_x - vx * time).astype(np.float32), (own_y - vy * time).astype(np.float32)
-    chord_x, chord_y = np.diff(left), np.diff(over)
+    from_west, from_south = (
+        (own_x - vx * time).astype(np.float32),
+        (own_y - vy * time).astype(np.float32),
+    )
+    chord_x, chord_y = np.diff(from_west), np.diff(from_south)
     length = np.maximum(chord_x * chord_x + chord_y * chord_y, np.float32(1e-6))
     best = np.empty(np.shape(x))
     for first in range(0, best.size, _BLOCK):
         part = slice(first, first + _BLOCK)
         # Relative position at the beginning of each chord, [M', F, T].
-        from_x = left[:, :-1] - np.asarray(x, np.float32)[part, None, None]
-        from_y = over[:, :-1] - np.asarray(y, np.float32)[part, None, None]
+        from_x = from_west[:, :-1] - np.asarray(x, np.float32)[part, None, None]
+        from_y = from_south[:, :-1] - np.asarray(y, np.float32)[part, None, None]
         along = np.clip(-(from_x * chord_x + from_y * chord_y) / length, 0.0, 1.0)
         from_x += along * chord_x
         from_y += along * chord_y

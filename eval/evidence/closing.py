@@ -13,7 +13,7 @@ from eval.evidence.tables import cells_of
 from eval.metrics.summary import print_table
 
 _STATES = ("missed", "undecided", "met", "without a target", "not measured")
-_VERDICTS = {"yes": "met", "undecided": "undecided", "no": "missed", "open": "not measured"}
+_WORDS = {"yes": "met", "undecided": "undecided", "no": "missed", "open": "not measured"}
 _NAMED = 12  # results that a line names
 _CELLS = {
     "target": "{claim}",
@@ -24,14 +24,14 @@ _CELLS = {
 
 
 def show_closing(
-    listed: Evidence, results: Mapping[str, Any], names: Sequence[str], out: Path
+    listed: Evidence, results: Mapping[str, Any], names: Sequence[str], folder: Path
 ) -> None:
     """Print what was found: a table on a terminal, elsewhere at most a line for each state.
 
     Args:
         results: those that are measured, by name.
         names: of the results that were asked for.
-        out: the folder where they are.
+        folder: where they are.
     """
     rows = [_row(listed, results, name) for name in names]
     counts = [(state, [row for row in rows if row[-1] == state]) for state in _STATES]
@@ -39,9 +39,9 @@ def show_closing(
         f"{len(group)} {state}" for state, group in counts if group
     )
     places = [
-        f"results, one NAME.json each: {out}",
-        f"publish: python -m eval.evidence --tables --out {out}",
-        f"assurance case: python -m eval.evidence --dossier FILE.html --out {out}",
+        f"results, one NAME.json each: {folder}",
+        f"publish: python -m eval.evidence --tables --out {folder}",
+        f"assurance case: python -m eval.evidence --dossier FILE.html --out {folder}",
     ]
     if sys.stdout.isatty():
         print_table(title, ("", "encounters", "target", "measured", "state"), rows, places)
@@ -62,7 +62,7 @@ def _row(listed: Evidence, results: Mapping[str, Any], name: str) -> list[str]:
     if entry.claim is None:
         success = "" if cells["success"] == "-" else cells["success"]
         return [name, size, "", success, "without a target"]
-    return [name, size, cells["target"], cells["measured"], _VERDICTS[cells["verdict"]]]
+    return [name, size, cells["target"], cells["measured"], _WORDS[cells["verdict"]]]
 
 
 def _names(state: str, rows: Sequence[Sequence[str]]) -> str:

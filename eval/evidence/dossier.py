@@ -239,10 +239,10 @@ def resolve(root: Path, case: Case, listed: Evidence, tests: list[str]) -> dict[
     return items
 
 
-def _check_names(by: str, kind: str, names: Iterable[str], known: Iterable[str]) -> None:
+def _check_names(by: str, kind: str, names: Iterable[str], declared: Iterable[str]) -> None:
     for name in names:
-        if name not in known:
-            near = nearest(name, known)
+        if name not in declared:
+            near = nearest(name, declared)
             hint = f"; did you mean {near}?" if near else ""
             raise ConfigError(
                 f"dossier: {by} names the {kind} {name!r}, which does not exist{hint}"

@@ -26,7 +26,7 @@ def write(
     listed: Evidence,
     results: Mapping[str, Any],
     about: dict[str, str],
-    out: Path,
+    folder: Path,
     reports: Sequence[Path] = (),
 ) -> str:
     """Write the page and return a sentence with the state of its claim.
@@ -35,14 +35,14 @@ def write(
         root: the checkout, with ``configs/dossier.yaml`` and the tests.
         to: the page.
         about: policy and commit, for its head.
-        out: folder of the evaluations, with pictures of failures.
+        folder: of the evaluations, with pictures of failures.
         reports: files of ``pytest --junitxml``.
     """
     case = load(Case, root / "configs/dossier.yaml")
     assessment = assess(root, case, listed, results, reports)
     named_tests = {test for item in assessment.items.values() for test in item.tests}
     named_results = {name for item in assessment.items.values() for name in item.results}
-    left = (
+    unnamed = (
         f"{len({*assessment.tests} - named_tests)} tests and "
         f"{len({*listed.results} - named_results)} results"
     )
@@ -56,12 +56,12 @@ def write(
         assumptions=_rows({name: _item_cells(name, assessment) for name in case.assumptions}),
         results=_rows({name: _result_cells(name, assessment) for name in listed.results}),
         tests=_rows(_tests_by_file(assessment, named_tests)),
-        left=left,
+        left=unnamed,
         ran=escape(", ".join(path.name for path in reports) or "no report was given"),
-        failures=_failures(root, results, about["policy"], out),
+        failures=_failures(root, results, about["policy"], folder),
         limits="".join(f"<li>{escape(limit, quote=False)}</li>" for limit in case.not_claimed),
         repeat=_rows(
-            {command: [escape(what, quote=False)] for command, what in case.repeat.items()}
+            {command: [escape(purpose, quote=False)] for command, purpose in case.repeat.items()}
         ),
     )
     write_file(to, page)
@@ -70,7 +70,7 @@ def write(
     return (
         f"{to}: the claim is {assessment.states['claim'].label}; {idle} of "
         f"{len(assessment.tests)} tests were not run; results that miss their claim: "
-        f"{', '.join(missed) or 'none'}; no requirement or assumption names {left}"
+        f"{', '.join(missed) or 'none'}; no requirement or assumption names {unnamed}"
     )
 
 
@@ -169,7 +169,7 @@ def _link_items(items: Mapping[str, Item], names: set[str]) -> str:
 # ---- failures ----
 
 
-def _failures(root: Path, results: Mapping[str, Any], policy: str, out: Path) -> str:
+def _failures(root: Path, results: Mapping[str, Any], policy: str, folder: Path) -> str:
     """Return losses by result, and pictures that eval.failures drew of this policy, or how to draw
     them.
     """
@@ -179,10 +179,12 @@ def _failures(root: Path, results: Mapping[str, Any], policy: str, out: Path) ->
         if rate and rate["count"] < rate["total"]:
             losses.append(f"{name} {rate['total'] - rate['count']} of {rate['total']}")
     pictures = [
-        picture for path in sorted(out.glob("*/failures.png")) for picture in _picture(path, policy)
+        picture
+        for path in sorted(folder.glob("*/failures.png"))
+        for picture in _picture(path, policy)
     ]
     if not pictures:
-        place = escape(str(out.relative_to(root) if out.is_relative_to(root) else out))
+        place = escape(str(folder.relative_to(root) if folder.is_relative_to(root) else folder))
         how = f"<code>python -m eval.failures {place}/circle-* --out {place}/failed</code>"
         pictures = [f"<p>No pictures of this policy lie there; {how} draws them.</p>"]
     return "".join([f"<p>{'; '.join(losses) or 'none'}.</p>", *pictures])

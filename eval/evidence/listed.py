@@ -77,9 +77,9 @@ class Evidence(Strict):
         """
         unknown = [name for name in names if name not in self.results and name not in self.tables]
         if unknown:
-            known = ", ".join([*self.tables, *self.results])
+            names_known = ", ".join([*self.tables, *self.results])
             raise ConfigError(
-                f"--only: {unknown[0]!r} is no table and no result; expected some of {known}"
+                f"--only: {unknown[0]!r} is no table and no result; expected some of {names_known}"
             )
         chosen = {
             result

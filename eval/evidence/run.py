@@ -138,14 +138,14 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def published_results(
-    listed: Evidence, policy: str, before: Mapping[str, Any], out: Path
+    listed: Evidence, policy: str, before: Mapping[str, Any], folder: Path
 ) -> dict[str, Any]:
     """Return the results of this policy and the listed commands, the larger one of before and of a
     folder.
     """
     results: dict[str, Any] = {}
     for name, entry in listed.results.items():
-        for result in (before.get(name), read_results(out / f"{name}.json").get(name)):
+        for result in (before.get(name), read_results(folder / f"{name}.json").get(name)):
             if _size(result, entry, policy) >= max(_size(results.get(name), entry, policy), 1):
                 results[name] = result
     return results
@@ -242,12 +242,12 @@ def _commit() -> str | None:
         "--abbrev=12",
         "--exclude=*",
     ]
-    done = (
+    process = (
         subprocess.run(command, capture_output=True, text=True, check=False)
         if shutil.which("git")
         else None
     )
-    return done.stdout.strip() or None if done else None
+    return process.stdout.strip() or None if process else None
 
 
 def _machine() -> str:

@@ -88,12 +88,12 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
 
 def _unmet(listed: Evidence, results: Mapping[str, Any], names: list[str]) -> list[str]:
     """Return the results that do not meet their target, missed ones first."""
-    verdicts = {
+    states = {
         name: cells_of(listed.results[name], results[name], {"verdict": "{met}"})["verdict"]
         for name in names
     }
     order = ("no", "open", "undecided")
-    return [name for verdict in order for name in names if verdicts[name] == verdict]
+    return [name for state in order for name in names if states[name] == state]
 
 
 def _parts(
@@ -174,13 +174,13 @@ def _format_value(value: Any, form: str) -> str:
     if value is None or (isinstance(value, dict) and value["value"] is None):
         return ""
     if isinstance(value, dict):
-        total, known = (
+        total, finite = (
             value.get("total", 0),
             [value[key] for key in ("value", "low", "high") if value[key] is not None],
         )
         texts = [
             format(number, form).replace("%", "") if form else _percent(number, total)
-            for number in known
+            for number in finite
         ]
         sign = " %" if not form or form.endswith("%") else ""
         worst = (

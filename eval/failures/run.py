@@ -138,8 +138,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     load_extensions(config.extensions)
     run = read_run(config.run)
     evaluation = evaluation_of(run, config.policy)
-    out: Path = options.out
-    picture_folder.create(out, config)
+    folder: Path = options.out
+    picture_folder.create(folder, config)
     table = run.table
     groups = group_failures(table, run.rules.separation)
     chosen = representatives(groups, config.cases)
@@ -151,14 +151,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "groups": [describe(group, table) for group in groups],
         "cases": chosen,
     }
-    _write_table(out / "failures.csv", table)
-    _write_starts(out / "encounters.csv", table, evaluation)
+    _write_table(folder / "failures.csv", table)
+    _write_starts(folder / "encounters.csv", table, evaluation)
     of = {number: group for group in groups for number in group.members.tolist()}
     flights = list(fly_again(run, evaluation, chosen, set(chosen))) if chosen else []
     titles = [_title(flight.number, of[flight.number], table) for flight in flights]
-    picture_folder.write(out, "failures", content, _sheet(flights, titles, run.rules), 110)
+    picture_folder.write(folder, "failures", content, _sheet(flights, titles, run.rules), 110)
     _show(content)
-    print(f"files: {out}")
+    print(f"files: {folder}")
     return 0
 
 

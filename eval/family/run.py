@@ -112,14 +112,14 @@ def _load(options: argparse.Namespace) -> FamilyConfig:
 
 
 def _fly(
-    config: FamilyConfig, aircraft: Sequence[AircraftConfig], out: Path, *, resume: bool
+    config: FamilyConfig, aircraft: Sequence[AircraftConfig], folder: Path, *, resume: bool
 ) -> list[Mapping[str, Any]]:
     """Fly the run of every aircraft below a folder, or what is missing, and return the summaries;
     the first that does not finish raises ``UnfinishedError``.
     """
     summaries = []
     for number, member in enumerate(aircraft):
-        file = out / f"aircraft_{number:02}.yaml"
+        file = folder / f"aircraft_{number:02}.yaml"
         write_file(file, dump(member))
         print(f"aircraft {number} of {config.count}", file=sys.stderr, flush=True)
         run = evaluate(_keys(config, member, file), file.with_suffix(""), resume=resume)
@@ -219,21 +219,21 @@ def _make_summary(
     settings["extension"] = settings.pop("extensions")
     family: dict[str, Any] = {"schema_version": 1, **settings, "rows": rows}
     for key in _RATES:
-        known = [row for row in rows if row[key]["value"] is not None]
-        count, total = (sum(row[key][part] for row in known) for part in ("count", "total"))
+        measured = [row for row in rows if row[key]["value"] is not None]
+        count, total = (sum(row[key][part] for row in measured) for part in ("count", "total"))
         worst = (max if key == "violation_rate" else min)(
-            known, key=lambda row: row[key]["value"], default=None
+            measured, key=lambda row: row[key]["value"], default=None
         )
         # Aircraft that differ spread less than one with their mean: the interval is no narrower
         # than it should be.
         family[key] = share(count, total, config.confidence) | {
-            "mean": float(np.mean([row[key]["value"] for row in known])) if known else None,
+            "mean": float(np.mean([row[key]["value"] for row in measured])) if measured else None,
             "worst": None if worst is None else {"aircraft": worst["aircraft"]} | worst[key],
         }
     return family
 
 
-def _show(family: Mapping[str, Any], out: Path) -> None:
+def _show(family: Mapping[str, Any], folder: Path) -> None:
     print(
         f"{'aircraft':>8} {'turn':>6} {'least':>6} {'brake':>6} {'gain':>6}   success of "
         "resolvable, of all, lost"
@@ -256,4 +256,4 @@ def _show(family: Mapping[str, Any], out: Path) -> None:
             f"{worst['value']:7.2%} "
             f"({worst['low']:.2%} .. {worst['high']:.2%}), aircraft {worst['aircraft']}"
         )
-    print(f"written to {out}")
+    print(f"written to {folder}")

@@ -34,23 +34,23 @@ def describe(flown: Aircraft, policy: Policy | None) -> dict[str, Any]:
 
 def aircraft_of(summary: Mapping[str, Any]) -> Aircraft:
     """Return the aircraft that a summary describes; ``ConfigError``: it describes none."""
-    found = summary.get("aircraft")
+    fields = summary.get("aircraft")
     names = {*Limits._fields, *_TASK, "vehicle"}
     # Of earlier versions, which said nothing of climbs.
-    if not isinstance(found, dict) or found.keys() - {"vertical"} != names:
+    if not isinstance(fields, dict) or fields.keys() - {"vertical"} != names:
         raise ConfigError(
-            f"aircraft is {found!r}; expected an object with {', '.join(sorted(names))}"
+            f"aircraft is {fields!r}; expected an object with {', '.join(sorted(names))}"
         )
-    limits, vehicle = _limits(found), _limits(found["vehicle"])
-    task = {name: found[name] for name in _TASK}
-    said = found.get("vertical")
-    vertical = None if said is None else Vertical(**said)
+    limits, vehicle = _limits(fields), _limits(fields["vehicle"])
+    task = {name: fields[name] for name in _TASK}
+    climb = fields.get("vertical")
+    vertical = None if climb is None else Vertical(**climb)
     vehicle = None if vehicle == limits else vehicle
     return new_aircraft(limits, **task, vehicle=vehicle, vertical=vertical)
 
 
-def _limits(found: Mapping[str, float]) -> Limits:
-    return Limits(*(found[name] for name in Limits._fields))
+def _limits(fields: Mapping[str, float]) -> Limits:
+    return Limits(*(fields[name] for name in Limits._fields))
 
 
 def lines_about(summary: Mapping[str, Any]) -> list[str]:

@@ -52,52 +52,52 @@ def areas_of(
     """
     if most == 0:
         return None
-    found = np.empty(len(numbers), dtype=object)
+    areas = np.empty(len(numbers), dtype=object)
     for n, number in enumerate(numbers):
         own: VehicleState[Air] = VehicleState(*(float(field[n]) for field in starts.own))
         goal = float(starts.goal_x[n]), float(starts.goal_y[n])
-        found[n] = random_areas(seed, int(number), most, own, goal, aircraft)
-    return found
+        areas[n] = random_areas(seed, int(number), most, own, goal, aircraft)
+    return areas
 
 
 def together(
-    own: np.ndarray | None, drawn: np.ndarray | None, given: tuple[Area, ...], count: int
+    own: np.ndarray | None, drawn: np.ndarray | None, fixed: tuple[Area, ...], count: int
 ) -> np.ndarray | None:
     """Return all areas of encounters, object ``[count]``: their own, drawn ones, both None where
     there are none, and those that every encounter has. None: there are none.
     """
-    some = [each for each in (own, drawn) if each is not None]
-    if not some and not given:
+    some = [array for array in (own, drawn) if array is not None]
+    if not some and not fixed:
         return None
-    found = np.empty(count, dtype=object)
+    result = np.empty(count, dtype=object)
     for n in range(count):
-        found[n] = sum((each[n] for each in some), given)
-    return found
+        result[n] = sum((array[n] for array in some), fixed)
+    return result
 
 
 def in_air_at(areas: np.ndarray, wind: Wind | None, time: float) -> np.ndarray:
     """Return areas of flights, object ``[N]``, as their air masses see them some seconds after the
     start, as they are then.
     """
-    found = np.empty(len(areas), dtype=object)
+    result = np.empty(len(areas), dtype=object)
     for n, some in enumerate(areas):
         blows = NO_WIND if wind is None else Wind(float(wind.east[n]), float(wind.north[n]))
-        found[n] = in_air_mass(some, blows, time)
-    return found
+        result[n] = in_air_mass(some, blows, time)
+    return result
 
 
 def in_air_mass(areas: tuple[Area, ...], wind: Wind, time: float) -> tuple[Area, ...]:
     """Return the areas of one flight, over the ground at the start, as its air mass sees them some
     seconds later.
     """
-    return tuple(in_air(after(one, time), wind, time) for one in areas)
+    return tuple(in_air(after(area, time), wind, time) for area in areas)
 
 
 def as_row(areas: object) -> np.ndarray:
     """Return what belongs to one flight as an array of it alone, object ``[1]``."""
-    found = np.empty(1, dtype=object)
-    found[0] = areas
-    return found
+    row = np.empty(1, dtype=object)
+    row[0] = areas
+    return row
 
 
 def judge(flown: Trajectories[Air], areas: np.ndarray, wind: Wind | None, dt: float) -> AmongAreas:
@@ -130,10 +130,10 @@ def nearest(areas: Sequence[Area], flown: Trajectory[Any]) -> tuple[float, float
         distance += float(clearance(flown, nearer).margin.min())
         if distance > CLOSE:
             return distance, math.nan
-    kept = clearance(flown, constraint)
-    loss = float(kept.loss.min(initial=np.inf))
+    clearances = clearance(flown, constraint)
+    loss = float(clearances.loss.min(initial=np.inf))
     if distance == np.inf:  # no area counts at the end of an arc
-        distance = float(kept.margin.min(initial=np.inf))
+        distance = float(clearances.margin.min(initial=np.inf))
     return distance, loss if math.isfinite(loss) else math.nan
 
 

@@ -28,31 +28,31 @@ def what_stands(areas: Sequence[Area], aircraft: Aircraft) -> Standing:
 
 def what_stands_in_each(areas: np.ndarray, aircraft: Aircraft) -> Standing:
     """Return what the areas of encounters, object ``[N]``, are to a resolver, ``[N, S]``."""
-    each = [what_stands(some, aircraft) for some in areas]
-    shape = len(each), max((one.x.size for one in each), default=0)
-    found = Standing(*(np.zeros(shape) for _ in Standing._fields))
-    found.begin[:] = np.inf  # never
-    for n, one in enumerate(each):
-        for into, values in zip(found, one, strict=True):
+    obstacles = [what_stands(some, aircraft) for some in areas]
+    shape = len(obstacles), max((obstacle.x.size for obstacle in obstacles), default=0)
+    result = Standing(*(np.zeros(shape) for _ in Standing._fields))
+    result.begin[:] = np.inf  # never
+    for n, obstacle in enumerate(obstacles):
+        for into, values in zip(result, obstacle, strict=True):
             into[n, : values.size] = values
-    return found
+    return result
 
 
 def add_to_observation(
-    observation: Observation, what: Standing, time: float, aircraft: Aircraft
+    observation: Observation, standing: Standing, time: float, aircraft: Aircraft
 ) -> Observation:
     """Return what a resolver sees of encounters ``[M]``, and after the intruders what stands in
     their ways, ``[M, S]``, some seconds after the start.
     """
-    seen = as_intruders(what, time, aircraft.separation)
+    intruders = as_intruders(standing, time, aircraft.separation)
     distance_scale = (
         np.ones(observation.mask.shape)
         if observation.distance_scale is None
         else observation.distance_scale
     )
-    both = zip(observation.intruders, seen.state, strict=True)
+    pairs = zip(observation.intruders, intruders.state, strict=True)
     return observation._replace(
-        intruders=VehicleState(*(np.concatenate(fields, axis=-1) for fields in both)),
-        mask=np.concatenate([observation.mask, seen.there], axis=-1),
-        distance_scale=np.concatenate([distance_scale, seen.distance_scale], axis=-1),
+        intruders=VehicleState(*(np.concatenate(fields, axis=-1) for fields in pairs)),
+        mask=np.concatenate([observation.mask, intruders.there], axis=-1),
+        distance_scale=np.concatenate([distance_scale, intruders.distance_scale], axis=-1),
     )

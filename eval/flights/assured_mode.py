@@ -70,7 +70,7 @@ class _Flights(NamedTuple):
 
     rows: np.ndarray  # number of each among the encounters
     air: Active
-    asked: Request  # of the planner at the start
+    request: Request  # of the planner at the start
     monitor: Monitor
     sightings: Sightings[Air] | None  # of the intruders; None: there was none yet
     short: np.ndarray  # whether what is flown passes over the goal, or gets there too late
@@ -119,8 +119,8 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
         heights = _heights(flights, time, aircraft, options) if in_space else None
         flights, decision = _watch(flights, draws, amid, heights, time, aircraft, thresholds)
         make = _MidFlightPlanner(flights, decision, amid, heights, time, policy, aircraft)
-        flights, asked = _plan_anew(flights, decision, make, aircraft.t_max - time, thresholds)
-        replans[rows] += asked
+        flights, renewed = _plan_anew(flights, decision, make, aircraft.t_max - time, thresholds)
+        replans[rows] += renewed
         backup[rows] += flights.monitor.on_backup
         flights, step, altitudes = _fly_on(flights, time, aircraft, options)
         tally.add(rows, step, number + 1)
@@ -149,44 +149,46 @@ def _begin(
     those of the first reports, ``[4, N, K]``.
     """
     count = len(encounters.goal_x)
-    asked = request_of(encounters, aircraft)._replace(drift=drift_of(wind))
+    request = request_of(encounters, aircraft)._replace(drift=drift_of(wind))
     ends = np.full(count, aircraft.t_max)
-    air = Active(begin(encounters, np, history_dt=aircraft.dt), np.zeros(count), ends, asked.drift)
+    air = Active(
+        begin(encounters, np, history_dt=aircraft.dt), np.zeros(count), ends, request.drift
+    )
     reported = perceive_intruders(air.state, draws, aircraft.dt, np)
     traffic = Traffic.straight(reported, known_intruders(air.state, aircraft, np))
     traffic = traffic._replace(separation=encounters.separation)
-    rows, made = np.arange(count), plans.candidates
+    rows, candidates = np.arange(count), plans.candidates
     in_space: dict[str, Any] = {}
     if encounters.altitudes is not None:
-        profiles = _first_profiles(encounters.altitudes.own, made.profile)
+        profiles = _first_profiles(encounters.altitudes.own, candidates.profile)
         in_space = {"profile": profiles, "levelling": np.zeros(count, dtype=bool)}
         own = own_altitudes(_at_moment(profiles, 0.0, thresholds.options))
-        known = reports(encounters.altitudes, 0, aircraft.dt)
-        met = find_met_on_profiles(profiles, own, known, 0.0, thresholds.options)
+        intruders = reports(encounters.altitudes, 0, aircraft.dt)
+        met = find_met_on_profiles(profiles, own, intruders, 0.0, thresholds.options)
         traffic = traffic._replace(window=met.all_times)
     monitor = assurance.start(count, encounters.mask.shape[1], thresholds)
     monitor = assurance.activate(
-        monitor, rows, made.plan_states, made.safe, 0.0, traffic, thresholds
+        monitor, rows, candidates.plan_states, candidates.safe, 0.0, traffic, thresholds
     )
     return _Flights(
         rows=rows,
         air=air,
-        asked=asked,
+        request=request,
         monitor=monitor,
         sightings=None,
-        short=made.goal > _GOAL,
+        short=candidates.goal > _GOAL,
         reached=np.zeros(count, dtype=bool),
         **in_space,
     )
 
 
-def _first_profiles(level: np.ndarray, made: np.ndarray | None) -> np.ndarray:
+def _first_profiles(level: np.ndarray, planned_profiles: np.ndarray | None) -> np.ndarray:
     """Return the profiles of plans, object ``[N]``; level flight at altitudes, m, ``[N]``, where
     there is none.
     """
     profiles = np.full(level.size, None, dtype=object)
     for n, altitude in enumerate(level.tolist()):
-        planned = None if made is None else made[n]
+        planned = None if planned_profiles is None else planned_profiles[n]
         profiles[n] = straight_on(altitude) if planned is None else planned
     return profiles
 
@@ -195,14 +197,14 @@ class _Heights(NamedTuple):
     """Where flights ``[M]`` in space and their intruders are up and down now."""
 
     own: list[Altitude]
-    known: list[list[Intruder[Air]]]  # of each flight's K intruders
+    intruders: list[list[Intruder[Air]]]  # of each flight's K intruders
     level: np.ndarray  # altitudes of the routes, m
 
     def of(self, rows: np.ndarray) -> "_Heights":
         """Return those of some flights."""
         numbers = rows.tolist()
         return _Heights(
-            [self.own[n] for n in numbers], [self.known[n] for n in numbers], self.level[rows]
+            [self.own[n] for n in numbers], [self.intruders[n] for n in numbers], self.level[rows]
         )
 
 
@@ -224,12 +226,12 @@ def _meetings(
     flights: _Flights, heights: _Heights, time: float, options: Options[L]
 ) -> dict[str, Any]:
     """Return when intruders count for the monitors at a time, s, as they are given it."""
-    own, known = heights.own, heights.known
-    given: dict[str, Any] = {"window": find_met_holding(own, known, options).all_times}
+    own, intruders = heights.own, heights.intruders
+    inputs: dict[str, Any] = {"window": find_met_holding(own, intruders, options).all_times}
     if options.climbs and flights.profile is not None:
-        given["levelling"] = find_met_levelling(own, known, options)
-        given["on_profile"] = on_profiles(flights.profile, own, known, time, options)
-    return given
+        inputs["levelling"] = find_met_levelling(own, intruders, options)
+        inputs["on_profile"] = on_profiles(flights.profile, own, intruders, time, options)
+    return inputs
 
 
 def _watch(
@@ -251,13 +253,13 @@ def _watch(
     there = known_intruders(state, aircraft, np)
     sightings = observe(flights.sightings, Reports(reported, *noise), time, there)
     mask = state.mask & is_carried(sightings, time, aircraft)
-    known: dict[str, Any] = {"separation": state.separation}
+    fields: dict[str, Any] = {"separation": state.separation}
     if areas is not None:
-        known["areas"] = _areas_met(areas, state, flights.monitor, time, thresholds)
+        fields["areas"] = _areas_met(areas, state, flights.monitor, time, thresholds)
     if heights is not None:
-        known |= _meetings(flights, heights, time, thresholds.options)
-    given = believed(time, state.own, sightings, mask, thresholds.turn_time, **known)
-    monitor, decision = assurance.step(flights.monitor, given, thresholds)
+        fields |= _meetings(flights, heights, time, thresholds.options)
+    inputs = believed(time, state.own, sightings, mask, thresholds.turn_time, **fields)
+    monitor, decision = assurance.step(flights.monitor, inputs, thresholds)
     return flights._replace(monitor=monitor, sightings=sightings), decision
 
 
@@ -267,45 +269,52 @@ def _areas_met(
     """Return the areas that flights ``[M]`` may meet, of those in their air masses at a time, s,
     object ``[M]``.
     """
-    found = np.empty(len(areas), dtype=object)
+    met = np.empty(len(areas), dtype=object)
     for n, some in enumerate(areas):
         own: VehicleState[Air] = VehicleState(*(float(field[n]) for field in state.own))
         ends = float(monitor.plan.end[n] + monitor.started[n]) - time
-        found[n] = may_be_met(some, own, (), ends, thresholds)
-    return found
+        met[n] = may_be_met(some, own, (), ends, thresholds)
+    return met
 
 
 def _plan_anew(
     flights: _Flights,
     decision: Decision,
     make: "_MidFlightPlanner",
-    left: float,
+    time_left: float,
     thresholds: Thresholds[Narrowed],
 ) -> tuple[_Flights, np.ndarray]:
-    """Plan where the monitors ask for it, or where a better plan may be had, with ``left`` seconds
-    until the time limit; return also which flights asked, bool ``[M]``.
+    """Plan where the monitors ask for it, or where a better plan may be had, with ``time_left``
+    seconds until the time limit; return also which flights asked, bool ``[M]``.
     """
     options = thresholds.options
     meets = partial(make.meets, options) if options.climbs else None
-    monitor, short, asked, taken = renew(
-        flights.monitor, decision, flights.short, flights.reached, left, make, thresholds, meets
+    monitor, short, requested, taken_up = renew(
+        flights.monitor,
+        decision,
+        flights.short,
+        flights.reached,
+        time_left,
+        make,
+        thresholds,
+        meets,
     )
     flights = flights._replace(monitor=monitor, short=short)
-    if make.heights is None or taken is None:
-        return flights, asked
+    if make.heights is None or taken_up is None:
+        return flights, requested
     acceleration = options.vertical.acceleration
-    return _change_profiles(flights, taken, make.heights, make.time, acceleration), asked
+    return _change_profiles(flights, taken_up, make.heights, make.time, acceleration), requested
 
 
 def _change_profiles(
-    flights: _Flights, taken: np.ndarray, heights: _Heights, time: float, acceleration: float
+    flights: _Flights, taken_up: np.ndarray, heights: _Heights, time: float, acceleration: float
 ) -> _Flights:
     """Return flights that fly the profiles of plans that were taken up at a time, s, object
     ``[M]``, None: none was; and level off, with an acceleration, m/s^2, where the backup begins.
     """
     assert flights.profile is not None and flights.levelling is not None
     profiles, levels = flights.profile.copy(), flights.levelling.copy()
-    for n, profile in enumerate(taken):
+    for n, profile in enumerate(taken_up):
         own = heights.own[n]
         on_backup = bool(flights.monitor.on_backup[n])
         if profile is not None and not on_backup:
@@ -351,19 +360,19 @@ class _MidFlightPlanner(NamedTuple):
         :mod:`agents.assurance.asking`.
         """
         own, traffic = take((self.decision.own, self.decision.traffic), rows)
-        asked, state = take(self.flights.asked, rows), self.flights.air.state
+        original, state = take(self.flights.request, rows), self.flights.air.state
         if kind == ALONG:
-            x, y = drift_points((asked.route_x, asked.route_y), asked.drift, self.time)
-            request = asked._replace(own=own, traffic=traffic, route_x=x, route_y=y)
+            x, y = drift_points((original.route_x, original.route_y), original.drift, self.time)
+            request = original._replace(own=own, traffic=traffic, route_x=x, route_y=y)
         else:
             goal = (state.goal_x[rows], state.goal_y[rows])
-            goal_x, goal_y = drift_points(goal, asked.drift, self.time)
+            goal_x, goal_y = drift_points(goal, original.drift, self.time)
             route = route_of(own, goal_x, goal_y, self.aircraft)
-            request = Request(own, traffic, *route, asked.drift)
+            request = Request(own, traffic, *route, original.drift)
         if self.heights is not None and options.climbs:
-            own, known, level = self.heights.of(rows)
-            told = climbers(own, level, known)
-            return plan_each_in_space(request, told, self.policy, options).candidates
+            own, reports, level = self.heights.of(rows)
+            climbing = climbers(own, level, reports)
+            return plan_each_in_space(request, climbing, self.policy, options).candidates
         if self.heights is not None and traffic.window is not None:
             request = request._replace(traffic=who_counts(traffic, traffic.window))
         if self.areas is None:
@@ -371,9 +380,9 @@ class _MidFlightPlanner(NamedTuple):
         amid = self.areas[rows]
         return plan_among(request, amid, self.policy, options, floats=True).candidates
 
-    def meets(self, options: Options[Narrowed], rows: np.ndarray, made: Candidates) -> Met:
+    def meets(self, options: Options[Narrowed], rows: np.ndarray, candidates: Candidates) -> Met:
         """Return what plans of some flights that climb or descend meet from now on."""
         assert self.heights is not None
-        own, known, level = self.heights.of(rows)
-        profiles = _first_profiles(level, made.profile)
-        return find_met_on_profiles(profiles, own, known, 0.0, options)
+        own, intruders, level = self.heights.of(rows)
+        profiles = _first_profiles(level, candidates.profile)
+        return find_met_on_profiles(profiles, own, intruders, 0.0, options)

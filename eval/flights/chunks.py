@@ -189,8 +189,8 @@ def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndar
     other = _differs_in_wind(evaluation, starts, number)
     own = Flown(evaluation.limits, _reached(flights))
     # Those that are flown beside it fly in still air.
-    still = [Flown(aircraft.limits, _reached(one)) for one in beside.values()]
-    flown = [own, *(one.but(other) for one in still)]
+    still = [Flown(aircraft.limits, _reached(flights_beside)) for flights_beside in beside.values()]
+    flown = [own, *(flights_beside.but(other) for flights_beside in still)]
     judged = verdict_within(starts, aircraft, evaluation.limits, flown, other)
     if plans:
         alone = verdict_within(starts, aircraft, aircraft.limits, [own.but(other), *still])
@@ -277,7 +277,7 @@ def conditions_of(
 
 def fly_resolver(
     ready: ReadyEvaluation,
-    given: Conditioned,
+    conditions: Conditioned,
     recorder: TrajectoryRecorder | None,
     *,
     endless: bool = False,
@@ -286,34 +286,36 @@ def fly_resolver(
 
     A recorder takes the trajectories; endless flights lose nothing.
     """
-    aircraft, areas = ready.evaluation.aircraft, given.areas
+    aircraft, areas = ready.evaluation.aircraft, conditions.areas
     return fly(
-        given.starts,
+        conditions.starts,
         ready.resolver,
         aircraft,
-        noise=given.noise,
+        noise=conditions.noise,
         recorder=recorder,
         endless=endless,
         standing=None if areas is None else what_stands_in_each(areas, aircraft),
     )
 
 
-def _decide(ready: ReadyEvaluation, given: Conditioned) -> tuple[Flights, dict[str, np.ndarray]]:
+def _decide(
+    ready: ReadyEvaluation, conditions: Conditioned
+) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return the flights of mode policy, and the columns of areas or of altitudes."""
-    recorder = given.recorder()
-    flights = fly_resolver(ready, given, recorder)
-    return _judge_recorded(flights, recorder, given, ready.evaluation.aircraft)
+    recorder = conditions.recorder()
+    flights = fly_resolver(ready, conditions, recorder)
+    return _judge_recorded(flights, recorder, conditions, ready.evaluation.aircraft)
 
 
-def _plan(ready: ReadyEvaluation, given: Conditioned) -> tuple[Flights, dict[str, np.ndarray]]:
+def _plan(ready: ReadyEvaluation, conditions: Conditioned) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return the flights of a mode that plans, and the columns that only it has."""
-    evaluation, (starts, noise, wind, areas) = ready.evaluation, given
+    evaluation, (starts, noise, wind, areas) = ready.evaluation, conditions
     options, aircraft = evaluation.options, evaluation.aircraft
     first = None if noise is None else noise(0)
     plans = plan_at_start(starts, ready.policy, aircraft, options, first, wind=wind, areas=areas)
-    recorder = given.recorder()
+    recorder = conditions.recorder()
     flown = fly_once(starts, plans, aircraft, options, recorder, wind=wind)
-    flights, among = _judge_recorded(flown.flights, recorder, given, aircraft)
+    flights, among = _judge_recorded(flown.flights, recorder, conditions, aircraft)
     more = _plan_columns(plans)
     more |= _broken_promises(starts, plans, flights, evaluation, first)
     more |= {
@@ -326,7 +328,7 @@ def _plan(ready: ReadyEvaluation, given: Conditioned) -> tuple[Flights, dict[str
         return flights, more | among
     beside = _beside({"plan": flights})
     del beside["plan_min_separation_m"]  # the validated one stands there
-    recorder = given.recorder()
+    recorder = conditions.recorder()
     assured = fly_assured(
         starts,
         plans,
@@ -339,21 +341,21 @@ def _plan(ready: ReadyEvaluation, given: Conditioned) -> tuple[Flights, dict[str
         areas=areas,
     )
     more |= beside | {"replans": assured.replans, "backup_s": assured.backup}
-    flights, among = _judge_recorded(assured.flown.flights, recorder, given, aircraft)
+    flights, among = _judge_recorded(assured.flown.flights, recorder, conditions, aircraft)
     return flights, more | among
 
 
 def _plan_columns(plans: Plans) -> dict[str, np.ndarray]:
     """Return the columns of plans as they were made."""
-    made = plans.candidates
+    candidates = plans.candidates
     return {
-        "plan_status": np.array(STATUSES, dtype=object)[made.safe.astype(int)],
+        "plan_status": np.array(STATUSES, dtype=object)[candidates.safe.astype(int)],
         "plan_source": np.array(SOURCES, dtype=object)[plans.source],
-        "plan_min_separation_m": made.min_separation,
-        "plan_rejoin_s": made.rejoin_time,
-        "plan_path_m": made.path,
-        "plan_cost_m": np.where(np.isfinite(made.cost), made.cost, np.nan),
-        "plan_goal": made.goal.astype(np.int32),
+        "plan_min_separation_m": candidates.min_separation,
+        "plan_rejoin_s": candidates.rejoin_time,
+        "plan_path_m": candidates.path,
+        "plan_cost_m": np.where(np.isfinite(candidates.cost), candidates.cost, np.nan),
+        "plan_goal": candidates.goal.astype(np.int32),
     }
 
 
@@ -378,7 +380,7 @@ def _broken_promises(
 def _judge_recorded(
     flights: Flights,
     recorder: TrajectoryRecorder | None,
-    given: Conditioned,
+    conditions: Conditioned,
     aircraft: Aircraft,
 ) -> tuple[Flights, dict[str, np.ndarray]]:
     """Return flights with their breaches of areas, and the columns that tell of areas or of
@@ -386,11 +388,11 @@ def _judge_recorded(
     """
     if recorder is None:
         return flights, {}
-    if given.areas is None:
-        return flights, columns_in_space(given.starts, recorder.stack(), aircraft)
-    among = judge(recorder.stack(), given.areas, given.wind, aircraft.dt)
+    if conditions.areas is None:
+        return flights, columns_in_space(conditions.starts, recorder.stack(), aircraft)
+    among = judge(recorder.stack(), conditions.areas, conditions.wind, aircraft.dt)
     return with_breaches(flights, among, aircraft.rules()), {
-        "areas": np.array([len(some) for some in given.areas], dtype=np.int32),
+        "areas": np.array([len(some) for some in conditions.areas], dtype=np.int32),
         "min_area_clearance_m": np.where(np.isfinite(among.distance), among.distance, np.nan),
         "area_breach_s": among.breach,
     }
@@ -398,10 +400,10 @@ def _judge_recorded(
 
 def _beside(flights: dict[str, Flights]) -> dict[str, np.ndarray]:
     columns = {}
-    for name, each in flights.items():
-        columns[f"{name}_outcome"] = np.array(ENDS, dtype=object)[each.outcome]
-        columns[f"{name}_duration_s"] = each.duration
-        columns[f"{name}_min_separation_m"] = each.min_separation
+    for name, flown in flights.items():
+        columns[f"{name}_outcome"] = np.array(ENDS, dtype=object)[flown.outcome]
+        columns[f"{name}_duration_s"] = flown.duration
+        columns[f"{name}_min_separation_m"] = flown.min_separation
     return columns
 
 

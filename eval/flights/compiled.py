@@ -44,22 +44,22 @@ class Compiled:
 
         local_devices(jax)
 
-        def decide_rows(known: Any, rows: Array, distance_scale: Array | None) -> Array:
-            encoder, trunk, numbers = known
+        def decide_rows(weights: Any, rows: Array, distance_scale: Array | None) -> Array:
+            encoder, trunk, numbers = weights
             # What hangs on the aircraft alone is computed once for all rows of a tile.
-            seen = unpack_rows(rows)._replace(
+            scenes = unpack_rows(rows)._replace(
                 ratios=Ratios(*numbers), distance_scale=distance_scale
             )
-            inputs = set_inputs(seen, jax.numpy, policy.inputs)
+            inputs = set_inputs(scenes, jax.numpy, policy.inputs)
             return jax.numpy.clip(actions(inputs, encoder, trunk, jax.numpy), -1.0, 1.0)
 
-        each, hidden, head = (
+        encoder_layers, hidden, head = (
             policy.layers(kind, np.float32) for kind in ("each", "hidden", "head")
         )
         self._policy = policy
         self._limits, self._separation = policy.aircraft.limits, policy.aircraft.separation
         numbers = np.array(ratios(self._limits, self._separation), np.float32)
-        self._known = jax.device_put((each, hidden + head, numbers))
+        self._weights = jax.device_put((encoder_layers, hidden + head, numbers))
         self._decided = jax.jit(decide_rows)
         self._checked: set[int] = set()
 
@@ -74,7 +74,7 @@ class Compiled:
         if places not in self._checked:
             self._check(tiles[0])
             self._checked.add(places)
-        decided = [self._decided(self._known, *tile) for tile in tiles]
+        decided = [self._decided(self._weights, *tile) for tile in tiles]
         actions = np.concatenate([np.asarray(tile) for tile in decided])[:count]
         if not np.isfinite(actions).all():
             raise ValueError(
@@ -95,7 +95,7 @@ class Compiled:
                 lambda field: np.take_along_axis(field, critical, axis=-1),
                 (others, mask, distance_scale),
             )
-        seen = scene(
+        scenes = scene(
             observation.own,
             others,
             mask,
@@ -107,8 +107,8 @@ class Compiled:
         )
         count, places = mask.shape
         packed = np.zeros((count, width(places)), np.float32)
-        packed[:, :3] = np.stack((seen.own_speed, seen.goal_x, seen.goal_y), axis=-1)
-        for i, field in enumerate((seen.x, seen.y, seen.vx, seen.vy, seen.mask)):
+        packed[:, :3] = np.stack((scenes.own_speed, scenes.goal_x, scenes.goal_y), axis=-1)
+        for i, field in enumerate((scenes.x, scenes.y, scenes.vx, scenes.vy, scenes.mask)):
             packed[:, OWN_NUMBERS + i :: 5] = field
         return _Rows(
             packed, None if distance_scale is None else distance_scale.astype(np.float32)
@@ -117,8 +117,8 @@ class Compiled:
     def _check(self, tile: _Rows) -> None:
         """Refuse a processor on which the bits of a row depend on its place in the tile."""
         reverse = slice(None, None, -1)
-        there = self._decided(self._known, *tile)
-        back = self._decided(self._known, *take(tile, reverse))
+        there = self._decided(self._weights, *tile)
+        back = self._decided(self._weights, *take(tile, reverse))
         if not np.array_equal(there, back[reverse]):
             raise InputError(
                 "backend is 'jax', which rounds a row by its place on this processor; expected "

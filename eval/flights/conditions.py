@@ -68,22 +68,22 @@ def verdicts(
     """
     intent = encounters.intent
     reserve = LARGEST_OFF if isinstance(intent, KnownFlight) else 0.0
-    found = classify(encounters, aircraft.rules(), limits, solved=solved, reserve=reserve)
+    decided = classify(encounters, aircraft.rules(), limits, solved=solved, reserve=reserve)
     speed = np.asarray(encounters.own.speed, float)
     # Starts are of single precision, and a hair's breadth beyond a limit is one of its rounding.
     unknown = (speed < limits.speed_min - 1e-3) | (speed > limits.speed_max + 1e-3)
     unknown |= encounters.reaction is not None
     unknown = (unknown if other is None else unknown | other) & ~solved
     if encounters.altitudes is not None:
-        unknown |= found.verdict == Verdict.UNRESOLVABLE
+        unknown |= decided.verdict == Verdict.UNRESOLVABLE
     if isinstance(intent, KnownFlight):
-        between = np.isin(found.method, (Method.CONTAINMENT, Method.SPLITTING))
+        between = np.isin(decided.method, (Method.CONTAINMENT, Method.SPLITTING))
         off = off_arcs(intent, encounters.mask, aircraft.dt)
         unknown |= between & (off > LARGEST_OFF)
-    return found._replace(
-        verdict=np.where(unknown, Verdict.UNDECIDED, found.verdict).astype(np.int8),
-        method=np.where(unknown, Method.NONE, found.method).astype(np.int8),
-        proof_time=np.where(unknown, np.nan, found.proof_time),
+    return decided._replace(
+        verdict=np.where(unknown, Verdict.UNDECIDED, decided.verdict).astype(np.int8),
+        method=np.where(unknown, Method.NONE, decided.method).astype(np.int8),
+        proof_time=np.where(unknown, np.nan, decided.proof_time),
     )
 
 
@@ -108,6 +108,6 @@ def verdict_within(
     """Decide which encounters are resolvable within some limits, by what has been flown: a flight
     counts only if its own limits lie within them; ``other`` as of :func:`verdicts`.
     """
-    counted = (one.solved for one in flown if within(one.limits, limits))
+    counted = (flights.solved for flights in flown if within(flights.limits, limits))
     nothing = np.zeros(len(encounters.goal_x), bool)
     return verdicts(encounters, aircraft, limits, reduce(np.logical_or, counted, nothing), other)

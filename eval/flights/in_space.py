@@ -61,10 +61,10 @@ def own_altitudes(height: Height) -> list[Altitude]:
 
 
 def climbers(
-    own: Sequence[Altitude], targets: np.ndarray, known: Sequence[Sequence[Intruder[Air]]]
+    own: Sequence[Altitude], targets: np.ndarray, intruders: Sequence[Sequence[Intruder[Air]]]
 ) -> list[Climber]:
     """Return what the planner is told of altitudes, those of the routes being m, ``[M]``."""
-    return [Climber(*each) for each in zip(own, targets.tolist(), known, strict=True)]
+    return [Climber(*fields) for fields in zip(own, targets.tolist(), intruders, strict=True)]
 
 
 def check_levels(encounters: Encounter, numbers: np.ndarray, options: Options) -> None:
@@ -90,10 +90,10 @@ def check_levels(encounters: Encounter, numbers: np.ndarray, options: Options) -
 
 
 def find_met_holding(
-    own: Sequence[Altitude], known: Sequence[Sequence[Intruder[Air]]], options: Options[L]
+    own: Sequence[Altitude], intruders: Sequence[Sequence[Intruder[Air]]], options: Options[L]
 ) -> Met:
     """Return when intruders count while the own altitudes ``[M]`` go on changing as now."""
-    return _find_met([steady(each) for each in own], known, options)
+    return _find_met([steady(altitude) for altitude in own], intruders, options)
 
 
 def who_counts(traffic: Traffic, window: Window) -> Traffic:
@@ -102,16 +102,16 @@ def who_counts(traffic: Traffic, window: Window) -> Traffic:
 
 
 def find_met_levelling(
-    own: Sequence[Altitude], known: Sequence[Sequence[Intruder[Air]]], options: Options[L]
+    own: Sequence[Altitude], intruders: Sequence[Sequence[Intruder[Air]]], options: Options[L]
 ) -> Met:
     """Return when intruders count while ownships ``[M]`` level off from their altitudes."""
-    return _find_met([level_off(each, options) for each in own], known, options)
+    return _find_met([level_off(altitude, options) for altitude in own], intruders, options)
 
 
 def find_met_on_profiles(
     profiles: np.ndarray,
     own: Sequence[Altitude],
-    known: Sequence[Sequence[Intruder[Air]]],
+    intruders: Sequence[Sequence[Intruder[Air]]],
     time: float,
     options: Options[L],
 ) -> Met:
@@ -121,14 +121,16 @@ def find_met_on_profiles(
     The profiles, object ``[M]``, have times after the start.
     """
     climbs = [Climb(profile, REFERENCE) for profile in profiles]
-    flights = [climb.flight(each, time, options) for climb, each in zip(climbs, own, strict=True)]
-    return _find_met(flights, known, options)
+    flights = [
+        climb.flight(altitude, time, options) for climb, altitude in zip(climbs, own, strict=True)
+    ]
+    return _find_met(flights, intruders, options)
 
 
 def on_profiles(
     profiles: np.ndarray,
     own: Sequence[Altitude],
-    known: Sequence[Sequence[Intruder[Air]]],
+    intruders: Sequence[Sequence[Intruder[Air]]],
     time: float,
     options: Options[L],
 ) -> OnProfile:
@@ -136,24 +138,25 @@ def on_profiles(
     :func:`find_met_on_profiles`.
     """
     climbs = [Climb(profile, REFERENCE) for profile in profiles]
-    error = [climb.error(each, time) for climb, each in zip(climbs, own, strict=True)]
+    error = [climb.error(altitude, time) for climb, altitude in zip(climbs, own, strict=True)]
     allowed = np.full(len(error), options.vertical_margin)
     return OnProfile(
-        np.array(error), allowed, find_met_on_profiles(profiles, own, known, time, options)
+        np.array(error), allowed, find_met_on_profiles(profiles, own, intruders, time, options)
     )
 
 
 def _find_met(
     flights: Sequence[Sequence[Line]],
-    known: Sequence[Sequence[Intruder[Air]]],
+    intruders: Sequence[Sequence[Intruder[Air]]],
     options: Options[L],
 ) -> Met:
     """Return what flights ``[M]`` meet of their intruders ``[K]`` each."""
     windows = [
-        times_met(each, flight, options) for each, flight in zip(known, flights, strict=True)
+        times_met(reports, flight, options)
+        for reports, flight in zip(intruders, flights, strict=True)
     ]
     most = max((window.begin.shape[-1] for window in windows), default=1)
-    shape = len(windows), len(known[0]) if known else 0, most
+    shape = len(windows), len(intruders[0]) if intruders else 0, most
     begin, end = np.full(shape, np.inf), np.full(shape, -np.inf)
     for row, window in enumerate(windows):
         count = window.begin.shape[-1]

@@ -67,7 +67,7 @@ def to_ground(flown: Trajectories[Air], wind: Wind | None, dt: float) -> Traject
     """Return trajectories of steps of dt, s, ``[T, N]``, as the ground sees them."""
     time = np.arange(len(flown.own.x))[:, None] * dt
     blows = wind or NO_WIND
-    each = blows if wind is None else Wind(wind.east[:, None], wind.north[:, None])
+    wind_of_each = blows if wind is None else Wind(wind.east[:, None], wind.north[:, None])
     own = over_ground(flown.own, blows, time)
-    others = over_ground(flown.intruders, each, time[..., None])
+    others = over_ground(flown.intruders, wind_of_each, time[..., None])
     return Trajectories(own, others, flown.action, flown.separation, flown.altitudes)

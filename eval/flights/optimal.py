@@ -39,12 +39,12 @@ class Witness:
     """
 
     def __init__(
-        self, encounters: Encounter, manoeuvre: Manoeuvre, known: np.ndarray, aircraft: Aircraft
+        self, encounters: Encounter, manoeuvre: Manoeuvre, exists: np.ndarray, aircraft: Aircraft
     ) -> None:
-        """Take the manoeuvres of encounters ``[N]``, and which are known, bool ``[N]``."""
+        """Take the manoeuvres of encounters ``[N]``, and which exist, bool ``[N]``."""
         self._flight = map_leaves(np.array, takeoff(encounters.own, manoeuvre))
         self._manoeuvre = manoeuvre
-        self._known = known
+        self._exists = exists
         self._none = BASELINES["none"](aircraft)
         self._aircraft = aircraft
         self._step = 0
@@ -53,12 +53,12 @@ class Witness:
         """Return actions ``[M, 2]`` and the numbers of the encounters."""
         number = np.arange(len(memory)) if self._step == 0 else memory
         action, _ = self._none.decide(observation, memory)
-        rows = np.flatnonzero(self._known[number])
-        now = number[rows]
-        flight = take(self._flight, now)._replace(own=take(observation.own, rows))
-        made, after = choose_action(
+        rows = np.flatnonzero(self._exists[number])
+        encounters = number[rows]
+        flight = take(self._flight, encounters)._replace(own=take(observation.own, rows))
+        command, after = choose_action(
             flight,
-            take(self._manoeuvre, now),
+            take(self._manoeuvre, encounters),
             self._step * self._aircraft.dt,
             (observation.goal_x[rows], observation.goal_y[rows]),
             take(observation.intruders, rows),
@@ -66,8 +66,8 @@ class Witness:
             self._aircraft.rules(),
             self._aircraft.limits,
         )
-        action[rows] = np.stack(made, axis=-1)
-        scatter(self._flight, now, after)
+        action[rows] = np.stack(command, axis=-1)
+        scatter(self._flight, encounters, after)
         self._step += 1
         return action, number
 

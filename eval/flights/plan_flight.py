@@ -84,8 +84,8 @@ def fly_step(
     distance_scale, flatness = distance_scales(state, aircraft, np), flatness_of(state, aircraft)
     side, step = air.side, Step.blank(own.x.size)
     for number in range(SUBSTEPS):
-        now, after = (take(references, number + i) for i in (0, 1))
-        acceleration, yaw_rate = _command(now, after, own, dt, limits)
+        before, after = (take(references, number + i) for i in (0, 1))
+        acceleration, yaw_rate = _command(before, after, own, dt, limits)
         moved = advance(own, acceleration, yaw_rate, PERIOD * dt, limits, np)
         coasting = other.speed * 0.0
         other_moved = advance(other, coasting, turn_rate, PERIOD * dt, intruder.COASTING, np)
@@ -121,7 +121,7 @@ def fly_step(
 
 
 def _command(
-    now: VehicleState[Air],
+    before: VehicleState[Air],
     after: VehicleState[Air],
     own: VehicleState[Air],
     dt: float,
@@ -130,7 +130,7 @@ def _command(
     """Return the follower's acceleration, m/s^2, and yaw rate, rad/s, ``[M]``, within the vehicle's
     limits, from references now and after a period of a time step dt, s.
     """
-    acceleration, yaw_rate = steer(now, after, own, PERIOD * dt, gains(dt))
+    acceleration, yaw_rate = steer(before, after, own, PERIOD * dt, gains(dt))
     acceleration = np.clip(acceleration, limits.acceleration_min, limits.acceleration_max)
     return acceleration, np.clip(yaw_rate, -limits.yaw_rate_max, limits.yaw_rate_max)
 

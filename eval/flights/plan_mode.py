@@ -68,16 +68,16 @@ def plan_at_start(
     areas; plans that do not climb leave out who stays above or below.
     """
     encounters = known_at_start(encounters, aircraft)
-    seen = perceive_at_start(encounters, aircraft.dt, noise)
-    request = request_of(encounters, aircraft, seen)._replace(drift=drift_of(wind))
+    intruders = perceive_at_start(encounters, aircraft.dt, noise)
+    request = request_of(encounters, aircraft, intruders)._replace(drift=drift_of(wind))
     in_air = in_wind(options, None)  # the wind is known exactly, and takes nothing off the limits
     if encounters.altitudes is not None:
         level = encounters.altitudes.own
         own = own_altitudes(Height(level, np.zeros_like(level)))
-        known = reports(encounters.altitudes, 0, aircraft.dt)
+        altitudes = reports(encounters.altitudes, 0, aircraft.dt)
         if options.climbs:
-            return plan_each_in_space(request, climbers(own, level, known), policy, in_air)
-        window = find_met_holding(own, known, options).all_times
+            return plan_each_in_space(request, climbers(own, level, altitudes), policy, in_air)
+        window = find_met_holding(own, altitudes, options).all_times
         request = request._replace(traffic=who_counts(request.traffic, window))
     if areas is None:
         return plan_many(request, policy, in_air)
@@ -155,13 +155,13 @@ def promised_separation(
     result = np.full(lost.size, np.nan)
     rows = np.flatnonzero(lost)
     if rows.size:
-        seen = take(perceive_at_start(encounters, aircraft.dt, noise), rows)
-        straight = Intent(*(np.zeros(seen.x.shape) for _ in Intent._fields))
-        asked = take(known_at_start(encounters, aircraft), rows)
-        asked = asked._replace(intruders=seen, intent=straight)
-        if asked.altitudes is not None:
-            evenly = asked.altitudes.intruders[..., :2]
-            asked = asked._replace(altitudes=asked.altitudes._replace(intruders=evenly))
-        flown = fly_once(asked, take(plans, rows), aircraft, options)
+        intruders = take(perceive_at_start(encounters, aircraft.dt, noise), rows)
+        straight = Intent(*(np.zeros(intruders.x.shape) for _ in Intent._fields))
+        reported = take(known_at_start(encounters, aircraft), rows)
+        reported = reported._replace(intruders=intruders, intent=straight)
+        if reported.altitudes is not None:
+            evenly = reported.altitudes.intruders[..., :2]
+            reported = reported._replace(altitudes=reported.altitudes._replace(intruders=evenly))
+        flown = fly_once(reported, take(plans, rows), aircraft, options)
         result[rows] = flown.flights.min_separation
     return result

@@ -86,18 +86,18 @@ def fly_recorded(ready: ReadyEvaluation, numbers: Sequence[int]) -> Recorded:
     evaluation, aircraft = ready.evaluation, ready.evaluation.aircraft
     starts = pick(evaluation, numbers)
     noise = _noise(evaluation, starts, numbers)
-    given = conditions_of(evaluation, starts, np.asarray(numbers), noise)
-    starts, _, wind, areas = given
+    conditions = conditions_of(evaluation, starts, np.asarray(numbers), noise)
+    starts, _, wind, areas = conditions
     recorder = TrajectoryRecorder(starts)
-    plans, flights = fly_in_mode(ready, given, recorder)
+    plans, flights = fly_in_mode(ready, conditions, recorder)
     flown = recorder.stack()
     if areas is not None:
         among = judge(flown, areas, wind, aircraft.dt)
         flights = with_breaches(flights, among, aircraft.rules())
     plan_states = None
     if plans is not None:
-        each = NO_WIND if wind is None else Wind(wind.east[:, None], wind.north[:, None])
-        plan_states = on_ground(plans.candidates.plan_states, each)
+        wind_of_each = NO_WIND if wind is None else Wind(wind.east[:, None], wind.north[:, None])
+        plan_states = on_ground(plans.candidates.plan_states, wind_of_each)
     over_ground = to_ground(flown, wind, aircraft.dt)
     return Recorded(starts, plans, plan_states, flights, over_ground, areas)
 
@@ -108,16 +108,18 @@ def _noise(
     """Return the sensors' noise of encounters ``[M]`` by their numbers, as it is where each is
     flown in its chunk.
     """
-    each = [noise_of(evaluation, take(starts, [row]), number) for row, number in enumerate(numbers)]
-    given = [one for one in each if one is not None]  # all of them or none
-    if not given:
+    noises = [
+        noise_of(evaluation, take(starts, [row]), number) for row, number in enumerate(numbers)
+    ]
+    existing = [noise for noise in noises if noise is not None]  # all of them or none
+    if not existing:
         return None
-    return lambda step: np.concatenate([one(step) for one in given], axis=1)
+    return lambda step: np.concatenate([noise(step) for noise in existing], axis=1)
 
 
 def fly_in_mode(
     ready: ReadyEvaluation,
-    given: Conditioned,
+    conditions: Conditioned,
     recorder: TrajectoryRecorder | None,
     *,
     endless: bool = False,
@@ -130,9 +132,9 @@ def fly_in_mode(
     """
     evaluation, policy = ready.evaluation, ready.policy
     if evaluation.mode == "policy":
-        return None, fly_resolver(ready, given, recorder, endless=endless)
+        return None, fly_resolver(ready, conditions, recorder, endless=endless)
     aircraft, options = evaluation.aircraft, evaluation.options
-    starts, noise, wind, areas = given
+    starts, noise, wind, areas = conditions
     first = None if noise is None else noise(0)
     plans = plan_at_start(starts, policy, aircraft, options, first, wind=wind, areas=areas)
     how: dict[str, Any] = {"recorder": recorder, "endless": endless, "wind": wind}

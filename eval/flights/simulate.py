@@ -78,9 +78,9 @@ class Unmitigated(NamedTuple):
     def decide(self, observation: Observation, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` and the memory, which is not used."""
         off = bearing(observation.own, observation.goal_x, observation.goal_y, np) * (1.0 / math.pi)
-        seen = off.astype(np.float32)  # as an observation has it: of its precision
+        observed = off.astype(np.float32)  # as an observation has it: of its precision
         full = self.aircraft.limits.yaw_rate_max * self.aircraft.dt
-        steering = GAINS.proportional * math.pi * seen / full
+        steering = GAINS.proportional * math.pi * observed / full
         action = np.stack([np.zeros_like(steering), np.clip(steering, -1.0, 1.0)], axis=-1)
         return action.astype(float), memory
 
@@ -143,8 +143,8 @@ def last_turn(
     The yaw rate is as commanded, rad/s; the side before is -1, 0 (none yet) or 1; straight:
     :func:`reversal_rate`.
     """
-    now = np.where(np.abs(yaw_rate) >= straight, np.sign(yaw_rate), side)
-    return now, now * side < 0.0
+    current = np.where(np.abs(yaw_rate) >= straight, np.sign(yaw_rate), side)
+    return current, current * side < 0.0
 
 
 def sensor_noise(seed: int, first: int, count: int, intruders: int) -> Callable[[int], np.ndarray]:
@@ -221,11 +221,13 @@ def _look(
     """Return what resolvers see of flights ``[M]`` at a time, s, by the draws of the sensors'
     noise, ``[4, M, K]``, and what the tracker knows.
     """
-    state, left = air.state, aircraft.t_max - time
-    seen = perceive_intruders(state, draws, aircraft.dt, np)
+    state, time_left = air.state, aircraft.t_max - time
+    intruders = perceive_intruders(state, draws, aircraft.dt, np)
     exists = known_intruders(state, aircraft, np)
     scale = distance_scales(state, aircraft, np)
-    observation = Observation(state.own, seen, exists, state.goal_x, state.goal_y, left, scale)
+    observation = Observation(
+        state.own, intruders, exists, state.goal_x, state.goal_y, time_left, scale
+    )
     observation = observation._replace(number=air.number)
     if state.altitudes is not None:
         observation = observation._replace(

@@ -119,10 +119,10 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
                 grounded=grounded,
             )
         else:
-            found = read_lincoln(path, repair=how.repair)
-            repairs = sum_of_repairs([each.repairs for each in found])
-            weights = {str(each.number): each.weight for each in found}
-            flown = ((str(each.number), tracks_of(each)) for each in found)
+            read = read_lincoln(path, repair=how.repair)
+            repairs = sum_of_repairs([encounter.repairs for encounter in read])
+            weights = {str(encounter.number): encounter.weight for encounter in read}
+            flown = ((str(encounter.number), tracks_of(encounter)) for encounter in read)
             encounters = [(name, own, [other]) for name, (own, other) in flown]
     else:
         raise TrackError(f"{path} ends in {path.suffix!r}; expected .json, .json.gz, .daa or .xyz")
@@ -136,8 +136,8 @@ def read_tracks(path: Path, aircraft: Aircraft, how: TracksConfig) -> Replay:
     )
     if not grounded:
         return recorded
-    what = f"{grounded.total()} reports of {len(grounded)} aircraft on the ground"
-    return recorded._replace(left_out=(what, *recorded.left_out))
+    grounded_text = f"{grounded.total()} reports of {len(grounded)} aircraft on the ground"
+    return recorded._replace(left_out=(grounded_text, *recorded.left_out))
 
 
 def draw(
@@ -179,9 +179,11 @@ def describe_tracks(source: Source) -> dict[str, Any]:
 
 def say(source: Source) -> None:
     """Print which recorded encounters are left out and what was repaired, if anything was."""
-    found = describe_tracks(source)
-    for sentence in found["left_out"]:
+    description = describe_tracks(source)
+    for sentence in description["left_out"]:
         print(f"left out: {visible(sentence)}", file=sys.stderr)
-    done = [f"{count} {_DONE[name]}" for name, count in (found["repairs"] or {}).items() if count]
-    if done:
-        print(f"repaired: {', '.join(done)}", file=sys.stderr)
+    repaired = [
+        f"{count} {_DONE[name]}" for name, count in (description["repairs"] or {}).items() if count
+    ]
+    if repaired:
+        print(f"repaired: {', '.join(repaired)}", file=sys.stderr)

@@ -69,39 +69,39 @@ def standing(areas: Sequence[ActiveArea], unit: float, margin: float) -> Standin
         unit: the aircraft's separation, m.
         margin: to be kept beyond the clearance, m.
     """
-    found = list[Standing]()
-    for one in areas:
-        if one.area.keep is Keep.IN:
+    discs = list[Standing]()
+    for active in areas:
+        if active.area.keep is Keep.IN:
             continue
-        for disc in _discs(one.area.shape, unit):
+        for disc in _discs(active.area.shape, unit):
             stands = Standing(
                 x=disc.x,
                 y=disc.y,
-                east=one.area.velocity[0],
-                north=one.area.velocity[1],
-                separation=disc.radius + one.area.clearance + margin,
-                growth=one.area.growth,
-                begin=one.begin,
-                end=one.end,
+                east=active.area.velocity[0],
+                north=active.area.velocity[1],
+                separation=disc.radius + active.area.clearance + margin,
+                growth=active.area.growth,
+                begin=active.begin,
+                end=active.end,
             )
-            found.append(stands)
-    return Standing(*np.array(found, dtype=float).reshape(-1, len(Standing._fields)).T)
+            discs.append(stands)
+    return Standing(*np.array(discs, dtype=float).reshape(-1, len(Standing._fields)).T)
 
 
-def as_intruders(what: Standing, time: Array, unit: float) -> Seen:
+def as_intruders(standing: Standing, time: Array, unit: float) -> Seen:
     """Return what stands in the way as intruders at times, s, that broadcast; the unit is the
     aircraft's separation, m.
 
     Nothing counts as smaller than the smallest separation that policies are trained with.
     """
-    needed = what.separation + what.growth * time
-    there = (what.begin <= time) & (what.end >= time) & (needed > 0.0)
+    needed = standing.separation + standing.growth * time
+    there = (standing.begin <= time) & (standing.end >= time) & (needed > 0.0)
     still = np.zeros(np.shape(needed))
     state: VehicleState[Air] = VehicleState(
-        what.x + what.east * time,
-        what.y + what.north * time,
-        np.arctan2(what.north, what.east) + still,
-        np.hypot(what.east, what.north) + still,
+        standing.x + standing.east * time,
+        standing.y + standing.north * time,
+        np.arctan2(standing.north, standing.east) + still,
+        np.hypot(standing.east, standing.north) + still,
     )
     return Seen(state, there, unit / np.maximum(needed, LEAST * unit))
 
@@ -126,22 +126,22 @@ def _discs_about(places: tuple[Place, ...], largest: float, cuts: int) -> tuple[
     far = off @ along
     far = far - 0.5 * (far.min() + far.max())
     halves = (_half(places, far), _half(places, -far))
-    return tuple(one for half in halves for one in _discs_about(half, largest, cuts - 1))
+    return tuple(piece for half in halves for piece in _discs_about(half, largest, cuts - 1))
 
 
 def _half(places: tuple[Place, ...], far: Array) -> tuple[Place, ...]:
     """Return the part of a polygon on one side of a line: how far from it the corners are, m,
     ``[E]``, is not negative there.
     """
-    found = list[Place]()
+    corners = list[Place]()
     for n, (x, y) in enumerate(places):
-        (from_x, from_y), here, before = places[n - 1], float(far[n]), float(far[n - 1])
-        if here * before < 0.0:
-            share = here / (here - before)
-            found.append((x + share * (from_x - x), y + share * (from_y - y)))
-        if here >= 0.0:
-            found.append((x, y))
-    return tuple(found)
+        (from_x, from_y), distance, before = places[n - 1], float(far[n]), float(far[n - 1])
+        if distance * before < 0.0:
+            share = distance / (distance - before)
+            corners.append((x + share * (from_x - x), y + share * (from_y - y)))
+        if distance >= 0.0:
+            corners.append((x, y))
+    return tuple(corners)
 
 
 def _smallest_disc(places: Sequence[Place]) -> _Disc:

@@ -53,7 +53,7 @@ def against(
     The surrogate's flight there is second by second from time 0 on, ``[S]``; None: not known.
     """
     clock = PERIOD * np.arange(flight.altitude.size)
-    own, now = flight.own, _planned_state(legs, wind, clock)
+    own, planned = flight.own, _planned_state(legs, wind, clock)
     # Begun where the guidance was: a late aircraft on a winding path has several places abeam.
     abeam = clock - flight.late
     for _ in range(_SEARCH):
@@ -67,13 +67,13 @@ def against(
         count = min(seconds.size, (clock.size - 1) // SUBSTEPS + 1)
         true = over_ground(take(surrogate, slice(count)), wind, seconds[:count] * 1.0)
         part = slice(None, count * SUBSTEPS, SUBSTEPS)
-        definition = np.hypot(true.x - now.x[part], true.y - now.y[part])
+        definition = np.hypot(true.x - planned.x[part], true.y - planned.y[part])
         total = np.hypot(true.x - own.x[part], true.y - own.y[part])
     return Errors(
         cross_track=offset(own, place)[1],
-        along_track=-late * 0.5 * (place.speed + now.speed),
+        along_track=-late * 0.5 * (place.speed + planned.speed),
         late=late,
-        position=np.hypot(own.x - now.x, own.y - now.y),
+        position=np.hypot(own.x - planned.x, own.y - planned.y),
         definition=definition,
         total=total,
     )

@@ -92,11 +92,11 @@ def distributions(table: Mapping[str, np.ndarray]) -> Figure:
     largest, fewest = _NEAREST, 50.0
     for name, (label, colour) in _ERRORS.items():
         values = table[name][safe]
-        known = np.sort(values[np.isfinite(values)])
-        if known.size:
-            _draw_beyond(axes, known, label, colour)
-            fewest = min(fewest, 50.0 / known.size)
-            largest = max(largest, float(known[-1]))
+        distances = np.sort(values[np.isfinite(values)])
+        if distances.size:
+            _draw_beyond(axes, distances, label, colour)
+            fewest = min(fewest, 50.0 / distances.size)
+            largest = max(largest, float(distances[-1]))
     axes.set_xscale("log")
     axes.set_xlim(_NEAREST, 1.2 * largest)
     axes.set_yscale("log")
@@ -111,11 +111,11 @@ def distributions(table: Mapping[str, np.ndarray]) -> Figure:
     return figure
 
 
-def _draw_beyond(axes: Axes, known: np.ndarray, label: str, colour: str) -> None:
+def _draw_beyond(axes: Axes, distances: np.ndarray, label: str, colour: str) -> None:
     """Draw for each of some distances, ascending, m, ``[M]``, how many of them are greater, %."""
     # A separation that was gained is no loss: on this axis it is at its left end.
-    places = np.concatenate([[_NEAREST], np.maximum(known, _NEAREST)])
-    beyond = 100.0 * np.arange(known.size, -1, -1) / known.size
+    places = np.concatenate([[_NEAREST], np.maximum(distances, _NEAREST)])
+    beyond = 100.0 * np.arange(distances.size, -1, -1) / distances.size
     beyond[-1] = _FEWEST  # below the axis, which has no zero
     axes.step(places, beyond, color=colour, label=label, where="post")
 
@@ -125,88 +125,96 @@ def sheet(flights: Sequence[tuple[str, FlightRecord]], rules: Rules) -> Figure:
     any.
     """
     rows = ["separation, km"]
-    if any(one.scene.levels is not None for _, one in flights):
+    if any(record.scene.levels is not None for _, record in flights):
         rows.append("altitude, m")
     before = len(rows)  # the errors
-    if any(one.errors is not None for _, one in flights):
+    if any(record.errors is not None for _, record in flights):
         rows += ["cross-track, m", "along-track, m", "arrival, s late", "accumulated, m s"]
     count = len(flights)
     # Narrow panels: a page shows four of them side by side, with letters that can be read.
     figure = Figure(figsize=(max(2.4 * count, 4.8), 3.4 + 1.3 * len(rows)), layout="constrained")
     grid = figure.add_gridspec(1 + len(rows), count, height_ratios=[2.0, *([1.0] * len(rows))])
-    for i, (title, one) in enumerate(flights):
+    for i, (title, record) in enumerate(flights):
         axes = figure.add_subplot(grid[0, i])
         axes.set_title(title, fontsize=9)
-        _draw_flight(axes, one, rules)
+        _draw_flight(axes, record, rules)
         axes.set_xlabel("east, km", fontsize=8)
         axes.set_ylabel("north, km" if i == 0 else "", fontsize=8)
         for row, label in enumerate(rows, 1):
             below = figure.add_subplot(grid[row, i])
             if row == 1:
-                _draw_separation(below, one, rules)
+                _draw_separation(below, record, rules)
             elif row <= before:
-                _draw_altitudes(below, one)
-            elif one.errors is not None:
-                _draw_error(below, row - before - 1, one.errors)
+                _draw_altitudes(below, record)
+            elif record.errors is not None:
+                _draw_error(below, row - before - 1, record.errors)
             below.set_ylabel(label if i == 0 else "", fontsize=8)
             below.tick_params(labelsize=7)
             below.grid(color="#EBEBEB", linewidth=0.5)
             below.set_xlabel("time, s" if row == len(rows) else "", fontsize=8)
     more = [sample("waypoints", **_WAYPOINT)] if len(rows) > before else []
-    more += [area_sample()] if any(one.scene.areas for _, one in flights) else []
-    own_separations = any(one.scene.distance_scale is not None for _, one in flights)
+    more += [area_sample()] if any(record.scene.areas for _, record in flights) else []
+    own_separations = any(record.scene.distance_scale is not None for _, record in flights)
     explain(figure, rules, *more, own_separations=own_separations)
     return figure
 
 
-def _draw_flight(axes: Axes, one: FlightRecord, rules: Rules) -> None:
+def _draw_flight(axes: Axes, record: FlightRecord, rules: Rules) -> None:
     """Draw a flight from above, and the waypoints of its plan."""
-    rejoin = rules.t_max if one.made is None else float(one.made.plans.candidates.rejoin_time[0])
+    rejoin = (
+        rules.t_max
+        if record.initial is None
+        else float(record.initial.plans.candidates.rejoin_time[0])
+    )
     # What comes later is the route, a straight line.
     end = round(rejoin + _AFTER) if np.isfinite(rejoin) else round(rules.t_max)
-    if one.flight is not None:
-        draw(axes, _track_until(one, one.flight, end), rules)
-    if one.made is not None and one.legs is not None and one.errors is not None:
-        plan_states = one.made.plans.candidates.plan_states
+    if record.flight is not None:
+        draw(axes, _track_until(record, record.flight, end), rules)
+    if record.initial is not None and record.legs is not None and record.errors is not None:
+        plan_states = record.initial.plans.candidates.plan_states
         shown = plan_states.time[0] <= end
         place: VehicleState[Air] = VehicleState(*(field[0, shown] for field in plan_states[:4]))
-        over = over_ground(place, one.scene.frame, plan_states.time[0, shown])
+        over = over_ground(place, record.scene.frame, plan_states.time[0, shown])
         axes.plot(over.x / _KM, over.y / _KM, **_WAYPOINT)
 
 
-def _track_until(one: FlightRecord, flight: Flight, end: int) -> Track:
+def _track_until(record: FlightRecord, flight: Flight, end: int) -> Track:
     """Return the track of a flight to its end, or until a time, s."""
     # The last second of an aircraft that was lost is not whole.
     seconds = min(end, flight.separation.size)
     own = take(flight.own, slice(None, seconds * SUBSTEPS + 1, SUBSTEPS))
-    route, every, exist = one.scene.route, one.scene.encounter.separation, one.scene.encounter.mask
+    route, every, exist = (
+        record.scene.route,
+        record.scene.encounter.separation,
+        record.scene.encounter.mask,
+    )
     others = take(flight.intruders, (slice(None, end + 1), exist[0]))
     return Track(
         own=np.stack([own.x, own.y]),
         intruders=np.stack([others.x.T, others.y.T], axis=1),
         separation=flight.separation[:end],
         goal=(float(route.x[1]), float(route.y[1])),
-        areas=one.scene.areas,
+        areas=record.scene.areas,
         required=None if every is None else every[exist],
     )
 
 
-def _draw_separation(axes: Axes, one: FlightRecord, rules: Rules) -> None:
-    if one.flight is not None and one.flight.separation.size:
-        apart = one.flight.separation
+def _draw_separation(axes: Axes, record: FlightRecord, rules: Rules) -> None:
+    if record.flight is not None and record.flight.separation.size:
+        apart = record.flight.separation
         axes.plot(np.arange(1, apart.size + 1), apart / _KM, color=BLUE, linewidth=1.0)
         axes.set_ylim(0.0, min(6.0, 1.05 * float(apart.max()) / _KM))
     axes.axhline(rules.separation / _KM, color=VERMILION, linewidth=0.8, linestyle="--")
 
 
-def _draw_altitudes(axes: Axes, one: FlightRecord) -> None:
+def _draw_altitudes(axes: Axes, record: FlightRecord) -> None:
     """Draw the altitudes of a flight, of its plan, and of the intruders."""
-    flight, levels = one.flight, one.scene.levels
+    flight, levels = record.flight, record.scene.levels
     if flight is None or levels is None:
         return
     clock = PERIOD * np.arange(flight.altitude.size)
-    others = levels.altitudes(clock)[:, one.scene.encounter.mask[0]]
-    draw_altitudes(axes, clock, flight.altitude, others.T, planned_altitude(one, clock.size))
+    others = levels.altitudes(clock)[:, record.scene.encounter.mask[0]]
+    draw_altitudes(axes, clock, flight.altitude, others.T, planned_altitude(record, clock.size))
 
 
 def _draw_error(axes: Axes, number: int, errors: Errors) -> None:

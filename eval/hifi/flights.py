@@ -1,4 +1,4 @@
-"""A flight by its number: encounter, conditions, plan, flight and verdict; what it yields depends
+"""A flight by its number: encounter, conditions, plan, flight and outcome; what it yields depends
 on nothing else.
 """
 
@@ -49,7 +49,7 @@ from eval.hifi.errors import Errors, against, roll_out
 from eval.hifi.flight import Flight, Levels, Pilot, Traffic, fly
 from eval.hifi.pilots import Ascent, Assured, Closed, Follower, Reckoning
 from eval.hifi.vehicle import Navigation, begin, lookahead_of, reach_of, takeoff_weight
-from eval.hifi.wind import Made, Route, options_in, plan_for, plan_in_space, unflyable
+from eval.hifi.wind import PlanResult, Route, options_in, plan_for, plan_in_space, unflyable
 
 
 class Campaign(NamedTuple):
@@ -89,7 +89,7 @@ class FlightRecord(NamedTuple):
     """A flight and all that is known of it."""
 
     scene: Beginning
-    made: Made | None = None  # the plan; None in mode closed
+    initial: PlanResult | None = None  # the plan; None in mode closed
     legs: Legs[Air] | None = None  # of the plan, in the air mass; None without one
     flight: Flight | None = None  # None where it could not begin
     errors: Errors | None = None  # against the plan, in mode plan
@@ -110,24 +110,27 @@ def scene_of(campaign: Campaign, number: int) -> Beginning:
     the same conflict in any wind.
     """
     condition = campaign.condition
-    one, _ = sources.draw(campaign.source, campaign.seed, number, 1, heeds=("separation",))
+    encounter, _ = sources.draw(campaign.source, campaign.seed, number, 1, heeds=("separation",))
     met = draw_conditions(condition, campaign.seed, number, takeoff_weight(campaign.vehicle))
     wind = Wind(met.air.wind_east, met.air.wind_north)
     if condition.position_std > 0.0 or condition.velocity_std > 0.0 or met.latency > 0.0:
         flaws = (condition.position_std, condition.velocity_std, met.latency)
-        one = one._replace(sensor=Sensor(*(np.full((1, 1), flaw) for flaw in flaws)))
-    flawed = any(np.any(field) for field in one.sensor)
-    noise = sensor_noise(campaign.seed, number, *one.mask.shape) if flawed else None
-    own: VehicleState[Air] = VehicleState(*(float(field[0]) for field in one.own))
-    away = math.hypot(float(one.goal_x[0]) - own.x, float(one.goal_y[0]) - own.y) / own.speed
-    over = one._replace(
-        goal_x=one.goal_x + wind.east * away,
-        goal_y=one.goal_y + wind.north * away,
+        encounter = encounter._replace(sensor=Sensor(*(np.full((1, 1), flaw) for flaw in flaws)))
+    flawed = any(np.any(field) for field in encounter.sensor)
+    noise = sensor_noise(campaign.seed, number, *encounter.mask.shape) if flawed else None
+    own: VehicleState[Air] = VehicleState(*(float(field[0]) for field in encounter.own))
+    away = (
+        math.hypot(float(encounter.goal_x[0]) - own.x, float(encounter.goal_y[0]) - own.y)
+        / own.speed
+    )
+    over = encounter._replace(
+        goal_x=encounter.goal_x + wind.east * away,
+        goal_y=encounter.goal_y + wind.north * away,
     )
     line = request_of(over, campaign.aircraft)
     amid = areas_of(campaign.areas, campaign.seed, over, np.array([number]), campaign.aircraft)
     return Beginning(
-        encounter=one,
+        encounter=encounter,
         drawn=met,
         wind=wind,
         frame=met.believed_wind,
@@ -135,8 +138,8 @@ def scene_of(campaign: Campaign, number: int) -> Beginning:
         route=Route(line.route_x[0], line.route_y[0]),
         noise=noise,
         areas=() if amid is None else amid[0],
-        distance_scale=distance_scales(one, campaign.aircraft, np),
-        levels=_levels(campaign, one, met.altitude, number),
+        distance_scale=distance_scales(encounter, campaign.aircraft, np),
+        levels=_levels(campaign, encounter, met.altitude, number),
     )
 
 
@@ -158,19 +161,19 @@ def fly_one(campaign: Campaign, policy: Policy, number: int) -> FlightRecord:
     scene = scene_of(campaign, number)
     if campaign.mode == "closed":
         return _fly_closed(campaign, scene, number, policy)
-    made, known = _initial_plan(campaign, scene, policy)
-    curves, problem = None, made.problem
-    if problem is None and int(made.plans.candidates.last[0]) >= 0:
-        curves = legs(take(made.plans.candidates.plan_states, 0))
+    initial, traffic = _initial_plan(campaign, scene, policy)
+    curves, problem = None, initial.problem
+    if problem is None and int(initial.plans.candidates.last[0]) >= 0:
+        curves = legs(take(initial.plans.candidates.plan_states, 0))
         reach = reach_of(campaign.vehicle, campaign.aircraft.limits, scene.drawn)
         problem = unflyable(curves, reach)
     elif problem is None and campaign.mode == "plan":
         problem = "the planner knows no way back to the route"
-    record = FlightRecord(scene, made, curves, problem=problem)
+    record = FlightRecord(scene, initial, curves, problem=problem)
     if problem is not None:
         return record
     if campaign.mode == "assured":
-        pilot = _assured_pilot(campaign, scene, made.plans, known, policy)
+        pilot = _assured_pilot(campaign, scene, initial.plans, traffic, policy)
         until = round(campaign.aircraft.t_max)
         flight, problem = _fly(campaign, scene, number, pilot, until, ("violation",))
         return record._replace(flight=flight, problem=problem, pilot=pilot)
@@ -192,11 +195,11 @@ def _follow(
     campaign: Campaign, record: FlightRecord, curves: Legs[Air], number: int, policy: Policy
 ) -> FlightRecord:
     """Return a record with the flight along its plan to the end, and the errors against it."""
-    scene, made = record.scene, record.made
-    assert made is not None
+    scene, initial = record.scene, record.initial
+    assert initial is not None
     ascent = None
-    if made.profile is not None:
-        ascent = Ascent(made.profile, campaign.options.vertical.acceleration)
+    if initial.profile is not None:
+        ascent = Ascent(initial.profile, campaign.options.vertical.acceleration)
     pilot = Follower(Track(curves, scene.frame), lookahead_of(campaign.vehicle), ascent)
     until = math.ceil(float(curves.time[-1] + curves.duration[-1]))
     flight, problem = _fly(campaign, scene, number, pilot, until, ())
@@ -204,34 +207,34 @@ def _follow(
     if flight is None or flight.failure is not None:
         return record
     surrogate = None
-    if made.request is not None and made.plans.source[0] == SOURCES.index("policy"):
-        goal = int(made.plans.candidates.goal[0])
+    if initial.request is not None and initial.plans.source[0] == SOURCES.index("policy"):
+        goal = int(initial.plans.candidates.goal[0])
         options = options_in(scene.frame, campaign.options)
-        surrogate = roll_out(made.request, goal, policy, options)
+        surrogate = roll_out(initial.request, goal, policy, options)
     return record._replace(errors=against(flight, curves, scene.frame, surrogate))
 
 
 def report_at_start(campaign: Campaign, scene: Beginning) -> VehicleState[Ground]:
     """Return the intruders as reported at the start, ``[1, K]``."""
     noise = None if scene.noise is None else scene.noise(0)
-    seen = perceive_at_start(scene.encounter, campaign.aircraft.dt, noise)
-    return over_ground(seen, scene.wind, 0.0)
+    intruders = perceive_at_start(scene.encounter, campaign.aircraft.dt, noise)
+    return over_ground(intruders, scene.wind, 0.0)
 
 
-def _initial_plan(campaign: Campaign, scene: Beginning, policy: Policy) -> tuple[Made, Known]:
+def _initial_plan(campaign: Campaign, scene: Beginning, policy: Policy) -> tuple[PlanResult, Known]:
     """Return the plan made at the start, and the intruders that it was made with."""
     reported = report_at_start(campaign, scene)
-    known = Known.straight(through_air(reported, scene.frame, 0.0), scene.encounter.mask)
-    known = known._replace(separation=scene.encounter.separation)
+    traffic = Known.straight(through_air(reported, scene.frame, 0.0), scene.encounter.mask)
+    traffic = traffic._replace(separation=scene.encounter.separation)
     if scene.levels is not None:
         intruders = _reports(scene, reported, scene.levels.start)
-        given = scene.route, scene.drawn.altitude, scene.frame, policy, campaign.options
-        return plan_in_space(scene.own, intruders, *given, scene.areas), known
+        fields = scene.route, scene.drawn.altitude, scene.frame, policy, campaign.options
+        return plan_in_space(scene.own, intruders, *fields, scene.areas), traffic
     own = through_air(scene.own, scene.frame, 0.0)
-    made = plan_for(
-        own, known, scene.route, 0.0, scene.frame, policy, campaign.options, scene.areas
+    initial = plan_for(
+        own, traffic, scene.route, 0.0, scene.frame, policy, campaign.options, scene.areas
     )
-    return made, known
+    return initial, traffic
 
 
 def _reports(
@@ -250,7 +253,7 @@ def _reports(
 
 
 def _assured_pilot(
-    campaign: Campaign, scene: Beginning, plans: Plans, known: Known, policy: Policy
+    campaign: Campaign, scene: Beginning, plans: Plans, traffic: Known, policy: Policy
 ) -> Assured:
     """Return what flies plans ``[1]`` under the monitor, made with the known intruders."""
     options = campaign.options
@@ -260,7 +263,7 @@ def _assured_pilot(
     reckoning = Reckoning(scene.frame, lookahead_of(campaign.vehicle), sensor)
     return Assured(
         plans,
-        known,
+        traffic,
         scene.route,
         policy,
         campaign.aircraft.rules(),

@@ -100,12 +100,12 @@ class Closed(_Level):
     ) -> None:
         """Decide by the policy."""
         frame, time = self._frame, float(clock)
-        here = through_air(own, frame, time)
+        through_the_air = through_air(own, frame, time)
         goal = self._goal[0] - frame[0] * time, self._goal[1] - frame[1] * time
-        seen = through_air(intruders, frame, time)
+        perceived = through_air(intruders, frame, time)
         exist = np.flatnonzero(self._mask[0])
         others: list[VehicleState[Air]] = [
-            VehicleState(*(float(field[0, k]) for field in seen)) for k in exist
+            VehicleState(*(float(field[0, k]) for field in perceived)) for k in exist
         ]
         distance_scale = (
             None if self._distance_scale is None else self._distance_scale[0, exist].tolist()
@@ -116,8 +116,8 @@ class Closed(_Level):
             for n in np.flatnonzero(amid.there):
                 others.append(VehicleState(*(float(field[n]) for field in amid.state)))
                 distance_scale.append(float(amid.distance_scale[n]))
-        now: VehicleState[Air] = VehicleState(*(float(field) for field in here))
-        action = self._policy.command_one(now, others, *goal, distance_scale)
+        own_state: VehicleState[Air] = VehicleState(*(float(field) for field in through_the_air))
+        action = self._policy.command_one(own_state, others, *goal, distance_scale)
         acceleration, yaw_rate = commands(action, self._limits, np)
         self._held = float(acceleration), float(yaw_rate)
 
@@ -153,7 +153,7 @@ class Assured(_Level):
     def __init__(
         self,
         plans: Plans,
-        known: Known,
+        traffic: Known,
         route: Route,
         policy: Policy,
         rules: Rules,
@@ -165,16 +165,16 @@ class Assured(_Level):
         self._sightings: Sightings[Air] | None = None
         self._route, self._policy, self._rules = route, policy, rules
         self._areas, self._thresholds = areas, thresholds
-        monitor = assurance.start(1, known.mask.shape[1], thresholds)
-        made = plans.candidates
+        monitor = assurance.start(1, traffic.mask.shape[1], thresholds)
+        candidates = plans.candidates
         self._monitor = assurance.activate(
-            monitor, np.arange(1), made.plan_states, made.safe, 0.0, known, thresholds
+            monitor, np.arange(1), candidates.plan_states, candidates.safe, 0.0, traffic, thresholds
         )
-        self._mask, self._separation = known.mask, known.separation
+        self._mask, self._separation = traffic.mask, traffic.separation
         self._guide: Guide | None = None
         self._flies: _Flown | None = None
         # The goal is the second point of the route.
-        self._short, self._reached = made.goal > 1, np.zeros(1, dtype=bool)
+        self._short, self._reached = candidates.goal > 1, np.zeros(1, dtype=bool)
         self.replans = 0  # new plans asked for
         self.taken_up = 0  # new plans that were flown
         self.backup_seconds = 0  # on the backup
@@ -190,18 +190,18 @@ class Assured(_Level):
         """Let the monitor judge the second, plan anew where it asks for that, and take up what it
         flies.
         """
-        here = through_air(own, self._frame, float(clock))
+        own_state = through_air(own, self._frame, float(clock))
         monitor, decision = assurance.step(
-            self._monitor, self._inputs(clock, here, intruders), self._thresholds
+            self._monitor, self._inputs(clock, own_state, intruders), self._thresholds
         )
         goal_x, goal_y = self._route.x[1], self._route.y[1]
         self._reached |= math.hypot(goal_x - own.x, goal_y - own.y) <= self._rules.goal_radius
-        began, left = monitor.started, self._rules.t_max - clock
+        began, time_left = monitor.started, self._rules.t_max - clock
         make = partial(self._plan, clock, own, decision)
-        self._monitor, self._short, asked, _ = renew(
-            monitor, decision, self._short, self._reached, left, make, self._thresholds
+        self._monitor, self._short, renewed, _ = renew(
+            monitor, decision, self._short, self._reached, time_left, make, self._thresholds
         )
-        self.replans += int(asked[0])
+        self.replans += int(renewed[0])
         self.taken_up += int(self._monitor.started[0] != began[0])
         self.backup_seconds += int(self._monitor.on_backup[0])
         self._follow()
@@ -212,27 +212,27 @@ class Assured(_Level):
         return self._guide.commands(state, time)
 
     def _inputs(
-        self, clock: int, here: VehicleState[Air], intruders: VehicleState[Ground]
+        self, clock: int, own: VehicleState[Air], intruders: VehicleState[Ground]
     ) -> Inputs:
         """Return what the monitor sees of a second: the ownship in the air mass, and the intruders
         as reported, over the ground.
         """
-        one: VehicleState[Air] = VehicleState(*(np.array([float(field)]) for field in here))
-        time, known = float(clock), dict[str, Any](separation=self._separation)
-        seen = through_air(intruders, self._frame, time)
-        reports = Reports(seen, *declared_errors(self._sensor))
+        own_row: VehicleState[Air] = VehicleState(*(np.array([float(field)]) for field in own))
+        time, fields = float(clock), dict[str, Any](separation=self._separation)
+        perceived = through_air(intruders, self._frame, time)
+        reports = Reports(perceived, *declared_errors(self._sensor))
         self._sightings = observe(self._sightings, reports, time, self._mask)
         if self._areas:
-            known["areas"] = as_row(self._areas_met(time, here))
+            fields["areas"] = as_row(self._areas_met(time, own))
         turn_time = self._thresholds.turn_time
-        return believed(time, one, self._sightings, self._mask, turn_time, **known)
+        return believed(time, own_row, self._sightings, self._mask, turn_time, **fields)
 
     def _areas_met(self, time: float, own: VehicleState[Air]) -> tuple[ActiveArea, ...]:
         """Return the areas that an ownship in the air mass may meet, s after the start."""
         amid, monitor = in_air_mass(self._areas, self._frame, time), self._monitor
         ends = float(monitor.plan.end[0] + monitor.started[0]) - time
-        here: VehicleState[Air] = VehicleState(*(float(field) for field in own))
-        return may_be_met(amid, here, (), ends, self._thresholds)
+        own_state: VehicleState[Air] = VehicleState(*(float(field) for field in own))
+        return may_be_met(amid, own_state, (), ends, self._thresholds)
 
     def _plan(
         self,
@@ -247,14 +247,14 @@ class Assured(_Level):
         first three arguments: to the goal from where the ownship is over the ground, or along the
         route; ``rows`` are always the one.
         """
-        here: VehicleState[Air] = VehicleState(*(float(field[0]) for field in decision.own))
+        own_state: VehicleState[Air] = VehicleState(*(float(field[0]) for field in decision.own))
         route = self._route
         if kind != ALONG:
             place: VehicleState[Ground] = VehicleState(*(np.array([float(field)]) for field in own))
             x, y, _ = route_of(place, route.x[1:2], route.y[1:2], options.aircraft)
             route = Route(x[0], y[0])
-        made = plan_for(
-            here,
+        plan = plan_for(
+            own_state,
             decision.traffic,
             route,
             float(clock),
@@ -263,7 +263,7 @@ class Assured(_Level):
             options,
             self._areas,
         )
-        return made.plans.candidates if made.problem is None else empty(1, options.waypoints)
+        return plan.plans.candidates if plan.problem is None else empty(1, options.waypoints)
 
     def _follow(self) -> None:
         """Build the guidance anew where something else is to be flown than before."""

@@ -77,25 +77,25 @@ def columns(prepared: tuple[Campaign, Policy], first: int, count: int) -> dict[s
     return {name: np.array([row[name] for row in rows], kind) for name, kind in kinds.items()}
 
 
-def row_of(campaign: Campaign, number: int, one: FlightRecord) -> dict[str, Any]:
+def row_of(campaign: Campaign, number: int, record: FlightRecord) -> dict[str, Any]:
     """Return the row of one flight."""
     row: dict[str, Any] = {"flight": number}
-    row |= _verdict(one, campaign.aircraft.rules())
+    row |= _outcome(record, campaign.aircraft.rules())
     if campaign.areas:
-        row |= _among_areas(one, row, campaign.aircraft.rules())
-    row |= _plan(campaign, one)
-    row |= _errors(one)._asdict()
+        row |= _among_areas(record, row, campaign.aircraft.rules())
+    row |= _plan(campaign, record)
+    row |= _errors(record)._asdict()
     if campaign.options.climbs:
-        row |= _up_and_down(one)._asdict()
+        row |= _up_and_down(record)._asdict()
     if campaign.mode == "plan":
         lost = row["outcome"] == "violation" and row["plan_status"] == "safe"
-        row |= (_loss(campaign, one) if lost else _NO_LOSS)._asdict()
+        row |= (_loss(campaign, record) if lost else _NO_LOSS)._asdict()
     if campaign.mode == "assured":
-        pilot = one.pilot if isinstance(one.pilot, Assured) else None
+        pilot = record.pilot if isinstance(record.pilot, Assured) else None
         row["replans"] = pilot.replans if pilot else 0
         row["taken_up"] = pilot.taken_up if pilot else 0
         row["backup_s"] = pilot.backup_seconds if pilot else 0
-    return row | _scene(campaign, one)
+    return row | _scene(campaign, record)
 
 
 class _End(NamedTuple):
@@ -106,19 +106,19 @@ class _End(NamedTuple):
     reason: str = ""
 
 
-def _verdict(one: FlightRecord, rules: Rules) -> dict[str, Any]:
+def _outcome(record: FlightRecord, rules: Rules) -> dict[str, Any]:
     """Judge a flight as the surrogate's are: until the time limit, and a lost separation outweighs
     the goal.
     """
-    flight = one.flight
+    flight = record.flight
     if flight is None:
         missing = dict.fromkeys(
             ("duration_s", "min_separation_m", "time_of_min_separation_s", "goal_distance_m"), _NAN
         )
-        return {"outcome": "refused", "reason": one.problem or ""} | missing
+        return {"outcome": "refused", "reason": record.problem or ""} | missing
     seconds = min(round(rules.t_max), flight.separation.size)
     apart, near = flight.separation[:seconds], flight.goal_distance[: seconds * SUBSTEPS + 1]
-    end = _end(one, flight, apart, near, rules)
+    end = _end(record, flight, apart, near, rules)
     return {
         "outcome": end.outcome,
         "reason": end.reason,
@@ -130,7 +130,7 @@ def _verdict(one: FlightRecord, rules: Rules) -> dict[str, Any]:
 
 
 def _end(
-    one: FlightRecord, flight: Flight, apart: np.ndarray, near: np.ndarray, rules: Rules
+    record: FlightRecord, flight: Flight, apart: np.ndarray, near: np.ndarray, rules: Rules
 ) -> _End:
     """Return how a flight ended, by its separation in each second until the time limit, ``[S]``,
     and its distance from the goal at the start and after every period, ``[P + 1]``, m.
@@ -144,27 +144,27 @@ def _end(
     there = np.flatnonzero(near[1:] <= rules.goal_radius)
     if not there.size:
         return _End("timeout", rules.t_max, f"{near.min():.0f} m from the goal at best")
-    unsafe = one.made is not None and not one.made.plans.candidates.safe[0]
-    if unsafe and not isinstance(one.pilot, Assured):
+    unsafe = record.initial is not None and not record.initial.plans.candidates.safe[0]
+    if unsafe and not isinstance(record.pilot, Assured):
         # Refusing is no success, even where the advisory trajectory arrives.
         return _End("timeout", rules.t_max, "the plan is not safe")
     return _End("reached", (there[0] + 1) * PERIOD)
 
 
-def _among_areas(one: FlightRecord, row: dict[str, Any], rules: Rules) -> dict[str, Any]:
+def _among_areas(record: FlightRecord, row: dict[str, Any], rules: Rules) -> dict[str, Any]:
     """Return what of a row areas change, and what they add: a breach ends a flight as a lost
     separation does, where it comes first.
     """
-    flight, found = one.flight, (np.inf, _NAN)
+    flight, closest = record.flight, (np.inf, _NAN)
     if flight is not None:
         periods = slice(0, round(rules.t_max) * SUBSTEPS + 1)
         x, y = flight.own.x[None, periods], flight.own.y[None, periods]
         if x.size > 1:  # straight on within a period
             flown = straight(x, y, PERIOD * np.arange(x.size)[None])
-            found = nearest(one.scene.areas, flown)
-    distance, breach = found
-    said: dict[str, Any] = {
-        "areas": len(one.scene.areas),
+            closest = nearest(record.scene.areas, flown)
+    distance, breach = closest
+    columns: dict[str, Any] = {
+        "areas": len(record.scene.areas),
         "min_area_clearance_m": distance if math.isfinite(distance) else _NAN,
         "area_breach_s": breach,
     }
@@ -172,89 +172,99 @@ def _among_areas(one: FlightRecord, row: dict[str, Any], rules: Rules) -> dict[s
         row["outcome"] == "violation" and row["duration_s"] <= breach
     ):
         reason = f"{-distance:.0f} m into the clearance of an area"
-        said |= {"outcome": "breach", "reason": reason, "duration_s": breach}
-    return said
+        columns |= {"outcome": "breach", "reason": reason, "duration_s": breach}
+    return columns
 
 
-def _plan(campaign: Campaign, one: FlightRecord) -> dict[str, Any]:
+def _plan(campaign: Campaign, record: FlightRecord) -> dict[str, Any]:
     """Say what was planned, whether such a plan is possible, and what of its separation was lost
     over its whole.
     """
-    made = one.made if one.made is not None and one.made.request is not None else None
-    planned = _NAN if one.made is None else float(one.made.plans.candidates.min_separation[0])
+    initial = (
+        record.initial
+        if record.initial is not None and record.initial.request is not None
+        else None
+    )
+    planned = (
+        _NAN if record.initial is None else float(record.initial.plans.candidates.min_separation[0])
+    )
     whole, distance = _NAN, _NAN
-    if one.flight is not None and one.errors is not None:
-        whole = float(one.flight.separation.min(initial=np.inf))
-        if one.scene.levels is None:  # else the planned one is of those that may be level
-            distance = float(one.flight.distance.min(initial=np.inf))
+    if record.flight is not None and record.errors is not None:
+        whole = float(record.flight.separation.min(initial=np.inf))
+        if record.scene.levels is None:  # else the planned one is of those that may be level
+            distance = float(record.flight.distance.min(initial=np.inf))
     return {
-        "plan_status": "none" if made is None else STATUSES[int(made.plans.candidates.safe[0])],
-        "plan_source": "none" if made is None else SOURCES[int(made.plans.source[0])],
-        "plan_min_separation_m": _NAN if made is None else planned,
-        "plan_rejoin_s": _NAN if made is None else float(made.plans.candidates.rejoin_time[0]),
-        "verdict": _separability(campaign, one),
+        "plan_status": "none"
+        if initial is None
+        else STATUSES[int(initial.plans.candidates.safe[0])],
+        "plan_source": "none" if initial is None else SOURCES[int(initial.plans.source[0])],
+        "plan_min_separation_m": _NAN if initial is None else planned,
+        "plan_rejoin_s": _NAN
+        if initial is None
+        else float(initial.plans.candidates.rejoin_time[0]),
+        "verdict": _separability(campaign, record),
         "whole_min_separation_m": whole,
         "separation_loss_m": planned - distance,
     }
 
 
-def _loss(campaign: Campaign, one: FlightRecord) -> PlanLoss:
+def _loss(campaign: Campaign, record: FlightRecord) -> PlanLoss:
     """Say whether a SAFE plan that lost the separation had promised it.
 
     SAFE promises a separation from intruders that go on straight from the report that the plan was
     made with. Where the flight as it was flown keeps it from those, an intruder left its reported
     motion (or its report was wrong), which no plan promises to survive.
     """
-    rules, flight = campaign.aircraft.rules(), one.flight
+    rules, flight = campaign.aircraft.rules(), record.flight
     assert flight is not None
-    reported = report_at_start(campaign, one.scene)
+    reported = report_at_start(campaign, record.scene)
     seconds = round(rules.t_max)
-    mask, distance_scale = one.scene.encounter.mask, one.scene.distance_scale
-    levels = one.scene.levels
+    mask, distance_scale = record.scene.encounter.mask, record.scene.distance_scale
+    levels = record.scene.levels
     apart = straight_separation(flight, reported, mask, seconds, distance_scale, levels)
     promised = float(apart.min(initial=np.inf))
     kind = "not_promised" if promised >= rules.separation else "broken"
     return PlanLoss(kind, promised)
 
 
-def _separability(campaign: Campaign, one: FlightRecord) -> str:
+def _separability(campaign: Campaign, record: FlightRecord) -> str:
     """Say whether the separation that the plan must keep can be kept at all, within the limits of
     its legs; where plans climb nothing is proven unresolvable.
     """
     options = campaign.options
     required = options.requirement.separation + options.requirement.margin
     rules = campaign.aircraft.rules()._replace(separation=required)
-    solved = one.made is not None and bool(one.made.plans.candidates.safe[0])
+    solved = record.initial is not None and bool(record.initial.plans.candidates.safe[0])
     limits = campaign.options.limits
-    begins = limits.speed_min <= float(one.scene.encounter.own.speed[0]) <= limits.speed_max
+    begins = limits.speed_min <= float(record.scene.encounter.own.speed[0]) <= limits.speed_max
     if not begins and not solved:
         return "outside"
     if options.climbs:
         return (Verdict.RESOLVABLE if solved else Verdict.UNDECIDED).name.lower()
-    encounter = one.scene.encounter
+    encounter = record.scene.encounter
     if encounter.separation is not None:
-        each = encounter.separation + options.requirement.margin
-        encounter = encounter._replace(separation=each)
+        least = encounter.separation + options.requirement.margin
+        encounter = encounter._replace(separation=least)
     judged = classify(encounter, rules, limits, solved=np.array([solved]))
     return Verdict(int(judged.verdict[0])).name.lower()
 
 
-def _errors(one: FlightRecord) -> PlanErrors:
+def _errors(record: FlightRecord) -> PlanErrors:
     """Return the errors against the plan; nan where there is none or it was not flown to
     its end.
     """
-    errors, flight = one.errors, one.flight
-    if errors is None or flight is None or one.legs is None or flight.failure is not None:
+    errors, flight = record.errors, record.flight
+    if errors is None or flight is None or record.legs is None or flight.failure is not None:
         return PlanErrors()
     # The last second of a flight may lie beyond the plan's end.
-    end = one.legs.time[-1] + one.legs.duration[-1]
+    end = record.legs.time[-1] + record.legs.duration[-1]
     planned = PERIOD * np.arange(errors.late.size) <= end + 1e-9
     position = errors.position[planned]
     cross, along = np.abs(errors.cross_track[planned]), np.abs(errors.along_track[planned])
     late = np.abs(errors.late[planned])
-    altitude = np.abs(flight.altitude - planned_altitude(one, flight.altitude.size))
-    assert one.made is not None
-    rejoin = float(one.made.plans.candidates.rejoin_time[0])
+    altitude = np.abs(flight.altitude - planned_altitude(record, flight.altitude.size))
+    assert record.initial is not None
+    rejoin = float(record.initial.plans.candidates.rejoin_time[0])
     to_goal = position[: int(rejoin / PERIOD) + 1] if math.isfinite(rejoin) else np.empty(0)
     return PlanErrors(
         cross_track_rms_m=math.sqrt(float(np.mean(cross**2))),
@@ -270,19 +280,19 @@ def _errors(one: FlightRecord) -> PlanErrors:
     )
 
 
-def planned_altitude(one: FlightRecord, count: int) -> np.ndarray:
+def planned_altitude(record: FlightRecord, count: int) -> np.ndarray:
     """Return the altitude of a flight's plan at the start and after every period, m, ``[count]``;
     without a profile that of the start.
     """
-    if one.made is None or one.made.profile is None:
-        return np.full(count, one.scene.drawn.altitude)
-    return one.made.profile.at(PERIOD * np.arange(count))
+    if record.initial is None or record.initial.profile is None:
+        return np.full(count, record.scene.drawn.altitude)
+    return record.initial.profile.at(PERIOD * np.arange(count))
 
 
-def _up_and_down(one: FlightRecord) -> UpAndDown:
+def _up_and_down(record: FlightRecord) -> UpAndDown:
     """Return what a plan and its flight are up and down; nan where there is none."""
-    profile, flight = None if one.made is None else one.made.profile, one.flight
-    off = None if flight is None else flight.altitude - one.scene.drawn.altitude
+    profile, flight = None if record.initial is None else record.initial.profile, record.flight
+    off = None if flight is None else flight.altitude - record.scene.drawn.altitude
     return UpAndDown(
         plan_climbed_m=_NAN if profile is None else climbed(profile),
         altitude_deviation_m=_NAN if off is None else float(np.abs(off).max()),
@@ -294,8 +304,8 @@ def _largest(values: np.ndarray) -> float:
     return float(values.max()) if values.size else _NAN
 
 
-def _scene(campaign: Campaign, one: FlightRecord) -> dict[str, Any]:
-    scene = one.scene
+def _scene(campaign: Campaign, record: FlightRecord) -> dict[str, Any]:
+    scene = record.scene
     met, begun = scene.drawn, conditions(scene.encounter, campaign.aircraft)
     del begun["route_length_m"]
     loading, wind, believed = met.air.loading, scene.wind, scene.frame

@@ -123,7 +123,7 @@ def _resolve(config: HifiConfig, options: argparse.Namespace) -> Resolved:
     return Resolved(campaign._replace(viewer=viewer), config, ("jsbsim",))
 
 
-def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dict[str, Any]:
+def _summary(table: Mapping[str, Any], resolved: Resolved, flown: FlownNow) -> dict[str, Any]:
     config: HifiConfig = resolved.config
     campaign: Campaign = resolved.work
     flights = {
@@ -132,7 +132,7 @@ def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dic
         "margin_m": campaign.options.requirement.margin,
         **summarise(table, config.confidence),
     }
-    return summary_of_policy("flights", flights, resolved, now)
+    return summary_of_policy("flights", flights, resolved, flown)
 
 
 def _draw(
@@ -163,9 +163,9 @@ def _show(summary: Mapping[str, Any]) -> None:
 
 def _about_margin(summary: Mapping[str, Any]) -> list[str]:
     return [
-        f"{what} for 99 % of flights: {summary[name]['bound_m']:.1f} m; plan with it: "
+        f"{distance} for 99 % of flights: {summary[name]['bound_m']:.1f} m; plan with it: "
         f"--set planner.{key}={summary[name]['margin_m']:g}"
-        for name, key, what in _MARGINS
+        for name, key, distance in _MARGINS
         if name in summary and summary[name]["margin_m"] is not None
     ]
 

@@ -105,8 +105,8 @@ def _rates(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, Any]
     for name in among_areas:
         counted[f"{name}_of_safe"] = (outcome == name, safe)
     return {
-        name: share(np.count_nonzero(those & of), np.count_nonzero(of), confidence)
-        for name, (those, of) in counted.items()
+        name: share(np.count_nonzero(events & of), np.count_nonzero(of), confidence)
+        for name, (events, of) in counted.items()
     }
 
 
@@ -135,9 +135,11 @@ def error_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     """
     rows = []
     for key, (label, unit) in _LARGEST.items():
-        found = summary["errors"][key]
-        if found["1"] is not None:
-            median, high, most = (f"{found[share]:.4g} {unit}" for share in ("0.5", "0.95", "1"))
+        quantiles = summary["errors"][key]
+        if quantiles["1"] is not None:
+            median, high, most = (
+                f"{quantiles[share]:.4g} {unit}" for share in ("0.5", "0.95", "1")
+            )
             rows.append((label, median, high, most))
     return rows
 
@@ -162,10 +164,12 @@ def margin(
     bound = upper_bound(
         np.where(lost, np.inf, off)[lost | (safe & np.isfinite(off))], _COVERED, confidence
     )
-    known = bound if bound is not None and math.isfinite(bound) else None
+    finite_bound = bound if bound is not None and math.isfinite(bound) else None
     return {
-        "bound_m": known,
-        "margin_m": None if known is None else _ROUNDING * math.ceil(known / _ROUNDING),
+        "bound_m": finite_bound,
+        "margin_m": None
+        if finite_bound is None
+        else _ROUNDING * math.ceil(finite_bound / _ROUNDING),
         "flights_needed": math.ceil(math.log(1.0 - confidence) / math.log(_COVERED)),
     }
 

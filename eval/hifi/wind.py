@@ -32,7 +32,7 @@ class Route(NamedTuple):
     y: np.ndarray
 
 
-class Made(NamedTuple):
+class PlanResult(NamedTuple):
     """A plan for a wind."""
 
     plans: Plans  # [1], in the air mass
@@ -57,26 +57,26 @@ def plan_for(
     policy: Policy,
     options: Options[Any],
     areas: tuple[Area, ...] = (),
-) -> Made:
+) -> PlanResult:
     """Plan a request ``clock`` s after the start, in an air mass, in which own state and traffic
     ``[1, K]`` are; areas as they are over the ground at the start.
     """
     low, high = speed_range(options.aircraft.limits)
     if not low <= own.speed <= high:
-        what = f"own air speed is {own.speed:.1f} m/s, expected {low:g} to {high:g} m/s"
-        return Made(_none(options), None, what)
+        text = f"own air speed is {own.speed:.1f} m/s, expected {low:g} to {high:g} m/s"
+        return PlanResult(_none(options), None, text)
     try:
         in_air = options_in(wind, options)
     except RequestError as problem:
-        return Made(_none(options), None, str(problem))
-    one: VehicleState[Air] = VehicleState(*(np.array([float(field)]) for field in own))
+        return PlanResult(_none(options), None, str(problem))
+    own_row: VehicleState[Air] = VehicleState(*(np.array([float(field)]) for field in own))
     drift = None if wind == NO_WIND else (np.array([-wind.east]), np.array([-wind.north]))
     x, y = route.x - wind.east * clock, route.y - wind.north * clock
-    request = Request(one, traffic, x[None], y[None], np.array([x.size]), drift)
+    request = Request(own_row, traffic, x[None], y[None], np.array([x.size]), drift)
     if not areas:
-        return Made(plan_many(request, policy, in_air, floats=True), request, None)
+        return PlanResult(plan_many(request, policy, in_air, floats=True), request, None)
     amid = as_row(in_air_mass(areas, wind, clock))
-    return Made(plan_among(request, amid, policy, in_air, floats=True), request, None)
+    return PlanResult(plan_among(request, amid, policy, in_air, floats=True), request, None)
 
 
 def plan_in_space(
@@ -88,13 +88,13 @@ def plan_in_space(
     policy: Policy,
     options: Options[Any],
     areas: tuple[Area, ...] = (),
-) -> Made:
+) -> PlanResult:
     """Plan a request at the start that may climb and descend; everything is over the ground.
 
     The ownship flies level at an altitude, m above the sea, which is that of the route.
     """
     points = zip(route.x.tolist(), route.y.tolist(), strict=True)
-    given = RequestFields(
+    fields = RequestFields(
         own,
         intruders,
         [RoutePoint(number, x, y) for number, (x, y) in enumerate(points)],
@@ -103,10 +103,10 @@ def plan_in_space(
         areas,
     )
     try:
-        posed, plans = search_in_space(given, policy, options_in(wind, options), Budget())
+        posed, plans = search_in_space(fields, policy, options_in(wind, options), Budget())
     except RequestError as problem:
-        return Made(_none(options), None, str(problem))
-    return Made(plans, posed.request, None, posed.profile)
+        return PlanResult(_none(options), None, str(problem))
+    return PlanResult(plans, posed.request, None, posed.profile)
 
 
 def _none(options: Options[Any]) -> Plans:

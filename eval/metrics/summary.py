@@ -138,7 +138,7 @@ def _safe_plans(table: Mapping[str, np.ndarray]) -> dict[str, Any]:
     names = ("policy", "fallback", "vertical") if "climbs" in table else ("policy", "fallback")
     sources = {name: safe & (table["plan_source"] == name) for name in names}
     whole = table["whole_min_separation_m"][safe]
-    found = {
+    counts = {
         "safe_plans_violated": int(np.count_nonzero(safe & (once == "violation"))),
         "safe_plans_broken": int(np.count_nonzero(table["plan_loss"] == "broken")),
         "safe_plans_not_promised": int(np.count_nonzero(table["plan_loss"] == "not_promised")),
@@ -149,8 +149,8 @@ def _safe_plans(table: Mapping[str, np.ndarray]) -> dict[str, Any]:
         "whole_min_separation_m": number(float(np.min(whole))) if whole.size else None,
     }
     if "areas" in table:
-        found["safe_plans_in_areas"] = int(np.count_nonzero(safe & (once == "breach")))
-    return found
+        counts["safe_plans_in_areas"] = int(np.count_nonzero(safe & (once == "breach")))
+    return counts
 
 
 def _among_areas(table: Mapping[str, np.ndarray]) -> dict[str, Any]:
@@ -199,8 +199,8 @@ def headline(summary: Mapping[str, Any], unresolvable: Mapping[str, int]) -> lis
     for label, key, form in _MEANS:
         interval = form.interval(summary[f"{key}_interval"])
         without = summary.get(f"{key.removesuffix('_mean')}_left_out")
-        said = f"without {group_digits(without)} that begin at the goal" if without else ""
-        lines.append(Line(key, label, form.text(summary[key]), interval, said))
+        remark = f"without {group_digits(without)} that begin at the goal" if without else ""
+        lines.append(Line(key, label, form.text(summary[key]), interval, remark))
     for label, key, at, digits in _QUANTILES:
         if key in summary:
             value = _Form(digits, unit=" m").text(summary[key].get(at))

@@ -71,18 +71,18 @@ def relative(flown: Trajectories[F]) -> Relative:
     )
 
 
-def is_lost(volume: Volume, seen: Relative) -> np.ndarray:
+def is_lost(volume: Volume, relative: Relative) -> np.ndarray:
     """Return whether the volume is lost at this moment, bool ``[...]``.
 
     Modified tau is (r^2 - D^2) / (-r r'), so that it is at most T where r^2 - D^2 + T r r' <= 0.
     """
-    closing, miss = _approach(seen)
-    square, limit = seen.x**2 + seen.y**2, volume.horizontal**2
+    closing, miss = _approach(relative)
+    square, limit = relative.x**2 + relative.y**2, volume.horizontal**2
     coming = (closing < 0.0) & (miss**2 <= limit) & (square + volume.tau * closing <= limit)
-    return ((square <= limit) | coming) & (np.abs(seen.z) <= volume.vertical)
+    return ((square <= limit) | coming) & (np.abs(relative.z) <= volume.vertical)
 
 
-def severity(volume: Volume, seen: Relative) -> np.ndarray:
+def severity(volume: Volume, relative: Relative) -> np.ndarray:
     """Return the severity of the loss at this moment in [0, 1], ``[...]``: 0 well clear, 1 a
     collision.
 
@@ -90,14 +90,14 @@ def severity(volume: Volume, seen: Relative) -> np.ndarray:
     the Fernandez-Guasti norm a (+) b = sqrt(a^2 + (1 - a^2) b^2) (RTCA SC-228, closed-loop metrics;
     DO-365 appendix L).
     """
-    closing, miss = _approach(seen)
-    apart = np.hypot(seen.x, seen.y)
+    closing, miss = _approach(relative)
+    apart = np.hypot(relative.x, relative.y)
     rate = volume.tau * closing / np.maximum(apart, 1e-9)
     reach = 0.5 * (np.sqrt(rate**2 + 4.0 * volume.horizontal**2) - rate)
     ranged = np.minimum(apart / np.maximum(reach, volume.horizontal), 1.0)
     missed = np.minimum(miss / volume.horizontal, 1.0)
     plane = np.sqrt(ranged**2 + (1.0 - ranged**2) * missed**2)
-    above = np.minimum(np.abs(seen.z) / volume.vertical, 1.0)
+    above = np.minimum(np.abs(relative.z) / volume.vertical, 1.0)
     return 1.0 - np.sqrt(plane**2 + (1.0 - plane**2) * above**2)
 
 
@@ -175,10 +175,10 @@ def costs(
     }
 
 
-def _approach(seen: Relative) -> tuple[np.ndarray, np.ndarray]:
+def _approach(relative: Relative) -> tuple[np.ndarray, np.ndarray]:
     """Return r r', m^2/s, and the distance at the closest point of approach on straight
     courses, m.
     """
-    closing = seen.x * seen.vx + seen.y * seen.vy
-    cpa = np.maximum(-closing / np.maximum(seen.vx**2 + seen.vy**2, 1e-12), 0.0)
-    return closing, np.hypot(seen.x + seen.vx * cpa, seen.y + seen.vy * cpa)
+    closing = relative.x * relative.vx + relative.y * relative.vy
+    cpa = np.maximum(-closing / np.maximum(relative.vx**2 + relative.vy**2, 1e-12), 0.0)
+    return closing, np.hypot(relative.x + relative.vx * cpa, relative.y + relative.vy * cpa)

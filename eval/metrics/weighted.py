@@ -86,7 +86,7 @@ def ratio(
         low, high = _percentiles_of_ratio(resampled_sums(parts, resamples, seed), confidence)
         if low == high:  # no resample can differ
             low, high = _ends_of_ratio(weight, event, event_without, nothing.effective, confidence)
-    made = replace(
+    result = replace(
         nothing,
         value=value,
         low=low,
@@ -94,7 +94,7 @@ def ratio(
         unresolved=float(weight @ (event & event_without)) / without,
         induced=float(weight @ (event & ~event_without)) / without,
     )
-    return replace(made, warnings=_warnings(made, weight, event, event_without))
+    return replace(result, warnings=_warnings(result, weight, event, event_without))
 
 
 def _ends_of_ratio(
@@ -106,7 +106,9 @@ def _ends_of_ratio(
 ) -> tuple[float, float]:
     """Return quotients of the Clopper-Pearson ends of two rates at an effective sample size."""
     size = max(math.floor(effective), 1)
-    counts = (round(float(weight @ each / weight.sum()) * size) for each in (event, event_without))
+    counts = (
+        round(float(weight @ events / weight.sum()) * size) for events in (event, event_without)
+    )
     ours, bare = (clopper_pearson(count, size, confidence) for count in counts)
     return ours[0] / bare[1], ours[1] / bare[0] if bare[0] > 0.0 else math.inf
 
@@ -115,8 +117,8 @@ def _percentiles_of_ratio(sums: np.ndarray, confidence: float) -> tuple[float, f
     """Return the ends of the interval of the ratio of two resampled sums, ``[B, 2]``, where the
     second is above 0.
     """
-    known = sums[:, 1] > 0.0
-    return percentiles(sums[known, 0] / sums[known, 1], confidence)
+    positive = sums[:, 1] > 0.0
+    return percentiles(sums[positive, 0] / sums[positive, 1], confidence)
 
 
 def _weights(weights: np.ndarray | None, count: int) -> np.ndarray:
@@ -131,33 +133,35 @@ def _weights(weights: np.ndarray | None, count: int) -> np.ndarray:
 
 
 def _warnings(
-    made: Ratio, weight: np.ndarray, event: np.ndarray, event_without: np.ndarray
+    result: Ratio, weight: np.ndarray, event: np.ndarray, event_without: np.ndarray
 ) -> tuple[str, ...]:
-    found = []
-    if made.events_without < _FEW_EVENTS:
-        found.append(
-            f"only {made.events_without} events without the resolver, expected at least "
+    warnings = []
+    if result.events_without < _FEW_EVENTS:
+        warnings.append(
+            f"only {result.events_without} events without the resolver, expected at least "
             f"{_FEW_EVENTS}"
         )
-    if made.high - made.low > made.value:
-        found.append("the interval is wide: half of it exceeds half the ratio; use more encounters")
-    for which, name in ((event, "with"), (event_without, "without")):
-        largest, total = float(np.max(weight * which)), float(weight @ which)
-        if total > 0.0 and largest > _DOMINANT * total and which.sum() >= 1.0 / _DOMINANT:
-            found.append(
+    if result.high - result.low > result.value:
+        warnings.append(
+            "the interval is wide: half of it exceeds half the ratio; use more encounters"
+        )
+    for events, name in ((event, "with"), (event_without, "without")):
+        largest, total = float(np.max(weight * events)), float(weight @ events)
+        if total > 0.0 and largest > _DOMINANT * total and events.sum() >= 1.0 / _DOMINANT:
+            warnings.append(
                 f"one encounter carries {largest / total:.0%} of the weight of the events {name} "
                 "the resolver"
             )
-    return tuple(found)
+    return tuple(warnings)
 
 
-def to_json(found: Ratio) -> dict[str, Any]:
+def to_json(result: Ratio) -> dict[str, Any]:
     """Return a ratio of violations as a summary has it, in JSON types."""
     return {
-        "risk_ratio": number(found.value),
-        "risk_ratio_interval": {"low": number(found.low), "high": number(found.high)},
-        "risk_ratio_unresolved": number(found.unresolved),
-        "risk_ratio_induced": number(found.induced),
+        "risk_ratio": number(result.value),
+        "risk_ratio_interval": {"low": number(result.low), "high": number(result.high)},
+        "risk_ratio_unresolved": number(result.unresolved),
+        "risk_ratio_induced": number(result.induced),
     }
 
 
@@ -213,23 +217,23 @@ def summarise_weighted(
     weight = table["weight"]
     if (weight == 1.0).all():
         return None
-    wanted = {name: pair for name, pair in rates_of(table).items() if name in _BY_WEIGHT}
-    parts = np.stack([weight * mask for pair in wanted.values() for mask in pair], axis=1)
+    weighted = {name: pair for name, pair in rates_of(table).items() if name in _BY_WEIGHT}
+    parts = np.stack([weight * mask for pair in weighted.values() for mask in pair], axis=1)
     sums = resampled_sums(parts, resamples, seed)
     rates = {
         name: _rate(weight, *pair, part, confidence)
         for (name, pair), part in zip(
-            wanted.items(), np.split(sums, len(wanted), axis=1), strict=True
+            weighted.items(), np.split(sums, len(weighted), axis=1), strict=True
         )
     }
     events = (table["outcome"] == "violation", table["baseline_outcome"] == "violation")
-    found = ratio(*events, weight, confidence=confidence, resamples=resamples, seed=seed)
+    result = ratio(*events, weight, confidence=confidence, resamples=resamples, seed=seed)
     return {
         "effective_sample_size": _effective(weight),
         "largest_share": float(weight.max() / weight.sum()),
         **rates,
-        **to_json(found),
-        "warnings": list(found.warnings),
+        **to_json(result),
+        "warnings": list(result.warnings),
     }
 
 
@@ -262,11 +266,11 @@ def weighted_mean(
     """Return the mean of the finite ones of values ``[N]`` by weight (None: equal ones) and its
     percentile bootstrap interval, in JSON types; None where there is no value.
     """
-    known = np.isfinite(values)
-    weight = (np.ones(values.size) if weights is None else weights) * known
+    finite = np.isfinite(values)
+    weight = (np.ones(values.size) if weights is None else weights) * finite
     if not weight.any():
         return {"value": None, "low": None, "high": None}
-    parts = np.stack([weight * np.where(known, values, 0.0), weight], axis=1)
+    parts = np.stack([weight * np.where(finite, values, 0.0), weight], axis=1)
     low, high = _percentiles_of_ratio(resampled_sums(parts, resamples, seed), confidence)
     value = float(parts[:, 0].sum() / weight.sum())
     return {"value": value, "low": low, "high": high}

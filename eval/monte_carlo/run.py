@@ -93,8 +93,8 @@ def evaluate(
     """
     begun = folder / "config.yaml"
     resume = resume and begun.is_file()
-    given = [override(key, value) for key, value in keys.items() if value is not None]
-    config = load(MonteCarloConfig, begun if resume else None, [*given, *sets, "figures=false"])
+    overrides = [override(key, value) for key, value in keys.items() if value is not None]
+    config = load(MonteCarloConfig, begun if resume else None, [*overrides, *sets, "figures=false"])
     load_code(config)
     return fly(_COMMAND, resolve_config(config), folder, resume=resume)
 
@@ -164,7 +164,7 @@ def _resolve(config: MonteCarloConfig, _: argparse.Namespace) -> Resolved:
     return resolve_config(config)
 
 
-def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dict[str, Any]:
+def _summary(table: Mapping[str, Any], resolved: Resolved, flown: FlownNow) -> dict[str, Any]:
     config: MonteCarloConfig = resolved.config
     evaluation: Evaluation = resolved.work
     policy = named_policy(config).for_aircraft(evaluation.aircraft, outside="allow")
@@ -187,7 +187,7 @@ def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dic
         "outside_domain": outside,
         **describe_tracks(evaluation.source),
     }
-    return summary_of_policy("encounters", flights, resolved, now)
+    return summary_of_policy("encounters", flights, resolved, flown)
 
 
 def _draw(

@@ -102,18 +102,18 @@ def separation_histogram(table: Mapping[str, np.ndarray], required: float) -> Fi
     figure = Figure(figsize=(8.0, 4.6), layout="constrained")
     axes = figure.add_subplot()
     names = [name for name in ("min_separation_m", "baseline_min_separation_m") if name in table]
-    known = [table[name][np.isfinite(table[name])] / _ONE_KM for name in names]
+    separations = [table[name][np.isfinite(table[name])] / _ONE_KM for name in names]
     required_km = required / _ONE_KM
-    first = min(required_km, *(float(values.min(initial=np.inf)) for values in known))
-    last = max(1.5 * required_km, *(float(values.max(initial=-np.inf)) for values in known))
+    first = min(required_km, *(float(values.min(initial=np.inf)) for values in separations))
+    last = max(1.5 * required_km, *(float(values.max(initial=-np.inf)) for values in separations))
     width = 0.05 * math.ceil((last - first) / 7.5)
     # Edges at the requirement, so that no bar mixes flights on both sides of it.
     # One bar of room to the left of it, so that its line stands clear of the frame.
     lowest = min(math.floor((first - required_km) / width), -1)
     steps = range(lowest, math.ceil((last - required_km) / width) + 1)
     edges = [required_km + width * step for step in steps]
-    axes.hist(known[0], edges, color=SKY, label="with the resolver")
-    for bare in known[1:]:
+    axes.hist(separations[0], edges, color=SKY, label="with the resolver")
+    for bare in separations[1:]:
         axes.hist(bare, edges, histtype="step", color="#333333", linewidth=1.0, label=_BARE)
     axes.axvline(
         required_km,

@@ -38,13 +38,13 @@ def create(folder: Path, config: Strict | None = None) -> None:
 def write(
     folder: Path,
     name: str,
-    found: Mapping[str, Any],
+    content: Mapping[str, Any],
     figure: "Figure | None" = None,
     dpi: int = 130,
 ) -> None:
     """Write ``name.json`` and, of a matplotlib figure, ``name.png`` (pixels per inch) and
     ``name.svg``.
     """
-    write_file(folder / f"{name}.json", json.dumps(found, indent=2, allow_nan=False) + "\n")
+    write_file(folder / f"{name}.json", json.dumps(content, indent=2, allow_nan=False) + "\n")
     if figure is not None:
         save_figure(figure, folder / name, dpi)

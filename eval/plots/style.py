@@ -61,10 +61,10 @@ def scenario_title(scenario: str) -> str:
     return f"{kind}:{PurePath(path).name}" if colon else scenario
 
 
-def spread(found: np.ndarray, count: int) -> np.ndarray:
-    """Return up to ``count`` of the found, evenly spaced."""
-    count = min(count, len(found))
-    return found[np.arange(count) * len(found) // max(count, 1)]
+def spread(values: np.ndarray, count: int) -> np.ndarray:
+    """Return up to ``count`` of the values, evenly spaced."""
+    count = min(count, len(values))
+    return values[np.arange(count) * len(values) // max(count, 1)]
 
 
 def tidy(axes: "Axes", grid: Literal["x", "y", "both"] = "y") -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from eval.policy_map.config import LocalConfig
 
-VERDICTS = ("verified", "counterexample", "open")
+ANSWERS = ("verified", "counterexample", "open")
 QUESTIONS = ("side", "toward")
 
 _DESCRIPTION = """\
@@ -62,23 +62,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     policy = named_policy(config)
     check_one_layer(policy)
     config = config.model_copy(update={"policy_sha256": policy.sha256})
-    out = options.out or default_folder("local")
-    picture_folder.create(out, config)
+    folder = options.out or default_folder("local")
+    picture_folder.create(folder, config)
     with threadpool_limits(1):
-        summary = examine(policy, config, out)
-    picture_folder.write(out, "local", summary, _figure(summary))
+        summary = examine(policy, config, folder)
+    picture_folder.write(folder, "local", summary, _figure(summary))
     for name in QUESTIONS:
-        parts = (
-            f"{100.0 * summary[name][verdict]['value']:.1f} % {verdict}" for verdict in VERDICTS
-        )
+        parts = (f"{100.0 * summary[name][answer]['value']:.1f} % {answer}" for answer in ANSWERS)
         print(f"{name}: {', '.join(parts)} of {config.boxes} boxes")
-    print(f"written to {out}")
+    print(f"written to {folder}")
     return 0
 
 
-def examine(policy: Policy, config: "LocalConfig", out: Path) -> dict[str, Any]:
-    """Return shares of the verdicts, of all boxes and of each cell; what other verifiers read is
-    written into the folder ``out``.
+def examine(policy: Policy, config: "LocalConfig", folder: Path) -> dict[str, Any]:
+    """Return shares of the answers, of all boxes and of each cell; what other verifiers read is
+    written into the folder.
     """
     scenes, cell, names = draw(policy, config)
     half = np.repeat(
@@ -87,24 +85,24 @@ def examine(policy: Policy, config: "LocalConfig", out: Path) -> dict[str, Any]:
     )
     away, toward = -np.where(answers(policy, scenes) < 0.0, -1.0, 1.0), passing_side(scenes)
     how: dict[str, Any] = {"allowed": config.allowed, "depth": config.depth, "seed": config.seed}
-    verdicts = dict.fromkeys(QUESTIONS, decide(policy, scenes, half, away, **how))
+    decided = dict.fromkeys(QUESTIONS, decide(policy, scenes, half, away, **how))
     # Where both questions forbid the same turn, one answer serves.
     differ = np.flatnonzero(away != toward)
-    verdicts["toward"] = verdicts["side"].copy()
+    decided["toward"] = decided["side"].copy()
     part = scenes._make(field[differ] for field in scenes)
     if len(differ):
-        verdicts["toward"][differ] = decide(policy, part, half, toward[differ], **how)
+        decided["toward"][differ] = decide(policy, part, half, toward[differ], **how)
     if config.vnnlib:
         part = scenes._make(field[: config.vnnlib] for field in scenes)
-        _write_vnnlib(out, policy, part, half / 4.0, away, config.allowed)
+        _write_vnnlib(folder, policy, part, half / 4.0, away, config.allowed)
 
     def shares(chosen: np.ndarray) -> dict[str, Any]:
         return {
             name: {
-                verdict: share(np.sum(of[chosen] == i), np.sum(chosen))
-                for i, verdict in enumerate(VERDICTS)
+                answer: share(np.sum(of[chosen] == i), np.sum(chosen))
+                for i, answer in enumerate(ANSWERS)
             }
-            for name, of in verdicts.items()
+            for name, of in decided.items()
         }
 
     keys = ("boxes", "course", "loss", "position", "velocity", *how)
@@ -171,7 +169,7 @@ def passing_side(scenes: Scenes) -> np.ndarray:
 
 
 def _write_vnnlib(
-    out: Path, policy: Policy, scenes: Scenes, half: np.ndarray, away: np.ndarray, allowed: float
+    folder: Path, policy: Policy, scenes: Scenes, half: np.ndarray, away: np.ndarray, allowed: float
 ) -> None:
     """Write the network behind its derived inputs as ONNX, and boxes of these in which it may turn
     as is forbidden.
@@ -181,7 +179,7 @@ def _write_vnnlib(
     """
     from agents.learning.onnx import network_part
 
-    write_file(out / "network.onnx", network_part(policy).SerializeToString(deterministic=True))
+    write_file(folder / "network.onnx", network_part(policy).SerializeToString(deterministic=True))
     inputs, sign = box_of(policy, scenes, half)
     for number, (low, high) in enumerate(zip(*inputs.ends, strict=True)):
         declared = [f"(declare-const X_{i} Real)" for i in range(len(low))] + [
@@ -193,7 +191,7 @@ def _write_vnnlib(
         ]
         side = sign[number] * away[number]
         wrong = f"(assert ({'>=' if side > 0.0 else '<='} Y_1 {side * allowed:.9f}))"
-        write_file(out / f"box_{number:03}.vnnlib", "\n".join([*declared, *ends, wrong, ""]))
+        write_file(folder / f"box_{number:03}.vnnlib", "\n".join([*declared, *ends, wrong, ""]))
 
 
 def _figure(summary: dict[str, Any]) -> "Figure":
@@ -206,9 +204,7 @@ def _figure(summary: dict[str, Any]) -> "Figure":
     }
     panels = []
     for name, title in titles.items():
-        parts = [
-            [cell[name][verdict]["value"] for verdict in VERDICTS] for cell in summary["cells"]
-        ]
+        parts = [[cell[name][answer]["value"] for answer in ANSWERS] for cell in summary["cells"]]
         values = 100.0 * np.array(parts, float).reshape(len(courses), len(ratios), 3)
         texts = [
             [

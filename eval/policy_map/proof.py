@@ -72,9 +72,9 @@ def decide(
     times; the seed is of the sample.
     """
     sampled = _greatest_sampled_turn(policy, scenes, half, side, seed)
-    verdicts = np.where(sampled > allowed, COUNTEREXAMPLE, VERIFIED)
+    decided = np.where(sampled > allowed, COUNTEREXAMPLE, VERIFIED)
     network = layers(policy)
-    queue = _Boxes.about(scenes, np.flatnonzero(verdicts == VERIFIED), half)
+    queue = _Boxes.about(scenes, np.flatnonzero(decided == VERIFIED), half)
     while len(queue.index):
         # The deepest first: a box that stays open ends the work on its scene.
         order = np.argsort(-queue.cuts, kind="stable")
@@ -85,10 +85,10 @@ def decide(
         turn = turn.line(boxes.sign * side[boxes.index], 0.0)
         doubtful = ~(turn.ends[1] <= allowed - _ROUNDING)  # inverted for nan
         boxes, weight = boxes.of(doubtful), weight[doubtful]
-        verdicts[boxes.index[boxes.cuts >= depth]] = OPEN
+        decided[boxes.index[boxes.cuts >= depth]] = OPEN
         queue = queue.join(*boxes.halves(weight))
-        queue = queue.of(verdicts[queue.index] == VERIFIED)
-    return verdicts
+        queue = queue.of(decided[queue.index] == VERIFIED)
+    return decided
 
 
 class _Boxes(NamedTuple):
@@ -103,9 +103,9 @@ class _Boxes(NamedTuple):
     @classmethod
     def about(cls, scenes: Scenes, index: Array, half: Array) -> "_Boxes":
         """Return the whole boxes of some scenes, each mirrored either way."""
-        both = np.tile(index, 2)
-        size, sign = np.tile(half, (len(both), 1)), np.repeat([1.0, -1.0], len(index))
-        return cls(both, scenes.state[both], size, sign, 0 * both)
+        scene = np.tile(index, 2)
+        size, sign = np.tile(half, (len(scene), 1)), np.repeat([1.0, -1.0], len(index))
+        return cls(scene, scenes.state[scene], size, sign, 0 * scene)
 
     def of(self, chosen: Array) -> "_Boxes":
         """Return some of the boxes."""

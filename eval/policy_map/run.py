@@ -54,11 +54,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     config = _load(options)
     policy = named_policy(config)
     config = _resolve(config, policy)
-    out = options.out or default_folder("policy_map")
-    picture_folder.create(out, config)
+    folder = options.out or default_folder("policy_map")
+    picture_folder.create(folder, config)
     with threadpool_limits(1):
         figure, summary = _examine(policy, config)
-    picture_folder.write(out, "policy_map", summary, figure)
+    picture_folder.write(folder, "policy_map", summary, figure)
     print(
         "chatter, {flights} circle flights: yaw rate {yaw_rate_change_deg_s_per_s:.3f} deg/s and "
         "acceleration "
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             **summary["chatter"], **summary["chatter"]["reversals_per_flight"]
         )
     )
-    print(f"written to {out}")
+    print(f"written to {folder}")
     return 0
 
 

@@ -70,29 +70,29 @@ def _draw_rates(
 ) -> None:
     """Draw those rates that are above 0 with their intervals, at levels ``[L]``, m."""
     ends = np.array([[rate[end] for end in ("value", "low", "high")] for rate in rates])
-    known = ends[:, 0] > 0.0
-    value, low, high = ends[known].T
+    positive = ends[:, 0] > 0.0
+    value, low, high = ends[positive].T
     # A lower end of 0 would lie infinitely far below.
     bars = [value - np.maximum(low, 1e-3 * value), high - value]
-    axes.errorbar(place[known], value, bars, label=label, capsize=2.5, **style)
+    axes.errorbar(place[positive], value, bars, label=label, capsize=2.5, **style)
 
 
 def _draw_acceptance(axes: Axes, levels: Sequence[Mapping[str, Any]]) -> None:
     """Draw the share of the steps that are taken below each level."""
-    known = [level for level in levels if level["acceptance"] is not None]
-    if known:
-        place = [level["level_m"] for level in known]
-        percent = 100.0 * np.array([level["acceptance"] for level in known])
+    accepted = [level for level in levels if level["acceptance"] is not None]
+    if accepted:
+        place = [level["level_m"] for level in accepted]
+        percent = 100.0 * np.array([level["acceptance"] for level in accepted])
         axes.plot(place, percent, color=ORANGE, marker="o", markersize=4.0)
     below = "level of the smallest separation, m"
     axes.set(ylim=(0.0, 100.0), ylabel="steps taken, %", xlabel=below)
 
 
 def _title(estimate: Mapping[str, Any]) -> str:
-    what = ", proven unresolvable ones left out" if estimate["resolvable_only"] else ""
+    condition = ", proven unresolvable ones left out" if estimate["resolvable_only"] else ""
     rate = estimate["rate"]
     return (
-        f"scenario {estimate['scenario']}, mode {estimate['mode']}{what}\n"
+        f"scenario {estimate['scenario']}, mode {estimate['mode']}{condition}\n"
         f"below {estimate['separation_m']:g} m: {rate['value']:.3g} ({rate['low']:.2g} .. "
         f"{rate['high']:.2g}), "
         f"{estimate['repetitions']} repetitions of {estimate['particles']} particles"

@@ -274,13 +274,13 @@ def _levels_in_json(
     levels = []
     for stage, (level, step) in enumerate(zip(plan.levels, (*plan.steps, None), strict=True)):
         accepted = [repeat.acceptance[stage] for repeat in repetitions if step]
-        known = [part for part in accepted if np.isfinite(part)]
+        measured = [part for part in accepted if np.isfinite(part)]
         levels.append(
             {
                 "level_m": level,
                 "rate": _estimate(by_level[:, stage], confidence),
                 "step": step,
-                "acceptance": float(np.mean(known)) if known else None,
+                "acceptance": float(np.mean(measured)) if measured else None,
                 "plain": share(np.count_nonzero(first < level), first.size, confidence),
             }
         )
@@ -347,7 +347,7 @@ def _warnings(estimate: dict[str, Any]) -> list[str]:
     return warnings
 
 
-def _show(estimate: dict[str, Any], out: Path) -> None:
+def _show(estimate: dict[str, Any], folder: Path) -> None:
     print(
         f"scenario {estimate['scenario']}, mode {estimate['mode']}, below "
         f"{estimate['separation_m']:g} m"
@@ -380,4 +380,4 @@ def _show(estimate: dict[str, Any], out: Path) -> None:
         *(f"warning: {sentence}" for sentence in estimate["warnings"]),
     ]:
         print(line)
-    print(f"written to {out}")
+    print(f"written to {folder}")

@@ -75,16 +75,16 @@ def flight_bands(
     of_tracks = heading_bands(own, traffic, requirement, limits, ahead, headings, amid)
     of_speeds = speed_bands(own, traffic, requirement, limits, ahead, speeds, amid)
     loss = losses_on_course(own, traffic, requirement, ahead)
-    out = recovery(of_tracks, aircraft.separation)
+    way_out = recovery(of_tracks, aircraft.separation)
     return FlightBands(
         speed=speeds,
         tracks=regions(of_tracks, alerting, aircraft.separation),
         speeds=regions(of_speeds, alerting, aircraft.separation),
         level=_levels(loss, traffic.mask, aircraft.dt, alerting),
         loss=loss,
-        way_out=out.index,
-        opens=out.opens,
-        shortfall=-out.clearance,
+        way_out=way_out.index,
+        opens=way_out.opens,
+        shortfall=-way_out.clearance,
         track_areas=of_tracks.area,
         speed_areas=of_speeds.area,
     )

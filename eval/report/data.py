@@ -92,12 +92,12 @@ def choose(run: Run, most: int, requested: Sequence[int] = ()) -> list[Choice]:
         ("close successes", nearest, NEAREST),
         ("other successes", np.flatnonzero(success & ~near), OTHERS),
     )
-    left, before, chosen = most, np.array([], dtype=int), []
+    room, before, chosen = most, np.array([], dtype=int), []
     for name, members, bound in groups:
         fresh = members[~np.isin(members, before)]
-        count = min(left, bound, len(fresh))
+        count = min(room, bound, len(fresh))
         numbers = fresh[:count] if name == "close successes" else spread(fresh, count)
-        before, left = np.concatenate([before, numbers]), left - count
+        before, room = np.concatenate([before, numbers]), room - count
         chosen.append(Choice(name, numbers, len(members)))
     return [choice for choice in chosen if choice.total]
 

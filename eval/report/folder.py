@@ -53,8 +53,10 @@ def read_run(folder: Path) -> Run:
     summary, config = _summary(folder / _SUMMARY), load(MonteCarloConfig, folder / _CONFIG)
     for key in ("seed", "mode", "policy_sha256"):
         if summary.get(key) != getattr(config, key):
-            both = f"{summary.get(key)!r} in {_SUMMARY} and {getattr(config, key)!r} in {_CONFIG}"
-            raise ConfigError(f"{folder}: {key} is {both}, expected files of the same run")
+            contradiction = (
+                f"{summary.get(key)!r} in {_SUMMARY} and {getattr(config, key)!r} in {_CONFIG}"
+            )
+            raise ConfigError(f"{folder}: {key} is {contradiction}, expected files of the same run")
     table = read_table(folder / _TABLE, "a table of encounters", RunFolder.schema)
     for name in _COLUMNS:
         if name not in table:
@@ -79,8 +81,8 @@ def read_run(folder: Path) -> Run:
 def _check_complete(folder: Path) -> None:
     """Refuse what is no folder of a finished run."""
     if not folder.is_dir():
-        what = "is a file" if folder.exists() else "does not exist"
-        raise ConfigError(f"{folder} {what}, expected a folder that eval.monte_carlo wrote")
+        problem = "is a file" if folder.exists() else "does not exist"
+        raise ConfigError(f"{folder} {problem}, expected a folder that eval.monte_carlo wrote")
     for name in (_CONFIG, _TABLE, _SUMMARY):
         if not (folder / name).is_file():
             finish = f"; finish the run with python -m eval.monte_carlo --resume --out {folder}"

@@ -167,9 +167,9 @@ def _numbers(run: Run, kind: str, name: str) -> str:
 
 def _kinds(run: Run) -> str:
     """Return the boxes that choose kinds of encounters, what matters most first."""
-    known = [kind for kind in MARKERS if kind != BREACH or "areas" in run.table]
+    kinds = [kind for kind in MARKERS if kind != BREACH or "areas" in run.table]
     places = {kind: place for place, kind in enumerate(MARKERS)}
-    return "\n".join(_kind(run, places[kind], kind) for kind in reversed(known))
+    return "\n".join(_kind(run, places[kind], kind) for kind in reversed(kinds))
 
 
 def _figures(run: Run) -> str:

@@ -136,8 +136,8 @@ def _flights(
     saved are.
     """
     numbers = [int(number) for choice in chosen for number in choice.numbers]
-    resolvable = run.table["verdict"] != "unresolvable"
-    failed = [number for number in numbers if run.kinds[number] != "success" and resolvable[number]]
+    possible = run.table["verdict"] != "unresolvable"
+    failed = [number for number in numbers if run.kinds[number] != "success" and possible[number]]
     saved = set(options.save)
     banded = saved | set(numbers[: options.bands])
     flights: dict[int, dict[str, Any]] = {}

@@ -185,8 +185,8 @@ def _draw_bars(
 ) -> None:
     """Draw shares that are known with their intervals, in percent."""
     rows = [[share[key] for key in ("value", "low", "high")] for share in shares]
-    known = np.array(rows, float)  # nan: not known
-    value, low, high = 100.0 * known.T
+    finite = np.array(rows, float)  # nan: not known
+    value, low, high = 100.0 * finite.T
     axes.errorbar(places, value, np.maximum([value - low, high - value], 0.0), **style)
 
 

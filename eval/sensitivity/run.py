@@ -143,10 +143,10 @@ def _load(options: argparse.Namespace) -> SensitivityConfig:
     return load_given(SensitivityConfig, config_file(options), settings)
 
 
-def _fly(sweep: Sweep, config: SensitivityConfig, out: Path, *, resume: bool) -> None:
+def _fly(sweep: Sweep, config: SensitivityConfig, folder: Path, *, resume: bool) -> None:
     values = ", ".join(f"{value:g}" for value in sweep.values)
     print(f"flying {sweep.name} = {values}", file=sys.stderr, flush=True)
-    fly(sweep, _keys(config), config.settings, out / _SWEEPS, resume=resume)
+    fly(sweep, _keys(config), config.settings, folder / _SWEEPS, resume=resume)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -224,7 +224,7 @@ def _make_summary(
     run: Run | None,
     shown: Sequence[Mapping[str, Any]],
     sweeps: Sequence[Sweep],
-    out: Path,
+    folder: Path,
 ) -> dict[str, Any]:
     """Return what sensitivity.json says, but for the time it took."""
     confidence = config.confidence
@@ -236,7 +236,7 @@ def _make_summary(
         "run": None if run is None else _describe(run),
         "quantities": list(shown),
         "sweeps_settings": settings if sweeps else None,
-        "sweeps": [collect(sweep, out / _SWEEPS, confidence) for sweep in sweeps],
+        "sweeps": [collect(sweep, folder / _SWEEPS, confidence) for sweep in sweeps],
         "versions": versions("numpy", "scipy", "pyarrow", "matplotlib"),
     }
 
@@ -251,7 +251,7 @@ def _describe(run: Run) -> dict[str, Any]:
     return counted | dict(run.settings)
 
 
-def _draw(summary: Mapping[str, Any], out: Path) -> list[str]:
+def _draw(summary: Mapping[str, Any], folder: Path) -> list[str]:
     """Draw the study's figures into its folder and return the names of their files."""
     bars = f"bars: {100.0 * summary['confidence']:g} % intervals (Clopper-Pearson)"
     figures: dict[str, Figure] = {}
@@ -269,7 +269,7 @@ def _draw(summary: Mapping[str, Any], out: Path) -> list[str]:
     return [
         path.name
         for name, figure in figures.items()
-        for path in save_figure(figure, out / name, 130)
+        for path in save_figure(figure, folder / name, 130)
     ]
 
 

@@ -93,26 +93,26 @@ def parse_sweep(text: str) -> Sweep:
 
 
 def fly(
-    sweep: Sweep, keys: Mapping[str, Any], sets: Sequence[str], out: Path, *, resume: bool
+    sweep: Sweep, keys: Mapping[str, Any], sets: Sequence[str], folder: Path, *, resume: bool
 ) -> None:
-    """Fly the run of every value below ``out``, or go on; the first that does not finish raises
+    """Fly the run of every value below ``folder``, or go on; the first that does not finish raises
     ``UnfinishedError``.
     """
     for value in sweep.values:
         own = [f"changes.{key}={text}" for key, text in change_of(sweep.name, value).items()]
-        evaluate(keys, _folder(out, sweep.name, value), sets=[*sets, *own], resume=resume)
+        evaluate(keys, _folder(folder, sweep.name, value), sets=[*sets, *own], resume=resume)
 
 
-def _folder(out: Path, name: str, value: float) -> Path:
-    return out / f"{name}_{value:g}"
+def _folder(folder: Path, name: str, value: float) -> Path:
+    return folder / f"{name}_{value:g}"
 
 
-def collect(sweep: Sweep, out: Path, confidence: float) -> dict[str, Any]:
+def collect(sweep: Sweep, folder: Path, confidence: float) -> dict[str, Any]:
     """Return in JSON types what the runs of a sweep found, and the paired differences from the
     first one's success.
     """
     parameter = PARAMETERS[sweep.name]
-    runs = [read_run(_folder(out, sweep.name, value)) for value in sweep.values]
+    runs = [read_run(_folder(folder, sweep.name, value)) for value in sweep.values]
     first = successes(runs[0])
     values = []
     for value, run in zip(sweep.values, runs, strict=True):

@@ -126,8 +126,8 @@ def ends(estimate: Interval, least: float = -math.inf) -> dict[str, float | None
 
 def quantiles(values: np.ndarray, at: tuple[float, ...]) -> dict[str, float | None]:
     """Return quantiles of the finite ones of values ``[M]`` by their share, which is the key."""
-    known = values[np.isfinite(values)]
-    return {f"{q:g}": float(np.quantile(known, q)) if known.size else None for q in at}
+    finite = values[np.isfinite(values)]
+    return {f"{q:g}": float(np.quantile(finite, q)) if finite.size else None for q in at}
 
 
 def percent(rate: Mapping[str, Any] | None, form: str = "{} % [{}, {}]", unknown: str = "-") -> str:

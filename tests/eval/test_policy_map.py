@@ -467,7 +467,7 @@ def test_the_command_writes_the_map_and_boxes_for_other_verifiers(
     assert found["policy_sha256"] == policy().sha256
     assert len(found["cells"]) == 5
     for name in local.QUESTIONS:
-        assert sum(found[name][verdict]["count"] for verdict in local.VERDICTS) == 2
+        assert sum(found[name][verdict]["count"] for verdict in local.ANSWERS) == 2
     assert "side: " in capsys.readouterr().out
     box = (tmp_path / "out/box_000.vnnlib").read_text()
     assert (box.count("declare-const X_"), box.count("assert")) == (53, 107)

@@ -62,7 +62,7 @@ from eval.hifi.rows import ERRORS, row_of
 from eval.hifi.run import campaign_of, main
 from eval.hifi.summary import error_rows, rate_rows, summarise
 from eval.hifi.vehicle import Navigation, begin, lookahead_of
-from eval.hifi.wind import Made, Route, plan_for, unflyable
+from eval.hifi.wind import PlanResult, Route, plan_for, unflyable
 from ros_bridge.sim.world import EncounterFlight
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -362,7 +362,7 @@ def policy() -> Policy:
     return Policy.load(POLICY[0])
 
 
-def plan_scene(scene: Beginning, options: Options) -> Made:
+def plan_scene(scene: Beginning, options: Options) -> PlanResult:
     ground = over_ground(scene.encounter.intruders, scene.wind, 0.0)
     known = Known.straight(through_air(ground, scene.frame, 0.0), scene.encounter.mask)
     own = through_air(scene.own, scene.frame, 0.0)
