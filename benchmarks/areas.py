@@ -87,7 +87,7 @@ class Sampled(NamedTuple):
     """One request that OMPL tried too."""
 
     ours: bool  # whether the planner has solved it
-    found: bool  # whether OMPL has found a flight
+    ompl: bool  # whether OMPL has found a flight
     right: bool  # whether that is one
 
 
@@ -180,7 +180,7 @@ def compare(
         "ompl_solved_of_solved": sum(trial.right for trial in ours),
         "ompl_tried_of_unsolved": len(others),
         "ompl_solved_of_unsolved": theirs,
-        "ompl_wrong": sum(trial.found and not trial.right for trial in tried),
+        "ompl_wrong": sum(trial.ompl and not trial.right for trial in tried),
         **_shares("safe_of_solved_by_any", requests, deadlines, solved),
     }
 

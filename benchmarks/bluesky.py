@@ -94,10 +94,10 @@ def fly_episode(task: Episode) -> Row:
     environment, _ = _environment()
     np.random.seed(task.seed)  # noqa: NPY002
     random.seed(task.seed)
-    seen, _ = environment.reset(seed=task.seed)
+    observation, _ = environment.reset(seed=task.seed)
     reached, info = False, {}
     for _ in range(_MOST_ACTIONS):
-        seen, _, reached, _, info = environment.step(_act(task.pilot, seen))
+        observation, _, reached, _, info = environment.step(_act(task.pilot, observation))
         if reached:
             break
     return {
@@ -110,15 +110,15 @@ def fly_episode(task: Episode) -> Row:
     }
 
 
-def _act(pilot: str, seen: Mapping[str, np.ndarray]) -> np.ndarray:
+def _act(pilot: str, observation: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return what a pilot does."""
     if pilot == "RLCAS":
         _, policy = _environment()
-        return policy(seen)
+        return policy(observation)
     if pilot == "straight":
-        drift = np.arctan2(seen["sin_drift"], seen["cos_drift"])
+        drift = np.arctan2(observation["sin_drift"], observation["cos_drift"])
         return np.clip(-drift / np.radians(45.0), -1.0, 1.0)
-    action, _ = _load_sac(pilot).predict(seen, deterministic=True)
+    action, _ = _load_sac(pilot).predict(observation, deterministic=True)
     return action
 
 
@@ -173,7 +173,7 @@ def fly_circle(task: Circle) -> Row:
         bluesky.sim.step()
         traffic = bluesky.traf
         number = np.array([int(name[1:]) for name in traffic.id])
-        north, east = (EARTH * np.radians(each) for each in (traffic.lat, traffic.lon))
+        north, east = (EARTH * np.radians(degrees) for degrees in (traffic.lat, traffic.lon))
         path[number] = traffic.distflown
         pairs = np.triu_indices(len(number), 1)
         apart = np.hypot(east[:, None] - east, north[:, None] - north)[pairs]
@@ -235,13 +235,13 @@ def _fly(
             path.open("a", encoding="utf-8", buffering=1) as file,
         ):
             results = zip(missing, pool.map(work, missing), strict=True)
-            for done, (task, row) in enumerate(results, len(tasks) - len(missing) + 1):
+            for flown, (task, row) in enumerate(results, len(tasks) - len(missing) + 1):
                 key = _key(task, digest)
                 rows[key] = row | {"key": key}
                 file.write(json.dumps(rows[key]) + "\n")
-                if time.monotonic() - shown >= 5.0 or done == len(tasks):
+                if time.monotonic() - shown >= 5.0 or flown == len(tasks):
                     shown = time.monotonic()
-                    print(f"{done} of {len(tasks)} {unit}", file=sys.stderr, flush=True)
+                    print(f"{flown} of {len(tasks)} {unit}", file=sys.stderr, flush=True)
     return [rows[_key(task, digest)] for task in tasks]
 
 
@@ -287,8 +287,8 @@ def circle_figures(rows: Sequence[Row], ours: Sequence[Row]) -> dict[str, Any]:
         "intrusion_s": sum(row["intrusion_s"] for row in rows),
         "extra_path": _mean(rows, "extra_path"),
         "arrived": sum(row["arrived"] for row in rows) / sum(row["aircraft"] for row in rows),
-        "draws_rlcas_loses_fewer": sum(each < 0 for each in more),
-        "draws_rlcas_loses_more": sum(each > 0 for each in more),
+        "draws_rlcas_loses_fewer": sum(difference < 0 for difference in more),
+        "draws_rlcas_loses_more": sum(difference > 0 for difference in more),
     }
 
 
@@ -304,7 +304,9 @@ def draw(episodes: dict[str, Any], circles: dict[str, Any], path: Path) -> None:
 
 
 def _draw_episodes(axes: "Axes", episodes: dict[str, Any]) -> None:
-    shares = PUBLISHED | {name: 100.0 * one["free_of_intrusion"] for name, one in episodes.items()}
+    shares = PUBLISHED | {
+        name: 100.0 * episode["free_of_intrusion"] for name, episode in episodes.items()
+    }
     names = sorted(shares, key=shares.__getitem__)
     for place, name in enumerate(names):
         value, low, high = shares[name], shares[name], shares[name]
@@ -322,11 +324,11 @@ def _draw_episodes(axes: "Axes", episodes: dict[str, Any]) -> None:
 def _draw_circles(axes: "Axes", circles: dict[str, Any]) -> None:
     for place, method in enumerate(METHODS):
         for group, size in enumerate(SIZES):
-            found = circles.get(f"{method} {size}")
-            if found is None:
+            circle = circles.get(f"{method} {size}")
+            if circle is None:
                 continue
-            value = 100.0 * found["draws_with_loss"] / found["draws"]
-            low, high = clopper_pearson(found["draws_with_loss"], found["draws"])
+            value = 100.0 * circle["draws_with_loss"] / circle["draws"]
+            low, high = clopper_pearson(circle["draws_with_loss"], circle["draws"])
             spread = [[value - 100.0 * low], [100.0 * high - value]]
             x = group + 0.27 * (place - 1)
             label = method if group == 0 else None
@@ -345,12 +347,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.sac is not None:
         require("--sac", "stable_baselines3")
     episodes = measure_episodes(options)
-    for name, found in episodes.items():
-        low, high = found["interval"]
-        share = f"{100 * found['free_of_intrusion']:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
+    for name, episode in episodes.items():
+        low, high = episode["interval"]
+        share = f"{100 * episode['free_of_intrusion']:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
         print(
-            f"{name:10} {share} without intrusion, {found['reached']:.1%} arrive, drift "
-            f"{found['drift_rad']:.3f} rad"
+            f"{name:10} {share} without intrusion, {episode['reached']:.1%} arrive, drift "
+            f"{episode['drift_rad']:.3f} rad"
         )
     print("published ", ", ".join(f"{name} {value} %" for name, value in PUBLISHED.items()))
     circles = measure_circles(options)
@@ -380,12 +382,12 @@ def measure_circles(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
         same_size = [row for row in rows if row["aircraft"] == size]
         own, ours = ([row for row in same_size if row["method"] == m] for m in (method, "RLCAS"))
         if own:
-            found = circles[f"{method} {size}"] = circle_figures(own, ours)
+            circle = circles[f"{method} {size}"] = circle_figures(own, ours)
             text = (
                 "{losses} losses in {draws} draws, {intrusion_s} s, path +{extra_path:.1%}, "
                 "{arrived:.1%} arrive"
             )
-            print(f"{size:2} aircraft, {method:6}", text.format(**found))
+            print(f"{size:2} aircraft, {method:6}", text.format(**circle))
     return circles
 
 
@@ -396,10 +398,12 @@ def _parser() -> Parser:
     add("--draws", type=whole(0), default=100, help="circles of each size (default 100)")
     add("--seed", type=whole(0), default=0, help="seed of the first episode and circle (default 0)")
     add("--workers", type=whole(1), default=2, help="processes (default 2)")
-    out = Path("runs/bluesky")
-    add("--out", type=Path, default=out, help=f"folder of flights and picture (default {out})")
-    what = "file of a SAC of Stable-Baselines3 that flies the episodes too"
-    add("--sac", type=Path, help=what)
+    folder = Path("runs/bluesky")
+    add(
+        "--out", type=Path, default=folder, help=f"folder of flights and picture (default {folder})"
+    )
+    sac_help = "file of a SAC of Stable-Baselines3 that flies the episodes too"
+    add("--sac", type=Path, help=sac_help)
     return parser
 
 

@@ -81,12 +81,12 @@ def plans_of(count: int, name: str, seed: int) -> list[Plan]:
     proposals = plan_many(
         request_of(encounters, PAPER), Policy.load(), in_wind(Options.for_aircraft(PAPER), None)
     ).candidates
-    found = []
+    safe_plans = []
     for number in np.flatnonzero(proposals.safe):
         plan_states = take(proposals.plan_states, number)
         own: VehicleState[Air] = VehicleState(*(float(field[number]) for field in encounters.own))
-        found.append(Plan(own, legs(plan_states), plan_states.time[1:]))
-    return found
+        safe_plans.append(Plan(own, legs(plan_states), plan_states.time[1:]))
+    return safe_plans
 
 
 def judge(
@@ -102,12 +102,12 @@ def judge(
     flight = through_air(flown, NO_WIND, 0.0)  # plans are for still air
     curves = repeat(plan.legs, clock.size)
     # Begun near the place abeam: an aircraft a minute late on a winding path has several.
-    found = deviation(curves, flight, clock - late)
+    deviations = deviation(curves, flight, clock - late)
     at = np.clip(np.round(plan.times / PERIOD).astype(int) - 1, 0, clock.size - 1)
     distance = np.hypot(*offset(flight, along(curves, clock)))
     return FlightErrors(
-        np.abs(found.cross_track),
-        np.abs(found.time + late)[at],
+        np.abs(deviations.cross_track),
+        np.abs(deviations.time + late)[at],
         np.abs(altitudes - _ALTITUDE),
         distance,
     )
@@ -185,7 +185,7 @@ def within_power(plan: Plan, conditions: Conditions) -> bool:
 def steps() -> dict[str, float]:
     """Return how the autopilot answers steps and ramps, calm air, 2500 m."""
     hold = _fly_commands(70.0, [_Command(0.0, 0.0, 60.0)])
-    found = {
+    answers = {
         "hold_60s_speed_change_mps": float(np.ptp(_column(hold, "speed"))),
         "hold_60s_altitude_change_m": float(np.ptp(_column(hold, "altitude"))),
     }
@@ -194,17 +194,17 @@ def steps() -> dict[str, float]:
         bank = -np.degrees(_column(log, "bank"))
         reached = np.argmax(bank >= 29.0)
         name = f"bank_30_at_{speed:.0f}"
-        found[f"{name}_time_s"] = float(_column(log, "time")[reached])
-        found[f"{name}_overshoot_deg"] = float(bank.max() - 30.0)
-        found[f"{name}_altitude_m"] = _largest_altitude_error(log)
+        answers[f"{name}_time_s"] = float(_column(log, "time")[reached])
+        answers[f"{name}_overshoot_deg"] = float(bank.max() - 30.0)
+        answers[f"{name}_altitude_m"] = _largest_altitude_error(log)
     log = _fly_commands(70.0, [_Command(0.0, _turn_rate(40.0, 70.0), 60.0)])
-    found["bank_40_at_70_altitude_m"] = _largest_altitude_error(log)
+    answers["bank_40_at_70_altitude_m"] = _largest_altitude_error(log)
     for first, last in _RAMPS:
         off = _ramp_errors(first, last)
         name = f"ramp_{first:.0f}_{last:.0f}"
-        found[f"{name}_rms_mps"] = float(np.sqrt(np.mean(off**2)))
-        found[f"{name}_max_mps"] = float(np.abs(off).max())
-    return found
+        answers[f"{name}_rms_mps"] = float(np.sqrt(np.mean(off**2)))
+        answers[f"{name}_max_mps"] = float(np.abs(off).max())
+    return answers
 
 
 class _Command(NamedTuple):
@@ -218,9 +218,9 @@ class _Command(NamedTuple):
 def _fly_commands(speed: float, commands: Sequence[_Command]) -> np.ndarray:
     """Return the log ``[T, 11]`` of commands that begin at a speed, m/s."""
     vehicle = C208Vehicle(VehicleState(0.0, 0.0, 0.0, speed))
-    for one in commands:
-        for _ in range(round(one.seconds / PERIOD)):
-            vehicle.step(one.acceleration, one.yaw_rate, PERIOD)
+    for command in commands:
+        for _ in range(round(command.seconds / PERIOD)):
+            vehicle.step(command.acceleration, command.yaw_rate, PERIOD)
     return vehicle.log()
 
 
@@ -237,8 +237,8 @@ def _ramp_errors(first: float, last: float) -> np.ndarray:
     """Return how far the speed is from that of a ramp between two speeds, m/s, ``[T]``."""
     rate, lasts = math.copysign(_RAMP, last - first), abs(last - first) / _RAMP
     log = _fly_commands(first, [_Command(rate, 0.0, lasts), _Command(0.0, 0.0, 10.0)])
-    wanted = first + rate * np.minimum(_column(log, "time"), lasts)
-    return _column(log, "speed") - wanted
+    ramp = first + rate * np.minimum(_column(log, "time"), lasts)
+    return _column(log, "speed") - ramp
 
 
 def digest(vehicle: C208Vehicle | None = None) -> str:
@@ -306,9 +306,9 @@ def outcomes(count: int, seed: int) -> dict[str, float]:
     solved, lost = dict.fromkeys(environments, 0), dict.fromkeys(environments, 0)
     for name, environment in environments.items():
         for number in range(count):
-            seen, info = environment.reset(seed=seed, options={"encounter": number})
+            observation, info = environment.reset(seed=seed, options={"encounter": number})
             while info["outcome"] == "flying":
-                seen, *_, info = environment.step(policy(seen))
+                observation, *_, info = environment.step(policy(observation))
             solved[name] += info["outcome"] == "reached"
             lost[name] += info["outcome"] == "violation"
     figures: dict[str, float] = {"policy_encounters": count}
@@ -350,11 +350,11 @@ def fly_in_conditions(
     name: str, plans: Sequence[Plan], conditions_of: Callable[[int], Conditions]
 ) -> dict[str, Any]:
     """Return the figures of plans that are flown in conditions by their number."""
-    found, powered, lost, too_slow = [], [], [], 0
+    errors, powered, lost, too_slow = [], [], [], 0
     for number, plan in enumerate(plans):
         conditions = conditions_of(number)
         try:
-            one = fly_plan(plan, conditions)
+            flight_errors = fly_plan(plan, conditions)
         except StartError:
             # Down the wind the plan's ground speed is below the stall.
             too_slow += 1
@@ -362,14 +362,14 @@ def fly_in_conditions(
         except FlightError as problem:
             lost.append(f"{number}: {problem}")
             continue
-        found.append(one)
+        errors.append(flight_errors)
         if within_power(plan, conditions):
-            powered.append(one)
+            powered.append(flight_errors)
     figures: dict[str, Any] = {
         f"{name}_flights_lost": len(lost),
         f"{name}_flights_too_slow_to_begin": too_slow,
     }
-    figures |= summary(name, found)
+    figures |= summary(name, errors)
     if lost:
         figures[f"{name}_reasons"] = lost
     if powered:
@@ -428,8 +428,8 @@ def _parse() -> argparse.Namespace:
         default=3_000,
         help="resets over which memory is watched (default 3000)",
     )
-    what = "encounters flown by the policy in closed loop (default 300)"
-    add("--encounters", type=whole(0), default=300, help=what)
+    help_text = "encounters flown by the policy in closed loop (default 300)"
+    add("--encounters", type=whole(0), default=300, help=help_text)
     return parser.parse_args()
 
 

@@ -176,12 +176,12 @@ def limits_figure() -> "Figure":
     left, middle, right = picture.subplots(1, 3, sharey=True)
     altitudes = np.array([500.0, 1500.0, 2500.0, 3500.0, 4500.0, 5500.0])
     for weight, color in ((6500.0, GREEN), (7700.0, BLUE), (8807.0, VERMILION)):
-        found = [margins(weight, float(altitude)) for altitude in altitudes]
-        slowest, fastest = [one.slowest for one in found], [one.fastest for one in found]
+        rows = [margins(weight, float(altitude)) for altitude in altitudes]
+        slowest, fastest = [row.slowest for row in rows], [row.fastest for row in rows]
         left.plot(slowest, altitudes, color=color, label=f"{weight:.0f} lb")
         left.plot(fastest, altitudes, color=color, linestyle="--")
-        middle.plot([one.fastest_accelerating for one in found], altitudes, color=color)
-        right.plot([one.deceleration for one in found], altitudes, color=color)
+        middle.plot([row.fastest_accelerating for row in rows], altitudes, color=color)
+        right.plot([row.deceleration for row in rows], altitudes, color=color)
     left.axvspan(SURROGATE.speed_min, SURROGATE.speed_max, color="#E5E5E5", label="surrogate")
     left.set_xlabel("true airspeed, m/s")
     left.set_title("1.08 times the stall (solid), VMO (dashed)", fontsize=9.5)

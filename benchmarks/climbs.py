@@ -67,7 +67,7 @@ _RATE = 5.0  # m/s of intruders of circles at most
 _SOURCES = Source.POLICY, Source.FALLBACK, Source.VERTICAL
 
 
-class Asked(NamedTuple):
+class TimedRequest(NamedTuple):
     """A request, planned with the usual deadline."""
 
     timed: Timed
@@ -88,20 +88,22 @@ class Compared(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    given = _parser().parse_args(arguments)
-    parts = parse_names(given.only, PARTS)
-    policy, usual = _of_aircraft(given.aircraft, given.policy)
-    if given.deadline is not None:
-        usual = replace(usual, deadline_s=1e-3 * given.deadline)
-    model = None if given.model is None else read_model(given.model)
+    options = _parser().parse_args(arguments)
+    parts = parse_names(options.only, PARTS)
+    policy, usual = _of_aircraft(options.aircraft, options.policy)
+    if options.deadline is not None:
+        usual = replace(usual, deadline_s=1e-3 * options.deadline)
+    model = None if options.model is None else read_model(options.model)
     measure: dict[str, Callable[[], dict[str, Any]]] = {
-        "latency": lambda: latency(given.seed, given.requests, policy, usual),
-        "deadline": lambda: deadline(given.seed, given.requests, policy, usual),
-        "unresolvable": lambda: unresolvable(given.seed, given.encounters, policy, usual, model),
+        "latency": lambda: latency(options.seed, options.requests, policy, usual),
+        "deadline": lambda: deadline(options.seed, options.requests, policy, usual),
+        "unresolvable": lambda: unresolvable(
+            options.seed, options.encounters, policy, usual, model
+        ),
     }
-    found: dict[str, Any] = {
+    results: dict[str, Any] = {
         "benchmark": "climbs",
-        "aircraft": str(given.aircraft),
+        "aircraft": str(options.aircraft),
         "deadline_ms": 1e3 * usual.deadline_s,
     }
     with threadpool_limits(1):
@@ -110,10 +112,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         # As the ROS nodes do: a search for garbage in all that was imported takes 10 ms and more.
         gc.freeze()
         for part in parts:
-            found[part] = measure[part]()
+            results[part] = measure[part]()
             print(part)
-            show(found[part])
-    report(found, ("numpy",))
+            show(results[part])
+    report(results, ("numpy",))
 
 
 def _parser() -> Parser:
@@ -121,13 +123,13 @@ def _parser() -> Parser:
     request_options(parser, 200)
     deadline_option(parser)
     add = parser.add_argument
-    what = "file of the aircraft, or the name of one that ships (default c208)"
-    add("--aircraft", type=Path, default=Path("c208"), metavar="FILE", help=what)
-    what = "encounters of each circle (default 2000)"
-    add("--encounters", type=whole(1), default=2_000, help=what)
+    help_text = "file of the aircraft, or the name of one that ships (default c208)"
+    add("--aircraft", type=Path, default=Path("c208"), metavar="FILE", help=help_text)
+    help_text = "encounters of each circle (default 2000)"
+    add("--encounters", type=whole(1), default=2_000, help=help_text)
     add("--model", type=Path, metavar="FILE", help="file of an encounter model (default: none)")
-    what = f"some of {', '.join(PARTS)}, with commas (default: all)"
-    add("--only", default=",".join(PARTS), metavar="NAMES", help=what)
+    help_text = f"some of {', '.join(PARTS)}, with commas (default: all)"
+    add("--only", default=",".join(PARTS), metavar="NAMES", help=help_text)
     return parser
 
 
@@ -148,37 +150,37 @@ def latency(seed: int, count: int, policy: Policy, usual: Options) -> dict[str, 
     """Return what plans with turns and climbs, and with turns alone, take and solve."""
     vertical = usual.vertical.separation
     plane = replace(usual, maneuvers=Maneuvers.HORIZONTAL, vertical_filter=vertical)
-    both, turns = list[Asked](), list[Asked]()
+    turns_and_climbs, turns = list[TimedRequest](), list[TimedRequest]()
     for number in range(seed, seed + count):
-        asked = levels.question(number, policy.aircraft, _WITHIN * vertical)
+        request = levels.question(number, policy.aircraft, _WITHIN * vertical)
         errors = number % 2 == 1
-        asked = _as_known(asked, errors)
-        for options, every in ((plane, turns), (usual, both)):
-            timed = time_plan(asked, policy, options, own_altitude=OWN_ALTITUDE)
-            every.append(Asked(timed, errors))
-    return {"requests": count, "both": _figures(both), "horizontal": _figures(turns)}
+        request = _as_known(request, errors)
+        for options, every in ((plane, turns), (usual, turns_and_climbs)):
+            timed = time_plan(request, policy, options, own_altitude=OWN_ALTITUDE)
+            every.append(TimedRequest(timed, errors))
+    return {"requests": count, "both": _figures(turns_and_climbs), "horizontal": _figures(turns)}
 
 
-def _as_known(asked: Question, errors: bool) -> Question:
+def _as_known(request: Question, errors: bool) -> Question:
     """Return a request with exact reports, or with those of ADS-B: a second old, NACp 8, NACv 2."""
     reports = list[Intruder[Ground]]()
-    for one in asked.intruders:
-        assert isinstance(one, Intruder)
-        assert one.altitude is not None
-        level = replace(one.altitude, error=0.0)
-        report = replace(one, altitude=level)
+    for intruder in request.intruders:
+        assert isinstance(intruder, Intruder)
+        assert intruder.altitude is not None
+        level = replace(intruder.altitude, error=0.0)
+        report = replace(intruder, altitude=level)
         if errors:
-            level = replace(one.altitude, error=30.0, climb_error=0.3)
-            report = replace(one, age=1.0, position_std=46.0, velocity_std=1.5, altitude=level)
+            level = replace(intruder.altitude, error=30.0, climb_error=0.3)
+            report = replace(intruder, age=1.0, position_std=46.0, velocity_std=1.5, altitude=level)
         reports.append(report)
-    return asked._replace(intruders=reports)
+    return request._replace(intruders=reports)
 
 
-def _figures(every: Sequence[Asked]) -> dict[str, Any]:
+def _figures(every: Sequence[TimedRequest]) -> dict[str, Any]:
     """Return the times and the sources of plans of one kind."""
-    figures: dict[str, Any] = _shares([one.timed for one in every])
+    figures: dict[str, Any] = _shares([row.timed for row in every])
     for name, errors in (("exact", False), ("with_errors", True)):
-        figures[name] = _shares([one.timed for one in every if one.errors == errors])
+        figures[name] = _shares([row.timed for row in every if row.errors == errors])
     return figures
 
 
@@ -186,13 +188,13 @@ def _shares(every: Sequence[Timed]) -> dict[str, Any]:
     """Return the share of SAFE, what made them, and the times of answers."""
     if not every:
         return {"requests": 0}
-    safe = [one.answer for one in every if one.answer.safe]
+    safe = [row.answer for row in every if row.answer.safe]
     made_by = Counter(answer.source for answer in safe)
     return {
         "requests": len(every),
         "safe": len(safe) / len(every),
         **{f"by_{source.value}": made_by[source] for source in _SOURCES},
-        **percentiles_ms("cpu", [one.seconds for one in every], ("median", "p99", "max")),
+        **percentiles_ms("cpu", [row.seconds for row in every], ("median", "p99", "max")),
     }
 
 
@@ -201,13 +203,13 @@ def deadline(seed: int, count: int, policy: Policy, usual: Options) -> dict[str,
     timed, solved = list[Timed](), 0
     patient = replace(usual, deadline_s=_PATIENT)
     for number in range(seed, seed + count):
-        asked = crowd(number, policy.aircraft)
-        timed.append(time_plan(asked, policy, usual, own_altitude=OWN_ALTITUDE))
+        request = crowd(number, policy.aircraft)
+        timed.append(time_plan(request, policy, usual, own_altitude=OWN_ALTITUDE))
         solved += (
             timed[-1].answer.safe
-            or time_plan(asked, policy, patient, own_altitude=OWN_ALTITUDE).answer.safe
+            or time_plan(request, policy, patient, own_altitude=OWN_ALTITUDE).answer.safe
         )
-    safe = sum(one.answer.safe for one in timed)
+    safe = sum(row.answer.safe for row in timed)
     return {
         "solved": solved,
         "safe_of_solved": safe / solved if solved else None,
@@ -220,7 +222,7 @@ def crowd(seed: int, aircraft: Aircraft) -> Question:
     descend.
     """
     rng = np.random.default_rng([seed, 70])
-    asked = traffic.question(seed, _CROWD, _RADIUS, aircraft)
+    drawn = traffic.question(seed, _CROWD, _RADIUS, aircraft)
     reports = [
         Intruder(
             state,
@@ -230,9 +232,9 @@ def crowd(seed: int, aircraft: Aircraft) -> Question:
                 float(rng.choice([0.0, 1.0]) * rng.uniform(-_CLIMB, _CLIMB)),
             ),
         )
-        for state in asked.states
+        for state in drawn.states
     ]
-    return asked._replace(intruders=reports)
+    return drawn._replace(intruders=reports)
 
 
 def unresolvable(
@@ -305,59 +307,59 @@ def compare(
     request = request_of(encounters, aircraft)
     above = _WITHIN * vertical * rng.uniform(-1.0, 1.0, rates.shape)
     for number in proven.tolist():
-        asked = question(encounters, request, number)
-        intruder = asked.states[0]
-        away = math.hypot(intruder.x - asked.own.x, intruder.y - asked.own.y)
+        posed = question(encounters, request, number)
+        intruder = posed.states[0]
+        away = math.hypot(intruder.x - posed.own.x, intruder.y - posed.own.y)
         others = zip(above[number].tolist(), rates[number].tolist(), strict=True)
         for height, rate in ((0.0, 0.0), *others):
             if away < aircraft.separation and abs(height) < vertical:
                 lost += 1
             else:
-                compared.append(_compare(asked, height, rate, policy, options))
+                compared.append(_compare(posed, height, rate, policy, options))
     figures: dict[str, Any] = {
         "encounters": len(encounters.mask),
         "proven_unresolvable_in_the_plane": len(proven),
         "begin_without_both": lost,
     }
     for name, some in (
-        ("same_level", [one for one in compared if one.level]),
-        ("other_levels", [one for one in compared if not one.level]),
-        ("climbs_needed", [one for one in compared if one.climbs]),
-        ("climbs_needed_with_margin", [one for one in compared if one.climbs and one.with_margin]),
+        ("same_level", [row for row in compared if row.level]),
+        ("other_levels", [row for row in compared if not row.level]),
+        ("climbs_needed", [row for row in compared if row.climbs]),
+        ("climbs_needed_with_margin", [row for row in compared if row.climbs and row.with_margin]),
     ):
-        searched = [one for one in some if one.searched]
-        planned = sum(one.planned for one in searched)
+        searched = [row for row in some if row.searched]
+        planned = sum(row.planned for row in searched)
         figures[name] = {
             "compared": len(some),
             "searched": len(searched),
-            "planned": sum(one.planned for one in some),
+            "planned": sum(row.planned for row in some),
             "planned_of_searched": planned / len(searched) if searched else None,
         }
     return figures
 
 
 def _compare(
-    asked: Question, above: float, rate: float, policy: Policy, options: Options
+    request: Question, above: float, rate: float, policy: Policy, options: Options
 ) -> Compared:
     """Return what solves a request with one intruder, which is so far above, m, and climbs at a
     rate, m/s.
     """
-    own, (intruder,), aircraft = asked.own, asked.states, policy.aircraft
+    own, (intruder,), aircraft = request.own, request.states, policy.aircraft
     height, vertical = OWN_ALTITUDE.value, options.vertical
-    both = (
+    motions = (
         Motion(own.x, own.y, height, own.heading, own.speed, 0.0),
         Motion(intruder.x, intruder.y, height + above, intruder.heading, intruder.speed, rate),
     )
-    found = escapes(*both, aircraft)
+    solutions = escapes(*motions, aircraft)
     wider = vertical._replace(separation=vertical.separation + options.vertical_margin)
     altitude = Altitude(height + above, OWN_ALTITUDE.reference, rate)
     reports = [Intruder(intruder, altitude=altitude)]
-    answer = plan(own, reports, asked.route, policy, options, own_altitude=OWN_ALTITUDE)
+    answer = plan(own, reports, request.route, policy, options, own_altitude=OWN_ALTITUDE)
     return Compared(
         level=above == 0.0,
-        searched=bool(found),
-        climbs=bool(found) and all(flight.climb != 0.0 for flight in found),
-        with_margin=bool(escapes(*both, aircraft._replace(vertical=wider))),
+        searched=bool(solutions),
+        climbs=bool(solutions) and all(flight.climb != 0.0 for flight in solutions),
+        with_margin=bool(escapes(*motions, aircraft._replace(vertical=wider))),
         planned=answer.safe,
     )
 

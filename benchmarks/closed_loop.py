@@ -299,7 +299,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def text_of(row: dict[str, Any]) -> str:
     """Return a row of the table: smallest distances over the separation kept."""
-    kept = row["separation_m"]
+    separation = row["separation_m"]
     loops = [name for name in ("policy", "assured", "acas_xu") if name in row]
     parts = [
         f"{name} {row[name]['nearest']:7.0f} m, {row[name]['lost']:4} lost, "
@@ -308,7 +308,7 @@ def text_of(row: dict[str, Any]) -> str:
     ]
     proof = row["plan"]
     proven = "proven" if proof["certificate"] else proof["status"].lower()
-    return f"{row['start']:18} keeps {kept:5} m  {'  '.join(parts)}  plan {proven}"
+    return f"{row['start']:18} keeps {separation:5} m  {'  '.join(parts)}  plan {proven}"
 
 
 def first_network(folder: Path) -> Path:

@@ -50,8 +50,8 @@ def main() -> None:
 def _parser() -> Parser:
     parser = Parser(description=__doc__)
     add = parser.add_argument
-    what = "encounters of a measurement (default 10000)"
-    add("--encounters", type=whole(1), default=10_000, help=what)
+    help_text = "encounters of a measurement (default 10000)"
+    add("--encounters", type=whole(1), default=10_000, help=help_text)
     add("--chunk", type=whole(1), default=1_250, help="encounters of a chunk (default 1250)")
     add("--chunks", type=whole(1), default=200, help="chunks that are not flown (default 200)")
     return parser

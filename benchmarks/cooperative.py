@@ -115,9 +115,9 @@ def _lost(
     before: VehicleState[Air], after: VehicleState[Air], flies: np.ndarray, unit: Aircraft
 ) -> Any:
     """Return which pairs lose the separation in a step, bool ``[N, M, M]``."""
-    both = before, after
-    first, first_next = map_leaves(lambda field: field[:, :, None], both)
-    second, second_next = map_leaves(lambda field: field[:, None, :], both)
+    ends = before, after
+    first, first_next = map_leaves(lambda field: field[:, :, None], ends)
+    second, second_next = map_leaves(lambda field: field[:, None, :], ends)
     apart = leg_separation(first, first_next, second, second_next, unit.dt, np)
     pairs = flies[:, :, None] & flies[:, None, :] & ~np.eye(flies.shape[1], dtype=bool)
     return pairs & (apart < unit.separation)

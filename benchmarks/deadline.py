@@ -129,8 +129,8 @@ def figures(blocks: Sequence[dict[str, Any]]) -> dict[str, Any]:
     late = 0.0
     for kind in KINDS:
         safe, ms = (
-            np.array([row for block in blocks for row in block[what][kind]])
-            for what in ("safe", "ms")
+            np.array([row for block in blocks for row in block[measure][kind]])
+            for measure in ("safe", "ms")
         )
         solved = safe[safe[:, -1]]
         late = max(late, float((ms[:, :-1] - DEADLINES_MS[:-1]).max()))
@@ -159,10 +159,10 @@ def draw(summary: dict[str, Any]) -> "Figure":
     right.loglog(
         limits, [limit + LATE_MS for limit in limits], "k--", label=f"deadline + {LATE_MS:g} ms"
     )
-    for axes, what in ((left, "SAFE of the resolvable"), (right, "slowest answer, ms")):
+    for axes, label in ((left, "SAFE of the resolvable"), (right, "slowest answer, ms")):
         axes.set(
             xlabel="deadline, ms",
-            ylabel=what,
+            ylabel=label,
             xticks=limits,
             xticklabels=[f"{limit:g}" for limit in limits],
         )
@@ -201,8 +201,8 @@ def main() -> None:
 def _parser() -> Parser:
     parser = Parser(description=__doc__)
     add = parser.add_argument
-    what = "folder of the blocks, the result and the figure"
-    add("--out", type=Path, required=True, help=what)
+    help_text = "folder of the blocks, the result and the figure"
+    add("--out", type=Path, required=True, help=help_text)
     add(
         "--requests",
         type=whole(1),

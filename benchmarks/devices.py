@@ -81,18 +81,18 @@ def _training_arguments(config: str, updates: int) -> list[str]:
     ]
 
 
-def _train_in_one(common: list[str], out: Path, cores: list[int]) -> float:
+def _train_in_one(common: list[str], folder: Path, cores: list[int]) -> float:
     """Train by one process on all cores; return steps per second."""
-    _wait([_start([*common, "--out", str(out)], cores)])
-    return _rate(out)
+    _wait([_start([*common, "--out", str(folder)], cores)])
+    return _rate(folder)
 
 
-def _train_in_many(common: list[str], out: Path, cores: list[int]) -> float:
+def _train_in_many(common: list[str], folder: Path, cores: list[int]) -> float:
     """Train by a process a core; return steps per second."""
-    group = [*common, "--out", str(out), "--processes", str(len(cores))]
+    group = [*common, "--out", str(folder), "--processes", str(len(cores))]
     group += ["--coordinator", f"127.0.0.1:{_free_port()}"]
     _wait([_start([*group, "--process", str(number)], [core]) for number, core in enumerate(cores)])
-    return _rate(out)
+    return _rate(folder)
 
 
 def _start(arguments: list[str], cores: list[int]) -> "subprocess.Popen[bytes]":
@@ -114,8 +114,8 @@ def _wait(processes: list["subprocess.Popen[bytes]"]) -> None:
             )
 
 
-def _rate(out: Path) -> float:
-    return float(statistics.median(metrics.read(out)["steps_per_s"][_IGNORED:]))
+def _rate(folder: Path) -> float:
+    return float(statistics.median(metrics.read(folder)["steps_per_s"][_IGNORED:]))
 
 
 def _free_port() -> int:

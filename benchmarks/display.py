@@ -74,8 +74,8 @@ def main(argv: list[str] | None = None) -> None:
         description="Measure latency and load of the traffic display, and the page's memory.",
     )
     add = parser.add_argument
-    what = "time that is measured, s (default 60)"
-    add("--seconds", type=real(1.0, 36_000.0, "s"), default=60.0, help=what)
+    help_text = "time that is measured, s (default 60)"
+    add("--seconds", type=real(1.0, 36_000.0, "s"), default=60.0, help=help_text)
     add("--aircraft", type=whole(1), default=100, help="aircraft that report (default 100)")
     add("--night", type=whole(0), default=20_000, help="pictures of the night (default 20000)")
     options = parser.parse_args(argv)
@@ -217,10 +217,10 @@ class _Sky:
         """Report for some seconds, each aircraft at its own times."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            now = time.time() - self._begin
-            for n in np.flatnonzero(self._next <= now):
+            passed = time.time() - self._begin
+            for n in np.flatnonzero(self._next <= passed):
                 (self._others if n else self._own).publish(self._message(int(n)))
-                self._next[n] = max(self._next[n] + self._periods[n], now)
+                self._next[n] = max(self._next[n] + self._periods[n], passed)
             idle()
 
     def _message(self, number: int) -> "AircraftState":
@@ -228,11 +228,11 @@ class _Sky:
         from ros_bridge.core.reports import Report
         from ros_bridge.transport.messages import aircraft_message
 
-        now = time.time_ns()
-        passed = now / 1e9 - self._begin
+        stamp = time.time_ns()
+        passed = stamp / 1e9 - self._begin
         if number == 0:
             return aircraft_message(
-                Report("own", now, 47.0 + passed * 80.0 / _DEGREE, 8.0, 0.0, 80.0)
+                Report("own", stamp, 47.0 + passed * 80.0 / _DEGREE, 8.0, 0.0, 80.0)
             )
         # Each on a circle of its own, so that none leaves.
         angle = 2.0 * math.pi * number * 0.618 + passed / (60.0 + number)
@@ -244,7 +244,7 @@ class _Sky:
         )
         east, north = speed * math.cos(angle), -speed * math.sin(angle)
         name = f"{0x4B0000 + number:x}"
-        return aircraft_message(Report(name, now, latitude, longitude, east, north))
+        return aircraft_message(Report(name, stamp, latitude, longitude, east, north))
 
 
 if __name__ == "__main__":

@@ -123,9 +123,11 @@ def _level_or_out(
     """Return the intruders without altitudes, but for those that an answer leaves out as above or
     below.
     """
-    out = {exclusion.number for exclusion in answer.excluded if exclusion.apart is Apart.VERTICALLY}
+    apart = {
+        exclusion.number for exclusion in answer.excluded if exclusion.apart is Apart.VERTICALLY
+    }
     return [
-        intruder if number in out else replace(intruder, altitude=None)
+        intruder if number in apart else replace(intruder, altitude=None)
         for number, intruder in enumerate(intruders)
         if isinstance(intruder, Intruder)
     ]

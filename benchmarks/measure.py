@@ -57,8 +57,8 @@ def request_options(parser: Parser, requests: int) -> None:
 
 def deadline_option(parser: Parser) -> None:
     """Add the option for the deadline of a plan."""
-    what = "deadline of computation, ms (default: the planner's, 50)"
-    parser.add_argument("--deadline", type=real(1.0, 60_000.0, "ms"), metavar="MS", help=what)
+    help_text = "deadline of computation, ms (default: the planner's, 50)"
+    parser.add_argument("--deadline", type=real(1.0, 60_000.0, "ms"), metavar="MS", help=help_text)
 
 
 def config_options(parser: Parser, default: str) -> None:
@@ -152,18 +152,18 @@ def seconds(work: Callable[[], Any], repeats: int = 5) -> list[float]:
     return times
 
 
-def parse_names(only: str, known: Iterable[str]) -> list[str]:
+def parse_names(only: str, names_known: Iterable[str]) -> list[str]:
     """Return the names, with commas, of an option ``--only``; raise InputError where one is not
     known.
     """
-    names, there = only.split(","), list(known)
+    names, there = only.split(","), list(names_known)
     for name in names:
         if name not in there:
             raise InputError(f"--only has {name!r}; expected some of {', '.join(there)}")
     return names
 
 
-def read_done(path: Path, settings: dict[str, Any], what: str = "run") -> list[Any]:
+def read_done(path: Path, settings: dict[str, Any], kind: str = "run") -> list[Any]:
     """Return the JSON lines that a run so far has written to a file, which begins with what was
     asked; a line that was cut off by an interruption is dropped. A new file is begun.
 
@@ -176,7 +176,7 @@ def read_done(path: Path, settings: dict[str, Any], what: str = "run") -> list[A
     first, *lines = path.read_text(encoding="utf-8").split("\n")[:-1]
     if parse_json(first) != settings:
         raise ConfigError(
-            f"--out: {path} holds another {what}, {first}; expected {json.dumps(settings)}, "
+            f"--out: {path} holds another {kind}, {first}; expected {json.dumps(settings)}, "
             "or another folder"
         )
     path.write_text("\n".join([first, *lines, ""]), encoding="utf-8")

@@ -124,13 +124,13 @@ def _parser() -> Parser:
     parser = Parser(description=__doc__)
     add = parser.add_argument
     add("--policy", type=Path, help="policy file (default: the one that ships)")
-    what = "encounters of a measurement (default 10000)"
-    add("--encounters", type=whole(1), default=10_000, help=what)
+    help_text = "encounters of a measurement (default 10000)"
+    add("--encounters", type=whole(1), default=10_000, help=help_text)
     add("--repeats", type=whole(1), default=3, help="measurements (default 3)")
-    what = "processes (default: one for every core)"
-    add("--workers", type=whole(1), default=cores(), help=what)
-    what = "what computes the decisions (default auto, as in eval.monte_carlo)"
-    add("--backend", choices=("auto", "numpy", "jax"), default="auto", help=what)
+    help_text = "processes (default: one for every core)"
+    add("--workers", type=whole(1), default=cores(), help=help_text)
+    help_text = "what computes the decisions (default auto, as in eval.monte_carlo)"
+    add("--backend", choices=("auto", "numpy", "jax"), default="auto", help=help_text)
     return parser
 
 

@@ -73,8 +73,8 @@ def main() -> None:
 def _parser() -> Parser:
     parser = Parser(description=__doc__)
     request_options(parser, 2_000)
-    what = "scenario of the encounters (default circle)"
-    parser.add_argument("--scenario", default="circle", help=what)
+    help_text = "scenario of the encounters (default circle)"
+    parser.add_argument("--scenario", default="circle", help=help_text)
     return parser
 
 

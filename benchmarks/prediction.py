@@ -113,9 +113,9 @@ def predictions(reports: Grid, believed: Traffic, ahead: float) -> Predictions:
     count, length = reports.time.shape
     later = np.full((count, length), length - 1)
     for n, time in enumerate(reports.time):
-        known = np.count_nonzero(np.isfinite(time))
-        later[n, :known] = np.minimum(
-            np.searchsorted(time[:known], time[:known] + ahead), length - 1
+        filled = np.count_nonzero(np.isfinite(time))
+        later[n, :filled] = np.minimum(
+            np.searchsorted(time[:filled], time[:filled] + ahead), length - 1
         )
     n = np.arange(count)[:, None]
     elapsed = reports.time[n, later] - reports.time

@@ -63,11 +63,11 @@ def escapes(own: Motion, intruder: Motion, aircraft: Aircraft) -> list[Choice]:
     rise = _ramp(own.climb, np.array(climbs)[:, None], -change, change, times)
     above = own.z + _integral(rise) - intruder.z - intruder.climb * times
     level = np.abs(above) < vertical.separation
-    found = list[Choice]()
+    choices = list[Choice]()
     for climb, while_level in zip(climbs, level, strict=True):
         clear = (away[:, while_level] >= aircraft.separation).all(axis=-1)
-        found += [Choice(*over_horizon[row], climb) for row in np.flatnonzero(clear).tolist()]
-    return found
+        choices += [Choice(*over_horizon[row], climb) for row in np.flatnonzero(clear).tolist()]
+    return choices
 
 
 def _over_horizon(

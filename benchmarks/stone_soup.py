@@ -117,14 +117,14 @@ def begin(filter_: Filter, report: np.ndarray, time: float) -> Known:
     return Known([state] * len(filter_.models), shares, time)
 
 
-def extend(filter_: Filter, known: Known, report: np.ndarray, time: float) -> Known:
+def extend(filter_: Filter, belief: Known, report: np.ndarray, time: float) -> Known:
     """Return what a filter knows with a later report."""
-    chances = _chances(filter_, time - known.time)
-    expected = known.shares @ chances
+    chances = _chances(filter_, time - belief.time)
+    expected = belief.shares @ chances
     detection = _part("types.detection").Detection(report[:, None], timestamp=_at(time))
     states, densities = [], []
     for number, model in enumerate(filter_.models):
-        mixed = _mix(filter_, known, known.shares * chances[:, number] / expected[number], number)
+        mixed = _mix(filter_, belief, belief.shares * chances[:, number] / expected[number], number)
         prediction = model.predictor.predict(mixed, timestamp=_at(time))
         measured = model.updater.predict_measurement(prediction)
         hypothesis = _part("types.hypothesis").SingleHypothesis(prediction, detection, measured)
@@ -137,14 +137,14 @@ def extend(filter_: Filter, known: Known, report: np.ndarray, time: float) -> Kn
     return Known(states, shares / shares.sum(), time)
 
 
-def answer(filter_: Filter, known: Known) -> Answer:
+def answer(filter_: Filter, belief: Known) -> Answer:
     """Return what a filter says after its newest report."""
-    mean, covariance = _reduce(known.states, known.shares)
+    mean, covariance = _reduce(belief.states, belief.shares)
     turns = [model.turns for model in filter_.models]
     return Answer(
         np.asarray(mean, float).ravel()[:4],
         np.asarray(covariance, float)[:4, :4],
-        float(known.shares[turns].sum()),
+        float(belief.shares[turns].sum()),
     )
 
 
@@ -162,14 +162,14 @@ def _chances(filter_: Filter, seconds: float) -> np.ndarray:
     return chances
 
 
-def _mix(filter_: Filter, known: Known, shares: np.ndarray, number: int) -> Any:
+def _mix(filter_: Filter, belief: Known, shares: np.ndarray, number: int) -> Any:
     """Return the state that a model begins a step with."""
-    states = list(known.states)
+    states = list(belief.states)
     if filter_.rate:
         # Straight flight says nothing of the rate of a turn that begins.
         states[0] = _without_rate(states[0])
     mean, covariance = _reduce(states, shares)
-    mixed = _gaussian(mean, covariance, known.time)
+    mixed = _gaussian(mean, covariance, belief.time)
     return _without_rate(mixed) if filter_.rate and number == 0 else mixed
 
 

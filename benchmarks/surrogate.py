@@ -149,8 +149,8 @@ def main() -> None:
 def _parser() -> Parser:
     parser = Parser(description=__doc__)
     add = parser.add_argument
-    what = "encounters in parallel (default 2048)"
-    add("--environments", type=whole(1), default=2048, help=what)
+    help_text = "encounters in parallel (default 2048)"
+    add("--environments", type=whole(1), default=2048, help=help_text)
     add("--steps", type=whole(1), default=256, help="steps a measurement (default 256)")
     add("--rows", type=whole(1), default=16, help="rows of the pool of starts (default 16)")
     add("--repeats", type=whole(1), default=7, help="measurements of each side (default 7)")

@@ -66,8 +66,11 @@ def main() -> None:
     add("--flights", type=whole(1), default=100, help="flights (default 100)")
     add("--seconds", type=whole(60, 10_000), default=120, help="of a flight (default 120 s)")
     add("--seed", type=whole(0), default=0, help="seed of flights and errors (default 0)")
-    what = "one sigma of a reported {}, per axis, {} (default {:g})"
-    position, speed = what.format("position", "m", 30.0), what.format("velocity", "m/s", 3.0)
+    help_text = "one sigma of a reported {}, per axis, {} (default {:g})"
+    position, speed = (
+        help_text.format("position", "m", 30.0),
+        help_text.format("velocity", "m/s", 3.0),
+    )
     add("--position-std", type=real(1.0, 1e3, "m"), default=30.0, metavar="M", help=position)
     add("--velocity-std", type=real(0.3, 50.0, "m/s"), default=3.0, metavar="M/S", help=speed)
     add("--peer", action="store_true", help="beside Stone Soup; " + stone_soup.INSTALL)
@@ -135,16 +138,19 @@ def vectors(states: VehicleState[Ground]) -> np.ndarray:
 def ours(flights: Flights) -> Track:
     """Return what our tracker says."""
     steps = list(_steps(flights))
-    both = [mix(tracks.straight, tracks.turning, tracks.turns) for tracks in steps]
+    mixtures = [mix(tracks.straight, tracks.turning, tracks.turns) for tracks in steps]
     covariance = np.zeros((*flights.rates.shape, 4, 4))
-    for second, estimate in enumerate(both):
+    for second, estimate in enumerate(mixtures):
         c = estimate.covariance
         for axis in (0, 2):
             covariance[second, :, axis, axis] = c.pp
             covariance[second, :, axis + 1, axis + 1] = c.vv
             covariance[second, :, axis, axis + 1] = covariance[second, :, axis + 1, axis] = c.pv
     mean = np.stack(
-        [np.stack([estimate.x, estimate.vx, estimate.y, estimate.vy], axis=-1) for estimate in both]
+        [
+            np.stack([estimate.x, estimate.vx, estimate.y, estimate.vy], axis=-1)
+            for estimate in mixtures
+        ]
     )
     return Track(mean, covariance, np.stack([belief(tracks).turn_rate != 0.0 for tracks in steps]))
 
@@ -164,8 +170,8 @@ def take_in(tracks: Tracks[Ground], reports: Reports[Ground]) -> Tracks[Ground]:
     if not np.any(jumps):
         return extended
 
-    def choose(anew: Array, kept: Array) -> Array:
-        return np.where(jumps, anew, kept)
+    def choose(anew: Array, old: Array) -> Array:
+        return np.where(jumps, anew, old)
 
     return map_leaves(choose, restart(extended), extended)
 
@@ -177,13 +183,13 @@ def theirs(filter_: stone_soup.Filter, flights: Flights, name: str) -> tuple[Tra
     turns, spent = np.zeros((seconds, count), bool), 0.0
     with Progress("flights").start(count, word=name) as progress:
         for number in range(count):
-            known = stone_soup.begin(filter_, reports[0, number], 0.0)
+            belief = stone_soup.begin(filter_, reports[0, number], 0.0)
             for second in range(seconds):
                 began = time.perf_counter()
                 if second:
                     vector = reports[second, number]
-                    known = stone_soup.extend(filter_, known, vector, float(second))
-                answer = stone_soup.answer(filter_, known)
+                    belief = stone_soup.extend(filter_, belief, vector, float(second))
+                answer = stone_soup.answer(filter_, belief)
                 spent += time.perf_counter() - began
                 mean[second, number], covariance[second, number] = answer.mean, answer.covariance
                 turns[second, number] = answer.turns > 0.5

@@ -100,19 +100,19 @@ def _parser() -> Parser:
     parser.add_argument(
         "--intruders", type=whole(1), default=100, help="other aircraft (default 100)"
     )
-    what = "radius of the disc, km (default 30)"
-    parser.add_argument("--radius", type=real(1.0, 1_000.0, "km"), default=30.0, help=what)
-    for name, highest, unit, what in (
+    help_text = "radius of the disc, km (default 30)"
+    parser.add_argument("--radius", type=real(1.0, 1_000.0, "km"), default=30.0, help=help_text)
+    for name, highest, unit, help_text in (
         ("position-std", 1e3, "m", "standard deviation of the intruders' positions, per axis"),
         ("velocity-std", 50.0, "m/s", "standard deviation of their velocities, per axis"),
         ("wind", 30.0, "m/s", "speed of the wind, from a random direction"),
     ):
-        text = f"{what}, {unit} (default 0)"
+        text = f"{help_text}, {unit} (default 0)"
         parser.add_argument(f"--{name}", type=real(0.0, highest, unit), default=0.0, help=text)
-    what = "areas on the way to the next point (default 0)"
-    parser.add_argument("--areas", type=whole(0), default=0, help=what)
-    what = "without compiled code, though numba is installed"
-    parser.add_argument("--interpreted", action="store_true", help=what)
+    help_text = "areas on the way to the next point (default 0)"
+    parser.add_argument("--areas", type=whole(0), default=0, help=help_text)
+    help_text = "without compiled code, though numba is installed"
+    parser.add_argument("--interpreted", action="store_true", help=help_text)
     deadline_option(parser)
     return parser
 

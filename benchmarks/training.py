@@ -382,10 +382,10 @@ def _parser() -> Parser:
     parser = Parser(prog="python -m benchmarks.training", description=__doc__)
     add = parser.add_argument
     config_options(parser, "configs/sprint.yaml")
-    what = "measurements of each side (default 5; 3 with --quick)"
-    add("--repeats", type=whole(1), help=what)
-    what = "a quarter of the rollout, fewer repeats and a smaller grid"
-    add("--quick", action="store_true", help=what)
+    help_text = "measurements of each side (default 5; 3 with --quick)"
+    add("--repeats", type=whole(1), help=help_text)
+    help_text = "a quarter of the rollout, fewer repeats and a smaller grid"
+    add("--quick", action="store_true", help=help_text)
     add("--no-sb3", action="store_true", help="leave Stable-Baselines3 out")
     return parser
 

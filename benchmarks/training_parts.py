@@ -170,10 +170,10 @@ def _gradient_step_parts(prepared: _Prepared, batch: ppo.Batch) -> Iterator[Part
     order = jax.random.permutation(prepared.key, samples // segment)[: size // segment]
     yield _compile_part("shuffle", _gather, steps, rows, order)
     minibatch = jax.jit(_gather)(rows, order)
-    both = learner.actor, learner.critic
+    networks = learner.actor, learner.critic
     gradient = partial(ppo.gradient_of, networks=algorithm.networks, settings=algorithm.settings)
-    yield _compile_part("gradients", gradient, steps, both, minibatch)
-    direction = jax.tree.map(jnp.ones_like, both)
+    yield _compile_part("gradients", gradient, steps, networks, minibatch)
+    direction = jax.tree.map(jnp.ones_like, networks)
     optimise = algorithm.networks.optimizer.update
     yield _compile_part("optimiser", optimise, steps, direction, learner.optimizer)
 
@@ -279,8 +279,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Measure and print."""
     parser = Parser(prog="python -m benchmarks.training_parts", description=__doc__)
     config_options(parser, "configs/best.yaml")
-    what = "time for each part, s (default 2)"
-    parser.add_argument("--seconds", type=real(0.001, 3_600.0, "s"), default=2.0, help=what)
+    help_text = "time for each part, s (default 2)"
+    parser.add_argument("--seconds", type=real(0.001, 3_600.0, "s"), default=2.0, help=help_text)
     options = parser.parse_args(argv)
     config = load(TrainConfig, options.config, options.set)
     if config.algorithm != PPO or config.network.feature_set != "set":

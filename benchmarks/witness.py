@@ -129,7 +129,7 @@ def optimise(guess: np.ndarray, problem: Problem, iterations: int) -> float:
             cache[key] = np.asarray(_VALUES(flat, problem)), np.asarray(_SLOPES(flat, problem))
         return cache[key]
 
-    done = minimize(
+    result = minimize(
         lambda flat: at(flat)[0][0],
         np.clip(guess, -1.0, 1.0).ravel(),
         jac=lambda flat: at(flat)[1][0],
@@ -142,7 +142,7 @@ def optimise(guess: np.ndarray, problem: Problem, iterations: int) -> float:
         method="SLSQP",
         options={"maxiter": iterations, "ftol": 1e-6},
     )
-    flight = _FLY(np.clip(done.x, -1, 1).reshape(-1, 2), problem)
+    flight = _FLY(np.clip(result.x, -1, 1).reshape(-1, 2), problem)
     keeps_rules = (
         flight.separation.min() >= RULES.separation and flight.to_goal <= RULES.goal_radius
     )
@@ -214,8 +214,8 @@ def main() -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
     add = parser.add_argument
-    what = "circle encounters in conflict (default 60)"
-    add("--encounters", type=whole(1), default=60, help=what)
+    help_text = "circle encounters in conflict (default 60)"
+    add("--encounters", type=whole(1), default=60, help=help_text)
     add("--seed", type=whole(0), default=0, help="seed of the encounters (default 0)")
     add(
         "--iterations",
@@ -227,18 +227,18 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     encounters = conflicts(options.encounters, options.seed)
     witnesses = least_cost(encounters, RULES, SURROGATE)
-    known = np.flatnonzero(~np.isnan(witnesses.path))
+    solved = np.flatnonzero(~np.isnan(witnesses.path))
     free = np.array(
-        [compare(take(encounters, i), witnesses, int(i), options.iterations) for i in known]
+        [compare(take(encounters, i), witnesses, int(i), options.iterations) for i in solved]
     )
     own = encounters.own
     to_goal = distance(encounters.goal_x - own.x, encounters.goal_y - own.y, np)
-    straight = to_goal[known] - RULES.goal_radius
-    path = witnesses.path[known]
+    straight = to_goal[solved] - RULES.goal_radius
+    path = witnesses.path[solved]
     best = np.minimum(free, path)
     figures = {
         "encounters": options.encounters,
-        "witnesses": known.size,
+        "witnesses": solved.size,
         "optimiser_found_none": int(np.sum(np.isinf(free))),
         "optimiser_shorter_by_more_than_1_m": int(np.sum(free < path - 1.0)),
         "witness_shorter_by_more_than_1_m": int(np.sum(path < free - 1.0)),

@@ -159,16 +159,16 @@ def reports(scenes: Scenes, kind: str, seed: int) -> list[VehicleState[Air]]:
     """Return what is reported of the intruders ``[N, 1]``, each second."""
     rng = np.random.default_rng([seed, list(KINDS).index(kind)])
     shape, received = scenes.wind_x.shape, []
-    known = None
+    last = None
     for second in range(max(_ASKED)):
         state = KINDS[kind](scenes, second)
         vx, vy = (part + ERRORS[1] * rng.normal(size=shape) for part in velocity(state, np))
         x, y = (part + ERRORS[0] * rng.normal(size=shape) for part in (state.x, state.y))
-        if known is not None and kind == "held":
+        if last is not None and kind == "held":
             new = second % scenes.held == 0
-            x, y = np.where(new, x, known.x), np.where(new, y, known.y)
-        known = VehicleState(x, y, np.arctan2(vy, vx), np.hypot(vx, vy))
-        received.append(map_leaves(lambda field: field[:, None], known))
+            x, y = np.where(new, x, last.x), np.where(new, y, last.y)
+        last = VehicleState(x, y, np.arctan2(vy, vx), np.hypot(vx, vy))
+        received.append(map_leaves(lambda field: field[:, None], last))
     return received
 
 
@@ -177,7 +177,7 @@ class Moment(NamedTuple):
 
     traffic: Traffic
     refused: np.ndarray  # whether nothing may be planned with it, bool
-    found: np.ndarray  # whether something wrong is shown, bool
+    wrong: np.ndarray  # whether something wrong is shown, bool
 
 
 def follow(
@@ -191,19 +191,19 @@ def follow(
     mask = np.ones((count, 1), dtype=bool)
     memory: Memory = blank(count, 1, own.speed)
     sightings: Sightings[Air] | None = None
-    said = ERRORS if declared else (0.0, 0.0)
+    declared_std = ERRORS if declared else (0.0, 0.0)
     for second, state in enumerate(received):
-        sightings = observe(sightings, Reports(state, *said, declared), float(second), mask)
-        given = believed(float(second), own, sightings, mask, thresholds.turn_time)
+        sightings = observe(sightings, Reports(state, *declared_std, declared), float(second), mask)
+        inputs = believed(float(second), own, sightings, mask, thresholds.turn_time)
         if not declared:
-            given = given._replace(
-                position_std=np.maximum(given.position_std, USUAL.position_std),
-                velocity_std=np.maximum(given.velocity_std, USUAL.velocity_std),
+            inputs = inputs._replace(
+                position_std=np.maximum(inputs.position_std, USUAL.position_std),
+                velocity_std=np.maximum(inputs.velocity_std, USUAL.velocity_std),
             )
-        memory, _own, traffic, _causes, causes = update(memory, given, thresholds)
+        memory, _own, traffic, _causes, causes = update(memory, inputs, thresholds)
         refused = (causes & int(Cause.INTRUDER_MISSING | Cause.INTRUDER_STALE)) != 0
-        found = contradict(sightings, float(second), thresholds.intruder_age)
-        yield Moment(traffic, refused, found)
+        wrong = contradict(sightings, float(second), thresholds.intruder_age)
+        yield Moment(traffic, refused, wrong)
 
 
 def covers(scenes: Scenes, moment: Moment, time: float) -> np.ndarray:
@@ -235,17 +235,17 @@ def plan(
     state = state._replace(x=state.x - (vx * time)[:, None], y=state.y - (vy * time)[:, None])
     traffic = moment.traffic._replace(state=state, window=None, separation=None)
     request = request_of(scenes.encounters, options.aircraft)._replace(traffic=traffic)
-    count, wanted = len(scenes.wind_x), np.flatnonzero(~moment.refused[:, 0])
+    count, accepted = len(scenes.wind_x), np.flatnonzero(~moment.refused[:, 0])
     safe, below = np.zeros(count, dtype=bool), np.zeros(count)
     exact = replace(options, requirement=options.requirement._replace(margin=0.0, sigmas=0.0))
-    for rows in np.array_split(wanted, math.ceil(max(wanted.size, 1) / _ROWS)):
+    for rows in np.array_split(accepted, math.ceil(max(accepted.size, 1) / _ROWS)):
         if rows.size == 0:
             continue
-        made = plan_many(take(request, rows), policy, options).candidates
+        candidates = plan_many(take(request, rows), policy, options).candidates
         true = Traffic.straight(take(scenes.encounters.intruders, rows))
-        judged = validate(made.plan_states, true, exact.requirement, exact.limits)
-        violated = made.safe & judged.wrong[:, CHECKS.index("separation")]
-        safe[rows], below[rows] = made.safe, np.where(violated, -judged.clearance, 0.0)
+        judged = validate(candidates.plan_states, true, exact.requirement, exact.limits)
+        violated = candidates.safe & judged.wrong[:, CHECKS.index("separation")]
+        safe[rows], below[rows] = candidates.safe, np.where(violated, -judged.clearance, 0.0)
     return Planned(safe, below)
 
 
@@ -260,16 +260,16 @@ def figures(
         follow(scenes, reports(scenes, kind, seed), declared, thresholds)
     ):
         covered = covers(scenes, moment, float(second))
-        covered |= moment.refused[:, 0] | moment.found[:, 0]
+        covered |= moment.refused[:, 0] | moment.wrong[:, 0]
         if second >= _SETTLED:
             settled.append(covered)
         if second + 1 not in _ASKED:
             continue
-        made = plan(scenes, moment, float(second), policy, options)
+        planned = plan(scenes, moment, float(second), policy, options)
         result |= {
-            f"safe_{second + 1}": float(made.safe.mean()),
-            f"violated_{second + 1}": int(np.count_nonzero(made.below)),
-            f"deepest_{second + 1}_m": float(made.below.max()),
+            f"safe_{second + 1}": float(planned.safe.mean()),
+            f"violated_{second + 1}": int(np.count_nonzero(planned.below)),
+            f"deepest_{second + 1}_m": float(planned.below.max()),
             f"covered_{second + 1}": float(covered.mean()),
         }
     return result | {"settled_covered": float(np.mean(settled))}
@@ -279,8 +279,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
     parser = Parser(description=__doc__)
     add = parser.add_argument
-    what = "scenes, of all kinds alike (default 1000)"
-    add("--scenes", type=whole(len(KINDS)), default=1000, metavar="N", help=what)
+    help_text = "scenes, of all kinds alike (default 1000)"
+    add("--scenes", type=whole(len(KINDS)), default=1000, metavar="N", help=help_text)
     add("--seed", type=whole(0), default=100, help="seed of scenes and errors (default 100)")
     options = parser.parse_args(arguments)
     policy = Policy.load()

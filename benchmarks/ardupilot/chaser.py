@@ -63,12 +63,12 @@ class Chaser:
 
     def leave(self) -> None:
         """Let all turn away from us from now on."""
-        for one in self._others:
-            one.leaves = True
+        for intruder in self._others:
+            intruder.leaves = True
 
     def distance(self, own: Row) -> float:
         """Return the distance of the nearest of them from our row, by their last report, m."""
-        away = (math.hypot(one.x - own.x, one.y - own.y) for one in self._others)
+        away = (math.hypot(intruder.x - own.x, intruder.y - own.y) for intruder in self._others)
         return min(away, default=math.inf)
 
     def report(self, sitl: Sitl, own: Row) -> None:
@@ -79,7 +79,7 @@ class Chaser:
         if 0.0 <= passed < _PERIOD:
             return
         self._time = own.time
-        for one in self._others:
-            one.fly(passed if math.isfinite(passed) else 0.0, own)
-            track = 90.0 - math.degrees(one.course)
-            sitl.traffic(one.number, one.x, one.y, track, _SPEED, _ABOVE)
+        for intruder in self._others:
+            intruder.fly(passed if math.isfinite(passed) else 0.0, own)
+            track = 90.0 - math.degrees(intruder.course)
+            sitl.traffic(intruder.number, intruder.x, intruder.y, track, _SPEED, _ABOVE)

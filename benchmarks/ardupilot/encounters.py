@@ -29,7 +29,7 @@ def encounter(seed: int, number: int, *, climbing: bool = False) -> Encounter:
     intruders = tuple(_intruder(draw, speed) for _ in range(draw.integers(1, 4)))
     fence = _fence(draw, BEGIN + 55.0 * speed) if draw.random() < 0.5 else ()
     if climbing:
-        intruders = tuple(one._replace(climb=_climb(draw)) for one in intruders)
+        intruders = tuple(intruder._replace(climb=_climb(draw)) for intruder in intruders)
     return Encounter(
         number,
         intruders,
@@ -53,7 +53,7 @@ def ground_speed(wind: float, wind_from: float) -> float:
 def _intruder(draw: np.random.Generator, speed: float) -> Intruder:
     while True:
         cpa = float(draw.uniform(45.0, 65.0))
-        found = Intruder(
+        intruder = Intruder(
             float(draw.uniform(-math.pi, math.pi)),
             float(draw.uniform(15.0, 40.0)),
             cpa,
@@ -62,10 +62,10 @@ def _intruder(draw: np.random.Generator, speed: float) -> Intruder:
         if draw.random() < 1.0 / 3.0:
             turn = math.radians(draw.uniform(30.0, 90.0)) * draw.choice((-1.0, 1.0))
             turn_at = cpa - float(draw.uniform(5.0, 25.0))
-            found = found._replace(turn_at=turn_at, turn=float(turn))
-        x, y, _ = place_of(found, 0.0, speed)
+            intruder = intruder._replace(turn_at=turn_at, turn=float(turn))
+        x, y, _ = place_of(intruder, 0.0, speed)
         if math.hypot(x - BEGIN, y) >= _APART:
-            return found
+            return intruder
 
 
 def _climb(draw: np.random.Generator) -> float:

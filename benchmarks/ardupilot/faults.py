@@ -49,12 +49,12 @@ class _Times:
     """Does things once, each at its time."""
 
     def __init__(self, *steps: tuple[float, Callable[[Sitl], object]]) -> None:
-        self._left = list(steps)
+        self._steps = list(steps)
 
     def __call__(self, sitl: Sitl, seconds: float, row: Row) -> None:
         """Do what is due."""
-        while self._left and seconds >= self._left[0][0]:
-            self._left.pop(0)[1](sitl)
+        while self._steps and seconds >= self._steps[0][0]:
+            self._steps.pop(0)[1](sitl)
 
 
 class _Blind:
@@ -119,7 +119,7 @@ def _stall(sitl: Sitl, seconds: float, row: Row, sleep: int = _STALL) -> None:
 def faults() -> dict[str, Fault]:
     """Return every fault, fresh."""
     blind, draw = _Blind(), random.Random(0)
-    both = _Times((_SPELL[0], _mode(Mode.LOITER)), (_SPELL[0] + 2.0, _mode(Mode.AUTO)))
+    two_modes = _Times((_SPELL[0], _mode(Mode.LOITER)), (_SPELL[0] + 2.0, _mode(Mode.AUTO)))
     gps = _Times(
         (_SPELL[0], _parameter(b"SIM_GPS1_ENABLE", 0.0)),
         (_SPELL[1], _parameter(b"SIM_GPS1_ENABLE", 1.0)),
@@ -141,7 +141,7 @@ def faults() -> dict[str, Fault]:
         "twins": Fault("two aircraft report under one address", _twin),
         "stations": Fault("a second ground station speaks", _beat_as_another),
         "version1": Fault("the ground station speaks version 1 too", _beat_in_version_1),
-        "disagree": Fault("LOITER is set, and two seconds later AUTO", both),
+        "disagree": Fault("LOITER is set, and two seconds later AUTO", two_modes),
         "avoidance": Fault(
             "AVD_ENABLE is set", _Times((_SPELL[0], _parameter(b"AVD_ENABLE", 1.0)))
         ),
@@ -169,15 +169,15 @@ def row_of(name: str, flight: Result) -> dict[str, Any]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Try each, and print."""
-    known = faults()
+    all_faults = faults()
     parser = Parser(prog="python -m benchmarks.ardupilot.faults", description=__doc__)
-    what = "; ".join(f"{name}: {fault.help}" for name, fault in known.items())
-    parser.add_argument("--only", default=",".join(known), help=f"names with commas ({what})")
+    names = "; ".join(f"{name}: {fault.help}" for name, fault in all_faults.items())
+    parser.add_argument("--only", default=",".join(all_faults), help=f"names with commas ({names})")
     options = parser.parse_args(arguments)
     folder()
     rows: list[dict[str, Any]] = []
-    for name in parse_names(options.only, known):
-        rows.append(_try(name, known[name]))
+    for name in parse_names(options.only, all_faults):
+        rows.append(_try(name, all_faults[name]))
         print(json.dumps(rows[-1]), flush=True)
     report({"benchmark": "ardupilot.faults", "rows": rows}, ("pymavlink",))
     return 0

@@ -67,11 +67,11 @@ def plans(encounters: int, instance: int = 13) -> dict[str, Any]:
         for number in range(encounters)
     ]
     took = 1e3 * np.array([plan for flight in flights for plan in flight.planned])
-    found: dict[str, Any] = {"plans": len(took)}
+    times: dict[str, Any] = {"plans": len(took)}
     for name, column in zip(("clock", "processor"), took.T, strict=True):
-        found |= {f"{name}_ms_median": round(float(np.median(column)), 1)}
-        found |= {f"{name}_ms_p99": round(float(np.percentile(column, 99.0)), 1)}
-    return found
+        times |= {f"{name}_ms_median": round(float(np.median(column)), 1)}
+        times |= {f"{name}_ms_p99": round(float(np.percentile(column, 99.0)), 1)}
+    return times
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -38,10 +38,10 @@ class Air(NamedTuple):
 AIRS = {"still": Air(0.0, 0.0), "wind": Air(5.0, 0.0), "turbulence": Air(5.0, 2.0)}
 
 
-def in_air(one: Encounter, air: Air) -> Encounter:
+def in_air(encounter: Encounter, air: Air) -> Encounter:
     """Return an encounter in another air, in which its aircraft still meet."""
-    cruise = ground_speed(air.wind, one.wind_from)
-    return one._replace(wind=air.wind, turbulence=air.turbulence, cruise=cruise)
+    cruise = ground_speed(air.wind, encounter.wind_from)
+    return encounter._replace(wind=air.wind, turbulence=air.turbulence, cruise=cruise)
 
 
 class Distances(NamedTuple):
@@ -56,7 +56,7 @@ def largest(flight: Result) -> Distances | None:
     """Return the largest distances from the plan; None: none was flown."""
     if not flight.steered:
         return None
-    off = np.abs([(one.cross_track, one.along_track, one.above) for one in flight.steered])
+    off = np.abs([(row.cross_track, row.along_track, row.above) for row in flight.steered])
     return Distances(*(float(np.fmax.reduce(column)) for column in off.T))
 
 
@@ -100,13 +100,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _fly(air: Air, options: argparse.Namespace) -> list[Distances]:
     """Return the largest distances of each flight in which a plan was flown."""
-    found: list[Distances] = []
+    distances: list[Distances] = []
     for number in range(options.encounters):
-        one = in_air(encounter(options.seed, number), air)
-        off = largest(fly_encounter(one, options.method, instance=_INSTANCE, speedup=_SPEEDUP))
+        drawn = in_air(encounter(options.seed, number), air)
+        off = largest(fly_encounter(drawn, options.method, instance=_INSTANCE, speedup=_SPEEDUP))
         if off is not None:
-            found.append(off)
-    return found
+            distances.append(off)
+    return distances
 
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ LEGS = (Leg(100.0, 0.0, 60.0, 22, 15.0), Leg(400.0, 0.0), Leg(_MISSION, 0.0))
 class Try(NamedTuple):
     """What came of one try."""
 
-    what: str
+    case: str
     seconds: float  # until control was back; inf: never
     good: bool
 
@@ -111,13 +111,13 @@ def modes(count: int, *, seed: int = 0, instance: int = 8) -> list[Try]:
     """Return what came of so many foreign modes."""
     misses = 0
     draw = np.random.default_rng(seed)
-    found: list[Try] = []
+    tries: list[Try] = []
     with flight(instance, _SPEEDUP) as sitl:
         program = program_beside(sitl)
         ground, chaser = Ground(sitl), Chaser(seed)
         try:
             _pass(program, ground, chaser, 1.0)
-            while len(found) < count:
+            while len(tries) < count:
                 if not _until_guided(program, ground, chaser):
                     misses += 1
                     if misses > _MISSES:
@@ -125,12 +125,12 @@ def modes(count: int, *, seed: int = 0, instance: int = 8) -> list[Try]:
                     continue
                 _set_speedup(sitl, _COUNTED)
                 _pass(program, ground, chaser, float(draw.uniform(0.0, 6.0)))
-                found.append(_take_over(program, ground, chaser, int(draw.choice(MODES))))
+                tries.append(_take_over(program, ground, chaser, int(draw.choice(MODES))))
                 _set_speedup(sitl, _SPEEDUP)
-                print(f"{len(found)}/{count} {found[-1]}", flush=True)
+                print(f"{len(tries)}/{count} {tries[-1]}", flush=True)
         finally:
             program.close()
-    return found
+    return tries
 
 
 def _set_speedup(sitl: Sitl, speedup: float) -> None:
@@ -172,8 +172,8 @@ def _take_over(program: Program, ground: Ground, chaser: Chaser, mode: int) -> T
         if took == math.inf and not program.view.control.flies:
             took = ground.row.time - began
     commanded = program.steered[-1].time - began if program.steered else 0.0
-    told = any("commanding ends" in text for text in ground.texts)
-    good = took <= 1.0 and commanded <= took and told and ground.mode == mode
+    announced = any("commanding ends" in text for text in ground.texts)
+    good = took <= 1.0 and commanded <= took and announced and ground.mode == mode
     return Try(f"mode {mode}", round(took, 2), good)
 
 
@@ -196,15 +196,15 @@ def _pass(program: Program, ground: Ground, chaser: Chaser, seconds: float) -> N
 
 def ends(ways: Sequence[str], *, seed: int = 0, instance: int = 9) -> list[Try]:
     """Return what came of ends of the program."""
-    found: list[Try] = []
+    tries: list[Try] = []
     with flight(instance, 1.0) as sitl:
         ground, chaser = Ground(sitl), Chaser(seed)
-        while len(found) < len(ways):
-            one = _end(ways[len(found)], ground, chaser)
-            if one is not None:
-                found.append(one)
-                print(f"{len(found)}/{len(ways)} {one}", flush=True)
-    return found
+        while len(tries) < len(ways):
+            end = _end(ways[len(tries)], ground, chaser)
+            if end is not None:
+                tries.append(end)
+                print(f"{len(tries)}/{len(ways)} {end}", flush=True)
+    return tries
 
 
 def _end(way: str, ground: Ground, chaser: Chaser) -> Try | None:
@@ -257,12 +257,12 @@ def _keep_while_busy(ground: Ground, chaser: Chaser) -> bool:
             wait(ground, chaser, 0.2)
             least = min(least, chaser.distance(ground.row))
     finally:
-        for one in others:
-            one.kill()
-            one.wait()
-    told = [text for text in ground.texts if text.startswith("RLCAS")]
-    print(f"nearest {least:.0f} m; {told}", flush=True)
-    return least >= SEPARATION or any("late by" in text for text in told)
+        for process in others:
+            process.kill()
+            process.wait()
+    texts = [text for text in ground.texts if text.startswith("RLCAS")]
+    print(f"nearest {least:.0f} m; {texts}", flush=True)
+    return least >= SEPARATION or any("late by" in text for text in texts)
 
 
 def wait(
@@ -286,8 +286,8 @@ def program_process(address: str, *, full: bool = False) -> "Generator[subproces
     command = [sys.executable, "-m", "ros_bridge.mavlink", "--connect", address, "--simulated"]
     command += ["--separation", "200", "--fly", *KNOWN]
     log = Path("/dev/full" if full else "/dev/null")
-    with log.open("w", encoding="utf-8") as out:
-        process = subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL)
+    with log.open("w", encoding="utf-8") as log_file:
+        process = subprocess.Popen(command, stdout=log_file, stderr=subprocess.DEVNULL)
         try:
             yield process
         finally:
@@ -326,14 +326,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     figures = {
         "benchmark": "ardupilot.reach",
         "modes": len(by_mode),
-        "modes_good": sum(one.good for one in by_mode),
-        "handed_back_s_max": max((one.seconds for one in by_mode), default=None),
+        "modes_good": sum(attempt.good for attempt in by_mode),
+        "handed_back_s_max": max((attempt.seconds for attempt in by_mode), default=None),
     }
     for way in WAYS:
-        tries = [one for one in by_end if one.what == way]
-        figures |= {way: len(tries), f"{way}_good": sum(one.good for one in tries)}
+        tries = [attempt for attempt in by_end if attempt.case == way]
+        figures |= {way: len(tries), f"{way}_good": sum(attempt.good for attempt in tries)}
     report(figures, ("pymavlink",))
-    return 0 if all(one.good for one in (*by_mode, *by_end)) else 1
+    return 0 if all(attempt.good for attempt in (*by_mode, *by_end)) else 1
 
 
 if __name__ == "__main__":

@@ -44,9 +44,9 @@ class Relay:
                 if self._keep is None:
                     b.sendall(data)
                     continue
-                found = list(frames(waiting + data))
-                passed = [frame for number, frame in found if number < 0 or self._keep(number)]
-                waiting = (waiting + data)[sum(len(frame) for _, frame in found) :]
+                messages = list(frames(waiting + data))
+                passed = [frame for number, frame in messages if number < 0 or self._keep(number)]
+                waiting = (waiting + data)[sum(len(frame) for _, frame in messages) :]
                 b.sendall(b"".join(passed))
 
     def lose(self, *, to_program: bool, to_autopilot: bool) -> None:
@@ -85,6 +85,6 @@ def frames(data: bytes) -> Iterator[tuple[int, bytes]]:
         end = at + head + data[at + 1] + 2 + signed
         if len(data) < end:
             return
-        here = data[at + 7 : at + 10] if version == 0xFD else data[at + 5 : at + 6]
-        yield int.from_bytes(here, "little"), data[at:end]
+        identifier = data[at + 7 : at + 10] if version == 0xFD else data[at + 5 : at + 6]
+        yield int.from_bytes(identifier, "little"), data[at:end]
         at = end

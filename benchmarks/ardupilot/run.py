@@ -67,14 +67,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder()
     options.out.mkdir(parents=True, exist_ok=True)
     methods = parse_names(options.only, METHODS)
-    asked: Row = {"seed": options.seed, "separation_m": SEPARATION}
+    settings: Row = {"seed": options.seed, "separation_m": SEPARATION}
     if options.climbing:
-        asked["climbing"] = True
-    rows = read_done(options.out / _FILE, asked)
+        settings["climbing"] = True
+    rows = read_done(options.out / _FILE, settings)
     if not options.anew:
-        rows += stored_flights(asked, rows)
+        rows += stored_flights(settings, rows)
     flown = {(row["number"], row["method"]) for row in rows}
-    wanted = [
+    missing = [
         (number, method)
         for number in range(options.encounters)
         for method in methods
@@ -82,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ]
     try:
         with (options.out / _FILE).open("a", encoding="utf-8") as file:
-            for row in _flights(wanted, options):
+            for row in _flights(missing, options):
                 rows.append(row)
                 print(json.dumps(row), file=file, flush=True)
                 print(json.dumps(row), flush=True)
@@ -94,25 +94,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     complete = _complete(chosen, len(methods))
     print(table(complete))
     report(
-        {"benchmark": "ardupilot", **asked, "encounters": len(complete) // len(methods)}
+        {"benchmark": "ardupilot", **settings, "encounters": len(complete) // len(methods)}
         | {"rows": figures(complete)},
         ("pymavlink",),
     )
     return 0
 
 
-def _flights(wanted: Sequence[tuple[int, str]], options: argparse.Namespace) -> Iterator[Row]:
+def _flights(missing: Sequence[tuple[int, str]], options: argparse.Namespace) -> Iterator[Row]:
     """Fly encounters, given by their numbers, by methods, and yield the line of each when it is
     flown; an interrupt ends those under way.
     """
     if options.workers == 1:
-        yield from (_line(*one, options) for one in wanted)
+        yield from (_line(*flight_key, options) for flight_key in missing)
         return
     instances = multiprocessing.get_context("spawn").SimpleQueue()
     for number in range(options.workers):
         instances.put(options.instance + number)
     with processes(options.workers, _begin, instances, options) as pool:
-        flights = [pool.submit(_work, *one) for one in wanted]
+        flights = [pool.submit(_work, *flight_key) for flight_key in missing]
         yield from (flight.result() for flight in as_completed(flights))
 
 
@@ -136,39 +136,41 @@ def _work(number: int, method: str) -> Row:
 
 
 def _line(number: int, method: str, options: argparse.Namespace) -> Row:
-    one = encounter(options.seed, number, climbing=options.climbing)
-    flight = fly_encounter(one, method, instance=options.instance, speedup=options.speedup)
-    return row_of(one, method, flight)
+    drawn = encounter(options.seed, number, climbing=options.climbing)
+    flight = fly_encounter(drawn, method, instance=options.instance, speedup=options.speedup)
+    return row_of(drawn, method, flight)
 
 
-def fly_encounter(one: Encounter, method: str, *, instance: int, speedup: float) -> Result:
+def fly_encounter(encounter: Encounter, method: str, *, instance: int, speedup: float) -> Result:
     """Fly an encounter by a method; on a busy machine a simulation may start too late, or go on
     unseen, and is tried again.
     """
-    until = (one.goal - BEGIN) / one.cruise + _LATE
-    left = _TRIES
+    until = (encounter.goal - BEGIN) / encounter.cruise + _LATE
+    tries_left = _TRIES
     while True:
-        left -= 1
+        tries_left -= 1
         try:
-            return fly(one, method, instance=instance, speedup=speedup, until=until, stall=_STALL)
+            return fly(
+                encounter, method, instance=instance, speedup=speedup, until=until, stall=_STALL
+            )
         except (SitlError, RuntimeError) as problem:
-            if not left:
+            if not tries_left:
                 raise
-            print(f"encounter {one.number} {method}: {problem}; again", file=sys.stderr)
+            print(f"encounter {encounter.number} {method}: {problem}; again", file=sys.stderr)
 
 
-def row_of(one: Encounter, method: str, flight: Result) -> Row:
+def row_of(encounter: Encounter, method: str, flight: Result) -> Row:
     """Return the line of a flight; lengths in m, times in s."""
     across = [abs(period.cross_track) for period in flight.steered]
     along = [abs(period.along_track) for period in flight.steered]
     above = [abs(period.above) for period in flight.steered if not math.isnan(period.above)]
     return {
-        "number": one.number,
+        "number": encounter.number,
         "method": method,
-        "aircraft": len(one.intruders),
-        "turning": sum(intruder.turn != 0.0 for intruder in one.intruders),
-        "wind": round(one.wind, 2),
-        "fence": bool(one.fence),
+        "aircraft": len(encounter.intruders),
+        "turning": sum(intruder.turn != 0.0 for intruder in encounter.intruders),
+        "wind": round(encounter.wind, 2),
+        "fence": bool(encounter.fence),
         "separation": round(flight.separation, 1),
         "lost": flight.lost,
         "breached": flight.breached,
@@ -186,14 +188,14 @@ def row_of(one: Encounter, method: str, flight: Result) -> Row:
     }
 
 
-def stored_flights(asked: Row, rows: Sequence[Row]) -> list[Row]:
+def stored_flights(settings: Row, rows: Sequence[Row]) -> list[Row]:
     """Return the flights that are stored beside this module, without those that rows hold; none
     where they were asked for something else.
     """
     stored: list[Row] = []
     for name in _STORED:
         first, *lines = Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines()
-        stored += [parse_json(line) for line in lines if parse_json(first) == asked]
+        stored += [parse_json(line) for line in lines if parse_json(first) == settings]
     flown = {(row["number"], row["method"]) for row in rows}
     return [row for row in stored if (row["number"], row["method"]) not in flown]
 
@@ -206,14 +208,14 @@ def _complete(rows: Sequence[Row], methods: int) -> list[Row]:
 
 def figures(rows: Sequence[Row]) -> list[Row]:
     """Return what each method did in each kind of encounters."""
-    found: list[Row] = []
+    lines: list[Row] = []
     for kind in KINDS:
         for method in METHODS:
             flights = [row for row in rows if row["method"] == method and kind.holds(row)]
             if not flights:
                 continue
-            found.append({"kind": kind.name, "method": method} | _figures(flights))
-    return found
+            lines.append({"kind": kind.name, "method": method} | _figures(flights))
+    return lines
 
 
 def _figures(flights: Sequence[Row]) -> Row:
@@ -242,13 +244,13 @@ def table(rows: Sequence[Row]) -> str:
         f"{'':20} {'':15} flights losses breaches arrivals  least, m  path, m  in AUTO, %  on its "
         "track, %"
     ]
-    for one in figures(rows):
-        path = "-" if one["path_m"] is None else f"{one['path_m']:.0f}"
-        track = "-" if one["on_track"] is None else f"{100.0 * one['on_track']:.0f}"
+    for line in figures(rows):
+        path = "-" if line["path_m"] is None else f"{line['path_m']:.0f}"
+        track = "-" if line["on_track"] is None else f"{100.0 * line['on_track']:.0f}"
         lines.append(
-            f"{one['kind']:20} {one['method']:15} {one['flights']:7} {one['losses']:6} "
-            f"{one['breaches']:8} {one['arrivals']:8} {one['least_separation_m']:10.0f} "
-            f"{path:>8} {100.0 * one['on_mission']:11.0f} {track:>16}"
+            f"{line['kind']:20} {line['method']:15} {line['flights']:7} {line['losses']:6} "
+            f"{line['breaches']:8} {line['arrivals']:8} {line['least_separation_m']:10.0f} "
+            f"{path:>8} {100.0 * line['on_mission']:11.0f} {track:>16}"
         )
     return "\n".join(lines)
 
@@ -265,8 +267,8 @@ def _parser() -> Parser:
     add("--climbing", action="store_true", help="the intruders climb or descend")
     names = ",".join(METHODS)
     add("--only", default=names, help=f"methods with commas (default {names})")
-    out = Path("runs/ardupilot")
-    add("--out", type=Path, default=out, help=f"folder of the flights (default {out})")
+    folder = Path("runs/ardupilot")
+    add("--out", type=Path, default=folder, help=f"folder of the flights (default {folder})")
     add("--anew", action="store_true", help="fly those again that have been flown")
     add(
         "--speedup",

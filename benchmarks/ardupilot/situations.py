@@ -70,10 +70,10 @@ SITUATIONS = {
 }
 
 
-def _fly(encounter: Encounter, one: Situation) -> Result:
-    if not one.inside:
+def _fly(encounter: Encounter, situation: Situation) -> Result:
+    if not situation.inside:
         return fly(encounter, "ours_horizontal", instance=12, speedup=40.0, until=_UNTIL)
-    waiting = [one.fence]
+    waiting = [situation.fence]
 
     def upload(sitl: Sitl, seconds: float, row: Row) -> None:
         if waiting:
@@ -84,15 +84,15 @@ def _fly(encounter: Encounter, one: Situation) -> Result:
     return fly(without, "ours_horizontal", instance=12, speedup=40.0, until=_UNTIL, watch=upload)
 
 
-def row_of(name: str, one: Situation, flight: Result) -> dict[str, Any]:
+def row_of(name: str, situation: Situation, flight: Result) -> dict[str, Any]:
     """Return the line of a situation."""
     acted = flight.taken_over > 0
-    good = acted == one.acts and not flight.lost and (one.inside or not flight.breached)
+    good = acted == situation.acts and not flight.lost and (situation.inside or not flight.breached)
     return {
         "situation": name,
         "as_expected": good,
         "acted": acted,
-        "separation_m": round(flight.separation, 1) if one.intruders else None,
+        "separation_m": round(flight.separation, 1) if situation.intruders else None,
         "lost": flight.lost,
         "breached": flight.breached,
         "back_in_auto": flight.rows[-1].mode == 10,
@@ -130,26 +130,26 @@ def overview(flights: Mapping[str, Result], file: Path) -> None:
     plt.close(figure)
 
 
-def _draw(axis: "Axes", one: Situation, flight: Result) -> None:
+def _draw(axis: "Axes", situation: Situation, flight: Result) -> None:
     cruise = Encounter(0, (), 0.0, 0.0).cruise
     for mode, colour in ((Mode.AUTO, "0.5"), (Mode.GUIDED, "C0")):
         rows = [row for row in flight.rows if row.mode == mode]
         axis.plot([row.x for row in rows], [row.y for row in rows], ".", ms=1.5, color=colour)
-    nearest = min(flight.rows, key=lambda row: _separation(row, one, cruise))
+    nearest = min(flight.rows, key=lambda row: _separation(row, situation, cruise))
     axis.plot(nearest.x, nearest.y, "o", ms=3, color="C0")
-    for other in one.intruders:
+    for other in situation.intruders:
         places = [place_of(other, row.time, cruise) for row in flight.rows[::10]]
         axis.plot([p[0] for p in places], [p[1] for p in places], "--", lw=0.8, color="C3")
         axis.plot(*place_of(other, nearest.time, cruise)[:2], "o", ms=3, color="C3")
-    if one.fence:
-        axis.fill(*zip(*one.fence, strict=True), color="C1", alpha=0.3)
+    if situation.fence:
+        axis.fill(*zip(*situation.fence, strict=True), color="C1", alpha=0.3)
     axis.set(xlim=(600.0, 4_000.0), ylim=(-900.0, 900.0), aspect="equal")
     axis.tick_params(labelsize=6)
 
 
-def _separation(row: Row, one: Situation, cruise: float) -> float:
+def _separation(row: Row, situation: Situation, cruise: float) -> float:
     """Return the distance to the nearest intruder at a row of a flight, m; inf without any."""
-    return min((apart(row, other, cruise) for other in one.intruders), default=math.inf)
+    return min((apart(row, other, cruise) for other in situation.intruders), default=math.inf)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -164,11 +164,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rows: list[dict[str, Any]] = []
     flights: dict[str, Result] = {}
     for name in parse_names(options.only, SITUATIONS):
-        one = SITUATIONS[name]
-        encounter = Encounter(0, one.intruders, 0.0, 300.0, fence=one.fence, goal=GOAL)
-        flight = _fly(encounter, one)
+        situation = SITUATIONS[name]
+        encounter = Encounter(0, situation.intruders, 0.0, 300.0, fence=situation.fence, goal=GOAL)
+        flight = _fly(encounter, situation)
         flights[name] = flight
-        rows.append(row_of(name, one, flight))
+        rows.append(row_of(name, situation, flight))
         print(json.dumps(rows[-1]), flush=True)
         if options.out is not None:
             options.out.mkdir(parents=True, exist_ok=True)

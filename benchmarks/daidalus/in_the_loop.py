@@ -37,8 +37,8 @@ def locate() -> Path:
     name = os.environ.get(VARIABLE, "")
     path = Path(name)
     if not name or not path.is_file() or not os.access(path, os.X_OK):
-        given = f"{VARIABLE} is {name!r}" if name else f"{VARIABLE} is not set"
-        raise InputError(f"{given}; expected the path of DAIDALUS in the loop: {_BUILD}")
+        problem = f"{VARIABLE} is {name!r}" if name else f"{VARIABLE} is not set"
+        raise InputError(f"{problem}; expected the path of DAIDALUS in the loop: {_BUILD}")
     return path.resolve()
 
 
@@ -99,8 +99,8 @@ def _request(observation: Observation, aircraft: Aircraft) -> list[str]:
     """Return what the program is asked, a line an encounter."""
     own, others = observation.own, observation.intruders
     above, climb = (
-        np.zeros(others.x.shape) if given is None else given
-        for given in (observation.above, observation.climb)
+        np.zeros(others.x.shape) if values is None else values
+        for values in (observation.above, observation.climb)
     )
     time = aircraft.t_max - observation.left
     goal = course_to_goal(observation, aircraft)

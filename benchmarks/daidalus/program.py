@@ -231,14 +231,14 @@ def _answers(program: Path, folder: Path, text: str) -> list[Second]:
     command = [str(program), "--conf", "plain.conf", "--precision", "6"]
     command += ["--out", "answers.txt", "scenario.xyz"]
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             command, cwd=folder, capture_output=True, text=True, timeout=_PATIENCE, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as problem:
         raise InputError(f"{program}: does not run: {problem}") from None
-    if done.returncode or not (folder / "answers.txt").is_file():
-        words = (done.stderr or done.stdout).strip().splitlines() or ["it says nothing"]
-        raise InputError(f"{program}: ends with {done.returncode}: {words[-1]}")
+    if process.returncode or not (folder / "answers.txt").is_file():
+        words = (process.stderr or process.stdout).strip().splitlines() or ["it says nothing"]
+        raise InputError(f"{program}: ends with {process.returncode}: {words[-1]}")
     return read_answers((folder / "answers.txt").read_text())
 
 

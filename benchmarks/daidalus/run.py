@@ -115,13 +115,13 @@ def main() -> None:
         raise InputError(f"--picture {picture}: no scenario, expected one of {', '.join(names)}")
     if folder is not None:
         create(folder)
-    done, sides = [], {}
+    scenarios, sides = [], {}
     _print_head(HEAD)
     for path in paths:
         sides[path.stem] = fly_both(path, program, {})
-        done.append(compare(path.name, sides[path.stem]))
-        print(line(done[-1]), flush=True)
-    summary = figures(done)
+        scenarios.append(compare(path.name, sides[path.stem]))
+        print(line(scenarios[-1]), flush=True)
+    summary = figures(scenarios)
     if options.variants:
         summary |= _compare_variants(paths, program)
     if options.vertical:
@@ -244,16 +244,16 @@ def fly_both(path: Path, program: Path, changes: dict[str, str]) -> Sides:
 
 def compare(name: str, sides: Sides) -> Scenario:
     """Compare both sides of one scenario."""
-    headings, speeds, known = [], [], 0
+    headings, speeds, compared = [], [], 0
     for row, second in enumerate(sides.seconds):
         if second is not None:
-            known += 1
+            compared += 1
             headings += match_edges(second.headings, sides.ours.headings, row, HEADINGS)
             speeds += match_edges(second.speeds, sides.ours.speeds, row, SPEEDS)
     errors, same, raised = _compare_alerts(sides.flight, sides.ours, sides.seconds)
     return Scenario(
         name=name,
-        seconds=known,
+        seconds=compared,
         headings=headings,
         speeds=speeds,
         loss_error=errors,
@@ -350,15 +350,15 @@ def _cells(edges: list[Match], unit: float) -> list[str]:
     return [str(len(edges)), f"{100.0 * share(edges):.2f}" if edges else "", middle, why]
 
 
-def figures(done: list[Scenario]) -> dict[str, Any]:
+def figures(scenarios: list[Scenario]) -> dict[str, Any]:
     """Return the figures of all scenarios together."""
-    headings = [match for scenario in done for match in scenario.headings]
-    speeds = [match for scenario in done for match in scenario.speeds]
-    errors = np.concatenate([scenario.loss_error for scenario in done])
+    headings = [match for scenario in scenarios for match in scenario.headings]
+    speeds = [match for scenario in scenarios for match in scenario.speeds]
+    errors = np.concatenate([scenario.loss_error for scenario in scenarios])
     finite = errors[np.isfinite(errors)]
-    seconds = sum(scenario.seconds for scenario in done)
+    seconds = sum(scenario.seconds for scenario in scenarios)
     return {
-        "scenarios": len(done),
+        "scenarios": len(scenarios),
         "seconds": seconds,
         "edges_headings": len(headings),
         "edges_headings_within_2_deg": share(headings),
@@ -369,10 +369,12 @@ def figures(done: list[Scenario]) -> dict[str, Any]:
         "losses": int(errors.size),
         "losses_of_one_side": int(errors.size - finite.size),
         "loss_error_max_s": float(finite.max(initial=0.0)),
-        "levels_same": float(np.concatenate([scenario.levels_same for scenario in done]).mean()),
-        "level_reached_apart_max_s": max(
-            (abs(t) for scenario in done for t in scenario.raised), default=0.0
+        "levels_same": float(
+            np.concatenate([scenario.levels_same for scenario in scenarios]).mean()
         ),
-        "program_ms_per_second": 1e3 * sum(scenario.program_s for scenario in done) / seconds,
-        "ours_ms_per_second": 1e3 * sum(scenario.ours_s for scenario in done) / seconds,
+        "level_reached_apart_max_s": max(
+            (abs(t) for scenario in scenarios for t in scenario.raised), default=0.0
+        ),
+        "program_ms_per_second": 1e3 * sum(scenario.program_s for scenario in scenarios) / seconds,
+        "ours_ms_per_second": 1e3 * sum(scenario.ours_s for scenario in scenarios) / seconds,
     }

@@ -27,10 +27,10 @@ class Timed:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._core, name)
 
-    def Run(self, now: float) -> None:  # noqa: N802 - ICAROUS's name
+    def Run(self, moment: float) -> None:  # noqa: N802 - ICAROUS's name
         """Run one step."""
         began = time.process_time()
-        self._core.Run(now)
+        self._core.Run(moment)
         self.slowest = max(self.slowest, time.process_time() - began)
 
 

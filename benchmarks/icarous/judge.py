@@ -31,7 +31,7 @@ class Track(NamedTuple):
     other_y: Array
 
 
-class Verdict(NamedTuple):
+class MissionOutcome(NamedTuple):
     """What became of one flight, until it arrived or ended."""
 
     separation: float  # least distance to any intruder, m; inf without one
@@ -49,7 +49,7 @@ class Verdict(NamedTuple):
         return not self.lost and not self.breached and math.isfinite(self.arrived)
 
 
-def judge(mission: Mission, track: Track, separation: float, radius: float) -> Verdict:
+def judge(mission: Mission, track: Track, separation: float, radius: float) -> MissionOutcome:
     """Judge a flight.
 
     Args:
@@ -67,7 +67,7 @@ def judge(mission: Mission, track: Track, separation: float, radius: float) -> V
     path = float(np.hypot(np.diff(track.x), np.diff(track.y)).sum())
     # What is left within the radius counts as flown.
     whole = path + radius if math.isfinite(arrived) else path
-    return Verdict(
+    return MissionOutcome(
         separation=float(away.min(initial=math.inf)),
         lost=int(near.any(axis=0).sum()),
         lost_at=float(lost_at[0]) if lost_at.size else math.nan,

@@ -112,16 +112,16 @@ class _Resolver:
         """Judge what is flown, and plan where the monitor asks for it."""
         self._pass(own)
         others = self._others(moment)
-        self._watch, verdict = single.step(
+        self._watch, assessment = single.step(
             self._watch, moment, own, others, areas=self._mission.fences
         )
         if moment == 0.0:
             planned = self._plan(own, tuple(others.values()))
             self._watch = single.activate(self._watch, planned, own, others, moment)
             self._take_up(planned, flown=planned.safe)
-        elif verdict.ask is not None:
-            planned = self._plan(verdict.ask.own, verdict.ask.intruders)
-            self._watch, flown = single.answer(self._watch, verdict.ask.number, planned)
+        elif assessment.ask is not None:
+            planned = self._plan(assessment.ask.own, assessment.ask.intruders)
+            self._watch, flown = single.answer(self._watch, assessment.ask.number, planned)
             self._take_up(planned, flown=flown)
         monitor = self._watch.monitor
         ends = float(monitor.started[0] + monitor.plan.end[0])
@@ -141,8 +141,8 @@ class _Resolver:
         )
         rows = []
         for step in range(_SUBSTEPS):
-            here, after = (VehicleState(*(f[step + i] for f in through)) for i in (0, 1))
-            command = steer(here, after, vehicle.state, period, gains(aircraft.dt))
+            before, after = (VehicleState(*(f[step + i] for f in through)) for i in (0, 1))
+            command = steer(before, after, vehicle.state, period, gains(aircraft.dt))
             vehicle.step(*command, period)
             at = moment + (step + 1) * period
             own = frame.to_ground(VehicleState(*(float(f[0]) for f in vehicle.state)), at)

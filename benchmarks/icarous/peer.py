@@ -148,20 +148,20 @@ def fly(mission: Mission, aircraft: Aircraft, home: Path, setting: Setting = CHO
 
 def _run(folder: Path, home: Path, source: Path) -> str:
     """Run the program in a folder; return why it ended before its time, "" where it did not."""
-    known = os.environ | {
+    environment = os.environ | {
         VARIABLE: str(home),
         "LD_LIBRARY_PATH": str(home / "Modules/lib"),
         "PYTHONPATH": str(source),
     }
     command = [str(home / ".venv/bin/python"), "inside.py", "mission.json", "flight.jsonl"]
-    done = subprocess.run(
-        command, cwd=folder, env=known, capture_output=True, text=True, check=False
+    process = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
     )
-    if done.returncode == 0:
+    if process.returncode == 0:
         return ""
-    if done.returncode == -signal.SIGXCPU:
+    if process.returncode == -signal.SIGXCPU:
         return f"it did not answer within {_PATIENCE} s of computation"
-    words = done.stderr.strip().splitlines() or [f"ended with {done.returncode}"]
+    words = process.stderr.strip().splitlines() or [f"ended with {process.returncode}"]
     return words[-1]
 
 

@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.icarous import ours, peer
 from benchmarks.icarous.figure import drawing
 from benchmarks.icarous.flights import Flight
-from benchmarks.icarous.judge import Verdict, judge
+from benchmarks.icarous.judge import MissionOutcome, judge
 from benchmarks.icarous.missions import Mission, aircraft, mission
 from benchmarks.measure import Kind, parse_names, policy_in_flight, read_done, report
 from commands.command import Parser, require, whole
@@ -113,24 +113,24 @@ def _fly_missing(
             drawn = mission(options.seed, number, vehicle.separation)
             began = time.perf_counter()
             flight = fly[side](drawn)
-            verdict = judge(drawn, flight.track, vehicle.separation, vehicle.goal_radius)
+            outcome = judge(drawn, flight.track, vehicle.separation, vehicle.goal_radius)
             rows.append(
-                row_of(drawn, side, flight, verdict) | {"wall": time.perf_counter() - began}
+                row_of(drawn, side, flight, outcome) | {"wall": time.perf_counter() - began}
             )
             print(json.dumps(rows[-1]), file=file, flush=True)
             progress.show(count, f"mission {number} by {side}", rows[-1]["wall"])
     return rows
 
 
-def row_of(mission: Mission, side: str, flight: Flight, verdict: Verdict) -> Row:
+def row_of(mission: Mission, side: str, flight: Flight, outcome: MissionOutcome) -> Row:
     """Return the line of a flight; lengths in m, times in s, None for what there is not."""
     first = min(
-        (when for when in (verdict.lost_at, verdict.breached_at) if math.isfinite(when)),
+        (when for when in (outcome.lost_at, outcome.breached_at) if math.isfinite(when)),
         default=math.nan,
     )
     at = flight.track.time <= first
     promised = bool(flight.promised[at][-1]) if at.any() else False
-    numbers = {name: getattr(verdict, name) for name in Verdict._fields}
+    numbers = {name: getattr(outcome, name) for name in MissionOutcome._fields}
     return {
         "number": mission.number,
         "side": side,
@@ -138,7 +138,7 @@ def row_of(mission: Mission, side: str, flight: Flight, verdict: Verdict) -> Row
         "fences": len(mission.fences),
         "wind": float(mission.wind.speed),
         **{name: value if math.isfinite(value) else None for name, value in numbers.items()},
-        "solved": verdict.solved,
+        "solved": outcome.solved,
         "promised": promised,  # whether what was violated was violated on a plan called SAFE
         "slowest": flight.slowest if math.isfinite(flight.slowest) else None,
         "ended": flight.ended,
@@ -230,7 +230,7 @@ def _parser() -> Parser:
     add("--missions", type=whole(0), default=200, help="missions to fly (default 200)")
     add("--seed", type=whole(0), default=0, help="seed of the missions (default 0)")
     add("--only", help=f"sides that fly, with commas (default {','.join(SIDES)})")
-    out = Path("runs/icarous")
-    add("--out", type=Path, default=out, help=f"folder of the flights (default {out})")
+    folder = Path("runs/icarous")
+    add("--out", type=Path, default=folder, help=f"folder of the flights (default {folder})")
     add("--picture", type=whole(0), metavar="N", help="number of a mission to fly and draw too")
     return parser

@@ -119,14 +119,16 @@ def score_at(curve: Sequence[Point], where: float, axis: Axis, tail: float = TAI
 
     Not a number where no episode had ended by then.
     """
-    known = [
+    reached = [
         point
         for point in curve
         if getattr(point, axis) <= where * (1.0 + 1e-9) and point.episodes > 0
     ]
-    if not known:
+    if not reached:
         return math.nan
-    last = [point for point in known if getattr(point, axis) > (1.0 - tail) * where] or known[-1:]
+    last = [point for point in reached if getattr(point, axis) > (1.0 - tail) * where] or reached[
+        -1:
+    ]
     return float(
         np.average([point.score for point in last], weights=[point.episodes for point in last])
     )

@@ -133,7 +133,7 @@ def _draw_learner(axes: "Axes", look: _Look, seeds: Sequence[_Seed]) -> None:
 
 
 def _arrays(run: Sequence[Point], along: Axis) -> _Seed:
-    known = [point for point in run if np.isfinite(point.score)]
-    places = np.array([getattr(point, along) for point in known], float)
+    scored = [point for point in run if np.isfinite(point.score)]
+    places = np.array([getattr(point, along) for point in scored], float)
     scale = 1e-6 if along == "steps" else 1.0
-    return _Seed(scale * places, np.array([point.score for point in known]))
+    return _Seed(scale * places, np.array([point.score for point in scored]))

@@ -193,8 +193,8 @@ def _learner_figures(
     }
     for axis, place in ends.items():
         scores = [score_at(curve, place, axis) for curve in _lasting(logs)]
-        known = [score for score in scores if math.isfinite(score)]
-        figures[f"score_after_equal_{axis}"] = _as_json(t_mean(known)) | {"seeds": len(known)}
+        finite = [score for score in scores if math.isfinite(score)]
+        figures[f"score_after_equal_{axis}"] = _as_json(t_mean(finite)) | {"seeds": len(finite)}
     for score in SCORES:
         figures[f"time_to_{score:.0f}_s"] = _time_figures(times[score])
     return figures
@@ -209,9 +209,9 @@ def _times(runs: Sequence[Sequence[Point]], score: float) -> Times:
 
 
 def _time_figures(times: Times) -> dict[str, Any]:
-    known = sum(time is not None for time in times.seeds)
+    reached = sum(time is not None for time in times.seeds)
     longer = {} if times.complete or not times.seeds else {"at_least": times.at_least()}
-    return _as_json(times.mean()) | longer | {"reached": known, "seeds": list(times.seeds)}
+    return _as_json(times.mean()) | longer | {"reached": reached, "seeds": list(times.seeds)}
 
 
 def _ratio(theirs: Times, ours: Times, target: float) -> dict[str, Any]:
@@ -329,9 +329,9 @@ def _find_learners(names: Sequence[str] | None) -> list[str]:
     return learners
 
 
-def _train(config: TrainConfig, extent: Extent, learners: Sequence[str], out: Path) -> _Runs:
+def _train(config: TrainConfig, extent: Extent, learners: Sequence[str], folder: Path) -> _Runs:
     """Make the trials and trainings that are missing."""
-    trials = _make_trials(config, extent, learners, out / "trials")
+    trials = _make_trials(config, extent, learners, folder / "trials")
     own = settings(config, 1)[0]
     best_settings = {
         name: best(tried, extent.trial_target) if tried else own for name, tried in trials.items()
@@ -343,13 +343,13 @@ def _train(config: TrainConfig, extent: Extent, learners: Sequence[str], out: Pa
         for name in learners:
             seed = (config.seed + number) % SEED_END
             seeded = with_setting(config, best_settings[name], seed)
-            path = out / "runs" / f"{name}-seed{number}"
+            path = folder / "runs" / f"{name}-seed{number}"
             seeds[name].append(_run(name, seeded, extent.budget_s, path))
     return _Runs(trials, best_settings, seeds)
 
 
 def _make_trials(
-    config: TrainConfig, extent: Extent, learners: Sequence[str], out: Path
+    config: TrainConfig, extent: Extent, learners: Sequence[str], folder: Path
 ) -> dict[str, list[Trial]]:
     """Make the trials of each learner that are missing, in turns, so that a slow moment of the
     machine meets every learner alike.
@@ -362,7 +362,7 @@ def _make_trials(
                 seed = (config.seed + _TRIAL_SEED + more) % SEED_END
                 run = f"{name}-{number}-seed{more}" if more else f"{name}-{number}"
                 seeded = with_setting(config, setting, seed)
-                logs.append(_run(name, seeded, extent.trial_s, out / run, extent.trial_target))
+                logs.append(_run(name, seeded, extent.trial_s, folder / run, extent.trial_target))
             trials[name].append(Trial(setting, tuple(logs)))
     return trials
 
@@ -377,16 +377,16 @@ def _run(
         RunError: the process failed.
     """
     text, file, log_file = dump(config), path.with_suffix(".yaml"), path.with_suffix(".jsonl")
-    done = learning_run.read(log_file)
-    if done is not None and done.ended is not None:
-        same_end = (done.header.get("seconds"), done.header.get("until")) == (seconds, until)
+    stored = learning_run.read(log_file)
+    if stored is not None and stored.ended is not None:
+        same_end = (stored.header.get("seconds"), stored.header.get("until")) == (seconds, until)
         if not file.exists() or file.read_text(encoding="utf-8") != text or not same_end:
             raise ConfigError(
                 f"{log_file}: it was made with other options; expected the same ones, or another "
                 "--out"
             )
         print(f"{path.name}: done before", flush=True)
-        return done
+        return stored
     path.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text, encoding="utf-8")
     print(f"{path.name}: {LEARNERS[learner]}, {_words(settings(config, 1)[0])}", flush=True)
@@ -397,7 +397,7 @@ def _run(
     return log
 
 
-def _process(learner: str, config: Path, seconds: float, out: Path, until: float | None) -> None:
+def _process(learner: str, config: Path, seconds: float, folder: Path, until: float | None) -> None:
     """Run :mod:`benchmarks.learning.training` in a process of its own, on the CPU as every learner
     here.
     """
@@ -409,7 +409,7 @@ def _process(learner: str, config: Path, seconds: float, out: Path, until: float
         "--seconds",
         repr(seconds),
         "--out",
-        str(out),
+        str(folder),
     ]
     if until is not None:
         options += ["--until", repr(until)]
@@ -420,7 +420,9 @@ def _process(learner: str, config: Path, seconds: float, out: Path, until: float
     if status == 130:
         raise KeyboardInterrupt
     if status:
-        raise RunError(f"{out}: the training ended with status {status}; the same command goes on")
+        raise RunError(
+            f"{folder}: the training ended with status {status}; the same command goes on"
+        )
 
 
 def _write_curves(runs: _Runs, path: Path) -> None:

@@ -138,7 +138,7 @@ class _Peer:
     """A peer's PPO in our task; its learning rate follows our schedule."""
 
     def __init__(self, config: TrainConfig, learner: str) -> None:
-        self._config, self._done, self._updates = config, 0, updates(config)
+        self._config, self._updates_made, self._updates = config, 0, updates(config)
         self._flight = TrainingFlight(config)
         environments, width = config.environments, features.size(config.network.feature_set)
         self._cell = Cell(environments, config.rollout, config.ppo.minibatch, config.ppo.epochs)
@@ -156,11 +156,11 @@ class _Peer:
         with contextlib.suppress(DivergedError):
             self._learn()
         self._weights.set(begin)
-        self._done = 0
+        self._updates_made = 0
 
     def update(self) -> Episodes:
         self._learn()
-        self._done += 1
+        self._updates_made += 1
         return Episodes(self._cell.samples, *self._flight.take_episodes())
 
     def _learn(self) -> None:
@@ -171,7 +171,7 @@ class _Peer:
         """
         try:
             self._model.learn(
-                self._cell.samples, log_interval=None, reset_num_timesteps=self._done == 0
+                self._cell.samples, log_interval=None, reset_num_timesteps=self._updates_made == 0
             )
         except ValueError:
             # What torch and the task say of a distribution or an action that is not finite;
@@ -184,7 +184,7 @@ class _Peer:
 
     def _rate(self, _: float) -> float:
         first, last = self._config.learning_rate, self._config.learning_rate_final
-        return first + (last - first) * self._done / self._updates
+        return first + (last - first) * self._updates_made / self._updates
 
 
 class _Weights(Protocol):
@@ -332,10 +332,10 @@ class TrainingFlight:
         )
         self._state, self._mirror_sign, inputs = observed
         reward, sparse, ended = np.asarray(results).T
-        done = ended > 0.0
+        terminated = ended > 0.0
         self.returns += float(sparse.sum(dtype=np.float64))
-        self.episodes += int(np.count_nonzero(done))
-        return np.array(inputs), reward.copy(), done
+        self.episodes += int(np.count_nonzero(terminated))
+        return np.array(inputs), reward.copy(), terminated
 
     def take_episodes(self) -> tuple[float, int]:
         """Return the sum of the sparse rewards and the number of episodes ended since the last

@@ -114,7 +114,7 @@ def _go_on(
     """
     parent = os.getppid()
     windows, spent = Windows(), 0.0
-    for done in range(1, total + 1):
+    for number in range(1, total + 1):
         began = time.perf_counter()
         try:
             episodes = training.update()
@@ -123,7 +123,7 @@ def _go_on(
         took = time.perf_counter() - began
         spent += took
         point = windows.add(episodes, took)
-        ended = _end(done == total, spent >= seconds, point, until)
+        ended = _end(number == total, spent >= seconds, point, until)
         if point is None and ended is not None and not log.points:
             point = windows.finish()  # a curve has one point at least
         if point is not None:
@@ -161,11 +161,11 @@ class _Writer:
 
     def add(self, point: Point, spent: float, *, last: bool) -> None:
         """Append a point of the curve after so much time of the training, s."""
-        known = not math.isnan(point.score)
+        has_score = not math.isnan(point.score)
         self.points += 1
-        self.write(point._asdict() | {"score": point.score if known else None})
+        self.write(point._asdict() | {"score": point.score if has_score else None})
         if last or spent - self._shown >= _PRINTED_EVERY_S:
-            score = f"score {point.score:+.1f}" if known else "no episode ended"
+            score = f"score {point.score:+.1f}" if has_score else "no episode ended"
             steps = f"{point.steps / 1e6:.2f} M steps"
             print(f"  {self._name}: {steps}, {spent:.0f} s, {score}", flush=True)
             self._shown = spent

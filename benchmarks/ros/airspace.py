@@ -238,8 +238,8 @@ def _parser() -> Parser:
     add("--skies", type=whole(1), default=10, help="skies, one after the other (default 10)")
     add("--requests", type=whole(1), default=20, help="requests in each sky (default 20)")
     add("--aircraft", type=whole(1), default=100, help="aircraft beside the ownship (default 100)")
-    what = "radius of a sky, km (default 30)"
-    add("--radius", type=real(1.0, 1_000.0, "km"), default=30.0, help=what)
+    help_text = "radius of a sky, km (default 30)"
+    add("--radius", type=real(1.0, 1_000.0, "km"), default=30.0, help=help_text)
     add("--seed", type=whole(0), default=0, help="seed of the first sky (default 0)")
     deadline_option(parser)
     return parser

@@ -143,14 +143,14 @@ def exact_report(name: str, state: VehicleState[Ground], stamp: "Time") -> "Airc
     from rlcas_msgs.msg import AircraftState
 
     where = geodetic(state)
-    known = AircraftState.VALID_POSITION | AircraftState.VALID_VELOCITY
+    always_valid = AircraftState.VALID_POSITION | AircraftState.VALID_VELOCITY
     exact = (
         AircraftState.VALID_POSITION_STD
         | AircraftState.VALID_VELOCITY_STD
         | AircraftState.VALID_WIND
     )
     message = AircraftState(
-        id=name, valid=known | exact, latitude=where.latitude, longitude=where.longitude
+        id=name, valid=always_valid | exact, latitude=where.latitude, longitude=where.longitude
     )
     message.header.stamp = stamp
     message.velocity.x, message.velocity.y = where.east, where.north

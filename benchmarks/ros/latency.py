@@ -165,12 +165,12 @@ class Caller:
             "runner and translator to subscribe",
         )
 
-    def spin(self, until: Callable[[], bool], what: str) -> None:
+    def spin(self, until: Callable[[], bool], event: str) -> None:
         """Publish and listen until something holds."""
         end = time.monotonic() + PATIENCE
         while not until():
             if time.monotonic() > end:
-                raise SystemExit(f"waited {PATIENCE:g} s for {what}")
+                raise SystemExit(f"waited {PATIENCE:g} s for {event}")
             self.executor.spin_once(timeout_sec=0.02)
 
     def show(self, scene: Scene) -> None:

@@ -190,10 +190,10 @@ def main() -> int:
     parser = Parser(description=__doc__)
     add = parser.add_argument
     add("--requests", type=whole(100), default=10_000, help="requests to plan (default 10000)")
-    what = "hours of simulated time (default 1)"
-    add("--hours", type=real(0.02, 1_000.0, "h"), default=1.0, help=what)
-    what = "simulated over real time, at most (default 10)"
-    add("--rate", type=real(0.1, 1_000.0), default=10.0, help=what)
+    help_text = "hours of simulated time (default 1)"
+    add("--hours", type=real(0.02, 1_000.0, "h"), default=1.0, help=help_text)
+    help_text = "simulated over real time, at most (default 10)"
+    add("--rate", type=real(0.1, 1_000.0), default=10.0, help=help_text)
     add("--seed", type=whole(0), default=0, help="seed of the traffic (default 0)")
     options = parser.parse_args()
     with own_domain():

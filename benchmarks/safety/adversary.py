@@ -463,8 +463,8 @@ def _on_route(route: Array, points: Array, place: Array, length: Array) -> tuple
     leg = np.maximum(leg, np.where(np.abs(steps[:, :1]) < 1.0, 1, 0))
     leg = np.minimum(leg, points[:, None] - 1)
     course = np.angle(np.take_along_axis(steps, leg, 1))
-    left = length - np.take_along_axis(begin, leg, 1)
-    return np.take_along_axis(path, leg, 1) + left * np.exp(1j * course), course
+    remaining = length - np.take_along_axis(begin, leg, 1)
+    return np.take_along_axis(path, leg, 1) + remaining * np.exp(1j * course), course
 
 
 def _wrap(angle: Array) -> Array:

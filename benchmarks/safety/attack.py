@@ -273,11 +273,11 @@ def _judge_within(
     """
     request = requests.request
     route = Route(request.route_x, request.route_y, request.points, last)
-    verdict = resimulate(plan_states, request.own, request.traffic, route, options, limits)
-    for check, row in np.argwhere(verdict.wrong).tolist():
-        separation = float(verdict.min_separation[row])
+    result = resimulate(plan_states, request.own, request.traffic, route, options, limits)
+    for check, row in np.argwhere(result.wrong).tolist():
+        separation = float(result.min_separation[row])
         _blame(tally, CHECKS[check], requests, row, separation=separation)
-    tally.clearance = min(tally.clearance, float(verdict.clearance.min()))
+    tally.clearance = min(tally.clearance, float(result.clearance.min()))
     for name, value in _use(plan_states, limits).items():
         tally.use[name] = max(tally.use.get(name, 0.0), value)
     # No vehicle of ours gets back to a speed beyond the limit that it has left

@@ -201,8 +201,8 @@ def _judge(cases: Sequence[_Case]) -> tuple[Counter[str], list[str]]:
     before, after = wrong([case.right for case in cases]), wrong([case.moved for case in cases])
     for case, bad_before, bad in zip(cases, before, after, strict=True):
         refused = bool(_refusal(case.moved))
-        what = f"{'wrong' if bad else 'right'}, {'refused' if refused else 'accepted'}"
-        counts[f"moved {case.kind}: {what}"] += 1
+        decision = f"{'wrong' if bad else 'right'}, {'refused' if refused else 'accepted'}"
+        counts[f"moved {case.kind}: {decision}"] += 1
         name = f"request {case.number}"
         if bad_before:
             failures.append(f"{name}: {bad_before} is wrong though the plan is SAFE")
@@ -241,43 +241,43 @@ def _before(path: Path, seed: int) -> list[dict[str, Any]]:
     """Return the blocks that a run wrote before it was stopped; a torn last line is cut off."""
     lines = path.read_bytes().splitlines(keepends=True) if path.exists() else []
     whole = [line for line in lines if line.endswith(b"\n")]
-    done = [parse_json(line) for line in whole]
-    if any(block["seed"] != seed for block in done):
+    blocks = [parse_json(line) for line in whole]
+    if any(block["seed"] != seed for block in blocks):
         raise InputError(
-            f"{path} is of seed {done[0]['seed']}; expected --seed {done[0]['seed']} or another "
-            "--out"
+            f"{path} is of seed {blocks[0]['seed']}; expected --seed {blocks[0]['seed']} or "
+            "another --out"
         )
     if len(whole) < len(lines):
         path.write_bytes(b"".join(whole))
-    return done
+    return blocks
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return the exit status."""
     options = _parse(arguments)
     path = None if options.out is None else options.out / "blocks.jsonl"
-    done: list[dict[str, Any]] = []
+    blocks: list[dict[str, Any]] = []
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        done = _before(path, options.seed)
+        blocks = _before(path, options.seed)
     try:
-        _check_blocks(options, path, done)
+        _check_blocks(options, path, blocks)
     except KeyboardInterrupt:
         print("interrupted; these are the figures of what was done", file=sys.stderr)
-    counts = _counts(done)
-    failures = [problem for block in done for problem in block["failures"]]
+    counts = _counts(blocks)
+    failures = [problem for block in blocks for problem in block["failures"]]
     figures = {
         "benchmark": "certificates",
         "seed": options.seed,
         "first": options.first,
         "complete": counts["certificates"] >= options.plans,
-        "blocks": len(done),
+        "blocks": len(blocks),
         "failures": failures,
         "counts": dict(sorted(counts.items())),
     }
     for name in ("slowest_check_s", "largest_certificate_bytes"):
-        figures[name] = max((block[name] for block in done), default=0)
-    report(figures | {"seconds": sum(block["seconds"] for block in done)}, ("numpy",))
+        figures[name] = max((block[name] for block in blocks), default=0)
+    report(figures | {"seconds": sum(block["seconds"] for block in blocks)}, ("numpy",))
     return 1 if failures else 0
 
 
@@ -290,41 +290,41 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
     add("--plans", type=whole_number(1), default=1_000, help="SAFE plans at least (default 1000)")
     add("--seed", type=whole_number(0), default=0, help="seed of the requests (default 0)")
     add("--first", type=whole_number(0), default=0, help="number of the first block (default 0)")
-    what = "processes (default: one for every core)"
-    add("--workers", type=whole_number(1), default=cores(), help=what)
-    what = "directory for the figures of each block; a stopped run goes on there"
-    add("--out", type=Path, help=what)
+    help_text = "processes (default: one for every core)"
+    add("--workers", type=whole_number(1), default=cores(), help=help_text)
+    help_text = "directory for the figures of each block; a stopped run goes on there"
+    add("--out", type=Path, help=help_text)
     return parser.parse_args(arguments)
 
 
 def _check_blocks(
-    options: argparse.Namespace, path: Path | None, done: list[dict[str, Any]]
+    options: argparse.Namespace, path: Path | None, stored: list[dict[str, Any]]
 ) -> None:
     """Check blocks that are not done until there are as many SAFE plans as wanted; each is appended
     to what is done, and to the file.
     """
-    known = {block["block"] for block in done}
-    blocks = (block for block in count(options.first) if block not in known)
-    certificates = _counts(done)["certificates"]
+    numbers = {block["block"] for block in stored}
+    blocks = (block for block in count(options.first) if block not in numbers)
+    certificates = _counts(stored)["certificates"]
     if certificates >= options.plans:
         return
     for block in _results(options.seed, blocks, options.workers):
-        done.append(block)
+        stored.append(block)
         certificates += block["counts"]["certificates"]
         if path is not None:
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(block) + "\n")
-        bad = sum(len(checked["failures"]) for checked in done)
+        bad = sum(len(checked["failures"]) for checked in stored)
         line = f"{certificates} certificates, {bad} failures"
         print(line, *block["failures"], sep="\n", file=sys.stderr)
         if certificates >= options.plans:
             return
 
 
-def _counts(done: list[dict[str, Any]]) -> Counter[str]:
+def _counts(blocks: list[dict[str, Any]]) -> Counter[str]:
     """Return the sums of the counts of blocks."""
     counts: Counter[str] = Counter()
-    for block in done:
+    for block in blocks:
         counts.update(block["counts"])
     return counts
 

@@ -229,9 +229,9 @@ def _sample_leg(pairs: _Pairs, leg: int, bad: Array) -> _Intervals:
     after = flight.speed + flight.acceleration * flight.length
     quick = np.maximum(flight.speed, after)[row, arcs] + pairs.traffic[3, pair, None, None]
     closing = 0.5 * width * quick
-    which, place, piece = np.nonzero(np.minimum(clearance[..., 1:], clearance[..., :-1]) < closing)
-    width = width[which, place, 0]
-    return _Intervals(pair[which], arcs[place, 0], piece * width, width)
+    near, place, piece = np.nonzero(np.minimum(clearance[..., 1:], clearance[..., :-1]) < closing)
+    width = width[near, place, 0]
+    return _Intervals(pair[near], arcs[place, 0], piece * width, width)
 
 
 def _search(pairs: _Pairs, places: _Intervals, bad: Array) -> None:
@@ -298,11 +298,11 @@ class _Needs(NamedTuple):
 
     def at(self, pair: Array, time: Array) -> Array:
         """Return the distance below which a plan is wrong, m, ``[...]``."""
-        here = _Needs(*(field[pair] for field in self))
-        before = np.hypot(here.std, here.velocity_std * here.age)
-        after = np.hypot(here.std, here.velocity_std * (here.age + time))
-        need = here.base + here.sigmas * (after - before)
-        return np.maximum(np.maximum(need - _MARGIN, here.separation - _BELOW), here.claim)
+        needs = _Needs(*(field[pair] for field in self))
+        before = np.hypot(needs.std, needs.velocity_std * needs.age)
+        after = np.hypot(needs.std, needs.velocity_std * (needs.age + time))
+        need = needs.base + needs.sigmas * (after - before)
+        return np.maximum(np.maximum(need - _MARGIN, needs.separation - _BELOW), needs.claim)
 
 
 def required_distances(

@@ -86,7 +86,7 @@ def question(seed: int, number: int, request: Request, unit: float) -> Question:
     intruders, own_separations = _draw_separations(seed, number, intruders, len(order), unit)
     traffic = traffic._replace(age=ages, separation=own_separations[np.argsort(order)])
     route = _draw_route(rng, request)
-    here: VehicleState[Air] = VehicleState(*(float(value) for value in request.own))
+    own_air: VehicleState[Air] = VehicleState(*(float(value) for value in request.own))
     altitude = Altitude(2_000.0, "msl", float(rng.normal(0.0, 3.0))) if rng.random() < 0.7 else None
     truth = request._replace(traffic=take(traffic, order))
     sky = draw_sky(seed, number, request, unit, altitude)
@@ -98,7 +98,7 @@ def question(seed: int, number: int, request: Request, unit: float) -> Question:
         )
         for intruder in intruders
     ]
-    own = _over_ground(here, sky.air_velocity, 0.0)
+    own = _over_ground(own_air, sky.air_velocity, 0.0)
     return Question(own, reports, route, altitude, _in_wind(truth, intruders, sky), sky)
 
 

@@ -28,8 +28,8 @@ __all__ = [
     "TOLERANCE",
     "Flown",
     "Intruders",
+    "Resimulation",
     "Route",
-    "Verdict",
     "displacement",
     "fly",
     "required_distances",
@@ -92,7 +92,7 @@ class Flown(NamedTuple):
     """From then on, rad/s."""
 
 
-class Verdict(NamedTuple):
+class Resimulation(NamedTuple):
     """What was found."""
 
     wrong: Array
@@ -103,8 +103,8 @@ class Verdict(NamedTuple):
     """Smallest sampled distance less the separation of the intruder, m, ``[N]``."""
 
     @classmethod
-    def blank(cls, count: int) -> "Verdict":
-        """Return a verdict on so many plans before anything is found, to be written into."""
+    def blank(cls, count: int) -> "Resimulation":
+        """Return the result of so many plans before anything is found, to be written into."""
         wrong = np.zeros((len(CHECKS), count), dtype=bool)
         return cls(wrong, np.full(count, np.inf), np.full(count, np.inf))
 
@@ -181,7 +181,7 @@ def resimulate(
     route: Route,
     options: Options,
     limits: Limits,
-) -> Verdict:
+) -> Resimulation:
     """Judge plans as published.
 
     Args:
@@ -193,19 +193,19 @@ def resimulate(
         limits: of the vehicle.
     """
     count = len(plan_states.time)
-    verdict = Verdict.blank(count)
+    result = Resimulation.blank(count)
     for first in range(0, count, _ROWS):
         rows = np.arange(first, min(first + _ROWS, count))
         finite = _is_finite(take(plan_states, rows))
-        verdict.wrong[CHECKS.index("not finite"), rows[~finite]] = True
+        result.wrong[CHECKS.index("not finite"), rows[~finite]] = True
         rows = rows[finite]
         plans, own_, traffic_, route_ = take((plan_states, own, traffic, route), rows)
         part = _judge(plans, own_, traffic_, options, limits)
         part.note("last", _off_route(plans, route_, options.extend_route))
-        verdict.wrong[:, rows] |= part.wrong
-        verdict.min_separation[rows] = part.min_separation
-        verdict.clearance[rows] = part.clearance
-    return verdict
+        result.wrong[:, rows] |= part.wrong
+        result.min_separation[rows] = part.min_separation
+        result.clearance[rows] = part.clearance
+    return result
 
 
 def _is_finite(plan_states: PlanStates[Air]) -> Array:
@@ -240,14 +240,14 @@ def _judge(
     traffic: Traffic,
     options: Options,
     limits: Limits,
-) -> Verdict:
+) -> Resimulation:
     """Judge finite plans with increasing times, but for the route."""
-    verdict = Verdict.blank(len(plan_states.time))
+    result = Resimulation.blank(len(plan_states.time))
     if len(plan_states.time) == 0:
-        return verdict
-    _judge_waypoints(verdict, plan_states, own, options)
+        return result
+    _judge_waypoints(result, plan_states, own, options)
     curves = legs(plan_states)
-    _judge_controls(verdict, curves, limits)
+    _judge_controls(result, curves, limits)
     begin, end = take(plan_states, np.s_[:, :-1]), take(plan_states, np.s_[:, 1:])
     place = plan_states.x[:, 0] + 1j * plan_states.y[:, 0]
     required = required_distances(place, traffic, options.requirement)
@@ -256,33 +256,33 @@ def _judge(
     for part in (slice(0, last), slice(last, None)):
         begin_, end_, curves_ = take((begin, end, curves), np.s_[:, part])
         samples = _integrate(begin_, curves_, _steps_of_arc(curves_))
-        _judge_flight(verdict, samples, end_, limits)
-        _judge_distances(verdict, samples, traffic, required, options.requirement)
-    return verdict
+        _judge_flight(result, samples, end_, limits)
+        _judge_distances(result, samples, traffic, required, options.requirement)
+    return result
 
 
 def _judge_waypoints(
-    verdict: Verdict, plan_states: PlanStates[Air], own: VehicleState[Air], options: Options
+    result: Resimulation, plan_states: PlanStates[Air], own: VehicleState[Air], options: Options
 ) -> None:
     """Judge where plans begin, the times of their waypoints, and the range of headings."""
     begin, end = take(plan_states, np.s_[:, 0]), take(plan_states, np.s_[:, -1])
-    verdict.note("start", np.abs(begin.x - own.x) > TOLERANCE)
-    verdict.note("start", np.abs(begin.y - own.y) > TOLERANCE)
+    result.note("start", np.abs(begin.x - own.x) > TOLERANCE)
+    result.note("start", np.abs(begin.y - own.y) > TOLERANCE)
     turn = np.abs(np.exp(1j * begin.heading) - np.exp(1j * own.heading))
-    verdict.note("start", turn > _EXACT)
-    verdict.note("start", np.abs(begin.speed - own.speed) > _EXACT)
+    result.note("start", turn > _EXACT)
+    result.note("start", np.abs(begin.speed - own.speed) > _EXACT)
     last = options.waypoints - 1
     late = plan_states.time[:, :-1] - options.interval * np.arange(last + 1)
-    verdict.note("times", np.abs(late) > _EXACT)
-    verdict.note("times", end.time <= options.interval * last)
-    verdict.note("heading", np.abs(plan_states.heading[:, 1:]) > math.pi + _EXACT)
+    result.note("times", np.abs(late) > _EXACT)
+    result.note("times", end.time <= options.interval * last)
+    result.note("heading", np.abs(plan_states.heading[:, 1:]) > math.pi + _EXACT)
 
 
-def _judge_controls(verdict: Verdict, curves: Legs[Air], limits: Limits) -> None:
+def _judge_controls(result: Resimulation, curves: Legs[Air], limits: Limits) -> None:
     """Judge turn rates and accelerations of the legs."""
-    verdict.note("turn rate", np.abs(curves.yaw_rate) > limits.yaw_rate_max + _EXACT)
-    verdict.note("acceleration", curves.acceleration > limits.acceleration_max + _EXACT)
-    verdict.note("acceleration", curves.acceleration < limits.acceleration_min - _EXACT)
+    result.note("turn rate", np.abs(curves.yaw_rate) > limits.yaw_rate_max + _EXACT)
+    result.note("acceleration", curves.acceleration > limits.acceleration_max + _EXACT)
+    result.note("acceleration", curves.acceleration < limits.acceleration_min - _EXACT)
 
 
 class _Samples(NamedTuple):
@@ -330,17 +330,17 @@ def _integrate(begin: PlanStates[Air], curves: Legs[Air], steps: int) -> _Sample
 
 
 def _judge_flight(
-    verdict: Verdict, samples: _Samples, end: PlanStates[Air], limits: Limits
+    result: Resimulation, samples: _Samples, end: PlanStates[Air], limits: Limits
 ) -> None:
     """Judge whether legs end at their waypoints ``[n, L]``, and the speeds on them."""
     final = _Samples(*(field[..., -1] for field in samples))
-    verdict.note("leg", np.abs(final.place - end.x - 1j * end.y) > TOLERANCE)
+    result.note("leg", np.abs(final.place - end.x - 1j * end.y) > TOLERANCE)
     turn = np.abs(np.exp(1j * final.heading) - np.exp(1j * end.heading))
-    verdict.note("leg", turn > _EXACT)
-    verdict.note("leg", np.abs(final.speed - end.speed) > _EXACT)
-    verdict.note("leg", np.abs(final.time - end.time) > _EXACT)
-    verdict.note("speed", samples.speed < limits.speed_min - _EXACT)
-    verdict.note("speed", samples.speed > limits.speed_max + _EXACT)
+    result.note("leg", turn > _EXACT)
+    result.note("leg", np.abs(final.speed - end.speed) > _EXACT)
+    result.note("leg", np.abs(final.time - end.time) > _EXACT)
+    result.note("speed", samples.speed < limits.speed_min - _EXACT)
+    result.note("speed", samples.speed > limits.speed_max + _EXACT)
 
 
 def _displacement(heading: Array, speed: Array, rate: Array, gain: Array, seconds: Array) -> Array:
@@ -425,7 +425,7 @@ class _Nearest(NamedTuple):
 
 
 def _judge_distances(
-    verdict: Verdict,
+    result: Resimulation,
     samples: _Samples,
     traffic: Traffic,
     required: Array,
@@ -449,12 +449,12 @@ def _judge_distances(
             separation=least[rows, k],
         )
         near = _nearest(pairs, requirement.sigmas, longest)
-        verdict.min_separation[rows] = np.minimum(verdict.min_separation[rows], near.distance)
-        verdict.clearance[rows] = np.minimum(verdict.clearance[rows], near.beyond_separation)
+        result.min_separation[rows] = np.minimum(result.min_separation[rows], near.distance)
+        result.clearance[rows] = np.minimum(result.clearance[rows], near.beyond_separation)
         checks = CHECKS.index("required"), CHECKS.index("separation")
         beyond = near.beyond_required, near.beyond_separation
         for check, distance in zip(checks, beyond, strict=True):
-            verdict.wrong[check, rows] |= distance < -TOLERANCE
+            result.wrong[check, rows] |= distance < -TOLERANCE
 
 
 def _window(traffic: Traffic, rows: Array, k: int) -> tuple[Array, Array]:

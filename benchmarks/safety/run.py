@@ -83,9 +83,9 @@ def main(arguments: list[str] | None = None) -> int:
         any_aircraft=options.any_aircraft,
     )
     with _open_record(options) as record:
-        for batch_tally in record.done.values():
+        for batch_tally in record.tallies.values():
             tally.add(batch_tally)
-        batches = [batch for batch in batches if batch not in record.done]
+        batches = [batch for batch in batches if batch not in record.tallies]
         complete = _attack(options, batches, tally, record)
     figures = {
         "benchmark": "safety",
@@ -139,7 +139,7 @@ def _check(parser: Parser, options: argparse.Namespace) -> None:
 class _Record(NamedTuple):
     """What is done of an attack, and the file, if any, that goes on with it."""
 
-    done: dict[Batch, Tally]
+    tallies: dict[Batch, Tally]
     file: TextIO | None
 
     def add(self, batch: Batch, tally: Tally) -> None:
@@ -157,9 +157,9 @@ def _open_record(options: argparse.Namespace) -> Generator[_Record]:
     options.out.mkdir(parents=True, exist_ok=True)
     path = options.out / _FILE
     same = {name: getattr(options, name) for name in _SAME}
-    done = _read_batches(path, same | {"policy": Policy.load(options.policy).sha256})
+    tallies = _read_batches(path, same | {"policy": Policy.load(options.policy).sha256})
     with path.open("a", encoding="utf-8") as file:
-        yield _Record(done, file)
+        yield _Record(tallies, file)
 
 
 def _attack(

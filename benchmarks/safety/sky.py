@@ -138,17 +138,19 @@ def move(sky: Sky, rng: np.random.Generator) -> Sky:
         wind = sky.wind
         return sky if wind is None else sky._replace(wind=wind._replace(std=wind.std + 1e-3 * size))
     areas = list(sky.areas)
-    which = int(rng.integers(len(areas)))
-    area = areas[which]
+    number = int(rng.integers(len(areas)))
+    area = areas[number]
     kind = int(rng.integers(3))
     if kind == 0:
-        areas[which] = replace(area, clearance=area.clearance + size)
+        areas[number] = replace(area, clearance=area.clearance + size)
     elif kind == 1:
         east, north = area.velocity
-        areas[which] = replace(area, velocity=(east + 2e-3 * size, north - 2e-3 * size))
+        areas[number] = replace(area, velocity=(east + 2e-3 * size, north - 2e-3 * size))
     else:
         more = 2e-3 * size
-        areas[which] = replace(area, growth=area.growth + (-more if area.keep is Keep.IN else more))
+        areas[number] = replace(
+            area, growth=area.growth + (-more if area.keep is Keep.IN else more)
+        )
     return sky._replace(areas=tuple(areas))
 
 
@@ -232,9 +234,9 @@ def _nearest(area: Area, places: Array, grown: Array, counts: Array) -> float:
         counts: when the area counts, bool ``[m]``.
     """
     at = (_distances(area, places) + grown)[counts]
-    both = counts[:-1] & counts[1:]
-    ends = np.stack([places[:-1], places[1:]], axis=-1)[both]
-    between = _chords(area, ends) + grown[:-1][both] if both.any() else np.array([])
+    counting = counts[:-1] & counts[1:]
+    ends = np.stack([places[:-1], places[1:]], axis=-1)[counting]
+    between = _chords(area, ends) + grown[:-1][counting] if counting.any() else np.array([])
     return min(float(at.min(initial=np.inf)), float(between.min(initial=np.inf)))
 
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from agents.policy.inference import Policy
 from benchmarks.icarous import ours, peer
-from benchmarks.icarous.judge import DEPTH, Track, Verdict, distances, judge
+from benchmarks.icarous.judge import DEPTH, MissionOutcome, Track, distances, judge
 from benchmarks.icarous.missions import (
     CRUISE,
     MOST_FENCES,
@@ -51,7 +51,7 @@ def square(x: float, y: float, half: float, keep: Keep = Keep.OUT) -> Area:
     return Area(Polygon(ring), keep=keep)
 
 
-def verdict(fence: Area, track: Track) -> Verdict:
+def outcome(fence: Area, track: Track) -> MissionOutcome:
     return judge(BARE._replace(fences=(fence,)), track, SEPARATION, RADIUS)
 
 
@@ -91,7 +91,7 @@ def test_an_intruder_that_stands_is_lost_where_the_way_passes_too_near(
 
 @given(st.floats(-500.0, 500.0), st.floats(10.0, 400.0))
 def test_a_fence_is_violated_where_the_way_crosses_it(aside: float, half: float) -> None:
-    found = verdict(square(1_500.0, aside, half), east(step=20.0))
+    found = outcome(square(1_500.0, aside, half), east(step=20.0))
     inside = half - abs(aside)
     if abs(inside - DEPTH) > 0.01:
         assert found.breached == (inside > DEPTH)
@@ -106,14 +106,14 @@ def test_a_fence_is_violated_where_the_way_crosses_it(aside: float, half: float)
 def test_a_fence_to_be_kept_in_is_violated_where_the_way_leaves_it(
     north: float, half: float
 ) -> None:
-    found = verdict(square(2_000.0, 0.0, 2_000.0 + half, Keep.IN), east(north=north, until=140.0))
+    found = outcome(square(2_000.0, 0.0, 2_000.0 + half, Keep.IN), east(north=north, until=140.0))
     assert found.breached == 0
-    shifted = verdict(square(2_000.0, 0.0, half, Keep.IN), east(north=north))
+    shifted = outcome(square(2_000.0, 0.0, half, Keep.IN), east(north=north))
     assert shifted.breached == 1 and shifted.breached_at == 0.0
 
 
 def test_what_comes_after_the_arrival_does_not_count() -> None:
-    found = verdict(square(END + 500.0, 0.0, 300.0), east())
+    found = outcome(square(END + 500.0, 0.0, 300.0), east())
     assert found.solved and found.breached == 0
     assert found.arrived == pytest.approx((END - RADIUS) / 25.0, abs=1.0)
     assert found.path == pytest.approx(END - RADIUS, abs=26.0)
