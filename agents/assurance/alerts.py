@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.assurance.bands import Bands, recovery
 from envs.aircraft import Aircraft
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float, Int
 
 
 class Level(IntEnum):
@@ -111,20 +111,26 @@ def rearrange(alerts: Alerts, places: Sequence[int], alerting: Alerting) -> Aler
     return fresh._replace(time=alerts.time)
 
 
-def levels(loss: Array, times: Times) -> Array:
+def levels(loss: Float[Array, "..."], times: Times) -> Int[Array, "..."]:
     """Return the level of times to loss, s, of any shape; inf: none."""
     return sum((np.asarray(loss) <= limit).astype(np.int8) for limit in times)
 
 
-def update(alerts: Alerts, time: Array, loss: Array, mask: Array, alerting: Alerting) -> Alerts:
+def update(
+    alerts: Alerts,
+    time: Float[Array, " N"],
+    loss: Float[Array, "N K"],
+    mask: Bool[Array, "N K"],
+    alerting: Alerting,
+) -> Alerts:
     """Return the alerts after one more look.
 
     A new intruder, and all of them after a gap or a step back in time, show their level at once.
 
     Args:
-        time: now, s, ``[N]``.
-        loss: when the separation from each intruder would be lost, s from now, ``[N, K]``.
-        mask: which intruders exist, bool, ``[N, K]``; one that does not is forgotten.
+        time: now, s.
+        loss: when the separation from each intruder would be lost, s from now.
+        mask: which intruders exist, bool; one that does not is forgotten.
     """
     current = np.asarray(time, dtype=float)[:, None]
     since = current - alerts.time[:, None]
@@ -150,8 +156,8 @@ def update(alerts: Alerts, time: Array, loss: Array, mask: Array, alerting: Aler
     )
 
 
-def shown_losses(bands: Bands) -> Array:
-    """Return when what a display draws of each band is lost, s from now, ``[N, B]``; inf: never.
+def shown_losses(bands: Bands) -> Float[Array, "N B"]:
+    """Return when what a display draws of each band is lost, s from now; inf: never.
 
     It draws a band as far as half-way to its neighbours, so that a band beside a conflict is no
     free one. Only where that would leave none, the manoeuvres to the targets alone count.
@@ -161,8 +167,8 @@ def shown_losses(bands: Bands) -> Array:
     return np.where(some, losses, bands.loss)
 
 
-def regions(bands: Bands, alerting: Alerting, separation: float) -> Array:
-    """Return the regions of bands, codes of :class:`Region`, int8, ``[N, B]``.
+def regions(bands: Bands, alerting: Alerting, separation: float) -> Int[Array, "N B"]:
+    """Return the regions of bands, codes of :class:`Region`, int8.
 
     Where no band of a row is free, the one that :func:`agents.assurance.bands.recovery` picks is
     its way out.

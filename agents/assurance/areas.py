@@ -17,7 +17,7 @@ from agents.kernel.trajectory import Trajectory, trajectory
 from agents.planner.request.options import L, Narrowed
 from envs.area_geometry import signed_distance
 from envs.areas import Area
-from envs.arrays import Array
+from envs.arrays import Array, Float, Int, Shaped
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import take
@@ -77,15 +77,19 @@ def may_be_met(
 
 
 def judge_remaining_plans(
-    plan: Trajectory[Air], since: Array, areas: Array, off: Array, thresholds: Thresholds[Narrowed]
+    plan: Trajectory[Air],
+    since: Float[Array, " N"],
+    areas: Shaped[Array, " N"],
+    off: Float[Array, " N"],
+    thresholds: Thresholds[Narrowed],
 ) -> RemainingPlanKeeps:
     """Return what plans ``[N]`` keep from areas from now on.
 
     Args:
         plan: what is flown.
-        since: time on its clock, s, ``[N]``.
+        since: time on its clock, s.
         areas: that each may meet, as they are now, object ``[N]``.
-        off: distance of the ownship from its plan, m, ``[N]``, which may last: half of the margin,
+        off: distance of the ownship from its plan, m, which may last: half of the margin,
             or this, must be left beyond the clearance.
         thresholds: of the monitor.
     """
@@ -111,8 +115,8 @@ def judge_remaining_plans(
 def judge_backups(
     plan_states: PlanStates[Air],
     curves: Legs[Air],
-    areas: Array,
-    of: Array,
+    areas: Shaped[Array, " N"],
+    of: Int[Array, " M"],
     thresholds: Thresholds[Narrowed],
 ) -> BackupsKeep:
     """Return what backups ``[M]`` from the present on keep.
@@ -121,7 +125,7 @@ def judge_backups(
         plan_states: states, ``[M, B]``, the first the present one at time 0.
         curves: their legs.
         areas: of ownships, object ``[N]``.
-        of: whose backups they are, ``[M]``.
+        of: whose backups they are.
         thresholds: of the monitor.
     """
     backups = BackupsKeep(np.full(len(of), np.inf), np.zeros(len(of)), nameless(len(of)))
@@ -141,7 +145,7 @@ def judge_backups(
     return backups
 
 
-def nameless(count: int) -> Array:
+def nameless(count: int) -> Shaped[Array, " count"]:
     """Return that no area is named, object ``[count]``."""
     return np.full(count, "", dtype=object)
 

@@ -14,7 +14,7 @@ from agents.assurance.climbs import Met
 from agents.assurance.monitor import Decision, Monitor, Thresholds, activate, answer
 from agents.planner.request.options import Narrowed, Options
 from agents.planner.search.candidates import Candidates, empty
-from envs.arrays import Array
+from envs.arrays import Array, Bool
 from envs.trees import scatter, take
 
 WIDE, IN_TIME, ALONG = range(3)
@@ -55,8 +55,8 @@ def tries(
 def renew(
     monitor: Monitor,
     decision: Decision,
-    short: Array,
-    reached: Array,
+    short: Bool[Array, " N"],
+    reached: Bool[Array, " N"],
     time_left: float,
     make: Planner,
     thresholds: Thresholds[Narrowed],
@@ -66,8 +66,8 @@ def renew(
     that is flown.
 
     Args:
-        short: whether the plan that is flown passes over the goal, or gets there too late, ``[N]``.
-        reached: whether the goal was reached, ``[N]``; ``time_left``: seconds until it is missed.
+        short: whether the plan that is flown passes over the goal, or gets there too late.
+        reached: whether the goal was reached; ``time_left``: seconds until it is missed.
         meets: of plans that may climb and descend; None: they are in the plane.
 
     Returns:

@@ -19,7 +19,7 @@ from agents.manoeuvres.simulator import integrate
 from agents.planner.judge.validator import validate
 from agents.planner.request.options import L, Narrowed
 from envs.angles import wrap
-from envs.arrays import Array
+from envs.arrays import Array, Float, Shaped
 from envs.frames import Air
 from envs.kinematics import UNLIMITED, Limits, VehicleState, advance
 from envs.relative import chord
@@ -73,15 +73,18 @@ class Backup(NamedTuple):
     avoids: Array  # whether it keeps the required separation, bool
 
 
-def grade(backup: Backup) -> Array:
-    """Return how good backups are, ``[N]``, from 0: those that stay out of all areas come before
+def grade(backup: Backup) -> Float[Array, " N"]:
+    """Return how good backups are, from 0: those that stay out of all areas come before
     all others, then those that keep more of what is required.
     """
     return 4 * (backup.depth > 0.0) + 2 * ~backup.safe + ~backup.avoids
 
 
 def backup_states(
-    own: VehicleState[Air], course: Array, speed: Array, thresholds: Thresholds[Narrowed]
+    own: VehicleState[Air],
+    course: Float[Array, " M"],
+    speed: Float[Array, " M"],
+    thresholds: Thresholds[Narrowed],
 ) -> PlanStates[Air]:
     """Return backups from the present states as plan states, ``[M, B]``; every leg has constant
     controls.
@@ -103,9 +106,9 @@ def refresh(
     previous: Backup,
     own: VehicleState[Air],
     traffic: Traffic,
-    time: Array,
+    time: Float[Array, " N"],
     thresholds: Thresholds[Narrowed],
-    areas: Array = None,
+    areas: Shaped[Array, " N"] = None,
 ) -> Backup:
     """Return the backups for this step, ``[N]``, from those of the step before; time on the
     monitor's clock, s; areas as of now, object ``[N]``, None: none.
@@ -140,9 +143,9 @@ class _Turns(NamedTuple):
 def search(
     own: VehicleState[Air],
     traffic: Traffic,
-    time: Array,
+    time: Float[Array, " N"],
     thresholds: Thresholds[Narrowed],
-    areas: Array = None,
+    areas: Shaped[Array, " N"] = None,
 ) -> Backup:
     """Return the best backup of the family at a time (s), ``[N]``: a safe one, or that of greatest
     clearance.
@@ -306,7 +309,7 @@ def resting(count: int, thresholds: Thresholds[L]) -> Backup:
     )
 
 
-def straight_east(count: int, times: Array, limits: Limits) -> PlanStates[Air]:
+def straight_east(count: int, times: Float[Array, " W"], limits: Limits) -> PlanStates[Air]:
     """Return plan states of a straight flight at a middle speed, ``[count, W]``."""
     time = np.broadcast_to(times, (count, times.size)).copy()
     zero, speed = np.zeros_like(time), 0.5 * (limits.speed_min + limits.speed_max)

@@ -29,7 +29,7 @@ from agents.kernel.separation import separation
 from agents.kernel.traffic import Requirement, Traffic
 from agents.kernel.trajectory import Steering, Trajectory, manoeuvres, straight_on
 from envs.angles import wrap
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float, Shaped
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.trees import map_leaves, take
@@ -76,8 +76,8 @@ class Bands(NamedTuple):
     nearby: Array
 
     @property
-    def closed(self) -> Array:
-        """Whether the manoeuvre loses the required distance within the look-ahead, ``[N, B]``."""
+    def closed(self) -> Bool[Array, "N B"]:
+        """Whether the manoeuvre loses the required distance within the look-ahead."""
         return np.isfinite(self.loss)
 
 
@@ -103,8 +103,8 @@ def heading_bands(
     requirement: Requirement,
     limits: Limits,
     look_ahead: float,
-    targets: Array = None,
-    areas: Array = None,
+    targets: Float[Array, "... B"] = None,
+    areas: Shaped[Array, " N"] = None,
 ) -> Bands:
     """Return the bands of headings, ``[N, B]``, of ownships ``[N]`` among intruders ``[N, K]``.
 
@@ -138,8 +138,8 @@ def speed_bands(
     requirement: Requirement,
     limits: Limits,
     look_ahead: float,
-    targets: Array = None,
-    areas: Array = None,
+    targets: Float[Array, "... B"] = None,
+    areas: Shaped[Array, " N"] = None,
 ) -> Bands:
     """Return the bands of speeds, ``[N, B]``; the arguments are those of :func:`heading_bands`.
 
@@ -165,9 +165,9 @@ def speed_bands(
 
 def losses_on_course(
     own: VehicleState[Air], traffic: Traffic, requirement: Requirement, look_ahead: float
-) -> Array:
+) -> Float[Array, "N K"]:
     """Return when each intruder comes closer than required if the ownship flies straight on, s from
-    now, ``[N, K]``; inf: not within the look-ahead.
+    now; inf: not within the look-ahead.
     """
     flown = straight_on(own, look_ahead)
     return clearance(flown, separation(traffic, own, requirement)).loss

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float
 
 Judge = Callable[[Array, Array, Array], tuple[Array, Array]]
 """Judges intervals ``[R, C]`` of some rows, numbers ``[R]``, from their lowest to their highest
@@ -51,7 +51,9 @@ class _Intervals(NamedTuple):
         return _Intervals(row, gap, edges[:, :-1].ravel(), edges[:, 1:].ravel())
 
 
-def prove_between(change: Array, closed: Array, judge: Judge, *, circle: bool) -> Between:
+def prove_between(
+    change: Float[Array, "N B"], closed: Bool[Array, "N B"], judge: Judge, *, circle: bool
+) -> Between:
     """Return what is proven about targets that are reached by changes ``[N, B]``, of which some are
     closed.
 
@@ -116,7 +118,9 @@ def _judge(intervals: _Intervals, judge: Judge) -> tuple[Array, Array]:
     return proven[where], loss[where]
 
 
-def free_runs(low: Array, high: Array, whole: float | None) -> list[tuple[float, float]]:
+def free_runs(
+    low: Float[Array, " B"], high: Float[Array, " B"], whole: float | None
+) -> list[tuple[float, float]]:
     """Return from where to where targets ``[B]`` in ascending order, each with what is proven about
     it, are free without a break.
 

@@ -15,7 +15,7 @@ from agents.kernel.traffic import Traffic, Window
 from agents.planner.judge.profile import flyable_profile
 from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder, times_of
-from envs.arrays import Array
+from envs.arrays import Array, Shaped
 from envs.frames import F
 from envs.profile import Height, Profile, levelling, rise_to_level
 from envs.trees import map_leaves
@@ -47,8 +47,8 @@ class Met(NamedTuple):
         spread = map_leaves(self.repeat, traffic._replace(window=None))
         return spread._replace(mask=spread.mask & (begin <= end), window=Window(begin, end))
 
-    def repeat(self, values: Array) -> Array:
-        """Return values of intruders ``[N, K]`` once for each of their times, ``[N, K * T]``."""
+    def repeat(self, values: Shaped[Array, "N K"]) -> Shaped[Array, "N K*T"]:
+        """Return values of intruders ``[N, K]`` once for each of their times."""
         return np.repeat(values, self.times, axis=-1)
 
 

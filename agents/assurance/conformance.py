@@ -14,7 +14,7 @@ from agents.kernel.separation import Separation
 from agents.kernel.traffic import Traffic, predict, requirement_of, separations, uncertainty
 from agents.kernel.trajectory import Trajectory
 from agents.planner.request.options import Narrowed
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float, Int
 from envs.follower import Deviation, deviation
 from envs.frames import Air
 from envs.kinematics import VehicleState, velocity
@@ -27,17 +27,15 @@ _REPORTS = (
 )  # causes that do not lie in the plan
 
 
-def has(causes: Array, any_of: Cause) -> Array:
-    """Return where any of some causes holds, bool ``[N]``."""
+def has(causes: Int[Array, " N"], any_of: Cause) -> Bool[Array, " N"]:
+    """Return where any of some causes holds."""
     return (causes & int(any_of)) != 0
 
 
 def required_separations(
     plan: Trajectory[Air], traffic: Traffic, thresholds: Thresholds[Narrowed]
-) -> Array:
-    """Return the separations that plans made against some intruders were required to keep, m, ``[N,
-    K]``.
-    """
+) -> Float[Array, "N K"]:
+    """Return the separations that plans made against some intruders were required to keep, m."""
     return requirement_of(
         traffic,
         VehicleState(*(field[:, 0] for field in plan.states[:4])),
@@ -45,9 +43,11 @@ def required_separations(
     )
 
 
-def floor(required_separation: Array, traffic: Traffic, thresholds: Thresholds[Narrowed]) -> Array:
+def floor(
+    required_separation: Float[Array, "N K"], traffic: Traffic, thresholds: Thresholds[Narrowed]
+) -> Float[Array, "N K"]:
     """Return the predicted separation from intruders below which a plan with this required
-    separation is no longer good, m, ``[N, K]``.
+    separation is no longer good, m.
     """
     return np.maximum(
         separations(traffic, thresholds.requirement),
@@ -55,8 +55,8 @@ def floor(required_separation: Array, traffic: Traffic, thresholds: Thresholds[N
     )
 
 
-def follows_plan(monitor: Monitor) -> Array:
-    """Return which rows fly a plan, bool ``[N]``."""
+def follows_plan(monitor: Monitor) -> Bool[Array, " N"]:
+    """Return which rows fly a plan."""
     return (monitor.state != State.IDLE) & ~monitor.on_backup
 
 
@@ -93,8 +93,8 @@ def measure(
     memory: Memory,
     own: VehicleState[Air],
     traffic: Traffic,
-    causes: Array,
-    of_each: Array,
+    causes: Int[Array, " N"],
+    of_each: Int[Array, "N K"],
     thresholds: Thresholds[Narrowed],
     on_profile: OnProfile | None = None,
 ) -> tuple[Array, Array, Measured]:

@@ -16,7 +16,7 @@ from agents.assurance.state import Monitor
 from agents.kernel.traffic import Traffic
 from agents.planner.request.reports import Intruder, velocity_std_in, with_state
 from envs.areas import Area, in_air
-from envs.arrays import Array
+from envs.arrays import Array, Float
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves
@@ -34,13 +34,15 @@ class Frame(NamedTuple):
         """Whether it does not stand still over the ground."""
         return bool(self.wind.speed > 0.0)
 
-    def to_air(self, state: VehicleState[Ground], time: Array) -> VehicleState[Air]:
+    def to_air(self, state: VehicleState[Ground], time: Float[Array, "..."]) -> VehicleState[Air]:
         """Return a state at a time, s, as the air mass sees it; one that is missing, NaN, stays."""
         missing = isinstance(state.x, float) and math.isnan(state.x)
         wind = self.wind if self.moves and not missing else NO_WIND
         return through_air(state, wind, time - self.since)
 
-    def to_ground(self, state: VehicleState[Air], time: Array) -> VehicleState[Ground]:
+    def to_ground(
+        self, state: VehicleState[Air], time: Float[Array, "..."]
+    ) -> VehicleState[Ground]:
         """Return a state at a time, s, as the ground sees it."""
         return over_ground(state, self.wind if self.moves else NO_WIND, time - self.since)
 

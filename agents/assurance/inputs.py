@@ -17,7 +17,7 @@ from agents.planner.request.options import Narrowed
 from agents.planner.request.reports import AHEAD
 from agents.policy.domain import excess
 from envs.angles import wrap
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float, Shaped
 from envs.frames import Air
 from envs.kinematics import FASTEST, VehicleState, velocity
 from envs.tracking.tracker import Sightings, belief, carried_turn, plausible_turn
@@ -80,10 +80,10 @@ class Memory(NamedTuple):
 
 
 def inputs(
-    time: Array,
+    time: Float[Array, " #N"],
     own: VehicleState[Air],
     intruders: VehicleState[Air],
-    mask: Array = None,
+    mask: Bool[Array, "N K"] = None,
     **more: Any,
 ) -> Inputs:
     """Return inputs ``[N]``, those of intruders ``[N, K]``; what is not given is 0, that is exact,
@@ -112,7 +112,7 @@ def believed(
     time: float,
     own: VehicleState[Air],
     sightings: Sightings[Air],
-    mask: Array,
+    mask: Bool[Array, "N K"],
     turn_time: float,
     **more: Any,
 ) -> Inputs:
@@ -138,7 +138,7 @@ def believed(
     )
 
 
-def blank(count: int, intruders: int, speed: Array) -> Memory:
+def blank(count: int, intruders: int, speed: Float[Array, " #count"]) -> Memory:
     """Return the memory before the first step, ``[count]``, with an own speed, m/s."""
     never, pairs = np.full(count, -np.inf), (count, intruders)
     return Memory(
@@ -154,7 +154,7 @@ def blank(count: int, intruders: int, speed: Array) -> Memory:
     )
 
 
-def no_areas(count: int) -> Array:
+def no_areas(count: int) -> Shaped[Array, " count"]:
     """Return that there are no areas, object ``[count]``."""
     none = np.empty(count, dtype=object)
     none[:] = [()] * count
@@ -226,14 +226,14 @@ def _take_intruders(
     return memory, np.where(inputs.mask, causes, 0).astype(np.int32)
 
 
-def good_reports(memory: Memory, inputs: Inputs) -> Array:
-    """Return whose reports are taken: they replace the last good ones, bool ``[N, K]``."""
+def good_reports(memory: Memory, inputs: Inputs) -> Bool[Array, "N K"]:
+    """Return whose reports are taken: they replace the last good ones."""
     reports = _judge_reports(memory, inputs, inputs.time)
     return reports.sane & reports.ordered & clock_runs(memory, inputs)[:, None] & inputs.mask
 
 
-def clock_runs(memory: Memory, inputs: Inputs) -> Array:
-    """Return whether the clock has gone on since the last step, bool ``[N]``."""
+def clock_runs(memory: Memory, inputs: Inputs) -> Bool[Array, " N"]:
+    """Return whether the clock has gone on since the last step."""
     return (np.abs(inputs.time) <= _LONGEST) & (inputs.time > memory.time)
 
 
@@ -281,7 +281,7 @@ def _lasting_causes(memory: Memory, time: Array, thresholds: Thresholds[Narrowed
 
 
 def advance(
-    memory: Memory, mask: Array, thresholds: Thresholds[Narrowed]
+    memory: Memory, mask: Bool[Array, "N K"], thresholds: Thresholds[Narrowed]
 ) -> tuple[VehicleState[Air], Traffic]:
     """Return ownship and intruders now, advanced from the last good reports; intruders along the
     turns they show.

@@ -24,7 +24,7 @@ from agents.kernel.traffic import Traffic, whole
 from agents.kernel.trajectory import Trajectory, trajectory
 from agents.planner.judge.validator import validate
 from agents.planner.request.options import Narrowed
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float, Int
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, scatter, take
@@ -33,10 +33,10 @@ from envs.waypoints import PlanStates, at
 
 def activate(
     monitor: Monitor,
-    rows: Array,
+    rows: Int[Array, " M"],
     plan_states: PlanStates[Air],
-    safe: Array,
-    time: Array,
+    safe: Bool[Array, " M"],
+    time: Float[Array, " #M"],
     traffic: Traffic,
     thresholds: Thresholds[Narrowed],
 ) -> Monitor:
@@ -179,10 +179,10 @@ def _state(idle: Array, on_backup: Array, causes: Array, unanswered: Array) -> A
 
 def answer(
     monitor: Monitor,
-    rows: Array,
-    number: Array,
+    rows: Int[Array, " M"],
+    number: Int[Array, " M"],
     plan_states: PlanStates[Air],
-    safe: Array,
+    safe: Bool[Array, " M"],
     thresholds: Thresholds[Narrowed],
     met: Met | None = None,
 ) -> tuple[Monitor, Array]:
@@ -233,7 +233,9 @@ def answer(
     return _with(result, seeing, on_backup=on_backup, state=state), accepted
 
 
-def references(monitor: Monitor, time: Array, dt: float, count: int) -> VehicleState[Air]:
+def references(
+    monitor: Monitor, time: Float[Array, " N"], dt: float, count: int
+) -> VehicleState[Air]:
     """Return the states to be flown through at a time, s, and every ``dt`` after it, ``[count + 1,
     N]``; IDLE: any.
     """

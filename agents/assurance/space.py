@@ -16,7 +16,7 @@ from agents.kernel.levels import Altitude, Line, steady
 from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder
 from envs.areas import Area
-from envs.arrays import Array
+from envs.arrays import Array, Shaped
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 
@@ -37,7 +37,7 @@ class Space:
         """
         return Met(times_met(self.reports, flight, self.thresholds.options), self.areas_met(flight))
 
-    def areas_met(self, flight: Sequence[Line]) -> Array:
+    def areas_met(self, flight: Sequence[Line]) -> Shaped[Array, "1"]:
         """Return the areas that plan or backup may meet on a flight, object ``[1]``."""
         met = no_areas(1)
         if self.areas:

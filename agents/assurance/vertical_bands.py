@@ -42,7 +42,7 @@ from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder
 from envs.aircraft import Vertical
 from envs.areas import Keep, Level, levels_kept
-from envs.arrays import Array
+from envs.arrays import Array, Float, Shaped
 from envs.frames import Air, F
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, take
@@ -122,7 +122,7 @@ def layers(
     requirement: Requirement,
     altitudes: Altitudes,
     look_ahead: float,
-    areas: Array = None,
+    areas: Shaped[Array, " N"] = None,
     floor: Level | None = None,
     ceiling: Level | None = None,
 ) -> Layers:
@@ -151,7 +151,11 @@ def layers(
 
 
 def vertical_speed_bands(
-    shut: Layers, altitudes: Altitudes, vertical: Vertical, look_ahead: float, targets: Array = None
+    shut: Layers,
+    altitudes: Altitudes,
+    vertical: Vertical,
+    look_ahead: float,
+    targets: Float[Array, "... B"] = None,
 ) -> Bands:
     """Return the bands of vertical speeds, ``[N, B]``.
 
@@ -177,7 +181,11 @@ def vertical_speed_bands(
 
 
 def altitude_bands(
-    shut: Layers, altitudes: Altitudes, vertical: Vertical, look_ahead: float, targets: Array = None
+    shut: Layers,
+    altitudes: Altitudes,
+    vertical: Vertical,
+    look_ahead: float,
+    targets: Float[Array, "... B"] = None,
 ) -> Bands:
     """Return the bands of altitudes, ``[N, B]``; the arguments are those of
     :func:`vertical_speed_bands`.

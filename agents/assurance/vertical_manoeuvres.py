@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.aircraft import Vertical
-from envs.arrays import Array
+from envs.arrays import Array, Float
 
 
 class Flight(NamedTuple):
@@ -25,8 +25,8 @@ class Flight(NamedTuple):
     acceleration: Array  # m/s^2
 
     @property
-    def reached(self) -> Array:
-        """When the last piece begins, in which the target is held, s, ``[...]``."""
+    def reached(self) -> Float[Array, "..."]:
+        """When the last piece begins, in which the target is held, s."""
         return self.begin[..., -1]
 
     def mirrored(self) -> "Flight":
@@ -76,7 +76,9 @@ class Times(NamedTuple):
         return Times(-self.end, -self.begin)
 
 
-def to_climb(target: Array, climb: Array, acceleration: float, until: float) -> Flight:
+def to_climb(
+    target: Float[Array, "..."], climb: Float[Array, "..."], acceleration: float, until: float
+) -> Flight:
     """Return flights that change their climb to a target and hold it until a time, s.
 
     Targets and climbs at the request, m/s, ``[...]``, broadcast; the acceleration is in m/s^2.
@@ -85,7 +87,9 @@ def to_climb(target: Array, climb: Array, acceleration: float, until: float) -> 
     return _flight(climb, [(np.abs(change) / acceleration, np.sign(change) * acceleration)], until)
 
 
-def to_altitude(rise: Array, climb: Array, vertical: Vertical, until: float) -> Flight:
+def to_altitude(
+    rise: Float[Array, "..."], climb: Float[Array, "..."], vertical: Vertical, until: float
+) -> Flight:
     """Return flights that rise or fall by so much, m, as soon as they can, level off and stay until
     a time, s.
 
@@ -139,8 +143,8 @@ def _sums(values: Array) -> Array:
     return np.concatenate([none, np.cumsum(values, axis=-1)], axis=-1)
 
 
-def first_below(flight: Flight, bound: Bound, times: Times) -> Array:
-    """Return when flights are at a bound or below it first within some times, s, ``[...]``; inf:
+def first_below(flight: Flight, bound: Bound, times: Times) -> Float[Array, "..."]:
+    """Return when flights are at a bound or below it first within some times, s; inf:
     they stay above. Flights ``[..., P]`` broadcast against bounds and times ``[...]``.
     """
     start, stop, gap, climb = _above(flight, bound, times)
@@ -156,8 +160,8 @@ def first_below(flight: Flight, bound: Bound, times: Times) -> Array:
     return np.where((start <= stop) & (time <= stop), time, np.inf).min(axis=-1)
 
 
-def least_above(flight: Flight, bound: Bound, times: Times) -> Array:
-    """Return by how much flights are above a bound within some times at least, m, ``[...]``; inf
+def least_above(flight: Flight, bound: Bound, times: Times) -> Float[Array, "..."]:
+    """Return by how much flights are above a bound within some times at least, m; inf
     where these are never. The arguments are those of :func:`first_below`.
     """
     start, stop, gap, climb = _above(flight, bound, times)

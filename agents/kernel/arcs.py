@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from envs.arrays import Array, ArrayModule
+from envs.arrays import Array, ArrayModule, Float
 from envs.backend import FLOATS
 from envs.compiled import Arguments, Entry, scalar
 from envs.relative import distance
@@ -16,26 +16,37 @@ from envs.waypoints import Legs, PlanStates
 
 
 @scalar
-def quickest(speed: Array, acceleration: Array, lasts: Array, xp: ArrayModule) -> Array:
-    """Return the greatest speed on arcs that begin with a speed, m/s, and last so long, s;
-    ``[...]``.
-    """
+def quickest(
+    speed: Float[Array, "..."],
+    acceleration: Float[Array, "..."],
+    lasts: Float[Array, "..."],
+    xp: ArrayModule,
+) -> Float[Array, "..."]:
+    """Return the greatest speed on arcs that begin with a speed, m/s, and last so long, s."""
     return xp.maximum(speed, speed + acceleration * lasts)
 
 
 @scalar
 def greatest_acceleration(
-    speed: Array, yaw_rate: Array, acceleration: Array, lasts: Array, xp: ArrayModule
-) -> Array:
-    """Return a bound of the acceleration on arcs, along and across, m/s^2, ``[...]``."""
+    speed: Float[Array, "..."],
+    yaw_rate: Float[Array, "..."],
+    acceleration: Float[Array, "..."],
+    lasts: Float[Array, "..."],
+    xp: ArrayModule,
+) -> Float[Array, "..."]:
+    """Return a bound of the acceleration on arcs, along and across, m/s^2."""
     return distance(acceleration, quickest(speed, acceleration, lasts, xp) * yaw_rate, xp)
 
 
 @scalar
 def quadrature_error(
-    speed: Array, yaw_rate: Array, acceleration: Array, lasts: Array, xp: ArrayModule
-) -> Array:
-    """Return the error of positions on arcs by Gauss-Legendre's rule, m, ``[...]``.
+    speed: Float[Array, "..."],
+    yaw_rate: Float[Array, "..."],
+    acceleration: Float[Array, "..."],
+    lasts: Float[Array, "..."],
+    xp: ArrayModule,
+) -> Float[Array, "..."]:
+    """Return the error of positions on arcs by Gauss-Legendre's rule, m.
 
     Proven in proofs/Quadrature.v (``position_error_bound_sound``).
     """
@@ -52,7 +63,11 @@ def quadrature_error(
 
 
 def fill_bounds(
-    states: PlanStates, curves: Legs, bend: np.ndarray, sagitta: np.ndarray, error: np.ndarray
+    states: PlanStates,
+    curves: Legs,
+    bend: Float[np.ndarray, "N L ARCS"],
+    sagitta: Float[np.ndarray, "N L"],
+    error: Float[np.ndarray, "N L"],
 ) -> None:
     """Write the bounds of :class:`agents.kernel.trajectory.Trajectory`; the arrays are contiguous.
 

@@ -26,7 +26,7 @@ from envs.area_geometry import (
     signed_distance,
 )
 from envs.areas import Area, Keep, Level
-from envs.arrays import Array
+from envs.arrays import Array, Float, Int
 from envs.flat_areas import flat
 from envs.frames import F
 from envs.kinematics import VehicleState
@@ -73,7 +73,12 @@ class AreaClearance(NamedTuple):
         return True
 
     def fill(
-        self, flown: Trajectory[Any], levels: Array, clearances: Clearance, *, closest: bool
+        self,
+        flown: Trajectory[Any],
+        levels: Float[Array, "N K"],
+        clearances: Clearance,
+        *,
+        closest: bool,
     ) -> bool:
         """Fill in what is kept by compiled code; return whether there is any. For the closest there
         is none.
@@ -88,7 +93,12 @@ class AreaClearance(NamedTuple):
         return True
 
     def near(
-        self, flown: Trajectory[Any], levels: Array, clearances: Clearance, *, closest: bool
+        self,
+        flown: Trajectory[Any],
+        levels: Float[Array, "N K"],
+        clearances: Clearance,
+        *,
+        closest: bool,
     ) -> Near:
         """Return the legs that come near an area, and note the bounds of all others: what the
         rectangle about the area tells.
@@ -110,7 +120,7 @@ class AreaClearance(NamedTuple):
         m, number = np.nonzero(near)
         return Near(row[m], leg[m], number)
 
-    def bounds(self, pieces: Pieces, number: Array) -> Bounds:
+    def bounds(self, pieces: Pieces, number: Int[Array, " M"]) -> Bounds:
         """Return what pieces keep of an area each, by their numbers ``[M]``."""
         shape = pieces.begin.shape
         bound, attained = np.full((2, *shape), np.inf)
@@ -136,7 +146,9 @@ class AreaClearance(NamedTuple):
         )
 
 
-def area_clearance(areas: Sequence[ActiveArea], x: Array, y: Array, margin: float) -> AreaClearance:
+def area_clearance(
+    areas: Sequence[ActiveArea], x: Float[Array, " N"], y: Float[Array, " N"], margin: float
+) -> AreaClearance:
     """Return what trajectories that begin at places ``[N]``, m, keep from areas; the margin, m, is
     added to their clearances.
     """
@@ -179,7 +191,9 @@ def relevant(
     return tuple(active)
 
 
-def in_reach(area: Area, x: Array, y: Array, far: float, end: float, margin: float) -> bool:
+def in_reach(
+    area: Area, x: Float[Array, ""], y: Float[Array, ""], far: float, end: float, margin: float
+) -> bool:
     """Return whether an aircraft that flies so far, m, by some time, s, may come nearer to an area
     than its clearance and the margin, m; to one that must be kept in: always.
     """
@@ -236,7 +250,9 @@ def _beyond(
     return (-math.inf, gap / -rate) if gap >= 0.0 else (math.inf, -math.inf)
 
 
-def required_distances(active: ActiveArea, x: Array, y: Array, margin: float) -> Array:
+def required_distances(
+    active: ActiveArea, x: Float[Array, " N"], y: Float[Array, " N"], margin: float
+) -> Float[Array, " N"]:
     """Return the signed distance that plans which begin at places ``[N]`` must keep, m."""
     usual = np.full(np.shape(x), active.area.clearance + margin)
     if active.begin > 0.0:
@@ -305,7 +321,9 @@ class Chords(NamedTuple):
     error: Array  # of the positions, m
 
 
-def bounds_of_chords(area: Area, chords: Chords, enough: Array) -> tuple[Array, Array]:
+def bounds_of_chords(
+    area: Area, chords: Chords, enough: Float[Array, " M"]
+) -> tuple[Float[Array, " M"], Float[Array, " M"]]:
     """Return a lower bound of the signed distance on whole pieces ``[M]``, and the least of its
     values at their ends, m; bounds that are ``enough``, m, need not be better.
     """

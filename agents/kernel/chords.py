@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.kernel.traffic import Traffic, positions
 from agents.kernel.trajectory import Pieces
-from envs.arrays import Array, ArrayModule
+from envs.arrays import Array, ArrayModule, Float
 from envs.compiled import scalar
 from envs.relative import distance
 from envs.trees import map_leaves
@@ -52,16 +52,24 @@ def chords(pieces: Pieces, traffic: Traffic) -> Chord:
 
 
 @scalar
-def largest_sagitta(acceleration: Array, lasts: Array, xp: ArrayModule) -> Array:
+def largest_sagitta(
+    acceleration: Float[Array, "..."], lasts: Float[Array, "..."], xp: ArrayModule
+) -> Float[Array, "..."]:
     """Return by how much motion may leave its chord, m, of a greatest acceleration, m/s^2, that
-    lasts so long, s; ``[...]``.
+    lasts so long, s.
     """
     return xp.maximum(acceleration * (0.125 * lasts**2), 1e-12)
 
 
 @scalar
 def chord_of(
-    x0: Array, y0: Array, x1: Array, y1: Array, sagitta: Array, error: Array, xp: ArrayModule
+    x0: Float[Array, "..."],
+    y0: Float[Array, "..."],
+    x1: Float[Array, "..."],
+    y1: Float[Array, "..."],
+    sagitta: Float[Array, "..."],
+    error: Float[Array, "..."],
+    xp: ArrayModule,
 ) -> Chord:
     """Return the chord from one relative position to another, m, of motion that may leave it by its
     sagitta, m; positions may be off by ``error``, m; all ``[...]``.
@@ -80,9 +88,11 @@ def chord_of(
 
 
 @scalar
-def least_margin(chord: Chord, begin: Array, end: Array, xp: ArrayModule) -> Array:
+def least_margin(
+    chord: Chord, begin: Float[Array, "..."], end: Float[Array, "..."], xp: ArrayModule
+) -> Float[Array, "..."]:
     """Return the smallest distance on chords less what is required, m, which changes evenly from
-    one value to another, the second the greater one; ``[...]``.
+    one value to another, the second the greater one.
     """
     grows, square = end - begin, xp.maximum(chord.dx * chord.dx + chord.dy * chord.dy, 1e-12)
     nearest = -(chord.x * chord.dx + chord.y * chord.dy) / square
@@ -96,7 +106,9 @@ def least_margin(chord: Chord, begin: Array, end: Array, xp: ArrayModule) -> Arr
 
 
 @scalar
-def shares_lost(chord: Chord, begin: Array, end: Array, xp: ArrayModule) -> tuple[Array, Array]:
+def shares_lost(
+    chord: Chord, begin: Float[Array, "..."], end: Float[Array, "..."], xp: ArrayModule
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Return from which share of chords to which less than the required distance is left, which
     changes as for :func:`least_margin`; of chords on which it is; ``[...]`` each.
     """

@@ -20,7 +20,7 @@ from agents.kernel.trajectory import (
     rest_of,
     whole_legs,
 )
-from envs.arrays import Array
+from envs.arrays import Array, Float, Int
 from envs.trees import first_of_each, take
 
 CLOSE = 1e-3
@@ -107,7 +107,12 @@ class Constraint(Protocol):
         ...
 
     def fill(
-        self, flown: Trajectory[Any], levels: Array, clearances: Clearance, *, closest: bool
+        self,
+        flown: Trajectory[Any],
+        levels: Float[Array, "N K"],
+        clearances: Clearance,
+        *,
+        closest: bool,
     ) -> bool:
         """Fill in what is kept by compiled code; return whether there is any that is ready.
 
@@ -116,20 +121,29 @@ class Constraint(Protocol):
         ...
 
     def near(
-        self, flown: Trajectory[Any], levels: Array, clearances: Clearance, *, closest: bool
+        self,
+        flown: Trajectory[Any],
+        levels: Float[Array, "N K"],
+        clearances: Clearance,
+        *,
+        closest: bool,
     ) -> Near:
         """Return the legs that must be judged, and note bounds of the margins of all others, which
         are above the levels of interest, m, ``[N, K]``.
         """
         ...
 
-    def bounds(self, pieces: Pieces, number: Array) -> Bounds:
+    def bounds(self, pieces: Pieces, number: Int[Array, " M"]) -> Bounds:
         """Return what pieces keep of the ones of their numbers ``[M]``."""
         ...
 
 
 def clearance(
-    flown: Trajectory[Any], constraint: Constraint, level: Array = 0.0, *, closest: bool = False
+    flown: Trajectory[Any],
+    constraint: Constraint,
+    level: Float[Array, "#N #K"] = 0.0,
+    *,
+    closest: bool = False,
 ) -> Clearance:
     """Return what trajectories keep from time 0 on.
 

@@ -14,7 +14,7 @@ from agents.kernel.arcs import are_legs
 from agents.kernel.clearance import Bounds, Clearance
 from agents.kernel.scalar_pieces import PIECE, write_parts
 from agents.kernel.trajectory import FINE, Trajectory
-from envs.arrays import Array, Record
+from envs.arrays import Array, Bool, Record, Shaped
 from envs.compiled import scalar
 from envs.waypoints import ARCS
 
@@ -92,11 +92,11 @@ def write_clearance(clearance: Record, into: Clearance, row: int, k: int) -> Non
 
 @scalar
 def judge_straight_legs(
-    wholes: Array,
-    straight: np.ndarray,
+    wholes: Shaped[Array, " L"],
+    straight: Bool[np.ndarray, " L"],
     judged: Judged,
     closest: bool,
-    near: np.ndarray,
+    near: Bool[np.ndarray, " L"],
     clearance: Record,
 ) -> None:
     """Note what legs of uniform motion keep where that decides, which are near no longer; ``[L]``
@@ -113,10 +113,10 @@ def judge_straight_legs(
 
 @scalar
 def judge_arcs(
-    arcs: Array,
+    arcs: Shaped[Array, "L ARCS"],
     judged: Judged,
     nearest: float,
-    near: np.ndarray,
+    near: Bool[np.ndarray, " L"],
     parts: Parts,
     clearance: Record,
 ) -> None:

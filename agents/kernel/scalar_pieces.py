@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from agents.kernel.trajectory import FINE, SHARES, WEIGHTS, Pieces, Trajectory
-from envs.arrays import Array, Record
+from envs.arrays import Array, Float, Record, Shaped
 from envs.compiled import scalar
 from envs.scalar_legs import ARCS, displacement_of_one
 
@@ -16,7 +16,7 @@ PIECE = np.dtype([(name, float) for name in Pieces._fields[2:]])
 
 
 @scalar
-def write_arcs(flown: Trajectory, row: int, arcs: Array) -> None:
+def write_arcs(flown: Trajectory, row: int, arcs: Shaped[Array, "L ARCS"]) -> None:
     """Write what is left of the arcs of a trajectory at time 0, ``[L, ARCS]``."""
     curves = flown.legs
     for leg in range(len(arcs)):
@@ -43,7 +43,7 @@ def write_arcs(flown: Trajectory, row: int, arcs: Array) -> None:
 
 
 @scalar
-def write_whole_legs(flown: Trajectory, row: int, wholes: Array) -> None:
+def write_whole_legs(flown: Trajectory, row: int, wholes: Shaped[Array, " L"]) -> None:
     """Write what is left of the legs of a trajectory at time 0, ``[L]``, as pieces of uniform
     motion.
     """
@@ -80,7 +80,9 @@ def _leave_out_past(piece: Record) -> None:
 
 
 @scalar
-def write_parts(arc: Record, x: np.ndarray, y: np.ndarray) -> None:
+def write_parts(
+    arc: Record, x: Float[np.ndarray, " PARTS"], y: Float[np.ndarray, " PARTS"]
+) -> None:
     """Write where the parts of an arc begin and end, m, ``[FINE + 1]`` each, as
     :func:`agents.kernel.trajectory.along` does.
     """

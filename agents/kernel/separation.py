@@ -20,7 +20,7 @@ from agents.kernel.traffic import (
     within_window,
 )
 from agents.kernel.trajectory import STRAIGHT, Pieces, Trajectory
-from envs.arrays import Array
+from envs.arrays import Array, Float, Int
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.relative import chord
@@ -50,13 +50,18 @@ class Separation(NamedTuple):
         """
         return False
 
-    def rows(self, numbers: Array) -> "Separation":
+    def rows(self, numbers: Int[Array, " M"]) -> "Separation":
         """Return what some trajectories keep, by their numbers."""
         traffic, required, least = take((self.traffic, self.required, self.least), numbers)
         return Separation(traffic, required, least, self.sigmas)
 
     def fill(
-        self, flown: Trajectory[Any], levels: Array, clearances: Clearance, *, closest: bool
+        self,
+        flown: Trajectory[Any],
+        levels: Float[Array, "N K"],
+        clearances: Clearance,
+        *,
+        closest: bool,
     ) -> bool:
         """Fill in what is kept by compiled code; return whether there is any."""
         if not FILL_CLEARANCE.ready:
@@ -77,7 +82,12 @@ class Separation(NamedTuple):
         return True
 
     def near(
-        self, flown: Trajectory[Any], levels: Array, clearances: Clearance, *, closest: bool
+        self,
+        flown: Trajectory[Any],
+        levels: Float[Array, "N K"],
+        clearances: Clearance,
+        *,
+        closest: bool,
     ) -> Near:
         """Return the legs that must be judged piece by piece, and note the bounds of all others.
 
@@ -117,7 +127,7 @@ class Separation(NamedTuple):
         np.minimum(clearances.margin, far, out=clearances.margin)
         return Near(*np.nonzero(near))
 
-    def bounds(self, pieces: Pieces, number: Array) -> Bounds:
+    def bounds(self, pieces: Pieces, number: Int[Array, " M"]) -> Bounds:
         """Return what pieces keep of the separation from an intruder each, by their numbers
         ``[M]``.
 

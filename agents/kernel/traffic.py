@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from envs.angles import wrap
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float
 from envs.backend import FLOATS
 from envs.compiled import scalar
 from envs.frames import Air
@@ -73,7 +73,9 @@ def whole(traffic: Traffic) -> Traffic:
     return traffic
 
 
-def within_window(traffic: Traffic, begin: Array, end: Array) -> Array:
+def within_window(
+    traffic: Traffic, begin: Float[Array, "..."], end: Float[Array, "..."]
+) -> Bool[Array, "..."]:
     """Return which intruders ``[..., K]`` may count in parts from some times to others, s, that
     broadcast; all of them where nobody has a window.
     """
@@ -83,7 +85,9 @@ def within_window(traffic: Traffic, begin: Array, end: Array) -> Array:
     return (end >= window.begin - WINDOW_EDGE) & (begin <= window.end + WINDOW_EDGE)
 
 
-def turn_error(speed: Array, turn_std: Array, turn_time: Array) -> Array:
+def turn_error(
+    speed: Float[Array, "..."], turn_std: Float[Array, "..."], turn_time: Float[Array, "..."]
+) -> Float[Array, "..."]:
     """Return one sigma of the velocity, m/s, that bounds an error of the turn rate, rad/s, where
     the turn goes on for a time, s.
 
@@ -101,7 +105,7 @@ class Requirement(NamedTuple):
     sigmas: float = 2.0  # how many sigmas of the predicted position are added
 
 
-def predict(traffic: Traffic, time: Array) -> VehicleState[Air]:
+def predict(traffic: Traffic, time: Float[Array, "..."]) -> VehicleState[Air]:
     """Return the intruders ``[..., K]`` some seconds (that broadcast) after the request: a turn,
     then straight on.
     """
@@ -110,7 +114,9 @@ def predict(traffic: Traffic, time: Array) -> VehicleState[Air]:
     return VehicleState(x, y, wrap(heading, np), traffic.state.speed + np.zeros_like(x))
 
 
-def positions(traffic: Traffic, time: Array) -> tuple[Array, Array]:
+def positions(
+    traffic: Traffic, time: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Return where the intruders ``[..., K]`` are some seconds (that broadcast) after the request,
     m.
     """
@@ -169,9 +175,9 @@ def place_in_turn(state: VehicleState[Air], turn_rate: float, time: float) -> tu
     return state.x + chord * math.cos(middle), state.y + chord * math.sin(middle)
 
 
-def same_flight(reports: Traffic, age: Array, traffic: Traffic) -> Array:
+def same_flight(reports: Traffic, age: Float[Array, "N K"], traffic: Traffic) -> Bool[Array, "N K"]:
     """Return whether intruders as of the request fly on as their reports say, which are of some
-    age then, s; bool ``[N, K]``.
+    age then, s.
 
     They are looked at where they stand, half-way through the turn, at its end and long after it:
     two arcs of one rate through the same points are the same, two straight lines too.
@@ -189,7 +195,7 @@ def same_flight(reports: Traffic, age: Array, traffic: Traffic) -> Array:
     return (near & alike & (reported.mask == used.mask)).reshape(np.shape(age))
 
 
-def advance_reports(reports: Traffic, age: Array) -> Traffic:
+def advance_reports(reports: Traffic, age: Float[Array, "... K"]) -> Traffic:
     """Return the intruders ``[..., K]`` at the request from reports of an age, s: flown on along
     their turns, or back where the age is below 0.
 
@@ -214,15 +220,13 @@ def uncertainty_of_one(position_std: float, velocity_std: float, age: float, tim
     return math.sqrt(position_std * position_std + drift * drift)
 
 
-def uncertainty(traffic: Traffic, time: Array) -> Array:
-    """Return one sigma of the positions some seconds after the request, per axis, m,
-    ``[..., K]``.
-    """
+def uncertainty(traffic: Traffic, time: Float[Array, "..."]) -> Float[Array, "... K"]:
+    """Return one sigma of the positions some seconds after the request, per axis, m."""
     drift = traffic.velocity_std * (traffic.age + time)
     return np.sqrt(traffic.position_std**2 + drift * drift)
 
 
-def growth(traffic: Traffic, time: Array, sigmas: float) -> Array:
+def growth(traffic: Traffic, time: Float[Array, "..."], sigmas: float) -> Float[Array, "..."]:
     """Return what uncertainty adds to the required distance by some seconds after the request, m;
     the intruders broadcast against the times.
     """
@@ -242,16 +246,18 @@ def growth_of_one(
     return sigmas * (later - uncertainty_of_one(position_std, velocity_std, age, 0.0))
 
 
-def separations(traffic: Traffic, requirement: Requirement) -> Array:
-    """Return the separation from each intruder, m, ``[..., K]``, or one for all."""
+def separations(traffic: Traffic, requirement: Requirement) -> Float[Array, "... K"]:
+    """Return the separation from each intruder, m, or one for all."""
     own = traffic.separation
     if own is None:
         return requirement.separation
     return np.where(np.isnan(own), requirement.separation, own)
 
 
-def requirement_of(traffic: Traffic, own: VehicleState[Air], requirement: Requirement) -> Array:
-    """Return the separation required from each intruder before uncertainty grows, m, ``[..., K]``.
+def requirement_of(
+    traffic: Traffic, own: VehicleState[Air], requirement: Requirement
+) -> Float[Array, "... K"]:
+    """Return the separation required from each intruder before uncertainty grows, m.
 
     Where the request begins inside the margin, the present distance from the ownship ``[...]`` must
     not decrease; it is never less than the separation. Of an intruder that counts later only the

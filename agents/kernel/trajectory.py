@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.kernel.arcs import FILL_BOUNDS, greatest_acceleration, quadrature_error
 from agents.manoeuvres.direct_to_goal import arc_end
-from envs.arrays import Array
+from envs.arrays import Array, Float, Int
 from envs.frames import F
 from envs.kinematics import VehicleState
 from envs.trees import column, contiguous, take
@@ -45,11 +45,11 @@ class Trajectory(NamedTuple, Generic[F]):
     error: Array
 
     @property
-    def end(self) -> Array:
-        """When the last leg ends, s, ``[N]``."""
+    def end(self) -> Float[Array, " N"]:
+        """When the last leg ends, s."""
         return self.states.time[:, -1]
 
-    def since(self, time: Array) -> "Trajectory[F]":
+    def since(self, time: Float[Array, " N"]) -> "Trajectory[F]":
         """Return the same with times from another moment on, s, ``[N]``."""
         shift = np.asarray(time)[:, None]
         return self._replace(
@@ -57,7 +57,7 @@ class Trajectory(NamedTuple, Generic[F]):
             legs=self.legs._replace(time=self.legs.time - shift),
         )
 
-    def widened(self, rate: Array, since: Array) -> "Trajectory[F]":
+    def widened(self, rate: Float[Array, " N"], since: Float[Array, " N"]) -> "Trajectory[F]":
         """Return the same for all that leaves it by so much more in a second, m/s, from a moment
         on, s, ``[N]`` each.
         """
@@ -122,7 +122,9 @@ def trajectory(states: PlanStates[F], curves: Legs[F] | None = None) -> Trajecto
     return Trajectory(states, curves, bend, sagitta, error, error)
 
 
-def straight(x: Array, y: Array, time: Array) -> Trajectory[F]:
+def straight(
+    x: Float[Array, "N W"], y: Float[Array, "N W"], time: Float[Array, "N W"]
+) -> Trajectory[F]:
     """Return uniform motion from place to place, m, at times, s, in ascending order, ``[N, W]``
     each; at a place the velocity may change at once, as where a mission has its corners.
     """
@@ -160,7 +162,7 @@ def straight_on(own: VehicleState[F], until: float) -> Trajectory[F]:
     return straight(x, y, time)
 
 
-def steered(own: VehicleState[F], steering: Steering, time: Array) -> VehicleState[F]:
+def steered(own: VehicleState[F], steering: Steering, time: Float[Array, "..."]) -> VehicleState[F]:
     """Return aircraft on their manoeuvres at times, s, the headings not wrapped; all arguments
     broadcast.
     """
@@ -198,7 +200,7 @@ def manoeuvres(own: VehicleState[F], steering: Steering, until: float) -> Trajec
     return trajectory(PlanStates(*states, time), curves)
 
 
-def pieces(flown: Trajectory[Any], row: Array, leg: Array) -> Pieces:
+def pieces(flown: Trajectory[Any], row: Int[Array, " M"], leg: Int[Array, " M"]) -> Pieces:
     """Return the arcs of legs, by numbers of trajectories and of their legs ``[M]``, with P =
     ``ARCS``.
     """
@@ -230,7 +232,7 @@ def pieces(flown: Trajectory[Any], row: Array, leg: Array) -> Pieces:
     )
 
 
-def whole_legs(flown: Trajectory[Any], row: Array, leg: Array) -> Pieces:
+def whole_legs(flown: Trajectory[Any], row: Int[Array, " M"], leg: Int[Array, " M"]) -> Pieces:
     """Return legs of uniform motion as a piece each, by numbers of trajectories and of their legs
     ``[M]``, with P = 1.
     """
@@ -283,7 +285,7 @@ def rest_of(arcs: Pieces) -> Pieces:
     return arcs._replace(**copies, error_begin=error_begin)
 
 
-def cut(arcs: Pieces, m: Array, p: Array) -> Pieces:
+def cut(arcs: Pieces, m: Int[Array, " Q"], p: Int[Array, " Q"]) -> Pieces:
     """Return the parts, P = ``FINE``, of some arcs, by their numbers ``[Q]``: their row and their
     place in it.
     """
@@ -303,7 +305,9 @@ def cut(arcs: Pieces, m: Array, p: Array) -> Pieces:
     )
 
 
-def along(arcs: Pieces, part: Array) -> tuple[Array, Array]:
+def along(
+    arcs: Pieces, part: Float[Array, "M 1"]
+) -> tuple[Float[Array, "M FINE+1"], Float[Array, "M FINE+1"]]:
     """Return positions on arcs ``[M, 1]`` after 0 to :data:`FINE` parts of some seconds, m,
     ``[M, FINE + 1]`` each: Gauss-Legendre's rule.
     """
@@ -321,8 +325,8 @@ def along(arcs: Pieces, part: Array) -> tuple[Array, Array]:
     return arcs.x0 + moved.real * time, arcs.y0 + moved.imag * time
 
 
-def position_error_bound(curves: Legs[Any]) -> Array:
-    """Return the error of positions on each leg by Gauss-Legendre's rule, m, ``[..., L]``.
+def position_error_bound(curves: Legs[Any]) -> Float[Array, "... L"]:
+    """Return the error of positions on each leg by Gauss-Legendre's rule, m.
 
     Proven in proofs/Quadrature.v (``position_error_bound_sound``): below 1 nm on legs of 20 s,
     1 micrometre on those of a minute.

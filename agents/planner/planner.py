@@ -39,7 +39,7 @@ from agents.planner.search.in_space import SpaceTask, plan_in_space
 from agents.policy.inference import Policy
 from envs.areas import Area
 from envs.areas import in_air as area_in_air
-from envs.arrays import Array
+from envs.arrays import Array, Shaped
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.trees import map_leaves, scatter, take
@@ -216,7 +216,7 @@ def plan_many(
 
 def plan_among(
     request: Request,
-    areas: Array,
+    areas: Shaped[Array, " N"],
     policy: Policy,
     options: Options[Narrowed],
     *,

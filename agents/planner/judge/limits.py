@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from agents.kernel.arcs import are_legs, greater
-from envs.arrays import Array
+from envs.arrays import Array, Bool
 from envs.compiled import Arguments, Entry
 from envs.kinematics import Limits
 from envs.trees import contiguous
@@ -16,7 +16,9 @@ TOLERANCE = Limits(1e-6, 1e-6, 1e-6, 1e-6, 1e-9)
 """By how much limits may be passed for rounding's sake (m/s, m/s^2, rad/s)."""
 
 
-def right_legs(curves: Legs[Any], limits: Limits) -> tuple[Array, Array, Array, Array]:
+def right_legs(
+    curves: Legs[Any], limits: Limits
+) -> tuple[Bool[Array, "N L"], Bool[Array, "N L"], Bool[Array, "N L"], Bool[Array, "N L"]]:
     """Return which legs end at their waypoints, and keep the limits of speed, of acceleration and
     of turn rate, bool ``[N, L]`` each.
     """
@@ -45,7 +47,7 @@ def right_legs(curves: Legs[Any], limits: Limits) -> tuple[Array, Array, Array, 
     return closed, steady.all(-1), gentle.all(-1), turning.all(-1)
 
 
-def fill_right_legs(curves: Legs[Any], limits: Limits, right: np.ndarray) -> None:
+def fill_right_legs(curves: Legs[Any], limits: Limits, right: Bool[np.ndarray, "4 N L"]) -> None:
     """Write what :func:`right_legs` returns, ``[4, N, L]``; arrays are contiguous, limits floats.
 
     Raises:

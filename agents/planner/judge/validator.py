@@ -18,7 +18,7 @@ from agents.kernel.separation import separation
 from agents.kernel.traffic import Requirement, Traffic
 from agents.kernel.trajectory import trajectory
 from agents.planner.judge.limits import right_legs
-from envs.arrays import Array
+from envs.arrays import Array, Bool
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.trees import map_leaves, take
@@ -52,13 +52,13 @@ class Findings(NamedTuple):
     clearance: Array
 
     @property
-    def safe(self) -> Array:
-        """Whether nothing is wrong, ``[N]``."""
+    def safe(self) -> Bool[Array, " N"]:
+        """Whether nothing is wrong."""
         return ~self.wrong.any(axis=-1)
 
     @property
-    def legal(self) -> Array:
-        """Whether nothing is wrong but the distances to intruders and areas, ``[N]``."""
+    def legal(self) -> Bool[Array, " N"]:
+        """Whether nothing is wrong but the distances to intruders and areas."""
         return ~self.wrong[:, :_OF_FLIGHT].any(axis=-1)
 
     @classmethod

@@ -5,6 +5,7 @@ import numpy as np
 from agents.kernel.traffic import Traffic
 from agents.planner.request.request import Request
 from envs.aircraft import Aircraft
+from envs.arrays import Float, Int
 from envs.encounters import Encounter
 from envs.frames import Air, F
 from envs.kinematics import VehicleState
@@ -29,8 +30,11 @@ def request_of(
 
 
 def route_of(
-    own: VehicleState[F], goal_x: np.ndarray, goal_y: np.ndarray, aircraft: Aircraft
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    own: VehicleState[F],
+    goal_x: Float[np.ndarray, " N"],
+    goal_y: Float[np.ndarray, " N"],
+    aircraft: Aircraft,
+) -> tuple[Float[np.ndarray, "N R"], Float[np.ndarray, "N R"], Int[np.ndarray, " N"]]:
     """Return the route from a place to the goal and on, ``[N, R]`` each of x and y, m, and its
     number of points, ``[N]``.
     """

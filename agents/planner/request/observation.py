@@ -7,11 +7,11 @@ the intruders as they are. Why so: docs/explanation/planner.md.
 """
 
 from agents.kernel.traffic import Requirement, Traffic, Window, separations
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float
 
 
-def distance_scales(traffic: Traffic, requirement: Requirement) -> Array:
-    """Return at how much of its distance each intruder counts, ``[..., K]``; None: all of it, for
+def distance_scales(traffic: Traffic, requirement: Requirement) -> Float[Array, "... K"]:
+    """Return at how much of its distance each intruder counts; None: all of it, for
     each.
     """
     if traffic.separation is None:
@@ -19,6 +19,6 @@ def distance_scales(traffic: Traffic, requirement: Requirement) -> Array:
     return requirement.separation / separations(traffic, requirement)
 
 
-def visible(window: Window | None, time: float) -> Array:
-    """Return which intruders the policy is shown at a time, s, bool ``[..., K]``; True: all."""
+def visible(window: Window | None, time: float) -> Bool[Array, "... K"]:
+    """Return which intruders the policy is shown at a time, s; True: all."""
     return True if window is None else (window.begin <= time) & (window.end >= time)

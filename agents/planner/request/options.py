@@ -17,7 +17,7 @@ from agents.planner.answer import WAYPOINTS, RequestError
 from agents.planner.request.fields import quote, real
 from envs.aircraft import Aircraft, AircraftError, Vertical, new_aircraft
 from envs.areas import Level
-from envs.arrays import Array
+from envs.arrays import Array, Float, Int
 from envs.kinematics import FASTEST, Limits, intersection
 from envs.phantom import TypeVar
 from envs.profile import corner_error
@@ -267,9 +267,14 @@ class Options(Generic[L]):
         return math.ceil(self.last_free * fastest / self.extension)
 
     def latest_end(
-        self, own_speed: Array, x: Array, y: Array, points: Array | None = None, wind: Array = 0.0
-    ) -> Array:
-        """Return a time that no plan outlasts, s after the request, ``[...]``.
+        self,
+        own_speed: Float[Array, "..."],
+        x: Float[Array, "... R"],
+        y: Float[Array, "... R"],
+        points: Int[Array, "..."] | None = None,
+        wind: Float[Array, "..."] = 0.0,
+    ) -> Float[Array, "..."]:
+        """Return a time that no plan outlasts, s after the request.
 
         The last leg begins before :attr:`finished_by`. It turns by half a circle at most and then
         goes straight for the route's longest leg, or what extends the route, at the lowest speed
@@ -278,11 +283,11 @@ class Options(Generic[L]):
         last longer is no plan (:mod:`agents.planner.search.completion`).
 
         Args:
-            own_speed: of the ownship at the request, m/s, ``[...]``; it may be below the limits, as
+            own_speed: of the ownship at the request, m/s; it may be below the limits, as
                 far as :func:`speed_range` lets an ownship be planned for.
-            x: of the route's points, m, ``[..., R]``; with ``y``.
-            points: how many of them there are, ``[...]``; None: all.
-            wind: its speed, m/s, ``[...]``.
+            x: of the route's points, m; with ``y``.
+            points: how many of them there are; None: all.
+            wind: its speed, m/s.
         """
         legs = np.hypot(x[..., 1:] - x[..., :-1], y[..., 1:] - y[..., :-1])
         if points is not None:

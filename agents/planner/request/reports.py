@@ -15,7 +15,7 @@ from agents.kernel.traffic import Traffic, Window, turn_error
 from agents.planner.answer import Field, RequestError
 from agents.planner.request.fields import part_value, quote
 from agents.planner.request.options import HIGHEST, LOWEST, L, Options
-from envs.arrays import Array
+from envs.arrays import Array, Float
 from envs.frames import Air, F, Ground
 from envs.kinematics import FASTEST, VehicleState
 from envs.wind import NO_WIND, Wind, through_air, turned_error
@@ -194,8 +194,8 @@ class _Report(NamedTuple):
     age: Array
 
 
-def arrays_of_reports(reports: Sequence[Intruder[Air]]) -> tuple[Traffic, Array]:
-    """Return checked reports as arrays as of their own times, and their ages, s, ``[1, K]``."""
+def arrays_of_reports(reports: Sequence[Intruder[Air]]) -> tuple[Traffic, Float[Array, "1 K"]]:
+    """Return checked reports as arrays as of their own times, and their ages, s."""
     rows = [
         _Report(
             *report.state,

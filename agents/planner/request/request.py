@@ -27,7 +27,7 @@ from agents.planner.request.reports import (
     report_in_air,
     windows,
 )
-from envs.arrays import Array
+from envs.arrays import Array, Float
 from envs.frames import Air, Ground
 from envs.kinematics import FASTEST, VehicleState
 from envs.trees import Shared
@@ -120,8 +120,8 @@ def _traffic_of(
     return traffic._replace(window=windows(some, own_altitude, options))
 
 
-def latest_end(request: Request, options: Options[Narrowed]) -> Array:
-    """Return a time that no plan of requests outlasts, s, ``[N]``."""
+def latest_end(request: Request, options: Options[Narrowed]) -> Float[Array, " N"]:
+    """Return a time that no plan of requests outlasts, s."""
     wind = 0.0 if request.drift is None else np.hypot(*request.drift)
     return options.latest_end(
         request.own.speed, request.route_x, request.route_y, request.points, wind
@@ -189,8 +189,10 @@ def _check_numbers(name: str, values: Array, counts: Array) -> None:
 
 
 def drift_points(
-    points: tuple[Array, Array], drift: tuple[Array, Array] | None, time: Array
-) -> tuple[Array, Array]:
+    points: tuple[Float[Array, "N ..."], Float[Array, "N ..."]],
+    drift: tuple[Array, Array] | None,
+    time: Float[Array, "..."],
+) -> tuple[Float[Array, "N ..."], Float[Array, "N ..."]]:
     """Return where points of routes ``[N, ...]`` are some seconds after the request, m, as their
     drift ``[N]`` carries them.
     """

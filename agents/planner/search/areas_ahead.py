@@ -18,7 +18,7 @@ from agents.manoeuvres.direct_to_goal import (
     direct,
 )
 from envs.area_geometry import Parts, chord_distances, gain, own_frame
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float, Int
 from envs.compiled import scalar
 from envs.flat_areas import box_distance_of_one, chord_bound, flat
 from envs.frames import Air
@@ -29,19 +29,19 @@ _PARTS = 4  # of the turn onto the goal
 
 def clearance(
     areas: Sequence[ActiveArea],
-    required: Sequence[Array],
+    required: Sequence[Float[Array, " N"]],
     flown: VehicleState[Air],
-    times: Array,
-    of: Array,
-) -> Array:
-    """Return the least distance from all areas less the required one on each stride, m, ``[S, M]``.
+    times: Float[Array, " S+1"],
+    of: Int[Array, " M"],
+) -> Float[Array, "S M"]:
+    """Return the least distance from all areas less the required one on each stride, m.
 
     Args:
         areas: that may be met.
         required: distance from each area, m, ``[N]``.
         flown: states at the strides' ends, ``[S + 1, M]``.
-        times: of them, s, ``[S + 1]``.
-        of: whose manoeuvres they are, ``[M]``.
+        times: of them, s.
+        of: whose manoeuvres they are.
     """
     when = np.broadcast_to(times[:, None], flown.x.shape)
     return _least(areas, required, (flown.x.T, flown.y.T, when.T), of).T
@@ -49,15 +49,15 @@ def clearance(
 
 def way_clear(
     areas: Sequence[ActiveArea],
-    required: Sequence[Array],
+    required: Sequence[Float[Array, " N"]],
     own: VehicleState[Air],
-    goal: tuple[Array, Array],
-    time: Array,
-    of: Array,
+    goal: tuple[Float[Array, " R"], Float[Array, " R"]],
+    time: Float[Array, " R"],
+    of: Int[Array, " R"],
     task: DirectTask,
-) -> Array:
+) -> Bool[Array, " R"]:
     """Return whether the direct route to goals, m, from states at some times, s, keeps clear of all
-    areas, ``[R]``.
+    areas.
     """
     way = direct(own, goal, time, task, np)
     share = np.arange(_PARTS + 1) * (1.0 / _PARTS)
@@ -108,7 +108,7 @@ class AreasOfOne(NamedTuple):
     lines: Array  # records of edges, [E]
 
 
-def areas_of_one(areas: Sequence[ActiveArea], required: Sequence[Array]) -> AreasOfOne:
+def areas_of_one(areas: Sequence[ActiveArea], required: Sequence[Float[Array, "1"]]) -> AreasOfOne:
     """Return areas from which one request must keep distances, m, ``[1]`` each."""
     return AreasOfOne(
         *flat(

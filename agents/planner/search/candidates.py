@@ -12,7 +12,7 @@ from agents.planner.request.request import Request
 from agents.planner.search.completion import complete
 from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float, Int
 from envs.frames import Air
 from envs.trees import first_of_each, scatter, take
 from envs.waypoints import PlanStates
@@ -45,12 +45,12 @@ class Candidates(NamedTuple):
     profile: Array | None = None
 
     @property
-    def safe(self) -> Array:
+    def safe(self) -> Bool[Array, " N"]:
         """Whether the validator found nothing wrong, bool."""
         return self.findings.safe
 
     @property
-    def min_separation(self) -> Array:
+    def min_separation(self) -> Float[Array, " N"]:
         """Smallest distance, m; nan without a plan."""
         return self.findings.min_separation
 
@@ -91,7 +91,7 @@ def find_violations(
 
 
 def evaluate(
-    request: Request, rollout: Rollout, goal: Array, options: Options[Narrowed]
+    request: Request, rollout: Rollout, goal: Int[Array, " M"], options: Options[Narrowed]
 ) -> Candidates:
     """Complete the manoeuvres ``[M]`` of requests to plans for the goals numbered ``[M]``, and
     validate them.
@@ -165,7 +165,7 @@ def _rejoining(
     return TIME_WEIGHT * request.own.speed * (time + turns / task_of(options).turn_rate)
 
 
-def keep_best(best: Candidates, rows: Array, plans: Candidates) -> Array:
+def keep_best(best: Candidates, rows: Int[Array, " M"], plans: Candidates) -> Int[Array, "..."]:
     """Write the best of plans ``[M]`` of requests numbered ``rows`` into the best so far ``[N]``,
     where it is better.
 

@@ -36,7 +36,7 @@ from agents.planner.search.continuation import (
 )
 from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
-from envs.arrays import Array
+from envs.arrays import Array, Float, Int, Shaped
 from envs.backend import FLOATS
 from envs.compiled import Entry, records, scalar
 from envs.frames import Air
@@ -389,7 +389,7 @@ FLY_ON = Entry(_fly_on, _examples)
 
 
 def surroundings_of_one(
-    request: Request, goal: Array, options: Options[Narrowed], stride: float, last: int
+    request: Request, goal: Int[Array, "1"], options: Options[Narrowed], stride: float, last: int
 ) -> SurroundingsOfOne:
     """Return what manoeuvres of one request are tested against, in strides of some seconds up to
     the one numbered ``last``.
@@ -427,7 +427,7 @@ def surroundings_of_one(
     )
 
 
-def takeoff(own: VehicleState[Air], manoeuvre: Manoeuvre) -> Array:
+def takeoff(own: VehicleState[Air], manoeuvre: Manoeuvre) -> Shaped[Array, " M"]:
     """Return manoeuvres ``[M]`` of a request ``[1]`` at their beginning, records of
     :class:`FlightOfOne`.
     """
@@ -449,19 +449,19 @@ def takeoff(own: VehicleState[Air], manoeuvre: Manoeuvre) -> Array:
 
 def fly_one_out(
     request: Request,
-    goal: Array,
+    goal: Int[Array, "1"],
     manoeuvre: Manoeuvre,
     options: Options[Narrowed],
     effort: Effort,
     stride: float,
     last: int,
     spacing: int,
-) -> tuple[Rollout, Array]:
+) -> tuple[Rollout, Float[Array, " M"]]:
     """Fly manoeuvres ``[M]`` of one request until the direct route to the goal is clear.
 
     Args:
         request: ``[1]``.
-        goal: number of the point to rejoin at, ``[1]``.
+        goal: number of the point to rejoin at.
         manoeuvre: parameters, ``[M]``.
         options: of the plans.
         effort: when manoeuvres are given up.

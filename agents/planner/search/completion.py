@@ -23,7 +23,7 @@ from agents.planner.search.completion_of_each import (
 from agents.planner.search.onward import Leg, Onward, duration, end_of, leg_to, legs_to_meet
 from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
-from envs.arrays import Array
+from envs.arrays import Array, Int
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import contiguous, scatter, take
@@ -72,7 +72,7 @@ class _Piece(NamedTuple):
 
 
 def complete(
-    request: Request, rollout: Rollout, goal: Array, options: Options[Narrowed]
+    request: Request, rollout: Rollout, goal: Int[Array, " N"], options: Options[Narrowed]
 ) -> Completed:
     """Complete manoeuvres ``[N]`` to plans that rejoin at points number ``goal``, ``[N]``."""
     if COMPLETE_EACH.ready:

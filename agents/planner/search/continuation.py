@@ -14,7 +14,7 @@ from agents.kernel.traffic import Traffic, predict, uncertainty, uncertainty_of_
 from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, arc_end_of_one, arrival, direct
 from agents.planner.request.options import Narrowed, Options, task_of
 from agents.planner.request.request import Request
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float, Int
 from envs.backend import FLOATS
 from envs.compiled import records, scalar
 from envs.frames import Air
@@ -59,14 +59,14 @@ class RouteContinuation(NamedTuple):
     def clear(
         self,
         own: VehicleState[Air],
-        goal: tuple[Array, Array],
-        required: Array,
-        owner: Array,
-        time: Array,
+        goal: tuple[Float[Array, " R"], Float[Array, " R"]],
+        required: Float[Array, "R K"],
+        owner: Int[Array, " R"],
+        time: Float[Array, " R"],
         task: DirectTask,
-    ) -> Array:
+    ) -> Bool[Array, " R"]:
         """Return whether the route is clear after the direct route to the goal from states ``[R]``
-        of requests ``owner`` at some times, s, bool ``[R]``.
+        of requests ``owner`` at some times, s.
 
         ``required`` is the separation before uncertainty grows, m, ``[R, K]``.
         """
@@ -113,10 +113,13 @@ class RouteContinuation(NamedTuple):
         return _Passing(x * x + y * y, first, last)
 
     def nearest_first(
-        self, own: VehicleState[Air], goal: tuple[Array, Array], task: DirectTask
-    ) -> Array:
+        self,
+        own: VehicleState[Air],
+        goal: tuple[Float[Array, " N"], Float[Array, " N"]],
+        task: DirectTask,
+    ) -> Int[Array, "N K"]:
         """Return the numbers of intruders by how near they come to the route beyond the goal after
-        direct flights from the request on, ``[N, K]``.
+        direct flights from the request on.
         """
         rows = np.arange(np.size(own.x))
         every = np.arange(self.traffic.mask.shape[-1])[None].repeat(rows.size, axis=0)
@@ -246,7 +249,7 @@ def no_continuation() -> ContinuationOfOne:
 def continuation_clear(
     own: VehicleState[Air],
     goal: tuple[float, float],
-    required: Array,
+    required: Float[Array, " K"],
     time: float,
     continuation: ContinuationOfOne,
     task: DirectTask,
@@ -266,9 +269,9 @@ def continuation_lines(
     time: float,
     continuation: ContinuationOfOne,
     task: DirectTask,
-) -> Array:
+) -> Float[Array, "L+2 6"]:
     """Return the flight beyond the goal of one state in plain floats, as lines: where each begins
-    (m, m), the velocity (m/s, m/s), from when and until when (s, s), ``[L + 2, 6]``.
+    (m, m), the velocity (m/s, m/s), from when and until when (s, s).
     """
     lines = np.empty((len(continuation.legs) + 2, 6))
     at_goal, course, speed = arrival(own, goal, time, task, FLOATS)
@@ -309,7 +312,9 @@ def _write_line(
 
 
 @scalar
-def lines_clear(lines: Array, intruder: IntruderBeyond, required: float, sigmas: float) -> bool:
+def lines_clear(
+    lines: Float[Array, "L+2 6"], intruder: IntruderBeyond, required: float, sigmas: float
+) -> bool:
     """Return whether flights along lines (:func:`continuation_lines`) keep clear of an intruder
     from which a distance is required before uncertainty grows, m.
     """
@@ -365,7 +370,7 @@ class _Passing(NamedTuple):
 
 
 def route_continuation(
-    request: Request, goal: Array, options: Options[Narrowed], *, ordered: bool = True
+    request: Request, goal: Int[Array, " N"], options: Options[Narrowed], *, ordered: bool = True
 ) -> RouteContinuation:
     """Return the routes of requests beyond the points numbered ``goal``, ``[N]``, with the order of
     a crowd where that is asked for.

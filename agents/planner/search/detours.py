@@ -15,7 +15,7 @@ import numpy as np
 from agents.kernel.areas import ActiveArea, required_distances
 from envs.area_geometry import Parts, box_distance, chord_distances, gain, own_frame
 from envs.areas import Circle, Keep, Polygon
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float, Shaped
 from envs.backend import FLOATS
 from envs.compiled import Arguments, Entry, scalar
 from envs.flat_areas import FlatArea, box_distance_of_chord, chord_bound, flat
@@ -120,8 +120,14 @@ class Airspace(NamedTuple):
         x, y = aim_point(own, current, velocity, self.latest - place.time, np)
         return x, y, place.time + np.hypot(x - place.x, y - place.y) / self.speed
 
-    def clear(self, place: Place, x: Array, y: Array, arrival: Array) -> Array:
-        """Return whether straight flights from a place keep clear of all areas, ``[M]``."""
+    def clear(
+        self,
+        place: Place,
+        x: Float[Array, " M"],
+        y: Float[Array, " M"],
+        arrival: Float[Array, " M"],
+    ) -> Bool[Array, " M"]:
+        """Return whether straight flights from a place keep clear of all areas."""
         keeps_clear = np.ones(x.shape, dtype=bool)
         if KEEP_CLEAR.ready:
             KEEP_CLEAR(place, x, y, arrival, *self.flat, keeps_clear)
@@ -191,7 +197,13 @@ def airspace(
 
 @scalar
 def keep_clear(
-    place: Place, x: Array, y: Array, arrival: Array, areas: Array, lines: Array, clear: Array
+    place: Place,
+    x: Float[Array, " M"],
+    y: Float[Array, " M"],
+    arrival: Float[Array, " M"],
+    areas: Shaped[Array, " A"],
+    lines: Shaped[Array, " E"],
+    clear: Bool[Array, " M"],
 ) -> None:
     """Write whether straight flights from a place keep clear of all areas, ``[M]``: the loops of
     :meth:`Airspace.clear`; areas and edges as of :func:`envs.flat_areas.flat`.

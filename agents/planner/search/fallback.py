@@ -27,7 +27,7 @@ from agents.planner.search.candidates import (
     keep_best,
 )
 from agents.planner.search.fallback_flight import fly_out
-from envs.arrays import Array
+from envs.arrays import Array, Int
 from envs.trees import take
 
 _BLOCK = 16_384  # manoeuvres in the air at once
@@ -52,7 +52,11 @@ _SEEDS = concatenate(COARSE, COARSE._replace(resume=COARSE.resume + 25.0))
 
 
 def search(
-    request: Request, goal: Array, options: Options[Narrowed], budget: Budget, selected: slice = ALL
+    request: Request,
+    goal: Int[Array, " N"],
+    options: Options[Narrowed],
+    budget: Budget,
+    selected: slice = ALL,
 ) -> Candidates:
     """Return the best plan that the family's stages, or some of them, hold, ``[N]``; ``goal`` is
     the number of the point to rejoin at.
@@ -76,7 +80,9 @@ def search(
     return best
 
 
-def refine(request: Request, goal: Array, options: Options[Narrowed], budget: Budget) -> Candidates:
+def refine(
+    request: Request, goal: Int[Array, " N"], options: Options[Narrowed], budget: Budget
+) -> Candidates:
     """Return the best plan of a random refinement of the nearest misses, ``[N]``."""
     options = replace(options, manoeuvre=aggressive_limits(options))
     best, aircraft = empty(goal.size, options.waypoints), options.aircraft

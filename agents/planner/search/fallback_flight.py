@@ -18,7 +18,7 @@ from agents.planner.search.compiled_flight import FLY_ON, LATER, TURNS, fly_one_
 from agents.planner.search.continuation import CROWD, route_continuation
 from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
-from envs.arrays import Array
+from envs.arrays import Array, Int
 from envs.frames import Air
 from envs.kinematics import Limits, VehicleState
 from envs.relative import distance, leg_separation
@@ -44,8 +44,8 @@ class ManoeuvreFlights(NamedTuple):
 
 def fly_out(
     request: Request,
-    goal: Array,
-    owner: Array,
+    goal: Int[Array, " N"],
+    owner: Int[Array, " M"],
     manoeuvre: Manoeuvre,
     options: Options[Narrowed],
     effort: Effort,

@@ -6,15 +6,15 @@ import numpy as np
 
 from agents.planner.request.options import Narrowed, Options
 from agents.planner.request.request import BEYOND, Request, drift_points
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Int
 
 _STRAIGHT = 1e-3  # of a leg's length, by which the way along it may be longer
 _AHEAD = math.cos(math.radians(45.0))  # of the angle between the way to a leg and the leg
 
 
-def next_goals(request: Request, options: Options[Narrowed]) -> Array:
-    """Return the numbers of the route's points that may be rejoined at, the next one first, ``[N,
-    goals]``; -1: none.
+def next_goals(request: Request, options: Options[Narrowed]) -> Int[Array, "N goals"]:
+    """Return the numbers of the route's points that may be rejoined at, the next one first;
+    -1: none.
 
     Points that are passed are left out, and those that cannot be reached in time at the greatest
     speed. Of points round areas only the next one is rejoined at.
@@ -39,7 +39,9 @@ def next_goals(request: Request, options: Options[Narrowed]) -> Array:
     return np.where(inside & possible[rows, goals], goals, -1)
 
 
-def on_same_leg(request: Request, first: Array, later: Array) -> Array:
+def on_same_leg(
+    request: Request, first: Int[Array, " N"], later: Int[Array, " N"]
+) -> Bool[Array, " N"]:
     """Return whether points numbered ``later`` are on the leg that leads to those numbered
     ``first``, as seen by the ownship, bool ``[N]``: the route is straight from one to the other,
     and it turns by less than 45 degrees at the first. Where there is no first, -1, none is.

@@ -18,7 +18,7 @@ from agents.planner.search.candidates import Candidates, Plans, empty, evaluate,
 from agents.planner.search.goals import on_same_leg
 from agents.planner.search.rollout import roll
 from agents.policy.inference import Policy
-from envs.arrays import Array
+from envs.arrays import Array, Int
 from envs.trees import take
 
 POLICY, FALLBACK = 1, 2
@@ -27,7 +27,7 @@ POLICY, FALLBACK = 1, 2
 
 def plan_rows(
     request: Request,
-    goals: Array,
+    goals: Int[Array, "N goals"],
     policy: Policy,
     options: Options[Narrowed],
     budget: Budget,

@@ -13,7 +13,7 @@ from agents.manoeuvres.direct_to_goal import (
     end_speed,
     turn_exactly_onto,
 )
-from envs.arrays import Array, ArrayModule
+from envs.arrays import Array, ArrayModule, Float
 from envs.backend import FLOATS
 from envs.compiled import scalar
 from envs.frames import Air
@@ -55,7 +55,7 @@ class Leg(NamedTuple):
 def leg_to(
     onward: Onward,
     drift: tuple[Array, Array] | None,
-    when: Array,
+    when: Float[Array, "..."],
     task: DirectTask,
     xp: ArrayModule,
 ) -> Leg:
@@ -100,7 +100,9 @@ def _disc(speed: Array, course: Array, drift: tuple[Array, Array], radius: float
     return speed * radius / np.maximum(closing, 1e-3)
 
 
-def legs_to_meet(onward: Onward, drift: tuple[Array, Array], task: DirectTask) -> Leg:
+def legs_to_meet(
+    onward: Onward, drift: tuple[Float[Array, " L"], Float[Array, " L"]], task: DirectTask
+) -> Leg:
     """Return the legs ``[L]`` that end where drifting points are when they end: by secants on the
     time of that.
 
@@ -146,13 +148,18 @@ def meet_of_one(onward: Onward, drift: tuple[float, float], task: DirectTask) ->
 
 
 @scalar
-def end_of(leg: Leg, task: DirectTask) -> Array:
+def end_of(leg: Leg, task: DirectTask) -> Float[Array, " L"]:
     """Return when legs end, s."""
     return leg.turned + duration(leg.length, leg.begin.speed, leg.speed, task)
 
 
 @scalar
-def duration(length: Array, speed: Array, final: Array, task: DirectTask) -> Array:
+def duration(
+    length: Float[Array, "..."],
+    speed: Float[Array, "..."],
+    final: Float[Array, "..."],
+    task: DirectTask,
+) -> Float[Array, "..."]:
     """Return the time for a length, s: accelerating from a speed to another, then holding that."""
     rise = (final - speed) / task.limits.acceleration_max
     return rise + (length - 0.5 * (speed + final) * rise) / final

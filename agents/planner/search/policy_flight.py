@@ -20,7 +20,7 @@ from agents.planner.search.continuation import (
 from agents.policy import decision
 from agents.policy.decision import Decider, decide
 from agents.policy.inference import Policy
-from envs.arrays import Array
+from envs.arrays import Array, Float
 from envs.backend import FLOATS
 from envs.compiled import Entry, scalar
 from envs.frames import Air
@@ -117,7 +117,7 @@ def fly(
     continuation: ContinuationOfOne,
     course: Course,
     decider: Decider,
-    plan_states: Array,
+    plan_states: Float[Array, "4 S"],
 ) -> tuple[int, int, Flight]:
     """Fly from one time step, a multiple of :data:`EVERY`, to another at most.
 
@@ -129,7 +129,7 @@ def fly(
         continuation: the route beyond it.
         course: how the policy is flown.
         decider: the policy.
-        plan_states: where states are written at each waypoint's time, ``[4, S]``.
+        plan_states: where states are written at each waypoint's time.
 
     Returns:
         How the flight stands then, at which step, and how far it has come.

@@ -31,7 +31,7 @@ from agents.planner.search.continuation import (
 from agents.planner.search.policy_flight import FLY, Flight
 from agents.policy.decision import Decider
 from agents.policy.inference import NOT_FINITE, Policy
-from envs.arrays import Array
+from envs.arrays import Array, Int
 from envs.backend import FLOATS
 from envs.frames import Air
 from envs.kinematics import VehicleState, advance, commands
@@ -74,7 +74,7 @@ class _Underway(NamedTuple):
 
 def roll(
     request: Request,
-    goal: Array,
+    goal: Int[Array, " N"],
     policy: Policy,
     options: Options[Narrowed],
     budget: Budget | None = None,
