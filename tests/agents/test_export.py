@@ -25,21 +25,14 @@ from envs.aircraft import PAPER, Ratios, Vertical, new_aircraft, ratios
 from envs.kinematics import C208_PUBLISHED, SURROGATE, Limits, VehicleState, advance, commands
 from envs.observation import criticality, decode, observe
 from envs.trees import column
+from tests.agents.policies import random_policy, random_weights
 
 HIDDEN = (16, 8)
 
 
 def make_actor(hidden=HIDDEN, feature_set="mirror", module=Actor):
-    """Return parameters, free to be changed, of an actor whose actions are as large as a trained
-    one's.
-    """
-    # Shapes from flax, values from numpy: compiling the orthogonal initialisation would take most
-    # of the test's time.
-    shapes = jax.eval_shape(module(hidden, feature_set).init, jax.random.key(3), jnp.zeros((1, 8)))
-    rng = np.random.default_rng(3)
-    return jax.tree.map(
-        lambda leaf: rng.normal(0.0, 1.4 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"), shapes
-    )
+    """Return parameters, free to be changed, of an actor."""
+    return random_weights(module(hidden, feature_set), jnp.zeros((1, 8)))
 
 
 def description(**changes):
@@ -174,17 +167,7 @@ UAS = new_aircraft(Limits(18.0, 36.0, -0.5, 0.5, math.radians(10.0)), 610.0)
 
 @cache
 def content():
-    actor = Actor(LAYERS, "set", encoder=ENCODER)
-    seen = set_inputs(scene(*states(2), PAPER.limits, 1e3, np), np)
-    shapes = jax.eval_shape(actor.init, jax.random.key(0), seen)
-    rng = np.random.default_rng(3)
-    weights = jax.tree.map(
-        lambda leaf: rng.normal(0.0, 1.2 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"), shapes
-    )
-    described = SetOf(ENCODER, MOST, PAPER, FAMILY)
-    return to_policy_file(
-        weights, new_metadata(LAYERS, "set", PAPER.limits, {"seed": 0}, steps=0, of_set=described)
-    )
+    return random_policy(LAYERS, "set", SetOf(ENCODER, MOST, PAPER, FAMILY), spread=1.2)
 
 
 @cache

@@ -7,14 +7,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from agents.learning import onnx as export_onnx
-from agents.learning.export import to_policy_file
-from agents.learning.networks import Actor
 from agents.learning.onnx import (
     OPSET,
     ExportError,
@@ -28,13 +24,12 @@ from agents.learning.onnx import (
 from agents.policy import file as policy_file
 from agents.policy.file import PolicyFile
 from agents.policy.inference import Policy
-from agents.policy.scene import scene
-from agents.policy.schema import SetOf, new_metadata
-from agents.policy.set_features import set_inputs
+from agents.policy.schema import SetOf
 from commands.command import run_cli
-from envs.aircraft import PAPER, Ratios
+from envs.aircraft import PAPER
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
+from tests.agents.policies import FAMILY, random_policy
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("jax2onnx")
@@ -52,26 +47,10 @@ def states(count: int, most: int) -> tuple[Any, ...]:
 
 
 @cache
-def random_policy(feature_set: str) -> PolicyFile:
-    """Return a policy of random numbers."""
-    encoder = (12,) if feature_set == "set" else ()
-    actor = Actor((16, 24), feature_set, encoder=encoder)
-    own, intruders, mask, *goal = states(2, 3)
-    seen: Any = jnp.zeros((1, 8))
-    if encoder:
-        seen = set_inputs(
-            scene(own, intruders, mask, *goal, PAPER.limits, PAPER.separation, np), np
-        )
-    random = np.random.default_rng(4)
-    weights = jax.tree.map(
-        lambda leaf: random.normal(0.0, 1.0 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"),
-        jax.eval_shape(actor.init, jax.random.key(0), seen),
-    )
-    family = Ratios((0.4, 0.75), (-0.4, -0.03), (0.03, 0.4), (0.3, 2.5))._asdict()
-    of_set = SetOf(encoder, 3, PAPER, family) if encoder else None
-    return to_policy_file(
-        weights, new_metadata((16, 24), feature_set, PAPER.limits, {}, steps=0, of_set=of_set)
-    )
+def random_content(feature_set: str) -> PolicyFile:
+    """Return a policy file of random numbers."""
+    of_set = SetOf((12,), 3, PAPER, FAMILY) if feature_set == "set" else None
+    return random_policy((16, 24), feature_set, of_set, spread=1.0, seed=4)
 
 
 @cache
@@ -81,7 +60,7 @@ def shipped_model() -> Any:
 
 @cache
 def random_model(feature_set: str) -> Any:
-    return model(random_policy(feature_set))
+    return model(random_content(feature_set))
 
 
 def run_onnx(made: Any, inputs: dict[str, np.ndarray]) -> np.ndarray:
@@ -121,7 +100,7 @@ def test_an_absent_intruder_s_separation_counts_nowhere():
 
 @pytest.mark.parametrize("feature_set", ["none", "mirror", "set"])
 def test_every_network_is_exported(feature_set: str):
-    content = random_policy(feature_set)
+    content = random_content(feature_set)
     actions = run_onnx(random_model(feature_set), inputs_of(content))
     np.testing.assert_allclose(actions, content.parity_action, rtol=0.0, atol=PARITY)
     assert content.parity_action.std(axis=0).min() > 0.03
@@ -151,14 +130,14 @@ def test_it_says_what_it_is():
 
 
 def test_equal_policies_give_equal_bytes():
-    again = model(random_policy("mirror"))
+    again = model(random_content("mirror"))
     assert again.SerializeToString(deterministic=True) == random_model("mirror").SerializeToString(
         deterministic=True
     )
 
 
 def test_a_model_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(export_onnx, "read", lambda _: random_policy("none"))
+    monkeypatch.setattr(export_onnx, "read", lambda _: random_content("none"))
     monkeypatch.setattr(export_onnx, "model", lambda *_: random_model("mirror"))
     with pytest.raises(ExportError, match="the model's actions differ by"):
         export(SHIPPED, tmp_path / "policy.onnx")
@@ -205,7 +184,7 @@ def test_an_observation_that_the_policy_refuses_gives_no_number(bad: float):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_scene_that_is_not_finite_gives_no_number(bad: float):
-    made, good = random_model("set"), inputs_of(random_policy("set"))
+    made, good = random_model("set"), inputs_of(random_content("set"))
     for name in good:
         spoilt = {key: values.copy() for key, values in good.items()}
         spoilt[name][0].flat[0] = bad

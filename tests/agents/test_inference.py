@@ -30,6 +30,7 @@ from envs.kinematics import SURROGATE, VehicleState, advance, commands
 from envs.observation import NAMES
 from envs.outcome import RULES
 from envs.scenarios import scenario
+from tests.agents.policies import random_weights
 
 HIDDEN = (64, 64)
 ACTOR = Actor(HIDDEN, "mirror")
@@ -37,14 +38,8 @@ ACTOR = Actor(HIDDEN, "mirror")
 
 @cache
 def variables():
-    """Return parameters of an actor whose actions are as large as a trained one's."""
-    # Shapes from flax, values from numpy: compiling the orthogonal initialisation would take most
-    # of the test's time.
-    shapes = jax.eval_shape(ACTOR.init, jax.random.key(3), jnp.zeros((1, 8)))
-    rng = np.random.default_rng(3)
-    return jax.tree.map(
-        lambda leaf: rng.normal(0.0, 1.4 / np.sqrt(leaf.shape[0]), leaf.shape).astype("f4"), shapes
-    )
+    """Return parameters of an actor."""
+    return random_weights(ACTOR, jnp.zeros((1, 8)))
 
 
 @cache

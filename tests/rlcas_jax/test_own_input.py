@@ -3,33 +3,31 @@
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from agents.config.load import ConfigError, load
 from agents.learning.export import to_policy_file
-from agents.learning.networks import Actor
 from agents.learning.onnx import model
 from agents.policy.file import PolicyFile, PolicyFileError, parse, serialise
 from agents.policy.inference import Policy
 from agents.policy.inputs import INPUTS, INTRUDER, OWNSHIP, Input, Number, register, resolve
 from agents.policy.novelty import box_of, departures
 from agents.policy.scene import random_scenes, unpack_rows
-from agents.policy.schema import EXTENDED_SCHEMA, SetOf, new_metadata
+from agents.policy.schema import EXTENDED_SCHEMA, SetOf
 from agents.policy.set_features import TABLE, set_inputs, table
 from commands.command import InputError
-from envs.aircraft import PAPER, Ratios
+from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from rlcas_jax.config import TrainConfig
 from rlcas_jax.training import train
+from tests.agents.policies import FAMILY, random_policy
 from tests.stranger import block_with, names_of, python, run, settle
 
 MODULE = block_with("howto/own-policy.md", "def in_wake")
-FAMILY = Ratios((0.4, 0.75), (-0.4, -0.03), (0.03, 0.4), (0.3, 2.5))._asdict()
 TINY = (
     "steps=64",
     "network={hidden: [8], encoder: [6], inputs: [my_inputs:wake]}",
@@ -68,17 +66,8 @@ NEAREST = Input(
 
 def content(*inputs: Input) -> PolicyFile:
     """Return a policy file of random weights with inputs."""
-    rows = random_scenes(3, FAMILY)
-    actor = Actor((16,), "set", encoder=(12,))
-    seen = set_inputs(unpack_rows(rows), np, table(inputs))
-    random = np.random.default_rng(4)
-    weights = jax.tree.map(
-        lambda leaf: random.normal(0.0, leaf.shape[0] ** -0.5, leaf.shape).astype("f4"),
-        jax.eval_shape(actor.init, jax.random.key(0), seen),
-    )
     of_set = SetOf((12,), 3, PAPER, FAMILY, inputs)
-    metadata = new_metadata((16,), "set", PAPER.limits, {}, steps=0, of_set=of_set)
-    return to_policy_file(weights, metadata, inputs)
+    return random_policy((16,), "set", of_set, spread=1.0, seed=4)
 
 
 def scenes(count: int) -> tuple[VehicleState, VehicleState, np.ndarray, np.ndarray, np.ndarray]:
