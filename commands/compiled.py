@@ -72,10 +72,10 @@ def local_devices(jax: ModuleType) -> list[Any]:
         if not platforms:
             raise
         jax.config.update("jax_platforms", None)
-        there = sorted({"cpu", *(device.platform for device in jax.local_devices())})
+        available = sorted({"cpu", *(device.platform for device in jax.local_devices())})
     raise ConfigError(
         f"JAX_PLATFORMS is {platforms}, of which JAX finds no device; expected one that there is: "
-        f"{', '.join(there)}"
+        f"{', '.join(available)}"
     )
 
 

@@ -79,8 +79,10 @@ def check_space(folder: Path, needed: int, content: str) -> None:
 
     ``content`` says what the room is for, such as ``10000 rows``.
     """
-    there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
-    disk = shutil.disk_usage(there)
+    existing = next(
+        path for path in (folder.absolute(), *folder.absolute().parents) if path.exists()
+    )
+    disk = shutil.disk_usage(existing)
     # What has no size, such as /proc, refuses by itself.
     if disk.total and disk.free < needed:
         raise ConfigError(

@@ -90,11 +90,11 @@ def connect(devices: int | None = None, processes: Processes | None = None) -> D
         jax.config.update("jax_num_cpu_devices", devices)
     if processes is not None:
         _join(processes)
-    there = local_devices(jax)
-    count = len(there) if devices is None else devices
-    if count > len(there):
+    local = local_devices(jax)
+    count = len(local) if devices is None else devices
+    if count > len(local):
         raise ConfigError(
-            f"--devices is {count}; expected at most {len(there)}, the visible {there[0].platform} "
+            f"--devices is {count}; expected at most {len(local)}, the visible {local[0].platform} "
             "devices"
         )
     of_each = [

@@ -118,8 +118,8 @@ def refresh(
     course = np.where(exists, previous.course, own.heading)
     speed = np.where(exists, previous.speed, own.speed)
     everyone = np.arange(own.x.size)
-    same = _judge(_Turns(everyone, course, speed), own, traffic, time, thresholds, areas)
-    result = map_leaves(np.array, same._replace(safe=same.safe & exists))
+    continued = _judge(_Turns(everyone, course, speed), own, traffic, time, thresholds, areas)
+    result = map_leaves(np.array, continued._replace(safe=continued.safe & exists))
     rows = np.flatnonzero(~result.safe)
     for first in range(0, rows.size, _BLOCK):
         part = rows[first : first + _BLOCK]

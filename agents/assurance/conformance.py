@@ -259,9 +259,9 @@ def _deviations(monitor: Monitor, traffic: Traffic, since: Array) -> _Deviations
     it was requested, ``[N]``.
     """
     expected = monitor.expected
-    there = predict(expected, since[:, None])
-    position = distance(traffic.state.x - there.x, traffic.state.y - there.y, np)
-    (vx, vy), (to_vx, to_vy) = velocity(traffic.state, np), velocity(there, np)
+    predicted = predict(expected, since[:, None])
+    position = distance(traffic.state.x - predicted.x, traffic.state.y - predicted.y, np)
+    (vx, vy), (to_vx, to_vy) = velocity(traffic.state, np), velocity(predicted, np)
     change = distance(vx - to_vx, vy - to_vy, np)
     new = ~expected.mask
     position, change = (

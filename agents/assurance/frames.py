@@ -84,8 +84,8 @@ def carry(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
     def state(old_state: VehicleState[Air], time: Array) -> VehicleState[Air]:
         finite = np.isfinite(time)
         time = np.where(finite, time, 0.0)
-        there = new.to_air(old.to_ground(old_state, time), time)
-        return map_leaves(lambda a, b: np.where(finite, a, b), there, old_state)
+        carried = new.to_air(old.to_ground(old_state, time), time)
+        return map_leaves(lambda a, b: np.where(finite, a, b), carried, old_state)
 
     def traffic(old_traffic: Traffic, time: Array) -> Traffic:
         turn = old_traffic.turn_rate * (old_traffic.turn_time + old_traffic.age)  # since the report

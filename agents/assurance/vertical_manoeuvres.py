@@ -154,8 +154,8 @@ def first_below(flight: Flight, bound: Bound, times: Times) -> Float[Array, "...
         # negative is nan, and no time.
         root = np.sqrt(climb * climb - 2.0 * acceleration * gap)
         falling = 2.0 * gap / (root - climb)
-        back = np.where(acceleration < 0.0, -(climb + root) / acceleration, np.inf)
-    later = np.where(climb > 0.0, back, falling)
+        after_climb = np.where(acceleration < 0.0, -(climb + root) / acceleration, np.inf)
+    later = np.where(climb > 0.0, after_climb, falling)
     time = np.where(gap <= 0.0, start, start + later)
     return np.where((start <= stop) & (time <= stop), time, np.inf).min(axis=-1)
 

@@ -155,7 +155,7 @@ class _Conflict(NamedTuple):
     distance now, then, m.
     """
 
-    there: np.ndarray
+    exists: np.ndarray
     x: np.ndarray
     y: np.ndarray
     time: np.ndarray
@@ -178,8 +178,8 @@ def _conflicts(
     # The protected distance is lost half a chord before the closest point.
     entry = time - np.sqrt(np.maximum(protected * protected - miss * miss, 0.0) / square)
     closing = x * vx + y * vy < 0.0
-    there = observation.mask & closing & (miss < protected) & (entry <= lookahead)
-    return _Conflict(there, cpa_x, cpa_y, time, distance, miss)
+    exists = observation.mask & closing & (miss < protected) & (entry <= lookahead)
+    return _Conflict(exists, cpa_x, cpa_y, time, distance, miss)
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ class RightHand:
         # overtaking begins.
         from_left = (bearing > math.radians(15.0)) & (bearing < math.radians(110.0))
         last = _conflicts(observation, own.heading, protected, self.patience * self.aircraft.dt)
-        ours = np.any(straight.there & ~from_left | last.there & from_left, axis=-1)
+        ours = np.any(straight.exists & ~from_left | last.exists & from_left, axis=-1)
         home = course_to_goal(observation, self.aircraft)
         free = may_return(observation, self.aircraft, protected)
         steering = np.where(free, steer(own, home, self.aircraft), np.where(ours, -1.0, 0.0))
@@ -242,7 +242,7 @@ class PotentialField:
         push_x, push_y = self._push(observation, conflict, protected)
         own_vx, own_vy = velocity(own, np)
         wanted_x, wanted_y = own_vx - push_x, own_vy - push_y
-        resolving = conflict.there.any(axis=-1)
+        resolving = conflict.exists.any(axis=-1)
 
         free = may_return(observation, self.aircraft, protected)
         course = np.where(resolving, np.arctan2(wanted_y, wanted_x), own.heading)
@@ -289,7 +289,7 @@ class PotentialField:
         size = (protected / np.maximum(tangent, 0.1) - conflict.miss) / np.maximum(
             conflict.time, self.aircraft.dt
         )
-        size = np.where(conflict.there, size, 0.0)
+        size = np.where(conflict.exists, size, 0.0)
         return np.sum(size * unit_x, axis=-1), np.sum(size * unit_y, axis=-1)
 
 

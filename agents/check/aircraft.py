@@ -105,8 +105,8 @@ def check_standard(
     """Refuse a vertical separation, or a number of sigmas, below a standard."""
     stated = least_vertical(certificate)
     if stated is not None:
-        least, whose = least_separation(certificate, aircraft, standard)
-        expected = f"below {least:g} m ({whose})"
+        least, source = least_separation(certificate, aircraft, standard)
+        expected = f"below {least:g} m ({source})"
         demand(stated >= least, f"a vertical separation is {stated:g} m, {expected}")
     sigmas = certificate.requirement.sigmas
     expected = f"below {standard.sigmas:g} (--sigmas)"

@@ -172,7 +172,7 @@ def check_limits(leg: str, arc: Arc, limits: AirLimits, slowest: int, fastest: i
 def check_joint(leg: str, reached: AirState, waypoint: AirState) -> None:
     """Check that a leg ends where its waypoint is, as fast and on its course."""
     fine = ball(FINE).lo
-    there = (reached.position - waypoint.position).magnitude().hi <= ball(JOINT).lo
+    at_waypoint = (reached.position - waypoint.position).magnitude().hi <= ball(JOINT).lo
     as_fast = (reached.speed - waypoint.speed).magnitude().hi <= fine
     on_course = (reached.course - waypoint.course).magnitude().hi <= fine
-    demand(there and as_fast and on_course, f"{leg} misses its waypoint")
+    demand(at_waypoint and as_fast and on_course, f"{leg} misses its waypoint")

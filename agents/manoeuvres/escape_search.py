@@ -116,9 +116,11 @@ def _turns_that_stay_away(turns_deg: Array, resumes: Array) -> Manoeuvre:
     throttles = ((-1.0, -1.0), (0.0, 0.0), (1.0, 1.0), slow_then_fast)
     mesh = np.meshgrid(np.radians(turns_deg), np.arange(len(throttles)), resumes, indexing="ij")
     turn, pair, resume = (axis.ravel() for axis in mesh)
-    first, then = np.array(throttles)[pair.astype(int)].T
+    first, afterwards = np.array(throttles)[pair.astype(int)].T
     zero = np.zeros_like(turn)
-    return Manoeuvre(turn, first, zero + 15.0, zero, then, resume, zero, np.maximum(then, 0.0))
+    return Manoeuvre(
+        turn, first, zero + 15.0, zero, afterwards, resume, zero, np.maximum(afterwards, 0.0)
+    )
 
 
 STAGES: tuple[Manoeuvre, ...] = (

@@ -176,9 +176,9 @@ def _squares(intruders: _Intruders, path: Paths, xp: ArrayModule) -> Array:
     x, y = intruders.x + vx * path.times - path.x, intruders.y + vy * path.times - path.y
     over_x, over_y = vx * path.spans - path.step_x, vy * path.spans - path.step_y
     # How much of the chord lies behind its closest point.
-    back = (x * over_x + y * over_y) / (over_x * over_x + over_y * over_y + 1e-8)
-    back = xp.minimum(xp.maximum(back, 0.0), 1.0)
-    x, y = x - back * over_x, y - back * over_y
+    share = (x * over_x + y * over_y) / (over_x * over_x + over_y * over_y + 1e-8)
+    share = xp.minimum(xp.maximum(share, 0.0), 1.0)
+    x, y = x - share * over_x, y - share * over_y
     square = x * x + y * y
     return square if intruders.weight is None else square * intruders.weight
 
@@ -234,17 +234,17 @@ class MinSeparationOfOne:
         steps = (speeds[:, 1:] + speeds[:, :-1]) * spans * shortening * courses
         own, steps = steps.cumsum(axis=2)[:, None], steps[:, None]
         place, velocity = np.array(((scene.x, scene.y), (scene.vx, scene.vy)))[..., None, None]
-        there, over = place + velocity * times - own, velocity * spans - steps
-        (ahead, aside), (along, across) = there * over, over * over
+        relative, over = place + velocity * times - own, velocity * spans - steps
+        (ahead, aside), (along, across) = relative * over, over * over
         along += across
         along += 1e-8
-        back = ahead + aside
-        back /= along
-        np.maximum(back, 0.0, out=back)
-        np.minimum(back, 1.0, out=back)
-        there -= back * over
-        there *= there
-        square = there[0] + there[1]
+        share = ahead + aside
+        share /= along
+        np.maximum(share, 0.0, out=share)
+        np.minimum(share, 1.0, out=share)
+        relative -= share * over
+        relative *= relative
+        square = relative[0] + relative[1]
         if scene.distance_scale is not None:
             square *= np.square(scene.distance_scale)[:, None, None]
         return np.sqrt(np.minimum.reduce(square, axis=(0, 2), initial=1e6))

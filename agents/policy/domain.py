@@ -66,8 +66,8 @@ def unlike(content: PolicyFile, aircraft: Aircraft) -> Departure | None:
     """
     trained = ratios(content.aircraft.limits, content.aircraft.separation)
     for name, value in ratios(aircraft.limits, aircraft.separation)._asdict().items():
-        alone = getattr(trained, name)
-        low, high = content.metadata["family"][name] if content.of_set else (alone, alone)
+        ratio = getattr(trained, name)
+        low, high = content.metadata["family"][name] if content.of_set else (ratio, ratio)
         if not low - _TOLERANCE * abs(low) <= value <= high + _TOLERANCE * abs(high):
             text = (
                 f"is {value:.3g} {_RATIO_UNITS[name]}; expected {low:.3g} to {high:.3g}, "

@@ -176,10 +176,10 @@ def _cut_along_grid(states: States, ahead: int, place: float) -> States:
     """Cut polygons at every multiple of ``place`` in one direction; overlaps of up to a millimetre
     stay.
     """
-    back = ahead + DIRECTIONS.size // 2
+    behind = ahead + DIRECTIONS.size // 2
     pieces = []
     while True:
-        lowest = -states.supports[:, back]
+        lowest = -states.supports[:, behind]
         line = (np.floor((lowest + 1e-3) / place) + 1.0) * place
         crosses = line < states.supports[:, ahead] - 1e-3
         pieces.append(take(states, ~crosses))
@@ -187,7 +187,7 @@ def _cut_along_grid(states: States, ahead: int, place: float) -> States:
             break
         states, line = take(states, crosses), line[crosses]
         pieces.append(states._replace(supports=beside(states.supports, ahead, line)))
-        states = states._replace(supports=beside(states.supports, back, -line))
+        states = states._replace(supports=beside(states.supports, behind, -line))
     return States(*(np.concatenate(field) for field in zip(*pieces, strict=True)))
 
 

@@ -101,8 +101,8 @@ class Guide:
         pace = state.speed / max(place.speed, 1.0)
         first, last = abeam + pace * gains.turn, abeam + pace * (gains.turn + dt)
         turn = wrap(path.at(last).heading - path.at(first).heading, FLOATS) / dt
-        back = gains.heading * wrap(state.heading - place.heading, FLOATS)
-        turn -= back + gains.across * left / max(state.speed, 1.0)
+        correction = gains.heading * wrap(state.heading - place.heading, FLOATS)
+        turn -= correction + gains.across * left / max(state.speed, 1.0)
         planned = path.at(time)
         # The mean speed between both points gives the distance on straight and curved paths alike.
         ahead = -self.late * 0.5 * (place.speed + planned.speed)

@@ -128,8 +128,8 @@ class PointMassVehicle:
         state = self.state
         along, left = air_demands(state, acceleration, yaw_rate, self._wind, (low, high))
         bank = min(max(math.atan(left / GRAVITY), -BANK_MAX), BANK_MAX)
-        back = 0.35 * (self._held.altitude - self.altitude)
-        climb = self._held.climb + min(max(back, -CLIMB_MAX), CLIMB_MAX)
+        correction = 0.35 * (self._held.altitude - self.altitude)
+        climb = self._held.climb + min(max(correction, -CLIMB_MAX), CLIMB_MAX)
         before = _Lagged(self.bank, self._along, self.climb)
         demanded = _Lagged(bank, min(max(along, low), high), climb)
         # Exact over the step for a constant command.

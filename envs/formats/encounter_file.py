@@ -336,8 +336,8 @@ def _check_shared(
     """Refuse a row that does not agree with the first one of its encounter."""
     for column, value, before in zip(COLUMNS, values, first[1], strict=True):
         if column.shared and value != before:
-            same = f"expected {before!r} as in line {first[0]}, the first of encounter {name!r}"
-            raise EncounterError(f"{where}, column {column.name}: {value!r}, {same}")
+            expected = f"expected {before!r} as in line {first[0]}, the first of encounter {name!r}"
+            raise EncounterError(f"{where}, column {column.name}: {value!r}, {expected}")
 
 
 def _encounters(groups: list[list[list[float]]]) -> Encounter:

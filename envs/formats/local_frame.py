@@ -67,8 +67,10 @@ def local(latitude: Array, longitude: Array, reference: tuple[float, float]) -> 
     """
     latitude, longitude = np.asarray(latitude, np.float64), np.asarray(longitude, np.float64)
     start = np.full(latitude.shape, reference[1]), np.full(latitude.shape, reference[0])
-    azimuth, back, length = map(np.asarray, wgs84().inv(*start, longitude, latitude, radians=True))
-    convergence = np.where(length > 1e-6, wrap(back + np.pi - azimuth, np), 0.0)
+    azimuth, back_azimuth, length = map(
+        np.asarray, wgs84().inv(*start, longitude, latitude, radians=True)
+    )
+    convergence = np.where(length > 1e-6, wrap(back_azimuth + np.pi - azimuth, np), 0.0)
     return Place(length * np.sin(azimuth), length * np.cos(azimuth), convergence)
 
 
@@ -93,10 +95,10 @@ class LocalFrame:
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
         azimuth, length = np.arctan2(x, y), np.hypot(x, y)
         start = np.full(x.shape, self.longitude), np.full(x.shape, self.latitude)
-        longitude, latitude, back = wgs84().fwd(*start, np.degrees(azimuth), length)
+        longitude, latitude, back_azimuth = wgs84().fwd(*start, np.degrees(azimuth), length)
         longitude = np.remainder(np.asarray(longitude) + 180.0, 360.0) - 180.0
         # At the origin the geodesic has no direction.
-        turn = np.where(length > 1e-6, wrap(np.radians(back) + math.pi - azimuth, np), 0.0)
+        turn = np.where(length > 1e-6, wrap(np.radians(back_azimuth) + math.pi - azimuth, np), 0.0)
         return Geodetic(np.asarray(latitude), longitude, turn)
 
 

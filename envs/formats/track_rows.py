@@ -212,8 +212,8 @@ def _ways(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     if "sx" in columns:
         return np.diff(columns["sx"]) + 1j * np.diff(columns["sy"])
     lat, lon = columns["lat"], columns["lon"]
-    azimuth, back, length = wgs84().inv(lon[:-1], lat[:-1], lon[1:], lat[1:], radians=True)
-    middle = azimuth + 0.5 * wrap(back + math.pi - azimuth, np)
+    azimuth, back_azimuth, length = wgs84().inv(lon[:-1], lat[:-1], lon[1:], lat[1:], radians=True)
+    middle = azimuth + 0.5 * wrap(back_azimuth + math.pi - azimuth, np)
     return length * np.exp(1j * (0.5 * math.pi - middle))
 
 
@@ -410,11 +410,11 @@ def _misses(before: dict[str, float], after: dict[str, float]) -> tuple[float, f
     """
     step, turn = after["time"] - before["time"], 0.0
     if "lat" in before:
-        azimuth, back, length = wgs84().inv(
+        azimuth, back_azimuth, length = wgs84().inv(
             before["lon"], before["lat"], after["lon"], after["lat"], radians=True
         )
         east, north = length * math.sin(azimuth), length * math.cos(azimuth)
-        turn = back + math.pi - azimuth if length > 1e-6 else 0.0
+        turn = back_azimuth + math.pi - azimuth if length > 1e-6 else 0.0
     else:
         east, north = after["sx"] - before["sx"], after["sy"] - before["sy"]
     (vx, vy), (wx, wy) = _velocity(before), _velocity(after)

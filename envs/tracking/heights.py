@@ -76,9 +76,9 @@ def extend(
     ol, ll = old.ol + dt * old.ll + _NOISE * dt * dt * 0.5, old.ll + _NOISE * dt
     flown = 0.5 * dt * (old.climb + climb) + old.lack * dt
     off = altitude - old.altitude - flown - old.offset
-    anew = xp.logical_and(off * off > _ANEW * (oo + noise), old.count > _FEW)
-    oo = xp.where(anew, noise + (_PRIOR * dt) ** 2, oo)
-    ol, ll = xp.where(anew, _PRIOR**2 * dt, ol), xp.where(anew, _PRIOR**2, ll)
+    restarts = xp.logical_and(off * off > _ANEW * (oo + noise), old.count > _FEW)
+    oo = xp.where(restarts, noise + (_PRIOR * dt) ** 2, oo)
+    ol, ll = xp.where(restarts, _PRIOR**2 * dt, ol), xp.where(restarts, _PRIOR**2, ll)
     near, fast = oo / (oo + noise), ol / (oo + noise)
     lack, ll = old.lack + fast * off, ll - fast * ol
     count = old.count + 1.0

@@ -158,10 +158,10 @@ def extend(
     odds = turns * xp.exp(xp.clip(0.5 * (unlike_straight - unlike_turning), -50.0, 50.0))
     turns = odds / (1.0 - turns + odds)
     # Reports that were taken in as more exact than they are would mislead for long.
-    anew = agreements.worse(tracks.agreement, agreement, declared, xp)
+    restarts = agreements.worse(tracks.agreement, agreement, declared, xp)
     level, bent = _first_estimates(measured)
-    straight, turning = choose(anew, level, straight, xp), choose(anew, bent, turning, xp)
-    turns = xp.where(anew, FIRST, turns)
+    straight, turning = choose(restarts, level, straight, xp), choose(restarts, bent, turning, xp)
+    turns = xp.where(restarts, FIRST, turns)
     zero = 0.0 * turns
     since = tracks.since + dt
     due, gap = since >= _BASELINE[0], since > _BASELINE[1]
@@ -276,15 +276,15 @@ def belief(tracks: Tracks[F], xp: ArrayModule = np) -> Belief[F]:
     # Which of two is wrong that differ by so much, nobody knows.
     doubtful = bias > _BOTH * xp.maximum(speed, reported.speed)
     # The newest report alone is as good as this.
-    alone = _variances(agreement, newest.declared, bias_variance, xp)
+    of_newest = _variances(agreement, newest.declared, bias_variance, xp)
     c = flown.covariance
-    place, motion = xp.clip(c.pp, 0.0, alone[0]), xp.clip(c.vv, 0.0, alone[1])
+    place, motion = xp.clip(c.pp, 0.0, of_newest[0]), xp.clip(c.vv, 0.0, of_newest[1])
     # The error of a bias is the same in many reports, so that the filters average none of it.
     # Positions that a wrong velocity draws along lag by the time that the filter averages them for.
     suspicion = agreements.suspicion(agreement, xp)
-    lag = agreement.seconds * alone[0] / xp.maximum(place, 1e-3 * alone[0])
-    place = xp.minimum(place + lag * lag * suspicion, xp.maximum(alone[0], _SUSPECTED[0] ** 2))
-    motion = xp.minimum(motion + suspicion, xp.maximum(alone[1], _SUSPECTED[1] ** 2))
+    lag = agreement.seconds * of_newest[0] / xp.maximum(place, 1e-3 * of_newest[0])
+    place = xp.minimum(place + lag * lag * suspicion, xp.maximum(of_newest[0], _SUSPECTED[0] ** 2))
+    motion = xp.minimum(motion + suspicion, xp.maximum(of_newest[1], _SUSPECTED[1] ** 2))
     position_std, velocity_std = xp.sqrt(place), xp.sqrt(motion + bias_variance)
     # Errors that nobody declared need not be white: no average makes them smaller.
     position_std = xp.where(near > least[0], xp.maximum(position_std, near), position_std)
@@ -383,7 +383,7 @@ def observe(
     extended, jumps = extend(sightings.tracks, reports, flown)
     if np.any(jumps & new):
         extended = map_leaves(
-            lambda anew, old: np.where(jumps, anew, old), restart(extended), extended
+            lambda restarted, old: np.where(jumps, restarted, old), restart(extended), extended
         )
     recent = elapsed <= _SILENCE
     tracks = map_leaves(

@@ -97,10 +97,10 @@ def _next(
         drawn = _draw(tables[k][configuration], chance)
         observed = np.any(variable.counts[configuration], axis=1)
         bins_of_both[:, size + k] = drawn = np.where(observed, drawn, current.bins[:, place])
-        anew = (drawn != current.bins[:, place]) | (again < model.rates[place])
+        redrawn = (drawn != current.bins[:, place]) | (again < model.rates[place])
         edges = model.boundaries[place]
         assert edges is not None  # the reader refuses it
-        values[:, place] = np.where(anew, _value(edges, drawn, inside, True), values[:, place])
+        values[:, place] = np.where(redrawn, _value(edges, drawn, inside, True), values[:, place])
     bins[:, list(model.moving)] = bins_of_both[:, size:]
     return _Second(bins, values)
 

@@ -124,15 +124,15 @@ def value_at(solution: Solution, x: Array, y: Array, heading: float, speed: floa
         np.asarray(x, float), np.asarray(y, float), heading, speed
     )
     best = 0.0 * (own.x + own.y)
-    there, gone = _intruder(best, solution.intruder_speed, grid.dt)
+    intruder, gone = _intruder(best, solution.intruder_speed, grid.dt)
     for turn, thrust in _CONTROLS:
         acceleration = (limits.acceleration_min, limits.acceleration_max)[thrust]
         after = advance(own, acceleration, turn * limits.yaw_rate_max, grid.dt, limits, np)
-        near = leg_separation(own, after, there, gone, grid.dt, np)
-        then = _interpolate(
+        near = leg_separation(own, after, intruder, gone, grid.dt, np)
+        later = _interpolate(
             solution, after.x - gone.x, after.y, float(after.heading), float(after.speed)
         )
-        best = np.maximum(best, np.minimum(near, then))
+        best = np.maximum(best, np.minimum(near, later))
     return np.minimum(best, CAP * solution.separation)
 
 
@@ -172,20 +172,20 @@ def _step(
     inside = [np.flatnonzero(np.abs(axis) <= CAP * separation) for axis in (grid.x, grid.y)]
     x, y = grid.x[inside[0], None], grid.y[None, inside[1]]
     near = np.empty((*speed.shape, x.size, y.size), np.float32)
-    there, gone = _intruder(0.0 * (x + y), intruder_speed, grid.dt)
+    intruder, gone = _intruder(0.0 * (x + y), intruder_speed, grid.dt)
     for index in np.ndindex(speed.shape):
         begun: VehicleState[Air] = VehicleState(x, y, heading[index], speed[index])
         ended: VehicleState[Air] = VehicleState(
             x + moved.x[index], y + moved.y[index], moved.heading[index], moved.speed[index]
         )
-        near[index] = leg_separation(begun, ended, there, gone, grid.dt, np)
+        near[index] = leg_separation(begun, ended, intruder, gone, grid.dt, np)
     box = (slice(inside[0][0], inside[0][-1] + 1), slice(inside[1][0], inside[1][-1] + 1))
     return _Step(turn, shift, low, part, near, box)
 
 
 def _intruder(zero: Array, speed: float, dt: float) -> tuple[VehicleState[Air], VehicleState[Air]]:
-    there: VehicleState[Air] = VehicleState(zero, zero, zero, zero + speed)
-    return there, there._replace(x=zero + speed * dt)
+    intruder: VehicleState[Air] = VehicleState(zero, zero, zero, zero + speed)
+    return intruder, intruder._replace(x=zero + speed * dt)
 
 
 def _backup(
@@ -204,11 +204,11 @@ def _backup(
         i, k = margin + math.floor(dx), margin + math.floor(dy)
         tables = value[after, low : low + 2, :, :: -1 if mirrored else 1]
         tables = tables[:, i : i + columns + 1, k : k + rows + 1]
-        then = _between(tables, part) if part else tables[0]
-        then = _between((then[:-1], then[1:]), dx % 1.0)
-        then = _between((then[:, :-1], then[:, 1:]), dy % 1.0)
-        np.minimum(then[step.box], step.near[index], out=then[step.box])
-        np.maximum(best, then, out=best)
+        later = _between(tables, part) if part else tables[0]
+        later = _between((later[:-1], later[1:]), dx % 1.0)
+        later = _between((later[:, :-1], later[:, 1:]), dy % 1.0)
+        np.minimum(later[step.box], step.near[index], out=later[step.box])
+        np.maximum(best, later, out=best)
     return best
 
 

@@ -135,8 +135,8 @@ class _Moment(NamedTuple):
 def _inputs(rows: np.ndarray, moment: _Moment, aircraft: Aircraft) -> SetInputs:
     """Return the network's inputs of some flights of all."""
     own, intruders, mask, goal, distance_scale = take(moment, rows)
-    there: VehicleState[Air] = VehicleState(*(np.where(mask, field, 0.0) for field in intruders))
-    return novelty.inputs_of(own, there, mask, goal, aircraft, distance_scale)
+    present: VehicleState[Air] = VehicleState(*(np.where(mask, field, 0.0) for field in intruders))
+    return novelty.inputs_of(own, present, mask, goal, aircraft, distance_scale)
 
 
 def _steps(flights: Flights) -> Iterator[tuple[VehicleState[Air], VehicleState[Air]]]:

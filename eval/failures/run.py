@@ -66,7 +66,7 @@ class Group(NamedTuple):
     distance: tuple[float, float]  # m
     members: np.ndarray  # numbers of its encounters
     # encounters of the run with such courses and distances that are not proven unresolvable
-    such: int
+    comparable: int
 
 
 def failures(table: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -87,12 +87,12 @@ def group_failures(table: Mapping[str, np.ndarray], separation: float) -> list[G
     for course in _COURSES:
         within = (angle >= course[0]) & ((angle < course[1]) | (course == _COURSES[-1]))
         for reach in ((low * separation, high * separation) for low, high in _DISTANCES):
-            there = within & (distance >= reach[0]) & (distance < reach[1])
-            such = int(np.count_nonzero(there & possible))
+            in_bin = within & (distance >= reach[0]) & (distance < reach[1])
+            comparable = int(np.count_nonzero(in_bin & possible))
             for how, kind in zip(HOW, kinds, strict=True):
-                members = np.flatnonzero(there & failed & kind)
+                members = np.flatnonzero(in_bin & failed & kind)
                 if members.size:
-                    groups.append(Group(how, course, reach, members, such))
+                    groups.append(Group(how, course, reach, members, comparable))
     return sorted(groups, key=lambda group: -group.members.size)
 
 
@@ -122,7 +122,7 @@ def describe(group: Group, table: Mapping[str, np.ndarray]) -> dict[str, Any]:
         "course_difference_deg": list(group.course),
         "distance_m": [low, None if np.isinf(high) else high],
         "failures": int(rows.size),
-        "such_encounters": group.such,
+        "such_encounters": group.comparable,
         "min_separation_m_median": float(np.median(table["min_separation_m"][rows])),
         "t_cpa_s_median": float(np.nanmedian(table["t_cpa_s"][rows])),
         "goal_distance_m_median": float(np.median(table["goal_distance_m"][rows])),

@@ -53,6 +53,6 @@ def add_to_observation(
     pairs = zip(observation.intruders, intruders.state, strict=True)
     return observation._replace(
         intruders=VehicleState(*(np.concatenate(fields, axis=-1) for fields in pairs)),
-        mask=np.concatenate([observation.mask, intruders.there], axis=-1),
+        mask=np.concatenate([observation.mask, intruders.mask], axis=-1),
         distance_scale=np.concatenate([distance_scale, intruders.distance_scale], axis=-1),
     )

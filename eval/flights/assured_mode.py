@@ -114,11 +114,13 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
     for number in range(tally.steps):
         time, rows = number * dt, flights.rows
         draws = None if noise is None else noise(number)[:, rows]
-        amid = None if areas is None else in_air_at(areas[rows], take(wind, rows), time)
+        areas_in_air = None if areas is None else in_air_at(areas[rows], take(wind, rows), time)
         in_space = flights.profile is not None
         heights = _heights(flights, time, aircraft, options) if in_space else None
-        flights, decision = _watch(flights, draws, amid, heights, time, aircraft, thresholds)
-        make = _MidFlightPlanner(flights, decision, amid, heights, time, policy, aircraft)
+        flights, decision = _watch(
+            flights, draws, areas_in_air, heights, time, aircraft, thresholds
+        )
+        make = _MidFlightPlanner(flights, decision, areas_in_air, heights, time, policy, aircraft)
         flights, renewed = _plan_anew(flights, decision, make, aircraft.t_max - time, thresholds)
         replans[rows] += renewed
         backup[rows] += flights.monitor.on_backup
@@ -250,8 +252,8 @@ def _watch(
     state = flights.air.state
     reported = perceive_intruders(state, draws, aircraft.dt, np)
     noise = declared_errors(None if draws is None else state.sensor)
-    there = known_intruders(state, aircraft, np)
-    sightings = observe(flights.sightings, Reports(reported, *noise), time, there)
+    known = known_intruders(state, aircraft, np)
+    sightings = observe(flights.sightings, Reports(reported, *noise), time, known)
     mask = state.mask & is_carried(sightings, time, aircraft)
     fields: dict[str, Any] = {"separation": state.separation}
     if areas is not None:
@@ -377,8 +379,8 @@ class _MidFlightPlanner(NamedTuple):
             request = request._replace(traffic=who_counts(traffic, traffic.window))
         if self.areas is None:
             return plan_many(request, self.policy, options, floats=True).candidates
-        amid = self.areas[rows]
-        return plan_among(request, amid, self.policy, options, floats=True).candidates
+        areas = self.areas[rows]
+        return plan_among(request, areas, self.policy, options, floats=True).candidates
 
     def meets(self, options: Options[Narrowed], rows: np.ndarray, candidates: Candidates) -> Met:
         """Return what plans of some flights that climb or descend meet from now on."""

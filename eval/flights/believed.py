@@ -52,10 +52,10 @@ def carry_on(
     flown = Traffic.straight(believed.state, carried)._replace(
         turn_rate=turn_rate, turn_time=np.full(age.shape, turn_time)
     )
-    there = predict(flown, np.where(carried, age, 0.0))
+    carried_on = predict(flown, np.where(carried, age, 0.0))
     intruders = map_leaves(
         lambda predicted, reported: np.where(carried, predicted, reported),
-        there,
+        carried_on,
         observation.intruders,
     )
     return observation._replace(intruders=intruders, mask=observation.mask | carried), sightings
@@ -72,8 +72,8 @@ def steer_alone(action: np.ndarray, observation: Observation, aircraft: Aircraft
     """Return a policy's actions ``[M, 2]``, of which those with nobody in observation steer to the
     goal.
     """
-    alone = ~observation.mask.any(axis=-1)
-    if not alone.any():
+    without_traffic = ~observation.mask.any(axis=-1)
+    if not without_traffic.any():
         return action
     steering = steer(observation.own, course_to_goal(observation, aircraft), aircraft)
-    return np.stack([action[:, 0], np.where(alone, steering, action[:, 1])], axis=-1)
+    return np.stack([action[:, 0], np.where(without_traffic, steering, action[:, 1])], axis=-1)

@@ -193,8 +193,8 @@ def columns(ready: ReadyEvaluation, first: int, count: int) -> dict[str, np.ndar
     flown = [own, *(flights_beside.but(other) for flights_beside in still)]
     judged = verdict_within(starts, aircraft, evaluation.limits, flown, other)
     if plans:
-        alone = verdict_within(starts, aircraft, aircraft.limits, [own.but(other), *still])
-        more["policy_verdict"] = _names(Verdict)[alone.verdict]
+        of_policy = verdict_within(starts, aircraft, aircraft.limits, [own.but(other), *still])
+        more["policy_verdict"] = _names(Verdict)[of_policy.verdict]
     begun = conditions(starts, aircraft)
     if starts.altitudes is not None:
         begun |= conditions_in_space(starts, aircraft)

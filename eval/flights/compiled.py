@@ -117,9 +117,9 @@ class Compiled:
     def _check(self, tile: _Rows) -> None:
         """Refuse a processor on which the bits of a row depend on its place in the tile."""
         reverse = slice(None, None, -1)
-        there = self._decided(self._weights, *tile)
-        back = self._decided(self._weights, *take(tile, reverse))
-        if not np.array_equal(there, back[reverse]):
+        forwards = self._decided(self._weights, *tile)
+        backwards = self._decided(self._weights, *take(tile, reverse))
+        if not np.array_equal(forwards, backwards[reverse]):
             raise InputError(
                 "backend is 'jax', which rounds a row by its place on this processor; expected "
                 "numpy"

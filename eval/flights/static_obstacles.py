@@ -45,11 +45,11 @@ class Standing(NamedTuple):
     end: Array  # until when
 
 
-class Seen(NamedTuple):
+class StandingIntruders(NamedTuple):
     """What stands in the way, as intruders at some times; fields ``[..., S]``."""
 
     state: VehicleState[Air]
-    there: Array  # whether it counts, bool
+    mask: Array  # whether it counts, bool
     distance_scale: Array  # at how much of its distance it counts
 
 
@@ -88,14 +88,14 @@ def standing(areas: Sequence[ActiveArea], unit: float, margin: float) -> Standin
     return Standing(*np.array(discs, dtype=float).reshape(-1, len(Standing._fields)).T)
 
 
-def as_intruders(standing: Standing, time: Array, unit: float) -> Seen:
+def as_intruders(standing: Standing, time: Array, unit: float) -> StandingIntruders:
     """Return what stands in the way as intruders at times, s, that broadcast; the unit is the
     aircraft's separation, m.
 
     Nothing counts as smaller than the smallest separation that policies are trained with.
     """
     needed = standing.separation + standing.growth * time
-    there = (standing.begin <= time) & (standing.end >= time) & (needed > 0.0)
+    mask = (standing.begin <= time) & (standing.end >= time) & (needed > 0.0)
     still = np.zeros(np.shape(needed))
     state: VehicleState[Air] = VehicleState(
         standing.x + standing.east * time,
@@ -103,7 +103,7 @@ def as_intruders(standing: Standing, time: Array, unit: float) -> Seen:
         np.arctan2(standing.north, standing.east) + still,
         np.hypot(standing.east, standing.north) + still,
     )
-    return Seen(state, there, unit / np.maximum(needed, LEAST * unit))
+    return StandingIntruders(state, mask, unit / np.maximum(needed, LEAST * unit))
 
 
 def _discs(shape: Polygon | Circle, unit: float) -> tuple[_Disc, ...]:

@@ -236,9 +236,9 @@ def fly(
             return log.flight(goal, str(problem))
         log.add_second(whole, traffic)
         place = log.states[-1]
-        there = math.hypot(goal[0] - place.x, goal[1] - place.y) <= rules.goal_radius
+        at_goal = math.hypot(goal[0] - place.x, goal[1] - place.y) <= rules.goal_radius
         lost = log.separations[-1] < rules.separation
-        if ("violation" in ends and lost) or ("goal" in ends and there):
+        if ("violation" in ends and lost) or ("goal" in ends and at_goal):
             break
     return log.flight(goal, None)
 

@@ -128,7 +128,7 @@ def scene_of(campaign: Campaign, number: int) -> Beginning:
         goal_y=encounter.goal_y + wind.north * away,
     )
     line = request_of(over, campaign.aircraft)
-    amid = areas_of(campaign.areas, campaign.seed, over, np.array([number]), campaign.aircraft)
+    areas = areas_of(campaign.areas, campaign.seed, over, np.array([number]), campaign.aircraft)
     return Beginning(
         encounter=encounter,
         drawn=met,
@@ -137,7 +137,7 @@ def scene_of(campaign: Campaign, number: int) -> Beginning:
         own=over_ground(own, wind, 0.0),
         route=Route(line.route_x[0], line.route_y[0]),
         noise=noise,
-        areas=() if amid is None else amid[0],
+        areas=() if areas is None else areas[0],
         distance_scale=distance_scales(encounter, campaign.aircraft, np),
         levels=_levels(campaign, encounter, met.altitude, number),
     )

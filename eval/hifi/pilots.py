@@ -112,10 +112,10 @@ class Closed(_Level):
         )
         if self._stands.x.size:
             distance_scale = [1.0] * len(others) if distance_scale is None else distance_scale
-            amid = as_intruders(self._stands, time, self._policy.aircraft.separation)
-            for n in np.flatnonzero(amid.there):
-                others.append(VehicleState(*(float(field[n]) for field in amid.state)))
-                distance_scale.append(float(amid.distance_scale[n]))
+            standing = as_intruders(self._stands, time, self._policy.aircraft.separation)
+            for n in np.flatnonzero(standing.mask):
+                others.append(VehicleState(*(float(field[n]) for field in standing.state)))
+                distance_scale.append(float(standing.distance_scale[n]))
         own_state: VehicleState[Air] = VehicleState(*(float(field) for field in through_the_air))
         action = self._policy.command_one(own_state, others, *goal, distance_scale)
         acceleration, yaw_rate = commands(action, self._limits, np)
@@ -229,10 +229,10 @@ class Assured(_Level):
 
     def _areas_met(self, time: float, own: VehicleState[Air]) -> tuple[ActiveArea, ...]:
         """Return the areas that an ownship in the air mass may meet, s after the start."""
-        amid, monitor = in_air_mass(self._areas, self._frame, time), self._monitor
+        areas, monitor = in_air_mass(self._areas, self._frame, time), self._monitor
         ends = float(monitor.plan.end[0] + monitor.started[0]) - time
         own_state: VehicleState[Air] = VehicleState(*(float(field) for field in own))
-        return may_be_met(amid, own_state, (), ends, self._thresholds)
+        return may_be_met(areas, own_state, (), ends, self._thresholds)
 
     def _plan(
         self,

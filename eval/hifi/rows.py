@@ -141,14 +141,14 @@ def _end(
         return _End("violation", float(second), f"{apart[lost[0]]:.0f} m in second {second}")
     if flight.failure is not None and flight.separation.size < rules.t_max:
         return _End("failed", flight.separation.size, flight.failure)
-    there = np.flatnonzero(near[1:] <= rules.goal_radius)
-    if not there.size:
+    at_goal = np.flatnonzero(near[1:] <= rules.goal_radius)
+    if not at_goal.size:
         return _End("timeout", rules.t_max, f"{near.min():.0f} m from the goal at best")
     unsafe = record.initial is not None and not record.initial.plans.candidates.safe[0]
     if unsafe and not isinstance(record.pilot, Assured):
         # Refusing is no success, even where the advisory trajectory arrives.
         return _End("timeout", rules.t_max, "the plan is not safe")
-    return _End("reached", (there[0] + 1) * PERIOD)
+    return _End("reached", (at_goal[0] + 1) * PERIOD)
 
 
 def _among_areas(record: FlightRecord, row: dict[str, Any], rules: Rules) -> dict[str, Any]:

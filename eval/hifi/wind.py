@@ -75,8 +75,8 @@ def plan_for(
     request = Request(own_row, traffic, x[None], y[None], np.array([x.size]), drift)
     if not areas:
         return PlanResult(plan_many(request, policy, in_air, floats=True), request, None)
-    amid = as_row(in_air_mass(areas, wind, clock))
-    return PlanResult(plan_among(request, amid, policy, in_air, floats=True), request, None)
+    areas_in_air = as_row(in_air_mass(areas, wind, clock))
+    return PlanResult(plan_among(request, areas_in_air, policy, in_air, floats=True), request, None)
 
 
 def plan_in_space(

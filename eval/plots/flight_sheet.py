@@ -90,11 +90,11 @@ def sheet(
             axes.set_xlabel("east, km", fontsize=8)
         if in_space and i + columns >= len(panels):
             below.set_xlabel("time, s", fontsize=8)
-    amid = any(panel.track.areas for panel in panels)
+    among_areas = any(panel.track.areas for panel in panels)
     explain(
         figure,
         rules,
-        *([area_sample()] if amid else []),
+        *([area_sample()] if among_areas else []),
         witnessed=any(panel.witness is not None for panel in panels),
         own_separations=any(panel.track.required is not None for panel in panels),
     )

@@ -260,10 +260,10 @@ class _Nearest(NamedTuple):
     def of(cls, chords: _Chords) -> "_Nearest":
         """Return the closest points of chords."""
         start, way = chords.place[:, :, :-1], np.diff(chords.place, axis=2)
-        back = np.clip(-(start * way).sum(-1) / ((way * way).sum(-1) + _FINE), 0.0, 1.0)
-        near = start + back[..., None] * way
+        share = np.clip(-(start * way).sum(-1) / ((way * way).sum(-1) + _FINE), 0.0, 1.0)
+        near = start + share[..., None] * way
         away = np.sqrt((near * near).sum(-1))
-        when = chords.time[..., :-1] + back * np.diff(chords.time, axis=-1)
+        when = chords.time[..., :-1] + share * np.diff(chords.time, axis=-1)
         return cls(away, near / np.maximum(away, _FINE)[..., None], when)
 
 

@@ -130,9 +130,9 @@ def _draw_geometry(axes: Axes, advisory: Advisory, aircraft: Aircraft) -> None:
     east, north = relative_velocity(scene)
     speed = math.hypot(east, north)
     if speed > _SLOW * aircraft.limits.speed_max:
-        back = np.array([-east, -north]) / speed
-        _draw_conflicts(axes, back, radius, 3.0 * edge)
-        x, y = 0.66 * edge / max(abs(back)) * back
+        origin = np.array([-east, -north]) / speed
+        _draw_conflicts(axes, origin, radius, 3.0 * edge)
+        x, y = 0.66 * edge / max(abs(origin)) * origin
         place = (x, y)
     _draw_aircraft(axes, (0.0, 0.0), 0.0, scene.own_speed, "own", aircraft)
     heading = scene.relative_heading
@@ -150,13 +150,13 @@ def _draw_geometry(axes: Axes, advisory: Advisory, aircraft: Aircraft) -> None:
     axes.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
 
 
-def _draw_conflicts(axes: Axes, back: np.ndarray, radius: float, length: float) -> None:
+def _draw_conflicts(axes: Axes, origin: np.ndarray, radius: float, length: float) -> None:
     """Draw the edges, of some length, km, from between which straight courses lead into the circle;
-    ``back`` is where the intruder comes from, a unit vector.
+    ``origin`` is where the intruder comes from, a unit vector.
     """
     for side in (-1.0, 1.0):
-        foot = side * radius * np.array([-back[1], back[0]])
-        ends = np.stack([foot, foot + length * back])
+        foot = side * radius * np.array([-origin[1], origin[0]])
+        ends = np.stack([foot, foot + length * origin])
         axes.plot(*ends.T, color="black", path_effects=_HALO, **_EDGE)
 
 

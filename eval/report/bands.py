@@ -71,9 +71,9 @@ def flight_bands(
         traffic = traffic._replace(separation=required)
     headings = wrap(0.5 * np.pi - np.radians(TRACKS), np)
     speeds = np.linspace(limits.speed_min, limits.speed_max, SPEEDS)
-    amid = _areas_then(areas, len(own.x), aircraft.dt, ahead)
-    of_tracks = heading_bands(own, traffic, requirement, limits, ahead, headings, amid)
-    of_speeds = speed_bands(own, traffic, requirement, limits, ahead, speeds, amid)
+    areas_ahead = _areas_then(areas, len(own.x), aircraft.dt, ahead)
+    of_tracks = heading_bands(own, traffic, requirement, limits, ahead, headings, areas_ahead)
+    of_speeds = speed_bands(own, traffic, requirement, limits, ahead, speeds, areas_ahead)
     loss = losses_on_course(own, traffic, requirement, ahead)
     way_out = recovery(of_tracks, aircraft.separation)
     return FlightBands(

@@ -106,12 +106,12 @@ def points(run: Run, replayed: np.ndarray) -> np.ndarray:
     """Return the numbers of the encounters that are points: all, or those replayed, failures and an
     even sample.
     """
-    everything = np.arange(len(run.kinds))
-    if len(everything) <= POINTS:
-        return everything
+    numbers = np.arange(len(run.kinds))
+    if len(numbers) <= POINTS:
+        return numbers
     failures = np.setdiff1d(np.flatnonzero(run.kinds != "success"), replayed)
     first = np.concatenate([replayed, spread(failures, POINTS // 2)])
-    remaining = np.setdiff1d(everything, first)
+    remaining = np.setdiff1d(numbers, first)
     return np.sort(np.concatenate([first, spread(remaining, max(0, POINTS - len(first)))]))
 
 

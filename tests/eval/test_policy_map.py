@@ -225,7 +225,7 @@ def test_every_failure_is_in_one_group(count: int, seed: int) -> None:
         (group.members.size for group in groups), reverse=True
     )
     for group in groups:
-        assert group.such >= group.members.size
+        assert group.comparable >= group.members.size
         assert np.all((table["outcome"][group.members] == "timeout") == (group.how == HOW[2]))
 
 

@@ -153,9 +153,9 @@ _LEG = (
     ("demand(above and below,", "demand(above,"),
     ("arc.turn_rate.magnitude().hi", "arc.turn_rate.hi"),
     ("demand(gentle,", "demand(True,"),
-    ("demand(there and as_fast and on_course", "demand(as_fast and on_course"),
-    ("demand(there and as_fast and on_course", "demand(there and on_course"),
-    ("demand(there and as_fast and on_course", "demand(there and as_fast"),
+    ("demand(at_waypoint and as_fast and on_course", "demand(as_fast and on_course"),
+    ("demand(at_waypoint and as_fast and on_course", "demand(at_waypoint and on_course"),
+    ("demand(at_waypoint and as_fast and on_course", "demand(at_waypoint and as_fast"),
 )
 
 _TOLERANCES = (

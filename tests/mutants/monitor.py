@@ -202,8 +202,8 @@ _OF_FRAMES = (
     ("turned_error(turn, new.wind.std - old.wind.std)", "0.0 * turn"),
     ("(old_traffic.turn_time + old_traffic.age)", "old_traffic.turn_time"),
     (
-        "there = new.to_air(old.to_ground(old_state, time), time)",
-        "there = new.to_air(old.to_ground(old_state, 0.0 * time), 0.0 * time)",
+        "carried = new.to_air(old.to_ground(old_state, time), time)",
+        "carried = new.to_air(old.to_ground(old_state, 0.0 * time), 0.0 * time)",
     ),
     (
         "state = self.to_air(report.state, time - report.age)",

@@ -58,10 +58,10 @@ def _last(
     point: Waypoint, number: int, route: Sequence[RoutePoint], extended: bool
 ) -> list[Reason]:
     name = f"waypoints[{number}]"
-    same = next((candidate for candidate in route if candidate.index == point.index), None)
-    if same is not None:
-        off = math.hypot(point.x - same.x, point.y - same.y)
-        expected = f"the route's point {same.index}"
+    on_route = next((candidate for candidate in route if candidate.index == point.index), None)
+    if on_route is not None:
+        off = math.hypot(point.x - on_route.x, point.y - on_route.y)
+        expected = f"the route's point {on_route.index}"
     elif extended and len(route) > 1:
         before, end = route[-2], route[-1]
         dx, dy = end.x - before.x, end.y - before.y

@@ -127,8 +127,8 @@ def _without_points_in(
     """Return a request without the points of its route that lie in areas."""
     x, y = request.route_x[0], request.route_y[0]
     time = _reach(request, own)
-    there = drift_points((x[None], y[None]), request.drift, time)
-    holder = _holders(areas, there[0][0], there[1][0], time, options.requirement.margin)
+    places = drift_points((x[None], y[None]), request.drift, time)
+    holder = _holders(areas, places[0][0], places[1][0], time, options.requirement.margin)
     inside = np.flatnonzero(holder >= 0)
     if inside.size == 0:
         return request, []

@@ -163,9 +163,9 @@ def _climbs(start: Start, until: float, vertical: Vertical) -> Iterator[Profile]
         for leave in sorted({min(max(over + wait, leg + 1), latest) for wait in WAITS}):
             if leave > leg:
                 altitudes = [reached, reached]
-                back = _back(start, [times[leg], times[leave]], altitudes, vertical, rate)
-                if back is not None:
-                    yield back
+                regained = _back(start, [times[leg], times[leave]], altitudes, vertical, rate)
+                if regained is not None:
+                    yield regained
 
 
 def _back(

@@ -397,10 +397,10 @@ def surroundings_of_one(
     traffic, own = request.traffic, request.own
     required = requirement_of(traffic, own, options.requirement)[0]
     to = float(request.route_x[0, goal[0]]), float(request.route_y[0, goal[0]])
-    there = np.flatnonzero(traffic.mask[0])
+    numbers = np.flatnonzero(traffic.mask[0])
     # By how near they come if all fly straight on.
     miss = straight_cpa(take(own, (slice(None), None)), traffic.state, np).distance[0] - required
-    order = there[np.argsort(miss[there], kind="stable")]
+    order = numbers[np.argsort(miss[numbers], kind="stable")]
     intruders = take(take(traffic, 0), order)
     some = request._replace(traffic=map_leaves(lambda field: field[None], intruders))
     continuation = route_continuation(some, goal, options, ordered=False)

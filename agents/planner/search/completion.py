@@ -193,8 +193,8 @@ def _fly_legs(
     their plans there, bool ``[L]``.
     """
     leg = legs.leg
-    there = VehicleState(leg.x, leg.y, wrap(leg.course, np), leg.speed)
-    scatter((tails.state, tails.time), legs.tail, (there, arrived))
+    ends = VehicleState(leg.x, leg.y, wrap(leg.course, np), leg.speed)
+    scatter((tails.state, tails.time), legs.tail, (ends, arrived))
     finished = arrived >= options.finished_by
     if not finished.any():
         return finished
@@ -247,11 +247,11 @@ def _to_goal(
     leg = legs.leg
     straight = np.maximum(leg.length - leg.disc, 0.0)
     entered = leg.turned + duration(straight, leg.begin.speed, leg.speed, task)
-    there = rows[legs.tail[direct]]
-    whole.rejoin_time[there] = entered[direct]
+    direct_rows = rows[legs.tail[direct]]
+    whole.rejoin_time[direct_rows] = entered[direct]
     flown = np.abs(leg.arc) * leg.begin.speed / task.turn_rate + straight
-    whole.path[there] += flown[direct]
-    whole.reversals[there] += np.sign(leg.arc[direct]) * rollout.turn_sign[there] < 0.0
+    whole.path[direct_rows] += flown[direct]
+    whole.reversals[direct_rows] += np.sign(leg.arc[direct]) * rollout.turn_sign[direct_rows] < 0.0
     return legs
 
 
@@ -332,8 +332,8 @@ def _read_off(
     seconds = np.where(any_begun, times - part.begin, 0.0)
     arc = part.turn_rate * seconds
     began: VehicleState[Air] = VehicleState(part.x, part.y, part.heading, part.speed)
-    there = arc_end(began, arc, (part.speed + 0.5 * part.acceleration * seconds) * seconds)
-    tail = (*there, part.heading + arc, part.speed + part.acceleration * seconds)
+    place = arc_end(began, arc, (part.speed + 0.5 * part.acceleration * seconds) * seconds)
+    tail = (*place, part.heading + arc, part.speed + part.acceleration * seconds)
     flown = times <= rollout.time[row][:, None]
     have = min(times.size, rollout.plan_states.x.shape[1])
     for field, manoeuvre, after, final in zip(

@@ -214,9 +214,9 @@ def _read_off(
             for field in range(4):
                 states[field, i] = manoeuvres.states[n, field, i]
         else:
-            there = _on_pieces(pieces, when)
-            states[0, i], states[1, i] = there.x, there.y
-            states[2, i], states[3, i] = there.heading, there.speed
+            state = _on_pieces(pieces, when)
+            states[0, i], states[1, i] = state.x, state.y
+            states[2, i], states[3, i] = state.heading, state.speed
         states[2, i] = wrap(states[2, i], FLOATS)
     states[0, last], states[1, last] = end.x, end.y
     states[2, last], states[3, last] = wrap(end.heading, FLOATS), end.speed

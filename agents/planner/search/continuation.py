@@ -141,28 +141,28 @@ class RouteContinuation(NamedTuple):
         its chord, the way there, and the rest of the route.
         """
         at_goal, course, speed = arrival(own, goal, time, task, np)
-        there: VehicleState[Air] = VehicleState(*goal, course, speed)
-        to_next, at_next = self._to_next(there, at_goal, owner, task)
+        state_at_goal: VehicleState[Air] = VehicleState(*goal, course, speed)
+        to_next, at_next = self._to_next(state_at_goal, at_goal, owner, task)
         beyond_next = self._on_route(speed, at_next, owner)
         return map_leaves(lambda *parts: np.concatenate(parts, axis=-1), to_next, beyond_next)
 
     def _to_next(
-        self, there: VehicleState[Air], time: Array, owner: Array, task: DirectTask
+        self, state: VehicleState[Air], time: Array, owner: Array, task: DirectTask
     ) -> tuple["_Lines", Array]:
         """Return the turn onto the next point and the way there, ``[R, 2]``, from states at some
         times, and when the point is reached, s.
         """
-        speed = there.speed
-        way = direct(there, (self.next_x[owner], self.next_y[owner]), time, task, np)
-        turned_x, turned_y = arc_end(there, way.side * way.turn, speed * way.turning)
+        speed = state.speed
+        way = direct(state, (self.next_x[owner], self.next_y[owner]), time, task, np)
+        turned_x, turned_y = arc_end(state, way.side * way.turn, speed * way.turning)
         turned = time + way.turning
         at_next = turned + (way.straight + task.radius) / speed
         turning = np.maximum(way.turning, 1e-9)
-        chord_vx, chord_vy = (turned_x - there.x) / turning, (turned_y - there.y) / turning
+        chord_vx, chord_vy = (turned_x - state.x) / turning, (turned_y - state.y) / turning
         vx, vy = speed * np.cos(way.course), speed * np.sin(way.course)
         lines = _Lines(
-            x=np.stack([there.x, turned_x], axis=-1),
-            y=np.stack([there.y, turned_y], axis=-1),
+            x=np.stack([state.x, turned_x], axis=-1),
+            y=np.stack([state.y, turned_y], axis=-1),
             vx=np.stack([chord_vx, vx], axis=-1),
             vy=np.stack([chord_vy, vy], axis=-1),
             first=np.stack([time, turned], axis=-1),
@@ -275,12 +275,12 @@ def continuation_lines(
     """
     lines = np.empty((len(continuation.legs) + 2, 6))
     at_goal, course, speed = arrival(own, goal, time, task, FLOATS)
-    there: VehicleState[Air] = VehicleState(goal[0], goal[1], course, speed)
-    way = direct(there, (continuation.next_x, continuation.next_y), at_goal, task, FLOATS)
-    x, y = arc_end_of_one(there, way.side * way.turn, speed * way.turning)
+    state: VehicleState[Air] = VehicleState(goal[0], goal[1], course, speed)
+    way = direct(state, (continuation.next_x, continuation.next_y), at_goal, task, FLOATS)
+    x, y = arc_end_of_one(state, way.side * way.turn, speed * way.turning)
     turned, turning = at_goal + way.turning, max(way.turning, 1e-9)
-    chord = (x - there.x) / turning, (y - there.y) / turning
-    _write_line(lines[0], (there.x, there.y), chord, at_goal, turned)
+    chord = (x - state.x) / turning, (y - state.y) / turning
+    _write_line(lines[0], (state.x, state.y), chord, at_goal, turned)
     at_next = turned + (way.straight + task.radius) / speed
     velocity = speed * math.cos(way.course), speed * math.sin(way.course)
     _write_line(lines[1], (x, y), velocity, turned, at_next)

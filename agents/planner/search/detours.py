@@ -63,8 +63,8 @@ class Airspace(NamedTuple):
         empty list where no way is found.
         """
         straight = self.straight(begin, x, y, drift)
-        there = (np.array([value]) for value in straight)
-        if straight.time < self.latest and self.clear(begin, *there).all():
+        reached = (np.array([value]) for value in straight)
+        if straight.time < self.latest and self.clear(begin, *reached).all():
             return [straight]
         rings = self.rings
         to = np.append(rings.x, x), np.append(rings.y, y)
@@ -90,12 +90,12 @@ class Airspace(NamedTuple):
             free = np.flatnonzero(np.array(earlier))
             free = free[self.clear(place, there_x[free], there_y[free], arrival[free])]
             for n in free.tolist():
-                there = Place(float(there_x[n]), float(there_y[n]), float(arrival[n]))
-                places[n], came[n] = there, at
-                off_x = x + drift[0] * there.time - there.x
-                off_y = y + drift[1] * there.time - there.y
+                reached = Place(float(there_x[n]), float(there_y[n]), float(arrival[n]))
+                places[n], came[n] = reached, at
+                off_x = x + drift[0] * reached.time - reached.x
+                off_y = y + drift[1] * reached.time - reached.y
                 remaining = math.hypot(off_x, off_y) / self.speed
-                heapq.heappush(queue, (there.time + remaining, n))
+                heapq.heappush(queue, (reached.time + remaining, n))
         return []
 
     def straight(self, place: Place, x: float, y: float, drift: tuple[float, float]) -> Place:
@@ -112,9 +112,9 @@ class Airspace(NamedTuple):
         self, place: Place, to: tuple[Array, Array], velocity: tuple[Array, Array]
     ) -> tuple[Array, Array, Array]:
         """Return where moving points are met from a place, m, and when, s, ``[M]`` each."""
-        same = np.ones_like(to[0])
+        ones = np.ones_like(to[0])
         own: VehicleState[Air] = VehicleState(
-            place.x * same, place.y * same, 0.0 * same, self.speed * same
+            place.x * ones, place.y * ones, 0.0 * ones, self.speed * ones
         )
         current = to[0] + velocity[0] * place.time, to[1] + velocity[1] * place.time
         x, y = aim_point(own, current, velocity, self.latest - place.time, np)

@@ -254,7 +254,7 @@ def _way(task: SpaceTask, request: Request) -> Candidates:
     with it.
     """
     options = task.options
-    alone = request._replace(
+    without_traffic = request._replace(
         traffic=request.traffic._replace(mask=np.zeros_like(request.traffic.mask))
     )
     way = empty(1, options.waypoints)
@@ -262,7 +262,7 @@ def _way(task: SpaceTask, request: Request) -> Candidates:
         if goal < 0 or way.last[0] >= 0:
             break
         number = np.array([goal])
-        flown = roll(alone, number, task.policy, options, task.budget, floats=True)
+        flown = roll(without_traffic, number, task.policy, options, task.budget, floats=True)
         way = evaluate(request, flown, number, options)
     return way
 

@@ -180,10 +180,10 @@ def _write(plan_states: Array, number: int, state: VehicleState[Air]) -> None:
 def _predicted(k: int, time: float, intruders: Intruders) -> VehicleState[Air]:
     """Return an intruder some seconds after the request."""
     state = intruders.state
-    there: VehicleState[Air] = VehicleState(
+    reported: VehicleState[Air] = VehicleState(
         state.x[k], state.y[k], state.heading[k], state.speed[k]
     )
-    return predict_one(there, intruders.turn_rate[k], intruders.turn_time[k], time)
+    return predict_one(reported, intruders.turn_rate[k], intruders.turn_time[k], time)
 
 
 @scalar
@@ -192,18 +192,18 @@ def _look(own: VehicleState[Air], time: float, intruders: Intruders, course: Cou
     count at a time.
     """
     count = len(intruders.required)
-    rank, there = np.empty(count), 0
+    rank, present = np.empty(count), 0
     for k in range(count):
         rank[k] = math.inf
         if len(intruders.begin) == 0 or intruders.begin[k] <= time <= intruders.end[k]:
-            there += 1
+            present += 1
             other = at_distance_scale(
                 own, _predicted(k, time, intruders), intruders.distance_scale[k]
             )
             rank[k] = criticality_of(own, other, course.separation, course.time_unit, FLOATS)
     if count <= course.most:  # in their own order
         return np.nonzero(rank < math.inf)[0]
-    return np.argsort(rank, kind="mergesort")[: min(there, course.most)]
+    return np.argsort(rank, kind="mergesort")[: min(present, course.most)]
 
 
 @scalar

@@ -240,15 +240,15 @@ def _roll_compiled(
     time until the computation ends; fields ``[1]`` and ``[1, S]``.
     """
     own, traffic, drift = take((request.own, request.traffic, request.drift), row)
-    there = traffic.mask
-    crowd = there.size > CROWD
+    mask = traffic.mask
+    crowd = mask.size > CROWD
     continuation = no_continuation()
     if crowd:
         single = slice(row, row + 1)
         continuation = of_one(
             route_continuation(take(request, single), np.array([goal]), options), 0
         )
-    present, required = take((traffic, required_range), there)
+    present, required = take((traffic, required_range), mask)
     window, none, distance_scale = (
         present.window,
         np.zeros(0),
@@ -403,11 +403,11 @@ class _TrafficAhead:
 
     def _choose(self, others: VehicleState[Air], state: VehicleState[Air], time: float) -> Array:
         """Return the numbers of the intruders that the policy looks at."""
-        there = self._all & visible(self._window, time)
+        visible_now = self._all & visible(self._window, time)
         chosen = self._every_number
         if self._many:
-            chosen = self._policy.most_critical(state, others, there, self._every_scale)
-        return chosen[there[chosen]]
+            chosen = self._policy.most_critical(state, others, visible_now, self._every_scale)
+        return chosen[visible_now[chosen]]
 
     def intruders_at(self, step: int) -> list[VehicleState[Air]]:
         """Return the intruders that are looked at, as they are at a time step."""

@@ -407,7 +407,15 @@ def test_what_does_not_count_changes_nothing_that_is_remembered(time: float, age
         position_std=np.full((1, 1), 3.0),
     )
     after = assurance.step(monitor, given, THRESHOLDS)[0].memory
-    for name in ("own", "own_time", "intruders", "reported", "position_std", "turn_rate", "turn_std"):
+    for name in (
+        "own",
+        "own_time",
+        "intruders",
+        "reported",
+        "position_std",
+        "turn_rate",
+        "turn_std",
+    ):
         for had, kept in zip(flat(getattr(before, name)), flat(getattr(after, name)), strict=True):
             np.testing.assert_array_equal(had, kept)
 

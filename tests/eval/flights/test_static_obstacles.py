@@ -96,11 +96,11 @@ def test_what_an_area_grows_by_is_kept(time: float) -> None:
 def test_an_area_is_seen_while_it_counts_and_is_there() -> None:
     melts = Area(Circle(0.0, 0.0, 500.0), growth=-10.0)
     what = what_is(Area(Circle(0.0, 0.0, 500.0)), melts)
-    assert as_intruders(what, 10.0, UNIT).there.tolist() == [True, True]
-    assert as_intruders(what, 60.0, UNIT).there.tolist() == [True, False]
-    assert as_intruders(what, 101.0, UNIT).there.tolist() == [False, False]
+    assert as_intruders(what, 10.0, UNIT).mask.tolist() == [True, True]
+    assert as_intruders(what, 60.0, UNIT).mask.tolist() == [True, False]
+    assert as_intruders(what, 101.0, UNIT).mask.tolist() == [False, False]
     every = as_intruders(what, np.array([[10.0], [60.0]]), UNIT)
-    assert every.there.tolist() == [[True, True], [True, False]]
+    assert every.mask.tolist() == [[True, True], [True, False]]
 
 
 def test_areas_to_be_kept_in_are_not_seen_and_small_ones_not_smaller_than_in_training() -> None:
