@@ -312,7 +312,7 @@ def _roll_one(
 ) -> Rollout:
     """Roll one request in plain floats until the computation ends; fields ``[1]`` and ``[1, S]``.
 
-    The scalar twin of :func:`roll`.
+    The scalar implementation of :func:`roll`.
     """
     task, limits, dt = task_of(options), options.manoeuvre, options.aircraft.dt
     steps, spacing = int(task.until / dt + 1e-9), options.spacing
