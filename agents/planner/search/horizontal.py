@@ -16,7 +16,7 @@ from agents.planner.search import fallback
 from agents.planner.search.budget import Budget
 from agents.planner.search.candidates import Candidates, Plans, empty, evaluate, keep_best
 from agents.planner.search.goals import on_same_leg
-from agents.planner.search.rollout import roll
+from agents.planner.search.rollout import much_about, policy_time_over, roll
 from agents.policy.inference import Policy
 from envs.arrays import Array, Int
 from envs.trees import take
@@ -38,10 +38,11 @@ def plan_rows(
 
     Goals are tried one after the other where no plan is safe yet, or where others on the same leg
     are as welcome and it costs much: the policy, then the fallback where the policy's plan is not
-    safe or costs much, at the end the refinement. Among areas the slow stages of the last two
-    follow when all goals have been tried quickly.
+    safe or costs much, at the end the refinement. Among areas and in a crowd the slow stages of the
+    last two follow when all goals have been tried quickly: a point further on is often reached long
+    before all is tried that may lead to the next one.
     """
-    count = request.points.size
+    count, quick_first = request.points.size, much_about(request)
     best = empty(count, options.waypoints)
     source, policy_safe = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=bool)
     for choice in range(options.goals):
@@ -53,8 +54,11 @@ def plan_rows(
         if rows.size == 0 or budget.ends(f"goal {choice + 1}"):
             break
         part, goal = request if rows.size == count else take(request, rows), goals[rows, choice]
-        flown = roll(part, goal, policy, options, budget, floats=floats)
-        plans = evaluate(part, flown, goal, options)
+        if choice and policy_time_over(request, budget):
+            plans = empty(rows.size, options.waypoints)
+        else:
+            flown = roll(part, goal, policy, options, budget, floats=floats)
+            plans = evaluate(part, flown, goal, options)
         wanting = ~plans.safe | (plans.cost > options.fallback_cost_threshold)
         if count == 1 and choice == 0 and not wanting[0]:
             # The usual case: there is nothing to compare with.
@@ -64,15 +68,13 @@ def plan_rows(
         if choice == 0:
             policy_safe[rows] = plans.safe
         if wanting.any():
-            slow = request.areas is None and not best.safe[rows].all()
+            slow = not quick_first and not best.safe[rows].all()
             stages = fallback.ALL if slow else fallback.QUICK
             searched = fallback.search(take(part, wanting), goal[wanting], options, budget, stages)
             source[keep_best(best, rows[wanting], searched)] = FALLBACK
-        if request.areas is None and options.exhaustive:
+        if options.exhaustive and not quick_first:
             _search_on(fallback.refine, best, source, request, goals[:, choice], options, budget)
-    if request.areas is not None:
-        # Points of a route round areas stand close together: the next one is tried long before
-        # much is tried to reach one.
+    if quick_first:
         ways = [partial(fallback.search, selected=fallback.SLOW)]
         ways += [fallback.refine] if options.exhaustive else []
         for way, choice in itertools.product(ways, range(options.goals)):

@@ -40,7 +40,7 @@ from envs.trees import column, contiguous, map_leaves, scatter, take
 from envs.wind import aim_point
 
 _SHARE = 0.6  # of the computation, for a policy that finds no way back
-_SHARE_IN_CROWD = 0.3  # the same among many and among areas
+_SHARE_IN_CROWD = 0.3  # the same where much is about
 # time steps for which the intruders are predicted at once; most flights take fewer
 _AHEAD = 13 * EVERY
 
@@ -70,6 +70,18 @@ class _Underway(NamedTuple):
     flight: Flight
     chosen: Array  # numbers of the intruders that the policy sees among many
     distance_scale: Array  # at which the policy counts their distances, [M, K]; None: whole
+
+
+def much_about(request: Request) -> bool:
+    """Return whether requests are among areas or a crowd, where a way to one point takes so long to
+    find that there is no time for all ways of finding it.
+    """
+    return request.areas is not None or request.traffic.mask.shape[-1] > CROWD
+
+
+def policy_time_over(request: Request, budget: Budget) -> bool:
+    """Return whether the policy's share of the computation is over."""
+    return budget.ends("policy", _SHARE_IN_CROWD if much_about(request) else _SHARE)
 
 
 def roll(
@@ -202,8 +214,7 @@ def _roll_each(
 ) -> Rollout:
     """Roll requests ``[N]`` one after the other in plain floats, to points ``to``, m."""
     crowd = request.traffic.mask.shape[-1] > CROWD
-    share = _SHARE if request.areas is None and not crowd else _SHARE_IN_CROWD
-    ends, rollouts = partial(budget.ends, "policy", share), list[Rollout]()
+    ends, rollouts = partial(policy_time_over, request, budget), list[Rollout]()
     if FLY.ready and policy.decider is not None:
         for row in range(goal.size):
             case = request, row, int(goal[row]), required_range[row]
