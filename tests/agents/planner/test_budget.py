@@ -13,10 +13,12 @@ from agents.planner.planner import plan
 from agents.planner.request.encounters import request_of
 from agents.planner.request.options import Options
 from agents.planner.request.request import Request
-from agents.planner.search import budget, fallback
-from agents.planner.search.candidates import evaluate
+from agents.planner.search import budget, fallback, horizontal
+from agents.planner.search.candidates import empty, evaluate
+from agents.planner.search.continuation import CROWD
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER
+from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
@@ -41,12 +43,7 @@ def test_without_options_a_plan_is_the_usual_one_or_says_what_it_left_out(policy
 
 
 def test_the_deadline_ends_the_search_and_says_what_it_left_out(policy: Policy) -> None:
-    near = [
-        VehicleState(
-            3_000.0 * math.cos(a), 3_000.0 * math.sin(a), a - math.copysign(math.pi, a), 100.0
-        )
-        for a in np.arange(-3.1, 3.1, 0.7).tolist()
-    ]
+    near = surrounded(9)
     policy = policy.for_aircraft(PAPER, outside="allow")
     whole, cut = (
         plan(OWN, near, ROUTE, policy, replace(PATIENT, deadline_s=limit))
@@ -102,3 +99,63 @@ def test_a_deadline_cuts_the_refinement_into_blocks(
     )
     assert validated == [16, 16, 16, 16, 64]
     np.testing.assert_array_equal(cut.plan_states, whole.plan_states)
+
+
+def surrounded(count: int) -> list[VehicleState[Ground]]:
+    """Return as many aircraft that fly in from all round, past which there is no way."""
+    bearings = np.linspace(-3.1, 3.1, count).tolist()
+    return [
+        VehicleState(
+            3_000.0 * math.cos(a), 3_000.0 * math.sin(a), a - math.copysign(math.pi, a), 100.0
+        )
+        for a in bearings
+    ]
+
+
+@pytest.mark.parametrize(("count", "crowd"), [(8, False), (CROWD + 4, True)])
+def test_in_a_crowd_every_point_is_tried_quickly_before_any_is_at_length(
+    count: int, crowd: bool, policy: Policy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searched = []
+
+    def search(part: Request, goal: Any, options: Options, left: Any, which: slice) -> Any:
+        searched.append((int(goal[0]), which == fallback.QUICK))
+        return empty(goal.size, options.waypoints)
+
+    monkeypatch.setattr(fallback, "search", search)
+    trained = policy.for_aircraft(PAPER, outside="allow")
+    plan(OWN, surrounded(count), ROUTE, trained, replace(PATIENT, exhaustive=False))
+    quick, goals = [is_quick for _, is_quick in searched], [goal for goal, _ in searched]
+    if crowd:
+        half = len(searched) // 2
+        assert half > 1 and quick == [True] * half + [False] * half
+        assert goals[:half] == goals[half:] == sorted(set(goals))
+    else:
+        assert not any(quick) and len(set(goals)) == len(goals) > 1
+
+
+@pytest.mark.parametrize("count", [8, CROWD + 4])
+def test_a_policy_whose_time_is_over_flies_to_no_further_point(
+    count: int, policy: Policy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, flown, searched = [0.0], list[int](), set[int]()
+    fly, search = horizontal.roll, fallback.search
+
+    def roll(part: Request, goal: Any, *rest: Any, **kept: Any) -> Any:
+        flown.append(int(goal[0]))
+        clock[0] += 0.04
+        return fly(part, goal, *rest, **kept)
+
+    def note(part: Request, goal: Any, *rest: Any, **kept: Any) -> Any:
+        searched.add(int(goal[0]))
+        return search(part, goal, *rest, **kept)
+
+    monkeypatch.setattr(budget.time, "thread_time", lambda: clock[0])
+    monkeypatch.setattr(horizontal, "roll", roll)
+    monkeypatch.setattr(fallback, "search", note)
+    trained = policy.for_aircraft(PAPER, outside="allow")
+    # A longest block of 40 ms leaves time for another.
+    options = replace(PATIENT, exhaustive=False, deadline_s=0.1)
+    answer = plan(OWN, surrounded(count), ROUTE, trained, options)
+    assert "policy" in answer.unsearched
+    assert len(flown) == 1 < len(searched)
