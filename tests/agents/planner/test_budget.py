@@ -118,8 +118,8 @@ def test_in_a_crowd_every_point_is_tried_quickly_before_any_is_at_length(
 ) -> None:
     searched = []
 
-    def search(part: Request, goal: Any, options: Options, left: Any, which: slice) -> Any:
-        searched.append((int(goal[0]), which == fallback.QUICK))
+    def search(part: Request, goal: Any, options: Options, left: Any, selected: slice) -> Any:
+        searched.append((int(goal[0]), selected == fallback.QUICK))
         return empty(goal.size, options.waypoints)
 
     monkeypatch.setattr(fallback, "search", search)
