@@ -24,6 +24,7 @@ def test_mutants_are_changes_that_parse(mutants: tuple[Mutant, ...]) -> None:
         assert all((ROOT / test).is_file() for test in mutant.tests)
 
 
+@pytest.mark.slow
 def test_a_mutant_that_no_test_notices_survives(tmp_path: Path) -> None:
     (tmp_path / "arithmetic.py").write_text("def least():\n    return 1\n")
     test = "from arithmetic import least\ndef test():\n    assert least() {} 1\n"

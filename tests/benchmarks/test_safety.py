@@ -196,6 +196,7 @@ def test_a_waypoint_nearer_to_the_intruder_is_found(plans: Plans) -> None:
         assert failed_checks(take(spoiled, slice(number, number + 1)))
 
 
+@pytest.mark.slow
 def test_the_follower_finds_a_near_intruder_and_a_plan_that_starts_elsewhere(plans: Plans) -> None:
     moved = all_towards_the_intruder(plans)
     assert refly(

@@ -81,6 +81,7 @@ def test_a_missing_peer_is_named() -> None:
         stone_soup.require()
 
 
+@pytest.mark.slow
 @needs_stone_soup
 @pytest.mark.parametrize("name", tracking.PEERS)
 def test_a_peer_is_as_exact_as_ours(name: str, flights: Flights) -> None:

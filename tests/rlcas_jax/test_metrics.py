@@ -169,6 +169,7 @@ def test_every_figure_is_drawn_and_the_same_metrics_give_the_same_picture(tmp_pa
     assert [file.read_bytes() for file in one] == [file.read_bytes() for file in other]
 
 
+@pytest.mark.slow
 def test_seeds_of_different_length_go_into_one_figure(tmp_path: Path):
     runs = [log(tmp_path / str(seed), seed, updates) for seed, updates in enumerate((20, 12, 1))]
     assert len(training_figures([*runs, tmp_path / "not-begun"], tmp_path / "figures")) == len(
@@ -176,6 +177,7 @@ def test_seeds_of_different_length_go_into_one_figure(tmp_path: Path):
     )
 
 
+@pytest.mark.slow
 def test_a_short_run_can_be_drawn(tmp_path: Path):
     training_figures([log(tmp_path / "run", updates=1)], tmp_path / "figures")
 

@@ -286,6 +286,7 @@ def test_a_sweep_leaves_its_study_and_the_best_configuration(
     assert f"best: trial {best.number}" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_trials_below_the_median_are_stopped_early(tmp_path: Path) -> None:
     sweep.main(arguments(tmp_path, trials=12))

@@ -309,6 +309,7 @@ def test_a_ceiling_is_not_climbed_through() -> None:
 # What the autopilot is told.
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(st.floats(0.5, 5.0), st.floats(0.5, 5.0), st.floats(0.2, 1.0))
 def test_the_altitude_that_is_told_undoes_the_autopilots_lag(

@@ -168,6 +168,7 @@ def time_to_backup(flight: Flight) -> float:
     return (stamp.sec * 1_000_000_000 + stamp.nanosec - began) / 1e9
 
 
+@pytest.mark.slow
 def test_monitored_flight_is_saved_without_the_runner(flight: Flight):
     idle = flight.until(state=AssuranceStatus.STATE_IDLE)
     assert (idle.fly, list(idle.reasons)) == (

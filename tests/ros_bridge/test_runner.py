@@ -458,6 +458,7 @@ def test_the_process_ends_in_order(how: signal.Signals):
     assert "Traceback" not in output
 
 
+@pytest.mark.slow
 def test_simulated_time_that_is_zero_or_steps_back_voids_everything():
     with domain() as number:
         process = Process("ros_bridge.runner", number, "--ros-args", "-p", "use_sim_time:=true")

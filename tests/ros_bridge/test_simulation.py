@@ -68,6 +68,7 @@ def test_an_ownship_that_nobody_commands_any_more_holds_course_and_speed():
     assert flight.own[2:] == pytest.approx(before[2:], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_wind_carries_all_and_changes_nothing_between_them():
     wind = Wind(12.0, -8.0)
     still = EncounterFlight(encounter_at(), PAPER, C208_PUBLISHED)
@@ -352,6 +353,7 @@ def test_a_promise_is_broken_only_where_all_that_it_assumes_was_kept():
     assert replace(held, separation=math.nan).promise(1_000.0, 25.0) is Promise.BROKEN
 
 
+@pytest.mark.slow
 def test_an_intruder_that_turns_is_seen_to_leave_its_course():
     flight = EncounterFlight(encounter_at("maneuvering"), PAPER, C208_PUBLISHED)
     straight = EncounterFlight(encounter_at("head_on"), PAPER, C208_PUBLISHED)

@@ -63,6 +63,7 @@ def test_one_separation_of_all_is_that_of_the_rules(separation: float):
     assert len(set(here.tolist()) - {Verdict.UNDECIDED}) == 2
 
 
+@pytest.mark.slow
 def test_witnesses_keep_every_separation_in_an_independent_simulation(
     encounters: Encounter, judged: Resolvability
 ):
@@ -103,6 +104,7 @@ def test_no_draw_of_many_solves_what_is_proven(encounters: Encounter, judged: Re
     assert np.isnan(flown.arrival).all()
 
 
+@pytest.mark.slow
 def test_a_larger_separation_makes_nothing_resolvable(encounters: Encounter, judged: Resolvability):
     some = take(encounters, slice(0, 30))
     more = some._replace(separation=some.separation * np.array([1.5, 1.0, 1.2, 2.0]))

@@ -175,6 +175,7 @@ def test_no_tolerance_is_missed(
         assert point.name in printed
 
 
+@pytest.mark.slow
 def test_a_missed_tolerance_is_reported(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -257,6 +258,7 @@ def test_the_autopilot_changes_a_climb_faster_than_is_published() -> None:
             assert reached > 2.0 * CLIMBS.vertical.acceleration
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [57.0, 88.0])
 def test_a_profile_is_flown_closest_with_the_lookahead_of_the_climb(speed: float) -> None:
     assert CLIMBS.vertical is not None

@@ -64,7 +64,7 @@ def fly_as(
     endless: bool = False,
 ) -> Flights:
     """Fly encounters in a mode."""
-    options = Options.for_aircraft(UAS, maneuvers=Maneuvers(maneuvers))
+    options = Options.for_aircraft(UAS, maneuvers=Maneuvers(maneuvers), exhaustive=False)
     evaluation = Evaluation(None, scenario("circle", UAS), None, 3, UAS, mode, options)
     ready = ReadyEvaluation(evaluation, policy)
     given = Conditioned(starts, None)
@@ -85,7 +85,8 @@ def test_at_one_level_flights_are_those_of_the_plane(mode: str, policy: Policy) 
     assert_same(plane, space)
 
 
-@pytest.mark.parametrize("mode", ["plan", pytest.param("assured", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["plan", "assured"])
 def test_up_and_down_are_alike(mode: str, policy: Policy) -> None:
     assert VERTICAL.climb_max == VERTICAL.descent_max
     starts = layered(2)
@@ -100,7 +101,8 @@ def test_up_and_down_are_alike(mode: str, policy: Policy) -> None:
     np.testing.assert_array_equal(one.outcome, other.outcome)
 
 
-@pytest.mark.parametrize("maneuvers", [pytest.param("horizontal", marks=pytest.mark.slow), "both"])
+@pytest.mark.slow
+@pytest.mark.parametrize("maneuvers", ["horizontal", "both"])
 def test_who_is_far_above_is_nobody(maneuvers: str, policy: Policy) -> None:
     starts = encounters_of_seed(scenario("circle", UAS), 5, 0, COUNT)
     height = np.full(starts.mask.shape, LEVEL + 5_000.0)
@@ -256,7 +258,7 @@ def test_a_run_in_space_by_the_command(tmp_path: Path) -> None:
 
 
 def test_a_flight_again_has_its_altitudes(policy: Policy) -> None:
-    options = Options.for_aircraft(UAS, maneuvers=Maneuvers.BOTH)
+    options = Options.for_aircraft(UAS, maneuvers=Maneuvers.BOTH, exhaustive=False)
     source = scenario("circle + layered", UAS)
     evaluation = Evaluation(None, source, None, 3, UAS, "plan", options)
     ready = ReadyEvaluation(evaluation, policy)
@@ -317,7 +319,8 @@ def hear(starts: Encounter, reach: float) -> Encounter:
     return starts._replace(coverage=Coverage(reach * each, math.pi * each, 0.0 * each, 0.0 * each))
 
 
-@pytest.mark.parametrize("mode", ["plan", pytest.param("assured", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["plan", "assured"])
 def test_reports_of_all_change_no_plan_and_of_none_none_is_avoided(
     mode: str, policy: Policy
 ) -> None:
@@ -334,7 +337,7 @@ def test_reports_of_all_change_no_plan_and_of_none_none_is_avoided(
 def test_traffic_of_a_model_has_the_sensors_that_are_stated(tmp_path: Path) -> None:
     path = tmp_path / "small.txt"
     path.write_text(SMALL)
-    plain = read_model_traffic(path, TrafficConfig(), UAS)
+    plain = read_model_traffic(path, TrafficConfig(), C208)
     stated = {"position_std": 12.0, "velocity_std": 1.2, "latency": 1.0}
     seen = replace(plain, **stated, sensor_range=4_000.0, field_of_view=math.pi)
     (drawn, weights), (bare, same) = (encounters_with(each, 3, 0, 4) for each in (seen, plain))
@@ -346,6 +349,7 @@ def test_traffic_of_a_model_has_the_sensors_that_are_stated(tmp_path: Path) -> N
     assert not any(field.any() for field in bare.sensor)
     np.testing.assert_array_equal(weights, same)
     np.testing.assert_array_equal(drawn.intruders.x, bare.intruders.x)
-    late = TrafficConfig(latency=2.0 * UAS.dt + 0.1)
-    with pytest.raises(EncounterError, match=r"latency is 3\.5 s; expected at most two time steps"):
-        read_model_traffic(path, late, UAS)
+    late = TrafficConfig(latency=2.0 * C208.dt + 0.5)
+    sentence = rf"latency is {late.latency:g} s; expected at most two time steps"
+    with pytest.raises(EncounterError, match=sentence):
+        read_model_traffic(path, late, C208)

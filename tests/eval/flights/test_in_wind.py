@@ -45,7 +45,8 @@ def test_winds_follow_from_the_number_alone() -> None:
     assert pilot("plan", (0.0, 0.0)).evaluation.wind(still, np.arange(10)) is None
 
 
-@pytest.mark.parametrize("mode", ["plan", pytest.param("assured", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["plan", "assured"])
 def test_the_goal_is_entered_over_the_ground(mode: str) -> None:
     flown = fly_recorded(pilot(mode, (15.0, 15.0)), range(4))
     reached = np.flatnonzero(flown.flights.outcome == OUTCOMES.index("reached"))

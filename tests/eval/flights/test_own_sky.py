@@ -67,6 +67,7 @@ def test_areas_and_wind_of_an_encounter_are_flown_as_they_are_stated() -> None:
     check_encounter(starts, PAPER, (5,))
 
 
+@pytest.mark.slow
 def test_safe_plans_keep_out_of_the_areas_of_their_encounter() -> None:
     table = columns(valley(), 0, 2)
     safe = table["plan_status"] == "safe"

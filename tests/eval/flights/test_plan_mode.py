@@ -64,6 +64,7 @@ def test_safe_plans_are_flown_as_the_validator_says(plans: Plans, flown: PlanFli
     assert np.abs(flown.flights.path_length - plans.candidates.path)[safe].max() < 120.0
 
 
+@pytest.mark.slow
 def test_flights_do_not_depend_on_their_company_and_need_a_trajectory(
     encounters: Encounter, plans: Plans, flown: PlanFlights
 ) -> None:
@@ -107,6 +108,7 @@ def test_safe_plans_keep_the_separation_of_each_intruder(own_separations: Encoun
     assert np.all(assured.outcome[safe] == REACHED)
 
 
+@pytest.mark.slow
 def test_the_usual_separation_of_each_changes_no_plan(
     encounters: Encounter, plans: Plans, flown: PlanFlights
 ) -> None:
@@ -257,6 +259,7 @@ def test_more_is_saved_than_by_the_plan_flown_once(
     assert np.all(assured.replans[saved] > 0)
 
 
+@pytest.mark.slow
 def test_a_goal_that_the_plan_passes_over_is_asked_for_again(policy: Policy) -> None:
     alone = encounters_of_seed(scenario("circle", PAPER), 11, 0, 1)
     alone = alone._replace(mask=alone.mask & False)

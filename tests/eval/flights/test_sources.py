@@ -169,6 +169,7 @@ def test_repairs_are_made_only_if_asked_for_and_counted(
     assert json.loads((tmp_path / "c/summary.json").read_text())["repairs"]["not_finite"] == 1
 
 
+@pytest.mark.slow
 def test_a_comparison_with_a_model_s_traffic(model: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
     arguments = [

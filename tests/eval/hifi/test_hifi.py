@@ -43,6 +43,7 @@ def table_of(out: Path) -> dict[str, np.ndarray]:
     return {name: table.column(name).to_numpy() for name in table.column_names}
 
 
+@pytest.mark.slow
 def test_files_of_a_run(finished: Path, tmp_path: Path, policy_path: Path) -> None:
     files = {".lock", "summary.json", "flights.parquet", "config.yaml"}
     assert {path.name for path in finished.iterdir()} == files

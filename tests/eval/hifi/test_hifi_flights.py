@@ -711,6 +711,7 @@ def climbing_campaign(*overrides: str) -> Campaign:
     return campaign(*usual, *overrides)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vehicle", ["c208_ex", "point_mass", "surrogate"])
 def test_a_climb_along_the_route_passes_a_head_on_intruder(vehicle: str) -> None:
     vertical = "planner.maneuvers=vertical", "planner.vertical_margin_m=3"
@@ -773,6 +774,7 @@ def test_heights_of_a_period_are_the_least_of_its_moments(
         assert found[period] <= flatness * np.abs(above).min() + 1e-9
 
 
+@pytest.mark.slow
 def test_a_loss_is_one_of_both_separations() -> None:
     over = climbing_campaign("vehicle=surrogate", "scenario=head_on", "planner.maneuvers=both")
     level = replace(over.options, maneuvers=Maneuvers.HORIZONTAL)
@@ -849,6 +851,7 @@ def test_a_floor_above_the_flight_is_a_reason_not_to_fly() -> None:
     assert "2500 m, expected the floor, 2600 m, or more" in row["reason"]
 
 
+@pytest.mark.slow
 def test_what_climbs_is_said_and_documented() -> None:
     flying = climbing_campaign("vehicle=surrogate", "planner.maneuvers=both")
     rows = [fly(flying, number)[1] for number in range(2)]

@@ -343,6 +343,7 @@ def test_ctrl_c_keeps_finished_chunks_and_says_how_to_go_on(
     assert again == (finished / "encounters.parquet").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_finished_run_is_resumed_without_flying(
     finished: Path, tmp_path: Path, policy_path: Path
 ) -> None:
@@ -355,6 +356,7 @@ def test_a_finished_run_is_resumed_without_flying(
     assert {path.name for path in out.iterdir()} == FILES
 
 
+@pytest.mark.slow
 def test_own_file_of_encounters(
     tmp_path: Path, policy_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

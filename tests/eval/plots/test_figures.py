@@ -181,6 +181,7 @@ def test_the_ring_is_what_is_required_of_the_intruder_that_is_nearest_in_it() ->
         assert [ring.get_radius() for ring in rings] == [radius]
 
 
+@pytest.mark.slow
 def test_figures_repeat_byte_for_byte(tmp_path: Path, policy: Policy, policy_path: Path) -> None:
     evaluation = Evaluation(policy_path, scenario("circle", PAPER), None, 3, PAPER)
     table = columns(ReadyEvaluation(evaluation, policy), 0, 4)
@@ -217,6 +218,7 @@ def test_the_same_data_give_the_same_bytes(tmp_path: Path):
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_sentence_and_leaves_no_half_figure(tmp_path: Path):
     """A limit on the size of files stands for the disk: the PNG fits, the SVG does not."""
     program = f"""
