@@ -464,6 +464,7 @@ def test_the_manoeuvres_are_flown_as_the_surrogate_flies_them(opened: Any) -> No
         assert found == pytest.approx(float(least), rel=1e-7)
 
 
+@pytest.mark.slow
 def test_no_manoeuvre_keeps_what_is_proven_lost(opened: Any) -> None:
     """Random commands among them, and at the limits; what is far or passes by is not proven lost."""
     rng, proven = np.random.default_rng(12), 0

@@ -14,6 +14,7 @@ ROOT = Path(__file__).parent.parent
 TYPING = ROOT / "tests" / "typing"
 
 
+@pytest.mark.slow
 def test_a_type_checker_refuses_exactly_the_wrong_exchanges(tmp_path: Path) -> None:
     pytest.importorskip("basedpyright")
     config = {"include": [str(TYPING)], "extraPaths": [str(ROOT)], "typeCheckingMode": "standard"}

@@ -212,6 +212,7 @@ def test_bad_options_are_refused_in_a_sentence(main: Any, given: list[str], said
         main(given)
 
 
+@pytest.mark.slow
 @needs_peers
 @pytest.mark.parametrize("feature_set", ["none", "mirror"])
 def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards(feature_set: str):

@@ -57,6 +57,7 @@ def test_an_aircraft_that_states_no_climb_is_refused() -> None:
         climbs.main(["--aircraft", "paper"])
 
 
+@pytest.mark.slow
 def test_tiny_samples_end_with_one_json_object(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

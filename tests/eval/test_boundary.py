@@ -174,6 +174,7 @@ def test_a_contradiction_would_be_counted(answers: Answers):
     assert min(compare(wrong, SEPARATION, 500.0)["disagreements"].values()) > 30
 
 
+@pytest.mark.slow
 def test_the_program_writes_figures_and_answers(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     out = tmp_path / "new" / "boundary"
     arguments = ["--slice", "100", "0", "45", "--spacing", "500", "--grid", "coarse"]

@@ -98,6 +98,7 @@ def test_a_policy_flies_here_as_in_the_evaluation(policy_path: Path, name: str) 
     assert (ours["ours.min_separation_m"][lost] <= theirs["min_separation_m"][lost]).all()
 
 
+@pytest.mark.slow
 def test_a_row_does_not_depend_on_its_company() -> None:
     made = make(None, "multi", tuple(BASELINES))
     few = scenario("multi", PAPER, intruders=(2, 3), radius=(3_000.0, 4_000.0))
@@ -497,6 +498,7 @@ def comparison_of(source: Any, *names: str, search: WitnessSearch = FEW) -> Comp
     )
 
 
+@pytest.mark.slow
 def test_what_is_flown_is_the_witness(starts: Encounter, best: Escapes, flown: Any) -> None:
     flights, paths = flown
     known = np.flatnonzero(np.isfinite(best.arrival))

@@ -58,8 +58,8 @@ def scale_aircraft(aircraft: Aircraft, length: float, speed: float) -> Aircraft:
     ("name", "length", "speed", "tolerance"),
     [
         ("circle", 9.26, 2.3, 1e-3),
-        ("noisy", 0.5, 0.25, 1e-6),
-        ("multi", 0.5, 0.25, 1e-6),
+        pytest.param("noisy", 0.5, 0.25, 1e-6, marks=pytest.mark.slow),
+        pytest.param("multi", 0.5, 0.25, 1e-6, marks=pytest.mark.slow),
         # A turning intruder steers to a point 10 000 km away, whatever the aircraft.
         ("maneuvering", 0.5, 0.25, 1e-2),
     ],

@@ -159,6 +159,7 @@ def test_what_cannot_be_split_is_refused(devices: int, overrides: list[str], mes
         _check_split(load(TrainConfig, None, overrides), devices)
 
 
+@pytest.mark.slow
 def test_a_platform_without_devices_is_refused_with_those_that_there_are(tmp_path: Path) -> None:
     environment = {**os.environ, "JAX_PLATFORMS": "rocm"}
     programs = (

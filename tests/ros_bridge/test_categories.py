@@ -134,6 +134,7 @@ def test_the_monitor_keeps_them_too_and_knows_altitudes() -> None:
     assert window is not None and window.end[0, 0] == pytest.approx(100.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_runner_and_monitor_keep_them_on_a_real_graph() -> None:
     pytest.importorskip("rclpy", reason=MISSING)
     from rlcas_msgs.msg import AssuranceStatus

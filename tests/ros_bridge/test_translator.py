@@ -436,13 +436,25 @@ def test_core_and_sim_load_no_ros():
             ["--ros-args", "-p", "separaton:=2000.0"],
             "separaton is no parameter of rlcas_runner; the nearest is separation",
         ),
-        (["--ros-args", "-p", "policy_sha256:=" + 32 * "ab"], "policy_sha256 is 'abab"),
-        (["--ros-args", "-p", "separation:=0.0"], "separation out of range"),
+        pytest.param(
+            ["--ros-args", "-p", "policy_sha256:=" + 32 * "ab"],
+            "policy_sha256 is 'abab",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            ["--ros-args", "-p", "separation:=0.0"],
+            "separation out of range",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             ["--ros-args", "-p", "separation:=many"], "separation", marks=pytest.mark.slow
         ),
         (["--ros-args", "-p", "policy_file:=/nowhere/policy"], "no such policy file"),
-        (["--ros-args", "-p", "extensions:=no_such:thing"], "extensions: no_such:thing: no module"),
+        pytest.param(
+            ["--ros-args", "-p", "extensions:=no_such:thing"],
+            "extensions: no_such:thing: no module",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             ["--ros-args", "-p", "route_durability:=forever"],
             "expected transient_local or volatile",

@@ -176,6 +176,7 @@ def test_areas_of_one_row_do_not_touch_another() -> None:
     assert beside.closed[2].sum() > alone.closed[2].sum()
 
 
+@pytest.mark.slow
 def test_a_safe_plan_never_holds_a_band_that_an_area_closes() -> None:
     """Until a band's loss a SAFE plan must have left its manoeuvre by what is missing then."""
     policy = Policy.load()

@@ -39,7 +39,9 @@ def is_accepted(data: Any) -> bool:
         Area(Circle(20e3, 0.0, 28e3), Keep.IN, growth=-5.0),
     ],
 )
-@pytest.mark.parametrize("wind", [None, Wind(3.0, -8.0)], ids=["calm", "wind"])
+@pytest.mark.parametrize(
+    "wind", [pytest.param(None, marks=pytest.mark.slow), Wind(3.0, -8.0)], ids=["calm", "wind"]
+)
 def test_moved_areas_are_refused_exactly_where_samples_lose_the_clearance(
     area: Area, wind: Wind | None
 ) -> None:

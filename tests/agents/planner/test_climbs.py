@@ -143,7 +143,9 @@ def lost(answer: Plan, scene: Scene, given: Options) -> list[int]:
     return bad
 
 
-@pytest.mark.parametrize("maneuvers", [Maneuvers.VERTICAL, Maneuvers.BOTH])
+@pytest.mark.parametrize(
+    "maneuvers", [pytest.param(Maneuvers.VERTICAL, marks=pytest.mark.slow), Maneuvers.BOTH]
+)
 def test_what_is_called_safe_keeps_one_of_both_separations(maneuvers: Maneuvers) -> None:
     rng, safe, climbs = np.random.default_rng(70), 0, 0
     given = options(maneuvers)

@@ -135,6 +135,7 @@ def flown_clear(ahead: Ahead, count: int) -> tuple[tuple[np.ndarray, ...], np.nd
     )
 
 
+@pytest.mark.slow
 def test_gaps_between_intruders_that_close_are_proven_closed():
     # Searches through piecewise controls keep no more than 685 and 958 m.
     for number in (126, 204):
@@ -282,6 +283,7 @@ def test_what_it_solves_is_solved_in_an_independent_simulation(
         assert flown.path[number] == pytest.approx(length)
 
 
+@pytest.mark.slow
 def test_it_never_solves_what_is_proven_unresolvable():
     encounters = encounters_of_seed(CLOSE, 6, 0, 300)
     proven = ~np.isnan(containment_time(look_ahead(encounters, QUICK, SURROGATE), QUICK, SURROGATE))

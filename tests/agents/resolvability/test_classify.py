@@ -157,6 +157,7 @@ def test_a_proof_survives_what_makes_the_task_harder():
         assert not np.any((here == Verdict.RESOLVABLE) & (there == Verdict.UNRESOLVABLE))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "family", [scenario("circle", PAPER), scenario("maneuvering", PAPER), CLOSE]
 )
@@ -254,6 +255,7 @@ def witnesses(encounters: Encounter):
     return least_cost(encounters, QUICK, SURROGATE, rounds=FEW)
 
 
+@pytest.mark.slow
 def test_least_cost_witnesses_succeed_in_an_independent_simulation(
     encounters: Encounter, witnesses
 ):

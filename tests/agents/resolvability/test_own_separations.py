@@ -114,6 +114,7 @@ def test_a_larger_separation_makes_nothing_resolvable(encounters: Encounter, jud
     assert np.sum(there == Verdict.UNRESOLVABLE) > np.sum(here == Verdict.UNRESOLVABLE)
 
 
+@pytest.mark.slow
 def test_verdicts_do_not_depend_on_the_others_separations(
     encounters: Encounter, judged: Resolvability
 ):

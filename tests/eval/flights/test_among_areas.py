@@ -139,6 +139,7 @@ def test_a_flight_is_judged_in_its_wind() -> None:
     assert found.breach[0] == pytest.approx(3_000.0 / 60.0, abs=0.01)
 
 
+@pytest.mark.slow
 def test_what_comes_first_is_the_outcome() -> None:
     flown = fly_recorded(pilot(areas=0), [0, 1, 2]).flights
     lost, late = OUTCOMES.index("violation"), np.array([50.0, 50.0, 50.0])

@@ -77,7 +77,12 @@ def assert_same(first: Flights, second: Flights) -> None:
 
 
 @pytest.mark.parametrize(
-    "mode", ["policy", "plan", pytest.param("assured", marks=pytest.mark.slow)]
+    "mode",
+    [
+        "policy",
+        pytest.param("plan", marks=pytest.mark.slow),
+        pytest.param("assured", marks=pytest.mark.slow),
+    ],
 )
 def test_at_one_level_flights_are_those_of_the_plane(mode: str, policy: Policy) -> None:
     starts = encounters_of_seed(scenario("multi", UAS), 5, 0, COUNT)
@@ -257,6 +262,7 @@ def test_a_run_in_space_by_the_command(tmp_path: Path) -> None:
     assert files[0].read_bytes() == files[1].read_bytes()
 
 
+@pytest.mark.slow
 def test_a_flight_again_has_its_altitudes(policy: Policy) -> None:
     options = Options.for_aircraft(UAS, maneuvers=Maneuvers.BOTH, exhaustive=False)
     source = scenario("circle + layered", UAS)

@@ -415,7 +415,15 @@ def test_one_encounter_and_no_failure_are_no_trouble(tmp_path: Path, policy_path
 
 
 @pytest.mark.parametrize(
-    "name", ["crossing_left", "crossing_right", "head_on", "same_course", "maneuvering", "noisy"]
+    "name",
+    [
+        "crossing_left",
+        pytest.param("crossing_right", marks=pytest.mark.slow),
+        "head_on",
+        pytest.param("same_course", marks=pytest.mark.slow),
+        "maneuvering",
+        pytest.param("noisy", marks=pytest.mark.slow),
+    ],
 )
 def test_scenarios_fly(name: str, tmp_path: Path, policy_path: Path) -> None:
     fly(

@@ -161,6 +161,7 @@ def test_an_unwritable_target_fails_before_anything_is_flown(
         report.main([str(copy)])
 
 
+@pytest.mark.slow
 def test_flights_come_out_as_the_table_says(report_run: Path) -> None:
     run = read_run(report_run)
     failed = {int(number) for number in np.flatnonzero(run.kinds == "violation")[:2]}
