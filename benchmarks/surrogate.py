@@ -21,6 +21,7 @@ from benchmarks.measure import report, seconds
 from commands.command import Parser, run_cli, whole
 from envs import intruder, kinematics, observation, perception, relative, surrogate
 from envs.aircraft import PAPER
+from envs.encounters import Scenario
 from envs.outcome import RULES
 from envs.scenarios import geometry, sample, scenario
 
@@ -33,18 +34,24 @@ rewards.
 """
 
 
-def ours(count: int, steps: int, rows: int) -> Advance:
-    """Return a compiled function that advances ``count`` encounters by ``steps``, with fresh starts
-    from a pool of so many rows.
+def ours(count: int, steps: int, rows: int, source: Scenario = CIRCLE) -> Advance:
+    """Return a compiled function that advances ``count`` encounters of a scenario by ``steps``,
+    with fresh starts from a pool of so many rows.
     """
-    return jax.jit(partial(_advance_ours, count, steps, rows))
+    return jax.jit(partial(_advance_ours, count, steps, rows, source))
+
+
+def start(count: int, source: Scenario = CIRCLE) -> surrogate.State:
+    """Return ``count`` encounters of a scenario at their beginning."""
+    pool = surrogate.redraw_pool(jax.random.key(0), [source], [1.0], 1, count)
+    return jax.tree.map(lambda rows: rows[0], jax.vmap(surrogate.reset)(pool))
 
 
 def _advance_ours(
-    count: int, steps: int, rows: int, key: PRNGKeyArray, state: surrogate.State
+    count: int, steps: int, rows: int, source: Scenario, key: PRNGKeyArray, state: surrogate.State
 ) -> tuple[surrogate.State, Any]:
     pool_key, action_key = jax.random.split(key)
-    pool = jax.vmap(surrogate.reset)(surrogate.redraw_pool(pool_key, [CIRCLE], [1.0], rows, count))
+    pool = jax.vmap(surrogate.reset)(surrogate.redraw_pool(pool_key, [source], [1.0], rows, count))
     actions = jax.random.uniform(action_key, (steps, 2, count), minval=-1.0, maxval=1.0)
     return jax.lax.scan(partial(_step_ours, rows, pool), state, (actions, jnp.arange(steps)))
 
@@ -125,9 +132,9 @@ def main() -> None:
     """Measure and print."""
     options = _parser().parse_args()
     count, steps = options.environments, options.steps
-    pool = surrogate.redraw_pool(jax.random.key(0), [CIRCLE], [1.0], 1, count)
-    state = jax.tree.map(lambda rows: rows[0], jax.vmap(surrogate.reset)(pool))
-    measure = partial(measure_rate, state=state, amount=count * steps, repeats=options.repeats)
+    measure = partial(
+        measure_rate, state=start(count), amount=count * steps, repeats=options.repeats
+    )
     our_rate = measure(ours(count, steps, options.rows))
     with library_trigonometry():
         naive_rate = measure(naive(count, steps))
