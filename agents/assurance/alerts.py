@@ -1,8 +1,9 @@
 """Alert levels: how soon the required separation would be lost, with hysteresis.
 
-One scheme for all that can lose it (docs/explanation/alerts.md): an intruder on the present course,
-the rest of the plan that the monitor watches, and each band. The level follows from the time to
-loss alone (:class:`Alerting`); what is shown changes only where M of the last N levels ask for it.
+One scheme for all that can lose it (docs/explanation/assurance.md): an intruder on the present
+course, the rest of the plan that the monitor watches, and each band. The level follows from the
+time to loss alone (:class:`Alerting`); what is shown changes only where M of the last N levels ask
+for it.
 """
 
 from collections.abc import Sequence
@@ -62,7 +63,7 @@ class Alerting:
 
     @classmethod
     def for_aircraft(cls, aircraft: Aircraft) -> "Alerting":
-        """Return the usual times, which scale with the aircraft; docs/explanation/alerts.md has
+        """Return the usual times, which scale with the aircraft; docs/explanation/assurance.md has
         their sources.
         """
         step = aircraft.dt

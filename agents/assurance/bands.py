@@ -9,7 +9,8 @@ heading that it has, and holds what it has reached until the end of the look-ahe
 (:func:`agents.kernel.traffic.requirement_of`, its growth with uncertainty, and the tolerance of
 :mod:`agents.planner.judge.validator`), the intruders flying as the planner predicts them, or closer
 to an area. So a band says what becomes of one manoeuvre that is held. A plan may begin towards a
-closed band and turn away in time; it never holds one until its loss (docs/explanation/alerts.md).
+closed band and turn away in time; it never holds one until its loss
+(docs/explanation/assurance.md).
 
 Clearances are good to 2 cm below a fifth of the separation. Times of loss are exact where both fly
 straight, and early by a 320th of the way to the target, or of a leg that is held, at most where one

@@ -9,7 +9,7 @@ from agents.assurance.bands import Bands, stretches
 from benchmarks.daidalus.program import Interval, track_of
 
 NAMES = ("narrow", "grazing", "look-ahead", "opposite heading", "unexplained")
-"""Why an edge of one side is not one of the other; docs/explanation/alerts.md says what each is."""
+"""Why an edge of one side is not one of the other (docs/reference/beside-others.md)."""
 
 _GRAZING = 5.0  # m of clearance, either way; of vertical ones likewise
 _LATE = 2.0  # s before the end of the look-ahead

@@ -1,7 +1,7 @@
 """The guidance bands and alerts of a flight, at each of its times, as a pilot would have seen them.
 
 Of the true states, with straight intruders: what noise or a turn that nobody can see would have
-changed is not in them (docs/explanation/alerts.md).
+changed is not in them (docs/explanation/assurance.md).
 """
 
 from typing import Any, NamedTuple
