@@ -24,13 +24,13 @@ _STRONGEST = 100.0  # m/s of a wind
 _OPTIONAL = {
     "separation": "intruders with separations of their own; expected a training, "
     "eval.monte_carlo or eval.hifi",
-    "coverage": "intruders that are not always reported; expected a training, or "
-    "eval.monte_carlo in mode policy",
+    "coverage": "intruders that are not always reported; expected a training, eval.monte_carlo "
+    "or eval.compare",
     "reaction": "intruders that answer the ownship; expected a training, or eval.monte_carlo in "
     "mode policy",
     "wind": "a wind of its own; expected eval.monte_carlo in mode plan or assured",
     "areas": "areas of its own; expected eval.monte_carlo",
-    "altitudes": "altitudes; expected eval.monte_carlo",
+    "altitudes": "altitudes; expected eval.monte_carlo or eval.compare",
 }
 """What an encounter has by its optional fields, and who heeds them."""
 

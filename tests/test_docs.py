@@ -13,7 +13,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from types import FrameType, ModuleType
@@ -27,6 +27,7 @@ from envs.aircraft import PAPER
 from envs.formats import encounter_file
 from envs.kinematics import VehicleState
 from envs.scenarios import SHIPPED, scenario
+from envs.scenarios.table import MODIFIERS, SCENARIOS
 from envs.starts import encounters_of_seed
 from envs.waypoints import RoutePoint
 from tests.agents.scenes import PATIENT
@@ -259,6 +260,18 @@ QUESTIONS = {
     ),
 }
 """Questions that the table of architecture.md answers, and files that belong to the answer."""
+
+
+@pytest.mark.parametrize(
+    ("heading", "names"), [("Geometries", SCENARIOS), ("Modifiers", MODIFIERS)]
+)
+def test_the_page_of_scenarios_names_each_that_ships_once(
+    heading: str, names: Iterable[str]
+) -> None:
+    page = (ROOT / "docs/howto/scenarios.md").read_text(encoding="utf-8")
+    section = page.partition(f"## {heading}\n")[2].partition("\n## ")[0]
+    cells = re.findall(r"^\| (`.+?) \|", section, re.MULTILINE)
+    assert sorted(re.findall(r"`(\w+)`", " ".join(cells))) == sorted(names)
 
 
 def table_of_answers() -> dict[str, str]:
