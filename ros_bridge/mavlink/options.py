@@ -19,7 +19,8 @@ from ros_bridge.mavlink.vehicle import Vehicle
 from ros_bridge.transport.receivers import EXAMPLES, check_ports, check_sources
 
 MARGIN = 25.0
-"""Added to the separation for what the autopilot leaves of its plan, m (docs/howto/mavlink.md)."""
+"""Added to the separation for what the autopilot leaves of its plan, m
+(docs/reference/mavlink-measured.md)."""
 
 VERTICAL_SEPARATION = 76.2
 """Kept from traffic above and below where plans may climb, m: 250 ft, the height of the well-clear
@@ -27,7 +28,8 @@ volume of small unmanned aircraft (ASTM F3442).
 """
 
 VERTICAL_MARGIN = 15.0
-"""Added to it for what the autopilot leaves of its plan's altitude, m (docs/howto/mavlink.md)."""
+"""Added to it for what the autopilot leaves of its plan's altitude, m
+(docs/reference/mavlink-measured.md)."""
 
 _HEIGHTS = ("floor", "ceiling", "vertical_separation", "vertical_margin")
 """Options of plans that may climb."""

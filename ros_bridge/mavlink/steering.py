@@ -28,7 +28,7 @@ PERIOD = 0.1
 
 SPEED_LAG = 3.0
 """How much later than demanded an airspeed is flown, s. What is left of it is among the measured
-distances along the plan (docs/howto/mavlink.md).
+distances along the plan (docs/reference/mavlink-measured.md).
 """
 
 GAINS = Lookahead(turn=0.5, across=0.30, heading=1.1)
