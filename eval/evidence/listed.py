@@ -21,13 +21,17 @@ class Entry(Strict):
     In the command ``{n}`` stands for the number of encounters and ``$RLCAS_DATA`` for the folder of
     public data. The claim is a figure, ``>=`` or ``<=``, and a number. With ``cells`` its table is
     cut into cells of the domain; of a table with ``each``, ``parts`` are shown alone (none: all).
-    Without the variable of the environment that it ``needs`` it is not run.
+    A claim of a ``ratio`` names it, and is not shown in percent. ``missed`` says why a claim is
+    missed, where that is known. Without the variable of the environment that it ``needs`` it is not
+    run.
     """
 
     title: str
     command: str
     n: int
     claim: tuple[str, Literal[">=", "<="], float] | None = None
+    ratio: str | None = None
+    missed: str | None = None
     cells: bool = False
     parts: tuple[str, ...] = ()
     needs: str | None = None

@@ -124,19 +124,26 @@ def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) 
 def cells_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) -> dict[str, str]:
     """Return the cells of a result by the names of their columns.
 
-    ``met`` of a claim is yes, no, undecided, or open where the result lacks the figure.
+    ``met`` of a claim is yes, no, undecided, or open where the result lacks the figure; ``gap`` is
+    by how much the value misses the bound, ``why`` for what reason.
     """
     figures = {**result, **result["figures"], "command": f"`{result['command']}`"}
     if entry.claim is not None:
         key, sign, bound = entry.claim
         value = _figure(figures, key)
-        figures["claim"] = (
-            f"{sign} {_percent(bound, 0)} %"
-            if isinstance(value, dict)
-            else f"{key} {sign} {bound:g}".replace("_", " ")
-        )
+        if entry.ratio is not None:
+            figures["claim"] = f"{entry.ratio} {sign} {bound:g}"
+        elif isinstance(value, dict):
+            figures["claim"] = f"{sign} {_percent(bound, 0)} %"
+        else:
+            figures["claim"] = f"{key} {sign} {bound:g}".replace("_", " ")
         figures["met"] = _met(value, sign, bound)
-        figures["found"] = value
+        figures["found"] = _format_value(value, "" if entry.ratio is None else ".3f")
+        if figures["met"] == "no":
+            figures["gap"] = _gap(entry, value, bound)
+            figures["why"] = entry.missed or "not known"
+        elif figures["met"] == "undecided":
+            figures["why"] = "the interval contains the target: more encounters decide"
     return {name: _cell(cell, figures) for name, cell in columns.items()}
 
 
@@ -152,6 +159,14 @@ def _met(figure: Any, sign: str, bound: float) -> str:
     if all(ends):
         return "yes"
     return "undecided" if any(ends) else "no"
+
+
+def _gap(entry: Entry, figure: Any, bound: float) -> str:
+    """Return by how much a figure misses a bound: a rate in percentage points."""
+    if not isinstance(figure, dict):
+        return f"{abs(figure - bound):.3g}"
+    away = abs(figure["value"] - bound)
+    return f"{100.0 * away:.2f} points" if entry.ratio is None else f"{away:.3f}"
 
 
 def _meets(value: float, sign: str, bound: float) -> bool:
