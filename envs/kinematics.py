@@ -47,7 +47,7 @@ at most.
 """
 
 C208_PUBLISHED = Limits(31.0, 100.0, -0.8, 0.5, math.radians(5.0))
-"""The true Cessna 208's limits as the paper states them (same table)."""
+"""The Cessna 208's limits as the paper states them (same table); JSBSim's are narrower."""
 
 
 UNLIMITED = Limits(-math.inf, math.inf, -math.inf, math.inf, math.inf)
