@@ -1,4 +1,4 @@
-"""The MAVLink program's door: whose messages count, who is answered, and a clock that begins anew.
+"""The MAVLink program's link: whose messages count, who is answered, and a clock that begins anew.
 
 Over real sockets, with pymavlink's own messages.
 """
