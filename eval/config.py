@@ -144,6 +144,9 @@ class TrafficConfig(Strict):
     vertical_miss: float | None = Field(default=None, ge=0.0, le=20_000.0)
     """Largest vertical distance there, m, of an intruder that climbs and descends as the model
     does; null: all are at one level."""
+    strata: tuple[tuple[float, float, float], ...] = Field(default=(), max_length=16)
+    """Which closest approaches are made likelier, from the nearest outward: [miss, vertical_miss,
+    share of the draws] each, in m; the rest is drawn beyond them. The weights undo it."""
     min_initial_separation: float | None = Field(default=None, ge=0.0, le=50_000.0)
     """Starts closer than this, m, are drawn again; null: the required separation."""
     ahead: float = Field(default=220.0, ge=10.0, le=400.0)
@@ -175,6 +178,26 @@ class TrafficConfig(Strict):
                 f"cpa_time is up to {self.cpa_time[1]:g} s; expected at most ahead, "
                 f"{self.ahead:g} s"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _check_strata(self) -> "TrafficConfig":
+        if not self.strata:
+            return self
+        if self.vertical_miss is None or self.miss is None:
+            raise ConfigError("strata without miss and vertical_miss; expected both with strata")
+        inner, shares = (0.0, 0.0), sum(share for _, _, share in self.strata)
+        for miss, height, share in (*self.strata, (self.miss, self.vertical_miss, 1.0 - shares)):
+            if not (inner[0] <= miss and inner[1] <= height and inner != (miss, height)):
+                raise ConfigError(
+                    f"strata: [{miss:g}, {height:g}] m after [{inner[0]:g}, {inner[1]:g}] m; "
+                    "expected each within the next, the last within miss and vertical_miss"
+                )
+            if not 0.0 < share < 1.0:
+                raise ConfigError(
+                    f"strata: a share of {share:g}; expected shares above 0 with a sum below 1"
+                )
+            inner = (miss, height)
         return self
 
 

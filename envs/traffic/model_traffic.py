@@ -23,6 +23,15 @@ In space the vertical distance at the closest approach is uniform, which is even
 the weight stays. The ownship flies level, at an altitude that is uniform in the layer of which the
 intruder was drawn, by whose part in traffic layers come; the intruder's vertical rate is the
 model's, second by second. Neither the layer nor the ground holds it.
+
+Strata make near closest approaches likelier than they are (importance sampling). Each is a cylinder
+less the one inside of it: of closest approaches it has the part A of the area that both distances
+span, and of the draws a share q, even inside. The weight becomes
+
+    w = (|v| + m f) A / q.
+
+Each attempt at an encounter draws its stratum anew, so that what the conditions refuse of a stratum
+is weighed too.
 """
 
 import math
@@ -49,10 +58,19 @@ from envs.traffic.track_units import FOOT
 from envs.trees import scatter, take
 
 _OWN_DRAWS = 5
-_DRAWS_OF_HEIGHT = 2  # the last ones: of the own altitude and of the vertical distance
+_MISS = 4  # place of the draw of the miss distance
+_DRAWS_OF_HEIGHT = 2  # after the model's: of the own altitude and of the vertical distance
 _STREAM = 1 << 32  # of the first attempt's draws: beyond those of starts and reports (envs.starts)
 _FREE = FASTEST._replace(speed_min=0.0)
 _SAME = 0.5  # the closest approach counts as found again within this, m
+
+
+class Stratum(NamedTuple):
+    """Closest approaches within a cylinder, but not within a smaller one."""
+
+    miss: float  # m
+    vertical_miss: float  # m
+    share: float  # of the draws
 
 
 @dataclass(frozen=True)
@@ -71,6 +89,8 @@ class ModelTraffic:
     attempts: int = 200  # how many draws an encounter has to meet the conditions
     # greatest vertical distance at the closest approach, m; None: all are at one level
     vertical_miss: float | None = None
+    # from the innermost, in space alone; the rest of the draws is beyond them
+    strata: tuple[Stratum, ...] = ()
     position_std: float = 0.0  # of reports, one sigma per axis, m
     velocity_std: float = 0.0  # likewise, m/s
     latency: float = 0.0  # age of reports, s, at most two time steps
@@ -116,6 +136,7 @@ def encounters_with(
     check_number(seed, first)
     size = dimensions(traffic.model, traffic.duration) + _OWN_DRAWS
     size += 0 if traffic.vertical_miss is None else _DRAWS_OF_HEIGHT
+    size += 1 if traffic.strata else 0
     encounters_drawn: _Drawn | None = None
     pending = np.arange(count)
     for attempt in range(traffic.attempts):
@@ -164,7 +185,8 @@ def _reported(encounters: Encounter, traffic: ModelTraffic) -> Encounter:
 
 def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     """Return one attempt at the encounters of draws ``[M, D]``: own speed, both courses, time and
-    miss distance of the closest approach, then the model's, and in space those of the heights.
+    miss distance of the closest approach, then the model's, in space those of the heights, and that
+    of the stratum.
     """
     rows = np.arange(len(uniform))
     most = traffic.aircraft.traffic_speed_max
@@ -174,7 +196,8 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
     speed = between(traffic.own_speed, uniform[:, 0])
     course, turned = (wrap(2.0 * np.pi * uniform[:, i], np) for i in (1, 2))
     time = between(traffic.cpa_time, uniform[:, 3])
-    miss = between((-traffic.miss, traffic.miss), uniform[:, 4])
+    approach = _approach(traffic, uniform, last + 1)
+    miss = approach.miss
 
     second = np.minimum(time.astype(int), traffic.duration - 1)
     # What the speed did, not what was drawn: it may have been held at a limit.
@@ -201,31 +224,74 @@ def _attempt(traffic: ModelTraffic, uniform: np.ndarray) -> _Drawn:
         & (np.abs(_closest(own, recording, traffic.ahead) - np.abs(miss)) <= _SAME)
     )
     altitudes = None
-    if traffic.vertical_miss is not None:
-        altitudes = _altitudes(traffic, sampled, time, uniform[:, -_DRAWS_OF_HEIGHT:])
-    return _Drawn(own, recording, passing.weight, altitudes, accepted)
+    if approach.above is not None:
+        altitudes = _altitudes(traffic.model, sampled, time, approach.above, uniform[:, last])
+    return _Drawn(own, recording, approach.rarity * passing.weight, altitudes, accepted)
+
+
+class _Approach(NamedTuple):
+    """Where the intruder is at the closest approach; fields ``[M]``."""
+
+    miss: np.ndarray  # signed, m
+    above: np.ndarray | None  # the ownship, m; None: at its level
+    rarity: np.ndarray  # how often it is drawn without strata, in terms of how often it is
+
+
+def _approach(traffic: ModelTraffic, uniform: np.ndarray, height: int) -> _Approach:
+    """Return closest approaches by draws ``[M, D]``; ``height``: place of that of the vertical
+    distance.
+    """
+    miss, high = traffic.miss, traffic.vertical_miss
+    if high is None:
+        return _Approach(between((-miss, miss), uniform[:, _MISS]), None, np.ones(len(uniform)))
+    aside, above = (2.0 * uniform[:, place] - 1.0 for place in (_MISS, height))
+    if not traffic.strata:
+        return _Approach(miss * aside, high * above, np.ones(len(uniform)))
+    ends = np.cumsum([stratum.share for stratum in traffic.strata])
+    number = np.searchsorted(ends, uniform[:, -1], side="right")
+    radii = np.array([0.0, *(stratum.miss for stratum in traffic.strata), miss])
+    heights = np.array([0.0, *(stratum.vertical_miss for stratum in traffic.strata), high])
+    radius, hole = radii[number + 1], radii[number]
+    top, floor = heights[number + 1], heights[number]
+    # Over the hole it is higher than that; beside it, anywhere.
+    over, area = hole * (top - floor), radius * top - hole * floor
+    place = np.abs(aside) * area
+    is_over = place < over
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out = np.where(is_over, place / (top - floor), hole + (place - over) / top)
+    least = np.where(is_over, floor, 0.0)
+    share = np.diff([0.0, *ends, 1.0])[number]
+    return _Approach(
+        np.copysign(out, aside),
+        np.copysign(least + (top - least) * np.abs(above), above),
+        area / (miss * high * share),
+    )
 
 
 def _altitudes(
-    traffic: ModelTraffic, sampled: Sampled, time: np.ndarray, draws: np.ndarray
+    model: EncounterModel,
+    sampled: Sampled,
+    time: np.ndarray,
+    above: np.ndarray,
+    own_draw: np.ndarray,
 ) -> Altitudes:
-    """Return altitudes with a row a second, of intruders ``[M, 1, T + 1]``, by draws ``[M, 2]``.
+    """Return altitudes with a row a second, of intruders ``[M, 1, T + 1]``.
 
     Args:
+        model: the traffic's.
         sampled: of the model.
         time: of the closest approach, s, ``[M]``.
-        draws: of the own altitude and of the vertical distance.
+        above: the ownship at that time, m, ``[M]``.
+        own_draw: of the own altitude, ``[M]``.
     """
-    model, miss = traffic.model, traffic.vertical_miss
-    assert miss is not None
     place = model.place(LAYER)
     edges = model.boundaries[place]
     assert edges is not None  # the reader of the configuration refuses it
     layer = sampled.bins[:, place]
-    own = FOOT * (edges[layer] + (edges[layer + 1] - edges[layer]) * draws[:, 0])
+    own = FOOT * (edges[layer] + (edges[layer + 1] - edges[layer]) * own_draw)
     risen = np.concatenate([np.zeros((len(own), 1)), np.cumsum(sampled.climb, axis=1)], axis=1)
     risen_at_cpa = at_step(risen[:, None], time[:, None])
-    at_cpa = own + between((-miss, miss), draws[:, 1])
+    at_cpa = own + above
     return Altitudes(own, (at_cpa[:, None] - risen_at_cpa)[..., None] + risen[:, None])
 
 

@@ -13,6 +13,7 @@ from commands.command import whole
 from commands.figures import save_figure
 from commands.installation import versions
 from envs.aircraft import Aircraft
+from envs.traffic.model_traffic import ModelTraffic
 from envs.traffic.replay import Replay
 from eval.compare.config import CompareConfig
 from eval.compare.resolvers import (
@@ -231,6 +232,7 @@ def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dic
         evaluation.aircraft,
         comparison.well_clear,
         in_space=comparison.starts(0, 1)[0].altitudes is not None,
+        stratified=isinstance(evaluation.source, ModelTraffic) and bool(evaluation.source.strata),
     )
     keys = ("scenario", "changes", "seed", "confidence", "resamples")
     return {

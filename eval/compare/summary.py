@@ -43,6 +43,7 @@ class Statistics(NamedTuple):
     aircraft: Aircraft
     well_clear: str | None = None  # name of the volume of the figures of standards; None: none
     in_space: bool = False  # whether the encounters have altitudes
+    stratified: bool = False  # whether they are drawn by strata of the closest approach
 
     def summary(self, entries: Sequence[Entry]) -> dict[str, Any]:
         """Return the statistics in JSON types; what cannot be said is None. The others are compared
@@ -72,11 +73,20 @@ class Statistics(NamedTuple):
         """Return the figures in the units of standards, by entry; none where none are asked for."""
         if self.well_clear is None:
             return []
-        how = (self.weights, self.confidence, self.resamples, self.seed)
+        how = (self.weights, self.confidence, self.resamples, self.seed, self._strata())
         sample = Sample(self.well_clear, *how)
         columns = {entry.name: self._columns(entry.name) for entry in entries}
         bare = columns[REFERENCE]
         return [{"name": name, **standards(own, bare, sample)} for name, own in columns.items()]
+
+    def _strata(self) -> np.ndarray | None:
+        """Return how many of NMAC and well clear are lost without a resolver, ``[N]``; None where
+        encounters are not drawn by strata.
+        """
+        if not self.stratified:
+            return None
+        names = ["nmac", *([] if self.well_clear is None else [self.well_clear])]
+        return np.sum([self.table[f"{REFERENCE}.lost_{name}"] for name in names], axis=0)
 
     def _columns(self, name: str) -> dict[str, np.ndarray]:
         """Return the columns of an entry by their own names."""
@@ -131,6 +141,7 @@ class Statistics(NamedTuple):
     def _ratio(self, entry: Entry, column: str, event: Any = True) -> dict[str, Any]:
         ours, bare = self._of(entry, column) == event, self.table[f"{REFERENCE}.{column}"] == event
         how = {"confidence": self.confidence, "resamples": self.resamples, "seed": self.seed}
+        how |= {"strata": self._strata()}
         found = asdict(ratio(ours, bare, self.weights, **how))
         if entry.name == REFERENCE:  # without a resolver, by definition
             found |= {"low": found["value"], "high": found["value"]}

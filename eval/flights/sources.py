@@ -21,7 +21,7 @@ from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_files import read_daidalus
 from envs.starts import encounters_of_seed
 from envs.traffic.encounter_model import CLIMB, LAYER, read_model
-from envs.traffic.model_traffic import ModelTraffic, encounters_with
+from envs.traffic.model_traffic import ModelTraffic, Stratum, encounters_with
 from envs.traffic.replay import Replay, replay
 from envs.traffic.tracks import Repairs, TrackError, sum_of_repairs
 from envs.trees import take
@@ -74,6 +74,7 @@ def read_model_traffic(path: Path, how: TrafficConfig, aircraft: Aircraft) -> Mo
     }
     numbers |= {name: value for name, value in how if value is not None}
     numbers["field_of_view"] = math.radians(numbers.pop("field_of_view_deg"))
+    numbers["strata"] = tuple(Stratum(*stratum) for stratum in how.strata)
     if how.latency > 2.0 * aircraft.dt:
         raise EncounterError(
             f"latency is {how.latency:g} s; expected at most two time steps of the aircraft, "

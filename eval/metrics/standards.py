@@ -24,11 +24,17 @@ class Sample(NamedTuple):
     confidence: float
     resamples: int
     seed: int
+    strata: np.ndarray | None = None  # numbers from 0, [N], of encounters drawn by strata
 
-    def rate(self, counted: np.ndarray, of: np.ndarray | None = None) -> dict[str, Any]:
-        """Return the share of encounters, bool ``[N]``, by weight, with its interval."""
-        of = np.ones(counted.size, dtype=bool) if of is None else of
-        return weighted_rate(counted, of, self.weights, self.confidence, self.resamples, self.seed)
+    def rate(self, counted: np.ndarray, possible: np.ndarray | None = None) -> dict[str, Any]:
+        """Return the share of encounters, bool ``[N]``, by weight, with its interval; it is 0 by
+        definition where it is not possible, bool ``[N]``, None: everywhere.
+        """
+        strata = self.strata
+        if strata is not None and possible is not None:
+            strata = np.where(possible, strata, -1)
+        how = (self.weights, self.confidence, self.resamples, self.seed, strata)
+        return weighted_rate(counted, np.ones(counted.size, dtype=bool), *how)
 
     def mean(self, values: np.ndarray) -> dict[str, float | None]:
         """Return the mean of the finite ones of values ``[N]``, by weight, with its interval."""
@@ -50,18 +56,23 @@ def standards(
     """
     volume, name = VOLUMES[sample.well_clear], f"lost_{sample.well_clear}"
     figures: dict[str, Any] = {}
+    if flown is bare:  # nothing is missing of what makes the strata
+        sample = sample._replace(strata=None)
     for key, column in (("nmac", "lost_nmac"), ("lowc", name)):
         ours, without = flown[column], bare[column]
         how = {"confidence": sample.confidence, "resamples": sample.resamples, "seed": sample.seed}
+        how |= {"strata": sample.strata}
         found = ratio(ours, without, sample.weights, **how)
         if flown is bare:  # without a resolver, by definition
             found = replace(found, low=found.value, high=found.value)
         figures |= {
             f"{key}_rate": sample.rate(ours),
             f"{key}_ratio": {end: number(getattr(found, end)) for end in ("value", "low", "high")},
-            f"{key}_unresolved": sample.rate(ours & without),
-            f"{key}_induced": sample.rate(ours & ~without),
+            f"{key}_unresolved": sample.rate(ours & without, without),
+            f"{key}_induced": sample.rate(ours & ~without, ~without),
         }
+        if flown is bare:  # induces nothing, by definition
+            figures[f"{key}_induced"] |= {"low": 0.0, "high": 0.0}
     alert, loss = flown["alert_s"], bare["well_clear_loss_s"]
     alerted, due = np.isfinite(alert), loss - np.where(np.isfinite(alert), alert, 0.0)
     aside = flown["cross_track_m"] > _ASIDE * volume.horizontal
@@ -70,7 +81,7 @@ def standards(
         "alert_rate": sample.rate(alerted),
         "nuisance_rate": sample.rate(alerted & ~(due <= ALERTING.reached.corrective)),
         "time_to_loss_s": sample.mean(np.where(alerted & (due >= 0.0), due, np.inf)),
-        "needless_rate": sample.rate(aside & ~bare[name]),
+        "needless_rate": sample.rate(aside & ~bare[name], ~bare[name]),
         "reversals": sample.mean(flown["heading_reversals"].astype(float)),
         "path_excess": sample.mean(flown["path_excess"]),
         "cross_track_m": sample.mean(flown["cross_track_m"]),

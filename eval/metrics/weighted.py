@@ -50,6 +50,7 @@ def ratio(
     confidence: float = 0.95,
     resamples: int = 2_000,
     seed: int = 0,
+    strata: np.ndarray | None = None,
 ) -> Ratio:
     """Return the risk ratio of events, bool ``[N]``, with and without a resolver: NMAC, loss of
     well clear, any event.
@@ -59,6 +60,8 @@ def ratio(
     sample size, over the rate without. Where all resamples have one ratio, such as where every
     event stays one, its ends are quotients of the Clopper-Pearson ends of both rates. Importance
     weights ``[N]`` are finite, not negative and not all 0, else ``ValueError``; None: equal ones.
+    Of encounters drawn by ``strata``, numbers ``[N]``, those without an event raise the upper end
+    by :func:`unseen`.
     """
     cells = pairs(event, event_without)
     weight = _weights(weights, sum(cells))
@@ -78,7 +81,12 @@ def ratio(
     if without == 0.0:
         return nothing
     value = float(weight @ event) / without
-    if nothing.events == 0:
+    beyond = 0.0
+    if strata is not None:
+        beyond = unseen(event, strata, weight, confidence) / without
+    if nothing.events == 0 and strata is not None:
+        low, high = 0.0, beyond
+    elif nothing.events == 0:
         rate = clopper_pearson(0, max(math.floor(nothing.effective), 1), confidence)[1]
         low, high = 0.0, rate * float(weight.sum()) / without
     else:
@@ -86,6 +94,7 @@ def ratio(
         low, high = _percentiles_of_ratio(resampled_sums(parts, resamples, seed), confidence)
         if low == high:  # no resample can differ
             low, high = _ends_of_ratio(weight, event, event_without, nothing.effective, confidence)
+        high += beyond
     result = replace(
         nothing,
         value=value,
@@ -95,6 +104,27 @@ def ratio(
         induced=float(weight @ (event & ~event_without)) / without,
     )
     return replace(result, warnings=_warnings(result, weight, event, event_without))
+
+
+def unseen(
+    event: np.ndarray, strata: np.ndarray, weight: np.ndarray, confidence: float = 0.95
+) -> float:
+    """Return the greatest weight that events, bool ``[N]``, may have in strata, numbers ``[N]``, of
+    which none is seen, in the units of the weights ``[N]``; of an interval's upper end.
+
+    With W_k the weight of such a stratum and n_k its effective size, the chance of no event in any
+    is at most that of none in n = min(n_k W / W_k) encounters at the mean rate, where W is the sum
+    of W_k (Jensen's inequality); so that the Clopper-Pearson end of 0 in n bounds that rate.
+    """
+    empty = [stratum for stratum in np.unique(strata) if not event[strata == stratum].any()]
+    parts = [weight[strata == stratum] for stratum in empty]
+    parts = [part for part in parts if part.any()]
+    if not parts:
+        return 0.0
+    sums = np.array([part.sum() for part in parts])
+    sizes = np.array([_effective(part) for part in parts])
+    size = max(math.floor(np.min(sizes * sums.sum() / sums)), 1)
+    return float(sums.sum()) * clopper_pearson(0, size, confidence)[1]
 
 
 def _ends_of_ratio(
@@ -244,16 +274,28 @@ def weighted_rate(
     confidence: float = 0.95,
     resamples: int = 2_000,
     seed: int = 0,
+    strata: np.ndarray | None = None,
 ) -> dict[str, Any]:
     """Return the weight of what is counted, over that of the encounters that it is of, bool ``[N]``
     both, in JSON types with the interval of :func:`summarise_weighted`; of equal weights (None)
     that of Clopper and Pearson.
+
+    Of encounters drawn by ``strata``, numbers ``[N]``, those in which nothing is counted raise the
+    upper end by :func:`unseen`; a number below 0 says that nothing can be counted there.
     """
     counted = counted & of
     if weights is None:
         return share(np.count_nonzero(counted), np.count_nonzero(of), confidence)
     parts = np.stack([weights * counted, weights * of], axis=1)
-    return _rate(weights, counted, of, resampled_sums(parts, resamples, seed), confidence)
+    rate = _rate(weights, counted, of, resampled_sums(parts, resamples, seed), confidence)
+    whole = float(weights @ of)
+    if strata is None or rate["high"] is None or not whole:
+        return rate
+    open_ = of & (strata >= 0)
+    beyond = unseen(counted[open_], strata[open_], weights[open_], confidence) / whole
+    if not counted.any():
+        return rate | {"high": beyond}
+    return rate | {"high": min(rate["high"] + beyond, 1.0)}
 
 
 def weighted_mean(
