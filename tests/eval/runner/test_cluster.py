@@ -23,6 +23,7 @@ from agents.policy.file import PolicyFileError
 from commands.installation import versions
 from envs.aircraft import PAPER
 from envs.scenarios import scenario
+from eval.compare import run as compare
 from eval.hifi import run as hifi
 from eval.monte_carlo import run as monte_carlo
 
@@ -117,6 +118,21 @@ def start(out: Path, *arguments: str) -> subprocess.Popen[str]:
 
 def parts(out: Path) -> list[Path]:
     return list((out / "parts").glob("*.parquet"))
+
+
+@pytest.mark.slow
+def test_a_comparison_on_a_cluster_has_the_bits_of_one_process(
+    cluster: Processes, tmp_path: Path
+) -> None:
+    flown = ("--encounters", "7", "--baseline", "mvp", "--set", "chunk=3")
+    where = {"alone": ("--workers", "1"), "cluster": ("--scheduler", cluster.address)}
+    for name, how in where.items():
+        assert (
+            compare.main([*flown, "--set", "resamples=100", *how, "--out", str(tmp_path / name)])
+            == 0
+        )
+    tables = [(tmp_path / name / "encounters.parquet").read_bytes() for name in where]
+    assert tables[0] == tables[1]
 
 
 @pytest.mark.slow
