@@ -242,11 +242,11 @@ def _approach(traffic: ModelTraffic, uniform: np.ndarray, height: int) -> _Appro
     distance.
     """
     miss, high = traffic.miss, traffic.vertical_miss
-    if high is None:
-        return _Approach(between((-miss, miss), uniform[:, _MISS]), None, np.ones(len(uniform)))
-    aside, above = (2.0 * uniform[:, place] - 1.0 for place in (_MISS, height))
-    if not traffic.strata:
-        return _Approach(miss * aside, high * above, np.ones(len(uniform)))
+    if high is None or not traffic.strata:
+        aside = between((-miss, miss), uniform[:, _MISS])
+        above = None if high is None else between((-high, high), uniform[:, height])
+        return _Approach(aside, above, np.ones(len(uniform)))
+    to_the_side, upward = (2.0 * uniform[:, place] - 1.0 for place in (_MISS, height))
     ends = np.cumsum([stratum.share for stratum in traffic.strata])
     number = np.searchsorted(ends, uniform[:, -1], side="right")
     radii = np.array([0.0, *(stratum.miss for stratum in traffic.strata), miss])
@@ -255,15 +255,16 @@ def _approach(traffic: ModelTraffic, uniform: np.ndarray, height: int) -> _Appro
     top, floor = heights[number + 1], heights[number]
     # Over the hole it is higher than that; beside it, anywhere.
     over, area = hole * (top - floor), radius * top - hole * floor
-    place = np.abs(aside) * area
-    is_over = place < over
+    part = np.abs(to_the_side) * area
+    is_over = part < over
     with np.errstate(divide="ignore", invalid="ignore"):
-        out = np.where(is_over, place / (top - floor), hole + (place - over) / top)
+        aside = np.where(is_over, part / (top - floor), hole + (part - over) / top)
     least = np.where(is_over, floor, 0.0)
+    above = least + (top - least) * np.abs(upward)
     share = np.diff([0.0, *ends, 1.0])[number]
     return _Approach(
-        np.copysign(out, aside),
-        np.copysign(least + (top - least) * np.abs(above), above),
+        np.copysign(aside, to_the_side),
+        np.copysign(above, upward),
         area / (miss * high * share),
     )
 

@@ -26,15 +26,25 @@ class Sample(NamedTuple):
     seed: int
     strata: np.ndarray | None = None  # numbers from 0, [N], of encounters drawn by strata
 
-    def rate(self, counted: np.ndarray, possible: np.ndarray | None = None) -> dict[str, Any]:
-        """Return the share of encounters, bool ``[N]``, by weight, with its interval; it is 0 by
-        definition where it is not possible, bool ``[N]``, None: everywhere.
+    def rate(
+        self,
+        counted: np.ndarray,
+        possible: np.ndarray | None = None,
+        of: np.ndarray | None = None,
+    ) -> dict[str, Any]:
+        """Return the share of encounters, bool ``[N]``, by weight, with its interval.
+
+        Args:
+            counted: which are counted.
+            possible: which could be, by definition, bool ``[N]``; None: all.
+            of: those of which it is a share, bool ``[N]``; None: all.
         """
+        of = np.ones(counted.size, dtype=bool) if of is None else of
         strata = self.strata
         if strata is not None and possible is not None:
             strata = np.where(possible, strata, -1)
         how = (self.weights, self.confidence, self.resamples, self.seed, strata)
-        return weighted_rate(counted, np.ones(counted.size, dtype=bool), *how)
+        return weighted_rate(counted, of, *how)
 
     def mean(self, values: np.ndarray) -> dict[str, float | None]:
         """Return the mean of the finite ones of values ``[N]``, by weight, with its interval."""
@@ -48,7 +58,8 @@ def standards(
     without one, ``[N]`` each, of the same encounters.
 
     Of NMAC and LoWC: the probability, ``rate``, of which a part stays ``unresolved`` and the rest
-    is ``induced``; its ``ratio`` to the probability without a resolver, that one's ``rate``.
+    is ``induced``; its ``ratio`` to the probability without a resolver, that one's ``rate``; and of
+    the events without a resolver the share that ``stays``.
     A *nuisance* is a first alert that no loss of well clear follows within the look-ahead in the
     flight without a resolver; the time to loss at the first alert counts to that loss. A *needless*
     manoeuvre leaves the route, sideways or in altitude, by more than a tenth of the volume in an
@@ -68,6 +79,7 @@ def standards(
         figures |= {
             f"{key}_rate": sample.rate(ours),
             f"{key}_ratio": {end: number(getattr(found, end)) for end in ("value", "low", "high")},
+            f"{key}_stays": sample.rate(ours & without, of=without),
             f"{key}_unresolved": sample.rate(ours & without, without),
             f"{key}_induced": sample.rate(ours & ~without, ~without),
         }

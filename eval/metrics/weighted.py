@@ -123,7 +123,7 @@ def unseen(
         return 0.0
     sums = np.array([part.sum() for part in parts])
     sizes = np.array([_effective(part) for part in parts])
-    size = max(math.floor(np.min(sizes * sums.sum() / sums)), 1)
+    size = max(math.floor(1e-9 + np.min(sizes * sums.sum() / sums)), 1)
     return float(sums.sum()) * clopper_pearson(0, size, confidence)[1]
 
 

@@ -15,11 +15,12 @@ from envs import draws, intruder
 from envs.aircraft import PAPER
 from envs.encounters import EncounterError
 from envs.kinematics import VehicleState
-from envs.traffic.encounter_model import EncounterModel, Variable, read_model
+from envs.traffic.encounter_model import LAYER, EncounterModel, Variable, read_model
 from envs.traffic.encounter_model_sampler import dimensions, fly_tracks, sample_model
-from envs.traffic.model_traffic import ModelTraffic, encounters_with
+from envs.traffic.model_traffic import ModelTraffic, Stratum, encounters_with
 from envs.traffic.replay import off_arcs
 from envs.traffic.track_units import KNOT
+from envs.trees import map_leaves, take
 from tests.support import recorded_path
 
 SMALL = """\
@@ -326,13 +327,13 @@ def recording_of(found: Any) -> Any:
 
 
 def straight(speed_kt: float) -> EncounterModel:
-    """Return a model of traffic that flies straight at one speed, nearly."""
+    """Return a model of traffic that flies straight and level at one speed, nearly."""
     one, zero = np.ones((1, 1)), np.array([-0.1, 0.1])
-    names = ("v", r"\dot v", r"\dot \psi")
+    names = ("v", r"\dot v", r"\dot \psi", LAYER)
     initial = tuple(Variable(name, 1, (), one) for name in names)
-    edges = (np.array([speed_kt, speed_kt + 1e-6]), zero, zero)
-    moving = tuple(Variable(name, 1, (), one) for name in names[1:])
-    return EncounterModel(initial, moving, (1, 2), edges, np.zeros(3))
+    edges = (np.array([speed_kt, speed_kt + 1e-6]), zero, zero, np.array([1_000.0, 2_000.0]))
+    moving = tuple(Variable(name, 1, (), one) for name in names[1:3])
+    return EncounterModel(initial, moving, (1, 2), edges, np.zeros(4))
 
 
 def test_weights_make_the_traffic_even() -> None:
@@ -357,6 +358,47 @@ def test_weights_make_the_traffic_even() -> None:
     assert np.abs(weighted - expected).max() < 0.03
     # Without the weights it is another distribution: overtaken traffic would be met far too often.
     assert np.abs(plain - expected).max() > 0.06
+
+
+def test_strata_come_as_often_as_asked_and_weights_undo_them() -> None:
+    """Both distances are even by weight, where strata make near ones likelier than they are."""
+    size, shares = 1_000, (0.3, 0.4)
+    strata = Stratum(200.0, 30.0, shares[0]), Stratum(600.0, 30.0, shares[1])
+    drawn_so = {"vertical_miss": 90.0, "min_initial_separation": 0.0, "strata": strata}
+    traffic = family(straight(120.0), own_speed=(60.0, 60.0), **drawn_so)
+    found, weights = encounters_with(traffic, 5, 0, size)
+    other, _ = encounters_with(traffic, 5, 700, 3)
+    map_leaves(np.testing.assert_array_equal, take(found, np.s_[700:703]), other)
+    miss, above = closest_approach(found)
+    inner = [(miss <= s.miss) & (above <= s.vertical_miss) for s in strata]
+    outer = inner[1] & ~inner[0]
+    for drawn, share in zip((inner[0], outer), shares, strict=True):
+        assert drawn.mean() == pytest.approx(share, abs=5.0 * math.sqrt(0.25 / size))
+    edges = [0, 200, 600, 1_000], [0, 30, 60, 90]
+    cells, squares = (
+        np.histogram2d(miss, above, edges, weights=part)[0] for part in (weights, weights**2)
+    )
+    even = np.outer([0.2, 0.4, 0.4], np.full(3, 1.0 / 3.0))
+    assert (np.abs(cells - even * weights.sum()) < 4.0 * np.sqrt(squares)).all()
+    # Without the weights they are far from it.
+    assert inner[0].mean() > 3.0 * even[0, 0]
+
+
+def closest_approach(found: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return the horizontal and the vertical distance at the closest approach without a resolver,
+    m, ``[N]``, from rows a second apart.
+    """
+    own, times = found.own, np.arange(200)
+    x, y = (recording_of(found)[place][:, 0, :200] for place in (0, 1))
+    x = x - (own.x[:, None] + (own.speed * np.cos(own.heading))[:, None] * times)
+    y = y - (own.y[:, None] + (own.speed * np.sin(own.heading))[:, None] * times)
+    near = np.hypot(x, y).argmin(axis=1)
+    rows = np.arange(len(near))
+    # On the chord through the row before and the row after.
+    dx, dy = (np.gradient(field, axis=1)[rows, near] for field in (x, y))
+    miss = np.abs(x[rows, near] * dy - y[rows, near] * dx) / np.hypot(dx, dy)
+    above = found.altitudes.intruders[rows, 0, near] - found.altitudes.own
+    return miss, np.abs(above)
 
 
 def _relative_course(own: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -337,6 +337,31 @@ def test_weighted_intervals_cover() -> None:
             "expected at most ahead",
         ),
         (
+            ["--scenario", "lincoln:MODEL", "--set", "changes.strata=[[9, 9, 0.1]]"],
+            ConfigError,
+            "strata without miss and vertical_miss; expected both",
+        ),
+        (
+            [
+                "--scenario",
+                "lincoln:MODEL",
+                "--set",
+                "changes={miss: 8, vertical_miss: 9, strata: [[9, 9, 0.1]]}",
+            ],
+            ConfigError,
+            "strata: [8, 9] m after [9, 9] m; expected each within the next",
+        ),
+        (
+            [
+                "--scenario",
+                "lincoln:MODEL",
+                "--set",
+                "changes={miss: 10, vertical_miss: 10, strata: [[8, 8, 0.5], [9, 9, 0.5]]}",
+            ],
+            ConfigError,
+            "strata: a share of 0; expected shares above 0 with a sum below 1",
+        ),
+        (
             ["--scenario", "lincoln:MODEL", "--set", "changes.own_speed=[20, 60]"],
             EncounterError,
             "the ownship's limits",

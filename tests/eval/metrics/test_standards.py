@@ -11,7 +11,8 @@ from eval.flights.trajectories import FlownAltitudes, Trajectories
 from eval.metrics.alerting import ALERTING, first_alert, time_to_loss
 from eval.metrics.standards import Sample, standards
 from eval.metrics.volumes import VOLUMES, Relative, first_loss, losses
-from eval.metrics.weighted import weighted_mean, weighted_rate
+from eval.metrics.weighted import unseen, weighted_mean, weighted_rate
+from eval.stats.intervals import clopper_pearson
 
 F3442 = VOLUMES["f3442"]
 SAMPLE = Sample("f3442", None, 0.95, 200, 0)
@@ -113,6 +114,8 @@ def test_what_stays_and_what_comes_anew_make_the_probability() -> None:
             ratio = found[f"{event}_ratio"]
             assert ratio["value"] == pytest.approx(rate / without[f"{event}_rate"]["value"])
             assert ratio["low"] < ratio["value"] < ratio["high"]
+            share = found[f"{event}_stays"]["value"]
+            assert share * without[f"{event}_rate"]["value"] == pytest.approx(stays)
             assert without[f"{event}_ratio"] == {"value": 1.0, "low": 1.0, "high": 1.0}
             assert without[f"{event}_induced"]["value"] == 0.0
         assert found["nuisance_rate"]["value"] <= found["alert_rate"]["value"]
@@ -121,6 +124,54 @@ def test_what_stays_and_what_comes_anew_make_the_probability() -> None:
         )
         for key, figure in standards(ours, bare, scaled).items():
             assert figure["value"] == pytest.approx(found[key]["value"]), key
+
+
+def test_strata_without_an_event_are_bounded_exactly() -> None:
+    """No chances of events in the strata that leave the outcome likely enough have more weight."""
+    random = np.random.default_rng(8)
+    counts = np.array([30, 200, 80])
+    masses = np.array([0.05, 0.45, 0.5])
+    strata = np.repeat(np.arange(3), counts)
+    weight = (masses / counts)[strata]
+    none = np.zeros(strata.size, dtype=bool)
+    bound = unseen(none, strata, weight)
+    tail = 0.5 * (1.0 - 0.95)
+    chances = np.exp(random.uniform(-9.0, -0.5, (20_000, 3)))
+    quiet = np.prod((1.0 - chances) ** counts, axis=1)
+    likely = chances[quiet >= tail] @ masses
+    assert likely.size > 1_000 and likely.max() <= bound
+    # And little more than what chances in the stratum of the heaviest encounters can have.
+    assert masses[2] * clopper_pearson(0, counts[2])[1] > 0.95 * bound
+    # Equal weights are no strata; where there is an event nothing is unseen.
+    equal = np.ones(strata.size)
+    assert unseen(none, strata, equal) == strata.size * clopper_pearson(0, strata.size)[1]
+    assert unseen(np.ones_like(none), strata, weight) == 0.0
+    only = strata == 0
+    assert unseen(~only, strata, weight) == pytest.approx(0.05 * clopper_pearson(0, 30)[1])
+
+
+def test_strata_without_an_event_raise_upper_ends() -> None:
+    ours, bare = table(300, 1), table(300, 2)
+    ours["lost_nmac"] = np.zeros(300, dtype=bool)
+    strata = bare["lost_nmac"] + bare["lost_f3442"].astype(int)
+    weights = np.array([2.0, 1.0, 0.2])[strata]
+    sample = SAMPLE._replace(weights=weights)
+    plain, found = (
+        standards(ours, bare, sample),
+        standards(ours, bare, sample._replace(strata=strata)),
+    )
+    parts = "nmac_rate", "nmac_unresolved", "nmac_induced"
+    whole, stays, anew = (found[name]["high"] for name in parts)
+    # What stays is at most what there is; the bound of all holds for the parts.
+    assert stays <= whole and anew <= whole and stays < found["nmac_rate"]["high"]
+    assert found["nmac_ratio"]["high"] == pytest.approx(
+        whole / (weights @ bare["lost_nmac"] / weights.sum())
+    )
+    for key, figure in found.items():
+        assert figure["value"] == plain[key]["value"]
+        if "nmac" not in key and figure["high"] is not None:
+            assert figure["high"] >= plain[key]["high"]
+    assert standards(bare, bare, sample._replace(strata=strata)) == standards(bare, bare, sample)
 
 
 def test_a_nuisance_has_no_loss_within_the_look_ahead_and_a_manoeuvre_may_be_needless() -> None:
