@@ -66,9 +66,9 @@ def test_a_circle_is_flown_as_one() -> None:
 def test_figures_count_what_any_planner_solves() -> None:
     found = [Planned(50.0, 0.01, frozenset()), Planned(math.inf, 0.05, frozenset({"area"}))] * 2
     tried = [
-        Sampled(ours=True, found=True, right=True),
-        Sampled(ours=False, found=True, right=True),
-        Sampled(ours=False, found=True, right=False),
+        Sampled(ours=True, ompl=True, right=True),
+        Sampled(ours=False, ompl=True, right=True),
+        Sampled(ours=False, ompl=True, right=False),
     ]
     alone = areas.figures(found, [50.0])
     assert alone["solved"] == 2
