@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.baselines.acas_nnet import load_logic
-from agents.baselines.baselines import Baseline
+from agents.baselines.baselines import StepResolver
 from agents.check import RefusedError, accept
 from agents.kernel.traffic import Requirement
 from agents.planner import Intruder, Options, plan
@@ -208,7 +208,7 @@ def judge(min_separation: np.ndarray, reached: np.ndarray, aircraft: Aircraft) -
     )
 
 
-def fly_resolver(encounters: Encounter, resolver: Baseline, aircraft: Aircraft) -> Loop:
+def fly_resolver(encounters: Encounter, resolver: StepResolver, aircraft: Aircraft) -> Loop:
     """Fly encounters by what decides once a time step; flights go on after a loss."""
     flown = fly(encounters, resolver, aircraft, endless=True)
     return judge(flown.min_separation, flown.outcome == 0, aircraft)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.baselines.baselines import Baseline, Observation
+from agents.baselines.baselines import Observation, StepResolver
 from agents.policy.inference import Policy
 from benchmarks.measure import report, request_options, show
 from commands.command import Parser, run_cli
@@ -75,7 +75,7 @@ def _towards(rng: np.random.Generator, start: Any, goal: Any, unit: Aircraft) ->
     return Sky(VehicleState(x, y, np.arctan2(goal_y - y, goal_x - x), speed), goal_x, goal_y)
 
 
-def fly(sky: Sky, resolver: Baseline, unit: Aircraft) -> Outcome:
+def fly(sky: Sky, resolver: StepResolver, unit: Aircraft) -> Outcome:
     """Fly draws until all have arrived, or none should be under way any more; each aircraft decides
     by the resolver.
     """

@@ -1,5 +1,11 @@
 """Published methods of conflict resolution to compare with."""
 
-from agents.baselines.baselines import BASELINES, Baseline, NoResolution, PotentialField, RightHand
+from agents.baselines.baselines import (
+    BASELINES,
+    NoResolution,
+    PotentialField,
+    RightHand,
+    StepResolver,
+)
 
-__all__ = ["BASELINES", "Baseline", "NoResolution", "PotentialField", "RightHand"]
+__all__ = ["BASELINES", "NoResolution", "PotentialField", "RightHand", "StepResolver"]

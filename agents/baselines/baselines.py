@@ -48,8 +48,10 @@ class Observation(NamedTuple):
     number: Any = None  # of each encounter among those that are flown together, [M]
 
 
-class Baseline(Protocol):
-    """A resolver on states; it may remember a whole number of each encounter, 0 at the start."""
+class StepResolver(Protocol):
+    """A resolver that decides from states, step by step; it may remember a whole number of each
+    encounter, 0 at the start.
+    """
 
     def decide(self, observation: Observation, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return actions ``[M, 2]`` in [-1, 1] and what to remember, int8 ``[M]``.
@@ -293,7 +295,7 @@ class PotentialField:
         return np.sum(size * unit_x, axis=-1), np.sum(size * unit_y, axis=-1)
 
 
-BASELINES: dict[str, Callable[[Aircraft], Baseline]] = {
+BASELINES: dict[str, Callable[[Aircraft], StepResolver]] = {
     "none": NoResolution,
     "rules": RightHand,
     "mvp": PotentialField,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.baselines.acas_nnet import load_logic
-from agents.baselines.baselines import BASELINES, Baseline
+from agents.baselines.baselines import BASELINES, StepResolver
 from agents.config.load import ConfigError
 from agents.planner.request.options import Options
 from agents.policy.inference import Policy
@@ -47,7 +47,7 @@ class Plans(NamedTuple):
     options: Options  # of its plans
 
 
-Resolver = Baseline | Plans | WitnessSearch
+Resolver = StepResolver | Plans | WitnessSearch
 
 
 class Entry(NamedTuple):
@@ -79,7 +79,7 @@ class Comparison(NamedTuple):
         starts = evaluation.in_space(starts, numbers)
         for entry in self.entries:
             if isinstance(entry.resolver, Plans):
-                planned = evaluation._replace(mode="plan", given=entry.resolver.options)
+                planned = evaluation._replace(mode="plan", plan_options=entry.resolver.options)
                 starts = planned.in_space(starts, numbers)
         return starts, weights
 
@@ -275,7 +275,7 @@ def _fly_on(
             starts, resolver, evaluation.aircraft, noise=noise, recorder=recorder, endless=True
         )
         return flights, recorder.stack()
-    flown = evaluation._replace(mode=resolver.mode, given=resolver.options)
+    flown = evaluation._replace(mode=resolver.mode, plan_options=resolver.options)
     ready = ReadyEvaluation(flown, resolver.policy)
     _, flights = fly_in_mode(ready, Conditioned(starts, noise), recorder, endless=True)
     return flights, until(recorder.stack(), flights.duration, evaluation.aircraft.dt)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.baselines.baselines import BASELINES, Baseline
+from agents.baselines.baselines import BASELINES, StepResolver
 from agents.planner.planner import Plans
 from agents.planner.request.options import Options
 from agents.policy.inference import Policy
@@ -62,12 +62,13 @@ class Evaluation(NamedTuple):
     seed: int
     aircraft: Aircraft
     mode: str = "policy"  # what decides, as of eval.config.MonteCarloConfig
-    given: Options | None = None  # of plans in the other modes; None: as usual for the aircraft
+    # of plans in the other modes; None: as usual for the aircraft
+    plan_options: Options | None = None
     baseline: str = "none"  # what decides in the policy's place, likewise
     backend: str = "numpy"  # what computes the policy's decisions, likewise
     wind_mps: tuple[float, float] = (0.0, 0.0)  # span of the wind's speed in the other modes
     areas: int = 0  # of an encounter at most
-    given_areas: tuple[Area, ...] = ()  # of a file: those of every encounter
+    file_areas: tuple[Area, ...] = ()  # of a file: those of every encounter
 
     def wind(self, starts: Encounter, numbers: np.ndarray) -> Wind | None:
         """Return the winds of encounters with these numbers, ``[M]``; None: still air.
@@ -90,7 +91,7 @@ class Evaluation(NamedTuple):
         goals are over the ground. None: there are none.
         """
         drawn = areas_of(self.areas, self.seed, starts, numbers, self.aircraft)
-        return together(starts.areas, drawn, self.given_areas, len(numbers))
+        return together(starts.areas, drawn, self.file_areas, len(numbers))
 
     @property
     def heeds(self) -> tuple[str, ...]:
@@ -114,7 +115,7 @@ class Evaluation(NamedTuple):
         if flown.altitudes is None:
             return flown
         flatness_of(flown, self.aircraft)
-        if self.areas or self.given_areas or flown.areas is not None:
+        if self.areas or self.file_areas or flown.areas is not None:
             raise EncounterError(
                 "encounters with altitudes, or plans that may climb, have areas; expected none: "
                 "flights are judged against areas in the plane alone"
@@ -133,7 +134,9 @@ class Evaluation(NamedTuple):
     @property
     def options(self) -> Options:
         """How plans are made and flown."""
-        return Options.for_aircraft(self.aircraft) if self.given is None else self.given
+        if self.plan_options is None:
+            return Options.for_aircraft(self.aircraft)
+        return self.plan_options
 
 
 class ReadyEvaluation:
@@ -151,7 +154,7 @@ class ReadyEvaluation:
         return cls(evaluation, Policy.load(evaluation.policy))
 
     @cached_property
-    def resolver(self) -> Baseline:
+    def resolver(self) -> StepResolver:
         """What decides once a time step in mode policy."""
         if self.evaluation.backend == "jax":
             return Compiled(self.policy)

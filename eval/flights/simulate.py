@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.baselines.baselines import Baseline, Observation
+from agents.baselines.baselines import Observation, StepResolver
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.altitudes import climb_at
@@ -161,7 +161,7 @@ def sensor_noise(seed: int, first: int, count: int, intruders: int) -> Callable[
 
 def fly(
     encounters: Encounter,
-    resolver: Baseline,
+    resolver: StepResolver,
     aircraft: Aircraft,
     *,
     noise: Callable[[int], np.ndarray] | None = None,

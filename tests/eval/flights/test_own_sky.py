@@ -143,7 +143,7 @@ def test_areas_of_a_file_are_those_of_every_encounter(
     summary = json.loads((out / "summary.json").read_text())
     assert "breach_rate" in summary
     config = MonteCarloConfig(areas_file=file, latitude=47.0, longitude=8.0)
-    (area,) = named_evaluation(config)[0].given_areas
+    (area,) = named_evaluation(config)[0].file_areas
     assert (area.name, area.clearance) == ("wall", 100.0)
     assert math.isclose(area.shape.y, 3e3, abs_tol=1e-3)
     file.write_text(file.read_text() + " ")

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agents.baselines.baselines import Baseline, Observation
+from agents.baselines.baselines import Observation, StepResolver
 from agents.policy.inference import Policy
 from commands.command import InputError
 from envs import surrogate
@@ -153,7 +153,7 @@ def test_initial_conditions_by_hand() -> None:
     ) == (1, 50.0, 75.0)
 
 
-def fly_some(name: str, resolver: Baseline, first: int, count: int):
+def fly_some(name: str, resolver: StepResolver, first: int, count: int):
     starts = encounters_of_seed(scenario(name, PAPER), 11, first, count)
     noise = sensor_noise(11, first, *starts.mask.shape) if name == "noisy" else None
     return fly_recorded(starts, resolver, PAPER, noise=noise)
