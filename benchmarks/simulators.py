@@ -58,8 +58,7 @@ class Rate(NamedTuple):
 
 def _ours(source: Scenario, bodies: int, count: int, steps: int) -> tuple[Work, int]:
     advance, state = surrogate.ours(count, steps, _ROWS, source), surrogate.start(count, source)
-    key = jax.random.key(1)
-    return lambda: jax.block_until_ready(advance(key, state)), bodies
+    return surrogate.work_of(advance, state), bodies
 
 
 def _by_jax(
@@ -84,8 +83,7 @@ def _by_jax(
         return jax.lax.scan(one_step, state, jax.random.split(key, steps))
 
     _, state = jax.jit(jax.vmap(reset))(jax.random.split(jax.random.key(0), count))
-    compiled, key = jax.jit(advance), jax.random.key(1)
-    return lambda: jax.block_until_ready(compiled(key, state)), bodies
+    return surrogate.work_of(jax.jit(advance), state), bodies
 
 
 def _gymnax(count: int, steps: int) -> tuple[Work, int]:

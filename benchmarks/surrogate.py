@@ -119,13 +119,17 @@ def library_trigonometry() -> ExitStack:
     return stack
 
 
+def work_of(advance: Callable[[PRNGKeyArray, Any], Any], state: Any) -> Callable[[], Any]:
+    """Return what advances from a state, by the same draws each time, and waits for the result."""
+    key = jax.random.key(1)
+    return lambda: jax.block_until_ready(advance(key, state))
+
+
 def measure_rate(
     advance: Advance, state: surrogate.State, amount: int, repeats: int
 ) -> list[float]:
     """Return the steps a second of each repeat; ``amount``: steps of a call, of all encounters."""
-    key = jax.random.key(1)
-    times = seconds(lambda: jax.block_until_ready(advance(key, state)), repeats)
-    return [amount / time for time in times]
+    return [amount / time for time in seconds(work_of(advance, state), repeats)]
 
 
 def main() -> None:
