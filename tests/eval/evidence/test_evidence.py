@@ -296,18 +296,19 @@ def test_a_missed_claim_tells_by_how_much_and_why(tmp_path: Path) -> None:
     entry = load_list(tmp_path).results["one"]
     cells = {name: f"{{{name}}}" for name in ("claim", "found", "met", "gap", "why")}
 
-    def told(value: float, low: float, high: float, **more: Any) -> list[str]:
+    def cells_at(value: float, low: float, high: float, **more: Any) -> list[str]:
         claimed = entry.model_copy(update={"claim": ("share", ">=", 0.95), **more})
         share = {"value": value, "low": low, "high": high, "total": 100}
         return row_of(claimed, result(entry.command, share=share), cells)[1:]
 
-    missed = told(0.9, 0.85, 0.94)
+    missed = cells_at(0.9, 0.85, 0.94)
     assert missed == [">= 95.00 %", "90.00 % [85.00, 94.00]", "no", "5.00 points", "not known"]
-    assert told(0.9, 0.85, 0.94, missed="few see it")[3:] == ["5.00 points", "few see it"]
-    ratio = told(0.9, 0.85, 0.94, ratio="risk ratio")
+    assert cells_at(0.9, 0.85, 0.94, missed="few see it")[3:] == ["5.00 points", "few see it"]
+    ratio = cells_at(0.9, 0.85, 0.94, ratio="risk ratio")
     assert ratio[:4] == ["risk ratio >= 0.95", "0.900 [0.850, 0.940]", "no", "0.050"]
-    assert told(0.95, 0.9, 0.97)[2] == "undecided" and "more encounters" in told(0.95, 0.9, 0.97)[4]
-    assert told(0.97, 0.96, 0.98)[2:] == ["yes", "-", "-"]
+    undecided = cells_at(0.95, 0.9, 0.97)
+    assert undecided[2] == "undecided" and "more encounters" in undecided[4]
+    assert cells_at(0.97, 0.96, 0.98)[2:] == ["yes", "-", "-"]
 
 
 def test_no_plan_breaks_its_promise_is_claimed_where_intruders_turn() -> None:
