@@ -8,6 +8,7 @@ ownship keeps its climb until r / (2 a), and flies from there on a line to the f
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -119,6 +120,13 @@ def corner_error(change: float, acceleration: float) -> float:
     return 0.125 * change * change / acceleration
 
 
+def largest_change(error: float, acceleration: float) -> float:
+    """Return the change of climb, m/s, that leaves the lines of a profile by an error, m, at most,
+    at an acceleration, m/s^2.
+    """
+    return math.sqrt(8.0 * acceleration * error)
+
+
 def first_change(rise: float, climb: float, time: float, acceleration: float) -> float:
     """Return by how much the climb changes after the request, m/s, so that the aircraft has risen
     by so much, m, when a time, s, is over; nan where the acceleration, m/s^2, does not suffice.
@@ -175,3 +183,18 @@ def profile_of(
         raise ValueError(f"{len(heights)} of {len(waypoints)} waypoints have altitudes")
     times = [point.time for point in waypoints]
     return climbing(altitude, climb, times, heights, acceleration=acceleration)
+
+
+def on_profile(points: Sequence[Waypoint], profile: Profile) -> tuple[Waypoint, ...]:
+    """Return two waypoints or more with the altitudes of a profile, whose corners after the first
+    waypoint are at waypoints.
+    """
+    times = np.array([point.time for point in points])
+    altitudes = profile.at(times)
+    # The last leg goes on as it was.
+    climbs = np.diff(altitudes) / np.diff(times)
+    levels = zip(altitudes.tolist(), [*climbs.tolist(), float(climbs[-1])], strict=True)
+    return tuple(
+        replace(point, altitude=altitude, climb=climb)
+        for point, (altitude, climb) in zip(points, levels, strict=True)
+    )

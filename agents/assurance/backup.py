@@ -5,8 +5,13 @@ decisions, accelerates or decelerates to the speed, and holds both. It is publis
 like any plan, every leg of constant controls, and judged by
 :mod:`agents.planner.judge.validator` over the sum of :data:`STEPS`. The one of the step before
 stays if it passes from the present state; only otherwise is the family searched.
+
+Where the aircraft may climb, a backup levels off at once; only where none that does is safe are
+those that climb or descend searched, by what they meet at their altitudes.
 """
 
+import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +22,7 @@ from agents.assurance.thresholds import Thresholds
 from agents.kernel.traffic import Traffic, growth, predict, requirement_of, within_window
 from agents.manoeuvres.simulator import integrate
 from agents.planner.judge.validator import validate
-from agents.planner.request.options import L, Narrowed
+from agents.planner.request.options import L, Narrowed, Options
 from envs.angles import wrap
 from envs.arrays import Array, Float, Shaped
 from envs.frames import Air
@@ -57,6 +62,31 @@ _TRIED = 3  # of the family that are validated
 _BLOCK = 256  # aircraft searched for at once
 
 
+class Sense(IntEnum):
+    """What a backup does up and down."""
+
+    LEVEL_OFF = 0
+    """At once; a backup in the plane has this one too."""
+    CLIMB = 1
+    """At the greatest rate, until the ceiling is near."""
+    DESCEND = 2
+    """At the greatest rate, until the floor is near."""
+
+
+class Surroundings(NamedTuple):
+    """What backups of one sense may meet; fields ``[N]``."""
+
+    traffic: Traffic  # [N, K]
+    areas: Array  # tuples of kernel.areas.ActiveArea, object
+    possible: Array  # whether they can be flown, bool
+    # share of the vertical separation kept at sample_times, [N, K, S]; None: in the plane
+    share: Array = None
+
+
+Around = tuple[Surroundings, ...]
+"""By the codes of Sense; in the plane backups only level off."""
+
+
 class Backup(NamedTuple):
     """Backups; fields ``[N]``."""
 
@@ -71,6 +101,11 @@ class Backup(NamedTuple):
     depth: Array  # how deep it is in areas on average, m; 0 where it stays out of all
     area: Array  # what messages call the area that it enters first; "" where it enters none, object
     avoids: Array  # whether it keeps the required separation, bool
+    # what tells backups of one grade apart, m: the clearance; of one that does not keep the
+    # separation, and is not in the plane, an estimate in which a share of the vertical separation
+    # is worth the same of the horizontal one
+    value: Array
+    sense: Array  # code of Sense, int8
 
 
 def grade(backup: Backup) -> Float[Array, " N"]:
@@ -102,34 +137,69 @@ def backup_states(
     return PlanStates(x, y, wrap(heading, np), velocity, times.copy())
 
 
+def surroundings(traffic: Traffic, areas: Shaped[Array, " N"] = None) -> Surroundings:
+    """Return what backups ``[N]`` may meet that can all be flown: intruders ``[N, K]`` and areas as
+    of now, object ``[N]``, None: none.
+    """
+    count = len(traffic.mask)
+    areas = no_areas(count) if areas is None else areas
+    return Surroundings(traffic, areas, np.ones(count, dtype=bool))
+
+
 def refresh(
     previous: Backup,
     own: VehicleState[Air],
-    traffic: Traffic,
+    around: Around,
     time: Float[Array, " N"],
     thresholds: Thresholds[Narrowed],
-    areas: Shaped[Array, " N"] = None,
 ) -> Backup:
-    """Return the backups for this step, ``[N]``, from those of the step before; time on the
-    monitor's clock, s; areas as of now, object ``[N]``, None: none.
+    """Return the backups for this step, ``[N]``, from those of the step before, by the present
+    states and what is around them; time on the monitor's clock, s.
     """
-    areas = no_areas(own.x.size) if areas is None else areas
+    exists = np.isfinite(previous.started)
+    result = map_leaves(np.array, previous)
+    held = np.where(previous.sense < len(around), previous.sense, Sense.LEVEL_OFF)
+    for sense, meets in zip(Sense, around, strict=False):
+        rows = np.flatnonzero(held == sense)
+        if rows.size:
+            continued = _continue(*take((previous, own, meets, time), rows), thresholds, sense)
+            scatter(result, rows, continued)
+    level, *climbing = zip(Sense, around, strict=False)
+    for senses in ([level], climbing):
+        # Those that climb and descend are searched where none is safe that levels off.
+        unsafe = ~result.safe
+        for sense, meets in senses:
+            rows = np.flatnonzero(unsafe & meets.possible)
+            for first in range(0, rows.size, _BLOCK):
+                part = rows[first : first + _BLOCK]
+                other = search(*take((own, meets, time), part), thresholds, sense)
+                current = take(result, part)
+                grades = grade(other) - grade(current)
+                gain = _value(other) > _value(current) + thresholds.backup_gain
+                better = (grades < 0) | ((grades == 0) & gain)
+                if sense is Sense.LEVEL_OFF:
+                    better |= ~exists[part]
+                scatter(result, part[better], take(other, better))
+    return result
+
+
+def _continue(
+    previous: Backup,
+    own: VehicleState[Air],
+    meets: Surroundings,
+    time: Array,
+    thresholds: Thresholds[Narrowed],
+    sense: Sense,
+) -> Backup:
+    """Return the backups of the step before, of one sense, with what is found of them now; those
+    that go on straight ahead where there was none, which are never safe.
+    """
     exists = np.isfinite(previous.started)
     course = np.where(exists, previous.course, own.heading)
     speed = np.where(exists, previous.speed, own.speed)
-    everyone = np.arange(own.x.size)
-    continued = _judge(_Turns(everyone, course, speed), own, traffic, time, thresholds, areas)
-    result = map_leaves(np.array, continued._replace(safe=continued.safe & exists))
-    rows = np.flatnonzero(~result.safe)
-    for first in range(0, rows.size, _BLOCK):
-        part = rows[first : first + _BLOCK]
-        other = search(*take((own, traffic, time), part), thresholds, areas[part])
-        current = take(result, part)
-        grades = grade(other) - grade(current)
-        gain = _value(other) > _value(current) + thresholds.backup_gain
-        better = ~exists[part] | (grades < 0) | ((grades == 0) & gain)
-        scatter(result, part[better], take(other, better))
-    return result
+    turns = _Turns(np.arange(own.x.size), course, speed)
+    continued = _judge(turns, own, meets, time, thresholds, sense)
+    return continued._replace(safe=continued.safe & exists & meets.possible)
 
 
 class _Turns(NamedTuple):
@@ -142,50 +212,64 @@ class _Turns(NamedTuple):
 
 def search(
     own: VehicleState[Air],
-    traffic: Traffic,
+    meets: Surroundings,
     time: Float[Array, " N"],
     thresholds: Thresholds[Narrowed],
-    areas: Shaped[Array, " N"] = None,
+    sense: Sense = Sense.LEVEL_OFF,
 ) -> Backup:
-    """Return the best backup of the family at a time (s), ``[N]``: a safe one, or that of greatest
-    clearance.
+    """Return the best backup of the family at a time (s), ``[N]``, of a sense, by what is met in
+    it: a safe one, or that of greatest clearance.
 
     One that enters an area is returned only where all of the family do: that of least depth, of
     those first that seem to keep the required separation.
     """
-    areas = no_areas(own.x.size) if areas is None else areas
-    family = _family(own, thresholds)
-    likely = _likely(family, own, traffic, thresholds, areas)
-    tried = _judge(take(family, likely), own, traffic, time, thresholds, areas)
+    family = _family(own, thresholds, sense)
+    likely = _likely(family, own, meets, thresholds)
+    tried = _judge(take(family, likely), own, meets, time, thresholds, sense)
     worse = np.where(tried.safe, 0.0, -_value(tried))
     order = np.lexsort((np.arange(likely.size), worse, grade(tried), family.of[likely]))
     return take(tried, order[::_TRIED])
 
 
-def _family(own: VehicleState[Air], thresholds: Thresholds[Narrowed]) -> _Turns:
+def _family(own: VehicleState[Air], thresholds: Thresholds[Narrowed], sense: Sense) -> _Turns:
     """Return all turns of the family, those of one ownship after those of another, ``[N * F]``."""
-    count, manoeuvre = own.x.size, thresholds.manoeuvre
+    count, slowest = own.x.size, thresholds.manoeuvre.speed_min
+    fastest = max(slowest, fastest_in(sense, thresholds))
     of, change = np.repeat(np.arange(count), _FAMILY_TURN.size), np.tile(_FAMILY_SPEED, count)
-    held = np.clip(own.speed, manoeuvre.speed_min, manoeuvre.speed_max)[of]
-    extreme = np.where(change > 0.0, manoeuvre.speed_max, manoeuvre.speed_min)
+    held = np.clip(own.speed, slowest, fastest)[of]
+    extreme = np.where(change > 0.0, fastest, slowest)
     course = wrap(own.heading[of] + np.tile(_FAMILY_TURN, count), np)
     return _Turns(of, course, np.where(change == 0.0, held, extreme))
+
+
+def fastest_in(sense: Sense, thresholds: Thresholds[L]) -> float:
+    """Return the greatest speed over the horizon of backups of a sense, m/s: with the climb it is
+    that of the aircraft's limits; 0 where the climb alone is more.
+    """
+    speed_max, rate = thresholds.manoeuvre.speed_max, climb_of(sense, thresholds.options)
+    return math.sqrt(max(speed_max * speed_max - rate * rate, 0.0))
+
+
+def climb_of(sense: Sense, options: Options[L]) -> float:
+    """Return the vertical speed that backups of a sense change to, m/s, positive upwards."""
+    if sense is Sense.LEVEL_OFF:
+        return 0.0
+    vertical = options.vertical
+    return vertical.climb_max if sense is Sense.CLIMB else -vertical.descent_max
 
 
 def _likely(
     family: _Turns,
     own: VehicleState[Air],
-    traffic: Traffic,
+    meets: Surroundings,
     thresholds: Thresholds[Narrowed],
-    areas: Array,
 ) -> Array:
     """Return the numbers of those of the family that are worth a validation, the same number of
     each ownship, ``[N * _TRIED]``: by estimates, those first that enter no area.
     """
     count, unit = own.x.size, thresholds.options.aircraft.separation
-    required = requirement_of(traffic, own, thresholds.requirement)
-    base = np.where(traffic.mask, required, -np.inf)
-    clearance = _estimate(family, take(own, family.of), traffic, base, thresholds)
+    areas = meets.areas
+    clearance = _estimate(family, own, meets, thresholds)
     depth = np.zeros(family.of.size)
     among_areas = np.flatnonzero(np.array([bool(some) for some in areas])[family.of])
     if among_areas.size:
@@ -205,62 +289,83 @@ def _likely(
 def _judge(
     turns: _Turns,
     own: VehicleState[Air],
-    traffic: Traffic,
+    meets: Surroundings,
     time: Array,
     thresholds: Thresholds[Narrowed],
-    areas: Array,
+    sense: Sense,
 ) -> Backup:
-    """Return backups ``[M]`` of ownships ``[N]`` with what is found of them; a start inside the
-    margin must keep its present distance from intruders to the last digit.
+    """Return backups ``[M]`` of ownships ``[N]``, of a sense, with what is found of them; a start
+    inside the margin must keep its present distance from intruders to the last digit.
     """
     plan_states = backup_states(take(own, turns.of), turns.course, turns.speed, thresholds)
-    curves, others = legs(plan_states), take(traffic, turns.of)
+    curves, others = legs(plan_states), take(meets.traffic, turns.of)
     findings = validate(
         plan_states, others, thresholds.requirement, thresholds.limits, curves=curves
     )
-    from_areas = judge_backups(plan_states, curves, areas, turns.of, thresholds)
+    from_areas = judge_backups(plan_states, curves, meets.areas, turns.of, thresholds)
     clearance = np.where(np.isnan(findings.clearance), -np.inf, findings.clearance)
     avoids = clearance >= -thresholds.resolution
+    clearance = np.minimum(clearance, from_areas.clearance)
+    value, lost = clearance.copy(), np.flatnonzero(~avoids)
+    if meets.share is not None and lost.size:
+        of, course, speed = take(turns, lost)
+        alone = _Turns(np.arange(lost.size), course, speed)
+        kept = _estimate(alone, *take((own, meets), of), thresholds)
+        value[lost] = np.minimum(kept, from_areas.clearance[lost])
     return Backup(
         course=turns.course,
         speed=turns.speed,
         plan_states=plan_states,
         legs=curves,
         started=np.array(np.asarray(time)[turns.of]),
-        clearance=np.minimum(clearance, from_areas.clearance),
+        clearance=clearance,
         safe=findings.legal & avoids & (from_areas.clearance >= 0.0),
         depth=from_areas.depth,
         area=from_areas.area,
         avoids=avoids,
+        value=value,
+        sense=np.full(turns.of.size, sense, dtype=np.int8),
     )
 
 
 def _value(backup: Backup) -> Array:
     """Return what tells backups of one grade apart, m, ``[N]``; the more the better."""
-    return np.where(backup.depth > 0.0, -backup.depth, backup.clearance)
+    return np.where(backup.depth > 0.0, -backup.depth, backup.value)
+
+
+def sample_times(options: Options[L]) -> Array:
+    """Return the times at which backups are compared, s after they begin, ``[S]``."""
+    return np.arange(round(sum(STEPS) / _STEP) + 1) * (_STEP * options.aircraft.dt)
 
 
 def _estimate(
-    family: _Turns,
+    turns: _Turns,
     own: VehicleState[Air],
-    traffic: Traffic,
-    base: Array,
+    meets: Surroundings,
     thresholds: Thresholds[Narrowed],
 ) -> Array:
-    """Return the smallest distance less the required one of backups of a family from ``own``, m,
-    ``[N * F]``; an estimate.
+    """Return the smallest distance less the required one of backups of ownships ``[N]``, m; an
+    estimate. All have as many, one after the other, ``[N * F]``.
+
+    A share of the vertical separation is worth as much as the same of the horizontal one.
     """
-    sigmas = thresholds.requirement.sigmas
-    stride, steps = _STEP * thresholds.options.aircraft.dt, round(sum(STEPS) / _STEP)
-    times, wide = (np.arange(steps + 1) * stride)[:, None], column(traffic)
-    tracks = predict(wide, times)
+    traffic, sigmas = meets.traffic, thresholds.requirement.sigmas
+    required = requirement_of(traffic, own, thresholds.requirement)
+    base = np.where(traffic.mask, required, -np.inf)
+    samples, wide = sample_times(thresholds.options), column(traffic)
+    times, stride = samples[:, None], samples[1]
+    tracks, own = predict(wide, times), take(own, turns.of)
     required_range = np.broadcast_to(base[:, None] + growth(wide, times, sigmas), tracks.x.shape)
     counts = within_window(wide, times - stride, times)
     required_range = np.where(counts, required_range, -np.inf)
-    to_turn, least = wrap(family.course - own.heading, np), np.full(own.x.size, np.inf)
+    lost_in_height = None
+    if meets.share is not None:
+        shares = np.minimum(meets.share[..., 1:], meets.share[..., :-1])
+        lost_in_height = (shares - 1.0) * base[..., None]
+    to_turn, least = wrap(turns.course - own.heading, np), np.full(own.x.size, np.inf)
     step = 0
     for duration in _durations(thresholds):
-        turn, gain = _controls(to_turn, family.speed - own.speed, duration, thresholds.manoeuvre)
+        turn, gain = _controls(to_turn, turns.speed - own.speed, duration, thresholds.manoeuvre)
         shape = (round(duration / stride), own.x.size)
         acceleration = np.broadcast_to(gain / duration, shape)
         yaw_rate = np.broadcast_to(turn / duration, shape)
@@ -270,6 +375,8 @@ def _estimate(
         for sample in range(1, len(flown.x)):
             x1, y1 = _relative(flown, tracks, step, sample)
             clearance = chord(x0, y0, x1, y1) - required_range[:, step + sample, None]
+            if lost_in_height is not None:
+                clearance = np.fmax(clearance, lost_in_height[:, None, :, step + sample - 1])
             least = np.minimum(least, np.min(clearance, axis=-1, initial=np.inf).ravel())
             x0, y0 = x1, y1
         step += shape[0]
@@ -285,7 +392,7 @@ def _relative(
     The flight ``[S, N * F]`` begins at the time numbered ``first`` of the tracks ``[N, T, K]``.
     """
     count, at = tracks.x.shape[0], first + sample
-    x, y = (field[sample].reshape(count, _FAMILY_TURN.size, 1) for field in (flown.x, flown.y))
+    x, y = (field[sample].reshape(count, -1, 1) for field in (flown.x, flown.y))
     return tracks.x[:, at, None] - x, tracks.y[:, at, None] - y
 
 
@@ -306,6 +413,8 @@ def resting(count: int, thresholds: Thresholds[L]) -> Backup:
         depth=zero.copy(),
         area=nameless(count),
         avoids=no.copy(),
+        value=zero - np.inf,
+        sense=np.zeros(count, dtype=np.int8),
     )
 
 

@@ -1,23 +1,22 @@
-"""What flights meet by their altitude: a plan on its profile, a backup while it levels off.
+"""What plans meet on their profiles.
 
 On a profile an intruder may count in several times, between which it is above or below, and stands
 once for each of them: a single time that holds all of them would call each pass above a loss.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.levels import Altitude, Line, lines, steady
+from agents.kernel.levels import Altitude, Line, lines
 from agents.kernel.traffic import Traffic, Window
 from agents.planner.judge.profile import flyable_profile
 from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder, times_of
 from envs.arrays import Array, Shaped
 from envs.frames import F
-from envs.profile import Height, Profile, levelling, rise_to_level
+from envs.profile import Profile
 from envs.trees import map_leaves
 from envs.waypoints import Waypoint
 
@@ -50,6 +49,15 @@ class Met(NamedTuple):
     def repeat(self, values: Shaped[Array, "N K"]) -> Shaped[Array, "N K*T"]:
         """Return values of intruders ``[N, K]`` once for each of their times."""
         return np.repeat(values, self.times, axis=-1)
+
+
+class BackupMeets(NamedTuple):
+    """What backups of one sense meet by their altitudes; fields ``[N]``."""
+
+    met: Met
+    possible: Array  # whether floor, ceiling and what is known of the altitude allow them, bool
+    # share of the vertical separation kept from each at backup.sample_times, 0: none, [N, K, S]
+    share: Array
 
 
 class OnProfile(NamedTuple):
@@ -106,18 +114,6 @@ def climb_of(
             problem = f"the plan climbs from an altitude of {own.reference}"
             raise ValueError(f"{problem}, but floor or ceiling is of {level.reference}")
     return Climb(flyable_profile(waypoints, own, options).since(-time), own.reference)
-
-
-def level_off(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:
-    """Return the altitude of an aircraft that levels off at once; none where it is unknown."""
-    if own is None or own.vertical_speed is None:
-        return steady(own)
-    acceleration, climb = options.vertical.acceleration, own.vertical_speed
-    # Whose climb is off by some more takes as much more to level off.
-    farther = rise_to_level(abs(climb) + own.climb_error, acceleration)
-    farther -= abs(rise_to_level(climb, acceleration))
-    profile = levelling(Height(own.value, climb), acceleration)
-    return lines(profile, replace(own, error=own.error + farther), options.vertical_margin)
 
 
 def times_met(

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.assurance.climbs import Met, OnProfile
+from agents.assurance.climbs import BackupMeets, OnProfile
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.kernel.traffic import Traffic, Window, advance_reports, turn_error
 from agents.planner.request.options import Narrowed
@@ -59,7 +59,8 @@ class Inputs(NamedTuple):
     # how a plan that climbs is flown, and what it meets; None: one in the plane, which meets what
     # window and areas say
     on_profile: OnProfile | None = None
-    levelling: Met | None = None  # what backups meet while they level off; None: likewise
+    # what backups meet by their altitudes, by the codes of Sense; none: in the plane, likewise
+    backups: tuple[BackupMeets, ...] = ()
 
 
 class Memory(NamedTuple):

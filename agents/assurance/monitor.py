@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.assurance.areas import judge_remaining_plans
-from agents.assurance.backup import Backup, refresh
+from agents.assurance.backup import Around, Backup, refresh, surroundings
+from agents.assurance.backup_heights import around_backups
 from agents.assurance.climbs import Met
 from agents.assurance.conformance import floor, has, measure, required_separations
 from agents.assurance.inputs import Inputs, advance, update
@@ -73,10 +74,10 @@ def step(
     )
 
     sighted = np.flatnonzero(~(idle | blind))
-    levelling, others, areas = inputs.levelling, traffic, memory.areas
-    if levelling is not None:
-        others, areas = levelling.columns(traffic), levelling.areas
-    backup = _refresh_backups(monitor.backup, sighted, own, others, areas, time, thresholds)
+    around: Around = (surroundings(traffic, memory.areas),)
+    if inputs.backups:
+        around = around_backups(own, traffic, inputs.backups, thresholds)
+    backup = _refresh_backups(monitor.backup, sighted, own, around, time, thresholds)
     causes |= np.where(~idle & ~backup.safe, int(Cause.BACKUP_UNSAFE), 0)
     causes |= np.where(~idle & (backup.depth > 0.0), int(Cause.BACKUP_IN_AREA), 0)
 
@@ -149,16 +150,14 @@ def _refresh_backups(
     backup: Backup,
     rows: Array,
     own: VehicleState[Air],
-    traffic: Traffic,
-    areas: Array,
+    around: Around,
     time: Array,
     thresholds: Thresholds[Narrowed],
 ) -> Backup:
     """Return backups ``[N]`` of which those in some rows are as of now."""
     if rows.size == 0:
         return backup
-    previous, states, others, when = take((backup, own, traffic, time), rows)
-    fresh = refresh(previous, states, others, when, thresholds, areas[rows])
+    fresh = refresh(*take((backup, own, around, time), rows), thresholds)
     result = map_leaves(np.array, backup)
     scatter(result, rows, fresh)
     return result

@@ -18,8 +18,8 @@ from typing import TypeVar
 import numpy as np
 
 from agents.assurance import monitor as monitors
-from agents.assurance.backup import resting
-from agents.assurance.climbs import Climb, Met, OnProfile, climb_of, level_off, times_met
+from agents.assurance.backup import Sense, resting
+from agents.assurance.climbs import Climb, Met, OnProfile, climb_of, times_met
 from agents.assurance.frames import STILL, Frame, carry, frame_of
 from agents.assurance.inputs import Inputs, Memory, clock_runs, good_reports, no_areas
 from agents.assurance.space import Space, altitude_flown
@@ -247,7 +247,8 @@ def step(
     in_height = None
     if in_space:
         causes, options = Cause(int(decision.causes[0])), thresholds.options
-        flight = altitude_flown(fly, causes, watch.climb, own_altitude, time, options)
+        sense = Sense(int(monitor.backup.sense[0]))
+        flight = altitude_flown(fly, sense, causes, watch.climb, own_altitude, time, options)
         in_height = InHeight(own_altitude, flight, space)
     whys = reasons(decision, thresholds, names)
     return watch, Assessment(state, fly, ask, whys, backup, decision, in_height)
@@ -265,7 +266,7 @@ def _space(
 def _in_space(watch: Watch, inputs: Inputs, space: Space, own_altitude: Altitude | None) -> Inputs:
     """Return inputs with what plan and backup meet by their altitudes."""
     options, climb, time = watch.thresholds.options, watch.climb, float(inputs.time[0])
-    inputs = inputs._replace(levelling=space.find_met(level_off(own_altitude, options)))
+    inputs = inputs._replace(backups=space.find_backups_met(own_altitude))
     if climb is None:
         return inputs
     error = np.array([climb.error(own_altitude, time)])

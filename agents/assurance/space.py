@@ -1,14 +1,18 @@
 """What a flight would meet from now on by its altitude, and which altitude is flown.
 
-A plan that climbs or descends is flown on its profile, and a backup levels off at once. Without
-either, or where the ownship has left the profile, its present climb is held.
+A plan that climbs or descends is flown on its profile, and a backup levels off at once, or climbs
+or descends. Without either, or where the ownship has left the profile, its present climb is held.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from agents.assurance.areas import may_be_met
-from agents.assurance.climbs import Climb, Met, level_off, times_met
+from agents.assurance.backup import Sense
+from agents.assurance.backup_heights import backup_flight, is_possible, shares_kept
+from agents.assurance.climbs import BackupMeets, Climb, Met, times_met
 from agents.assurance.inputs import no_areas
 from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Cause, Thresholds
@@ -44,6 +48,19 @@ class Space:
             met[0] = may_be_met(self.areas, self.own, flight, self.ends, self.thresholds)
         return met
 
+    def find_backups_met(self, own: Altitude | None) -> tuple[BackupMeets, ...]:
+        """Return what backups from an altitude meet, by the codes of Sense, ``[1]``."""
+        options = self.thresholds.options
+        flights = {sense: backup_flight(sense, own, options) for sense in Sense}
+        return tuple(
+            BackupMeets(
+                self.find_met(flight),
+                np.array([is_possible(sense, flight)]),
+                shares_kept(self.reports, flight, options)[None],
+            )
+            for sense, flight in flights.items()
+        )
+
 
 def hold(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:
     """Return the altitude of an aircraft that holds its climb as well as it follows a profile; none
@@ -56,6 +73,7 @@ def hold(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:
 
 def altitude_flown(
     mode: FlyMode,
+    sense: Sense,
     causes: Cause,
     climb: Climb | None,
     own: Altitude | None,
@@ -66,6 +84,7 @@ def altitude_flown(
 
     Args:
         mode: what is flown.
+        sense: of the backup.
         causes: of the decision.
         climb: of the active plan; None: it is one in the plane.
         own: the ownship's altitude at that time.
@@ -73,7 +92,7 @@ def altitude_flown(
         options: of the flight.
     """
     if mode is FlyMode.BACKUP:
-        return level_off(own, options)
+        return backup_flight(sense, own, options)
     if mode is FlyMode.PLAN and climb is not None and not causes & Cause.ALTITUDE_ERROR:
         return climb.flight(own, time, options)
     return hold(own, options)

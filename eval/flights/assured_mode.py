@@ -11,6 +11,8 @@ import numpy as np
 from agents import assurance
 from agents.assurance.areas import may_be_met
 from agents.assurance.asking import ALONG, renew
+from agents.assurance.backup import Sense
+from agents.assurance.backup_heights import backup_profile
 from agents.assurance.climbs import Met
 from agents.assurance.inputs import believed
 from agents.assurance.monitor import Decision, Thresholds
@@ -31,7 +33,7 @@ from envs.follower import PERIOD
 from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.perception import declared_errors
-from envs.profile import Height, levelling
+from envs.profile import Height
 from envs.profile import level as straight_on
 from envs.tracking.tracker import Reports, Sightings, observe
 from envs.trees import take
@@ -41,8 +43,8 @@ from eval.flights.among_areas import in_air_at
 from eval.flights.believed import is_carried
 from eval.flights.in_space import (
     climbers,
+    find_backups_met,
     find_met_holding,
-    find_met_levelling,
     find_met_on_profiles,
     heights_at,
     on_profiles,
@@ -78,7 +80,6 @@ class _Flights(NamedTuple):
     # of altitude, what is flown: envs.profile.Profile, its times s after the start, object; None:
     # encounters in the plane
     profile: np.ndarray | None = None
-    levelling: np.ndarray | None = None  # whether that levels off, bool
 
 
 def fly_assured(  # noqa: PLR0913 - all that a flight needs
@@ -101,7 +102,7 @@ def fly_assured(  # noqa: PLR0913 - all that a flight needs
     step, ``[4, N, K]``. The limits of the options are those of the vehicle. A recorder takes the
     trajectories; endless flights lose nothing. In a wind all of it is in its air mass, through
     which goals and routes drift. Areas are over the ground, object ``[N]``; None: none. In space
-    an aircraft on its backup levels off, and there are no areas.
+    there are no areas.
     """
     count, dt = len(encounters.goal_x), aircraft.dt
     # The wind is known exactly, and takes nothing off the limits.
@@ -163,7 +164,7 @@ def _begin(
     in_space: dict[str, Any] = {}
     if encounters.altitudes is not None:
         profiles = _first_profiles(encounters.altitudes.own, candidates.profile)
-        in_space = {"profile": profiles, "levelling": np.zeros(count, dtype=bool)}
+        in_space = {"profile": profiles}
         own = own_altitudes(_at_moment(profiles, 0.0, thresholds.options))
         intruders = reports(encounters.altitudes, 0, aircraft.dt)
         met = find_met_on_profiles(profiles, own, intruders, 0.0, thresholds.options)
@@ -231,7 +232,7 @@ def _meetings(
     own, intruders = heights.own, heights.intruders
     inputs: dict[str, Any] = {"window": find_met_holding(own, intruders, options).all_times}
     if options.climbs and flights.profile is not None:
-        inputs["levelling"] = find_met_levelling(own, intruders, options)
+        inputs["backups"] = find_backups_met(own, intruders, options)
         inputs["on_profile"] = on_profiles(flights.profile, own, intruders, time, options)
     return inputs
 
@@ -304,27 +305,24 @@ def _plan_anew(
     flights = flights._replace(monitor=monitor, short=short)
     if make.heights is None or taken_up is None:
         return flights, requested
-    acceleration = options.vertical.acceleration
-    return _change_profiles(flights, taken_up, make.heights, make.time, acceleration), requested
+    return _change_profiles(flights, taken_up, make.heights, make.time, options), requested
 
 
 def _change_profiles(
-    flights: _Flights, taken_up: np.ndarray, heights: _Heights, time: float, acceleration: float
+    flights: _Flights, taken_up: np.ndarray, heights: _Heights, time: float, options: Options[L]
 ) -> _Flights:
     """Return flights that fly the profiles of plans that were taken up at a time, s, object
-    ``[M]``, None: none was; and level off, with an acceleration, m/s^2, where the backup begins.
+    ``[M]``, None: none was; and those of their backups.
     """
-    assert flights.profile is not None and flights.levelling is not None
-    profiles, levels = flights.profile.copy(), flights.levelling.copy()
+    assert flights.profile is not None
+    profiles, backup = flights.profile.copy(), flights.monitor.backup
     for n, profile in enumerate(taken_up):
-        own = heights.own[n]
-        on_backup = bool(flights.monitor.on_backup[n])
-        if profile is not None and not on_backup:
-            profiles[n], levels[n] = profile.since(-time), False
-        elif on_backup and not levels[n]:
-            off = levelling(Height(own.value, own.climb(0.0)[0]), acceleration)
-            profiles[n], levels[n] = off.since(-time), True
-    return flights._replace(profile=profiles, levelling=levels)
+        flown = profile
+        if flights.monitor.on_backup[n]:
+            flown = backup_profile(Sense(int(backup.sense[n])), heights.own[n], options)
+        if flown is not None:
+            profiles[n] = flown.since(-time)
+    return flights._replace(profile=profiles)
 
 
 def _fly_on(

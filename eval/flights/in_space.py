@@ -8,7 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.assurance.climbs import Climb, Met, OnProfile, level_off, times_met
+from agents.assurance.backup import Sense
+from agents.assurance.backup_heights import backup_flight, is_possible, shares_kept
+from agents.assurance.climbs import BackupMeets, Climb, Met, OnProfile, times_met
 from agents.assurance.inputs import no_areas
 from agents.kernel.levels import Altitude, Line, steady
 from agents.kernel.traffic import Traffic, Window
@@ -101,11 +103,26 @@ def who_counts(traffic: Traffic, window: Window) -> Traffic:
     return traffic._replace(mask=traffic.mask & (window.begin <= window.end), window=window)
 
 
-def find_met_levelling(
+def find_backups_met(
     own: Sequence[Altitude], intruders: Sequence[Sequence[Intruder[Air]]], options: Options[L]
-) -> Met:
-    """Return when intruders count while ownships ``[M]`` level off from their altitudes."""
-    return _find_met([level_off(altitude, options) for altitude in own], intruders, options)
+) -> tuple[BackupMeets, ...]:
+    """Return when intruders count for backups ``[M]`` from the own altitudes, by the codes of
+    Sense.
+    """
+    return tuple(
+        BackupMeets(
+            _find_met(flights, intruders, options),
+            np.array([is_possible(sense, flight) for flight in flights], dtype=bool),
+            np.stack(
+                [
+                    shares_kept(reports, flight, options)
+                    for reports, flight in zip(intruders, flights, strict=True)
+                ]
+            ),
+        )
+        for sense in Sense
+        for flights in ([backup_flight(sense, altitude, options) for altitude in own],)
+    )
 
 
 def find_met_on_profiles(

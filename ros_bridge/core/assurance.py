@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from agents.assurance import single
+from agents.assurance.backup import Sense
+from agents.assurance.backup_heights import backup_profile
 from agents.assurance.single import Assessment, Watch
 from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Thresholds
@@ -25,7 +27,7 @@ from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.profile import rise_to_level
+from envs.profile import on_profile, rise_to_level
 from envs.waypoints import Waypoint
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.areas import AreaReport, Placed
@@ -313,8 +315,8 @@ def to_fly(supervision: Supervision) -> FlyMode:
 def backup(supervision: Supervision, altitude: Altitude | None) -> Published | None:
     """Return the current backup as a plan without a number; None before the first own state.
 
-    ``altitude`` is the ownship's; all of its points have that in which it levels off, where it may
-    climb.
+    ``altitude`` is the ownship's. Where that may climb, all points have the altitude in which it
+    levels off; those of a backup that climbs or descends have each their own.
     """
     started, frame = float(supervision.monitor.backup.started[0]), supervision.frame
     if frame is None or not math.isfinite(started):
@@ -324,9 +326,14 @@ def backup(supervision: Supervision, altitude: Altitude | None) -> Published | N
     waypoints = [Waypoint(number, *row) for number, row in enumerate(rows)]
     options = supervision.thresholds.options
     if options.climbs and altitude is not None:
-        climb = altitude.climb(0.0)[0]
-        rise = rise_to_level(climb, options.vertical.acceleration)
-        altitude = replace(altitude, value=altitude.value + rise)
+        sense = Sense(int(supervision.monitor.backup.sense[0]))
+        profile = backup_profile(sense, altitude, options)
+        if sense is Sense.LEVEL_OFF or profile is None:
+            rise = rise_to_level(altitude.climb(0.0)[0], options.vertical.acceleration)
+            altitude = replace(altitude, value=altitude.value + rise)
+        else:
+            begin = replace(waypoints[0], altitude=altitude.value, climb=altitude.vertical_speed)
+            waypoints = [begin, *on_profile(waypoints[1:], profile)]
     start, *points = geodetic_points(frame, waypoints, began, altitude)
     air = supervision.air.wind
     wind = true_wind(frame, air, start.latitude, start.longitude)

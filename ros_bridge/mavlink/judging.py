@@ -338,9 +338,7 @@ class ToFly(NamedTuple):
 
 
 def to_follow(judgement: Judgement, altitude: Altitude | None = None) -> ToFly | None:
-    """Return what is to be flown now; None: nothing. From the ownship's altitude a backup levels
-    off.
-    """
+    """Return what is to be flown now; None: nothing. A backup begins at the ownship's altitude."""
     supervision = judgement.supervision
     frame, published, kind = supervision.frame, supervision.published_plan, to_fly(supervision)
     if frame is None or published is None:
@@ -354,16 +352,13 @@ def to_follow(judgement: Judgement, altitude: Altitude | None = None) -> ToFly |
     backup_plan = backup(supervision, altitude) if kind is FlyMode.BACKUP else None
     if backup_plan is None:
         return None
-    height, climbs = backup_plan.start.altitude, supervision.thresholds.options.climbs
-    profile = level(height.value) if climbs and height is not None else None
-    return ToFly(
-        ("backup", backup_plan.began),
-        frame,
-        backup_plan.began,
-        *to_frame(frame, backup_plan),
-        wind,
-        profile,
-    )
+    own, waypoints = to_frame(frame, backup_plan)
+    options, height = supervision.thresholds.options, backup_plan.start.altitude
+    profile = _profile(backup_plan, waypoints, options)
+    if profile is None and options.climbs and height is not None:
+        profile = level(height.value)
+    key = ("backup", backup_plan.began)
+    return ToFly(key, frame, backup_plan.began, own, waypoints, wind, profile)
 
 
 def _profile(

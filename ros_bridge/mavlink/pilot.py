@@ -122,7 +122,7 @@ def steer(
     report = received.situation.own.last
     if report is None:
         return Piloted(pilot)
-    to_fly = to_follow(judgement, _levels_off_from(pilot, report, time))
+    to_fly = to_follow(judgement, _backup_begins_at(pilot, report, time))
     if to_fly is None:
         return Piloted(pilot)
     follower, lines = _follow(pilot, to_fly, vehicle, time)
@@ -149,9 +149,9 @@ def steer(
     return Piloted(steered_pilot, (*lines, Steer(steered, time // 1_000_000, with_speed)))
 
 
-def _levels_off_from(pilot: Pilot, own: Report, time: int) -> Altitude | None:
-    """Return the altitude from which a backup levels off at a time, ns: the one that is planned
-    then, which no gust moves, or the ownship's where nothing was flown until now.
+def _backup_begins_at(pilot: Pilot, own: Report, time: int) -> Altitude | None:
+    """Return the altitude at which a backup begins at a time, ns: the one that is planned then,
+    which no gust moves, or the ownship's where nothing was flown until now.
     """
     followed = pilot.followed
     if followed is None or not 0.0 <= time / SECOND - pilot.steered_at <= _HEARD:

@@ -10,6 +10,7 @@ _BACKUP = f"{_FOLDER}/test_backup.py"
 _FRAMES = f"{_FOLDER}/test_frames.py"
 _CONFORMANCE = f"{_FOLDER}/test_conformance.py"
 _CLIMBS = f"{_FOLDER}/test_climbs.py"
+_BACKUP_HEIGHTS = f"{_FOLDER}/test_backup_heights.py"
 _OUTSIDE = "tests/eval/evidence/test_outside.py"
 
 _OF_MONITOR = (
@@ -147,11 +148,34 @@ _OF_CLIMBS = (
     ("if not options.climbs:", "if False:"),
     ("if level is not None and level.reference != own.reference:", "if False:"),
     ("options).since(-time), own.reference)", "options), own.reference)"),
+)
+
+_OF_BACKUP_HEIGHTS = (
     ("error=own.error + farther", "error=own.error"),
     (
         "replace(own, error=own.error + farther), options.vertical_margin",
         "replace(own, error=own.error + farther), 0.0",
     ),
+    ("possible & (own.speed <= fastest_in(sense, thresholds))", "possible"),
+    ("if limit is not None and limit.reference != own.reference:", "if False:"),
+    ("if corner > ends[0]:", "if False:"),
+    ("if not profile_faults(profile, own, options):", "if True:"),
+    (
+        "return min(max(climb_of(sense, options), climb - most), climb + most)",
+        "return climb_of(sense, options)",
+    ),
+    ("return sense is Sense.LEVEL_OFF or bool(flight)", "return True"),
+    ("options.ceiling if sense is Sense.CLIMB else options.floor", "options.ceiling"),
+)
+
+_OF_BACKUP = (
+    (
+        "return continued._replace(safe=continued.safe & exists & meets.possible)",
+        "return continued._replace(safe=continued.safe & exists)",
+    ),
+    ("rows = np.flatnonzero(unsafe & meets.possible)", "rows = np.flatnonzero(unsafe)"),
+    ("unsafe = ~result.safe\n", "unsafe = result.safe | True\n"),
+    ("clearance = np.fmax(clearance, lost_in_height[:, None, :, step + sample - 1])", "pass"),
 )
 
 _OF_INPUTS = (
@@ -231,6 +255,8 @@ _CHANGES = {
         (_CONFORMANCE, _AREAS, _BACKUP, _MONITOR, _CLIMBS),
     ),
     "agents/assurance/climbs.py": (_OF_CLIMBS, (_CLIMBS,)),
+    "agents/assurance/backup.py": (_OF_BACKUP, (_BACKUP_HEIGHTS,)),
+    "agents/assurance/backup_heights.py": (_OF_BACKUP_HEIGHTS, (_BACKUP_HEIGHTS, _CLIMBS)),
     "agents/planner/judge/profile.py": (_OF_PROFILES, (_CLIMBS,)),
     "agents/assurance/inputs.py": (_OF_INPUTS, (_INPUTS, _FRAMES, _OUTSIDE)),
     "envs/tracking/tracker.py": (_OF_TRACKER, (_INPUTS,)),

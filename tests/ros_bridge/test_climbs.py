@@ -2,12 +2,15 @@
 
 import functools
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from agents.assurance.backup import Sense
+from agents.assurance.backup_heights import backup_profile
 from agents.assurance.thresholds import Thresholds
 from agents.kernel.levels import Altitude
 from agents.planner.answer import Plan, RequestError, Source
@@ -16,7 +19,7 @@ from agents.policy.inference import Policy
 from envs.areas import Level
 from envs.follower import PERIOD
 from envs.formats.local_frame import LocalFrame
-from envs.profile import Height, climbing, height_flown, rise_to_level
+from envs.profile import Height, climbing, height_flown, profile_of, rise_to_level
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.waypoints import Waypoint, legs, plan_states
@@ -233,6 +236,31 @@ def test_a_backup_names_the_altitude_in_which_the_ownship_levels_off():
     assert made_now is not None and not made_now.climbs
     # From 4 m/s to level flight with 1 m/s^2.
     assert {one.altitude for one in made_now.points} == {Altitude(508.0, "msl")}
+
+
+@pytest.mark.parametrize(("sense", "side"), [(Sense.CLIMB, 1.0), (Sense.DESCEND, -1.0)])
+@pytest.mark.parametrize("climb", [-2.0, 0.0, 3.0])
+def test_a_backup_that_climbs_or_descends_is_published_with_its_profile(
+    sense: Sense, side: float, climb: float
+) -> None:
+    given, situation = settings(), meeting()
+    watch = initial(Thresholds.for_plans(given.options), EXACT_REPORTS)
+    after = step_monitor(activate(watch, situation, published(*usual())), situation, NOW)
+    held = after.monitor.backup._replace(sense=np.array([sense], dtype=np.int8))
+    after = replace(after, monitor=after.monitor._replace(backup=held))
+    own = Altitude(500.0, "msl", vertical_speed=climb)
+    made_now = backup(after, own)
+    assert made_now is not None and made_now.climbs and after.frame is not None
+    _, waypoints = to_frame(after.frame, made_now)
+    rebuilt = profile_of(500.0, climb, waypoints, given.options.vertical.acceleration)
+    certified = backup_profile(sense, own, given.options)
+    assert rebuilt is not None and certified is not None
+    times = np.linspace(0.0, waypoints[-1].time, 200)
+    np.testing.assert_allclose(rebuilt.at(times), certified.at(times), atol=1e-5)
+    assert side * (rebuilt.altitude[-1] - 500.0) > 200.0
+    # From an altitude from which it cannot climb it levels off.
+    levels_off = backup(after, replace(own, vertical_speed=None))
+    assert levels_off is not None and not levels_off.climbs
 
 
 def fields(one: PlanPoint, **changes: Any) -> Any:

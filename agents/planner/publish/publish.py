@@ -38,7 +38,7 @@ from envs.area_geometry import signed_distance
 from envs.areas import Keep
 from envs.arrays import Array
 from envs.frames import Air
-from envs.profile import Profile, profile_of
+from envs.profile import Profile, on_profile, profile_of
 from envs.trees import take
 from envs.waypoints import PlanStates, RoutePoint, Waypoint, legs, on_ground
 from envs.wind import Wind
@@ -216,17 +216,7 @@ def _waypoints(
     if best.last < len(route):
         indices[-1] = route[int(best.last)].index
     points = tuple(Waypoint(index, *row) for index, row in zip(indices, rows, strict=True))
-    if profile is None:
-        return points
-    times = np.array([point.time for point in points])
-    altitudes = profile.at(times)
-    # The last leg goes on as it was.
-    climbs = np.diff(altitudes) / np.diff(times)
-    levels = zip(altitudes.tolist(), [*climbs.tolist(), float(climbs[-1])], strict=True)
-    return tuple(
-        replace(point, altitude=altitude, climb=climb)
-        for point, (altitude, climb) in zip(points, levels, strict=True)
-    )
+    return points if profile is None else on_profile(points, profile)
 
 
 def _reasons(

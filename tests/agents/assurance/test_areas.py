@@ -9,7 +9,7 @@ import pytest
 
 from agents.assurance import single
 from agents.assurance.areas import judge_remaining_plans
-from agents.assurance.backup import backup_states, search
+from agents.assurance.backup import backup_states, search, surroundings
 from agents.assurance.inputs import no_areas
 from agents.assurance.single import Assessment, Watch
 from agents.assurance.state import State
@@ -99,7 +99,7 @@ def test_a_backup_enters_an_area_only_where_all_do() -> None:
     areas = no_areas(count)
     for n in range(count):
         areas[n] = some(rng)
-    found = search(own, traffic, np.zeros(count), THRESHOLDS, areas)
+    found = search(own, surroundings(traffic, areas), np.zeros(count), THRESHOLDS)
     assert 0 < np.count_nonzero(found.depth > 0.0) < count
     assert 0 < np.count_nonzero(found.safe) < count
     turns = np.radians(np.arange(-150.0, 151.0, 30.0))
@@ -125,10 +125,10 @@ def test_a_backup_enters_an_area_only_where_all_do() -> None:
 def test_areas_of_one_row_do_not_touch_another() -> None:
     rng = np.random.default_rng(3)
     own, traffic = random_states(rng, 6, extent=3_000.0), turning(rng, 6)
-    alone = search(own, traffic, np.zeros(6), THRESHOLDS)
+    alone = search(own, surroundings(traffic), np.zeros(6), THRESHOLDS)
     areas = no_areas(6)
     areas[2] = some(rng)
-    beside = search(own, traffic, np.zeros(6), THRESHOLDS, areas)
+    beside = search(own, surroundings(traffic, areas), np.zeros(6), THRESHOLDS)
     others = np.array([0, 1, 3, 4, 5])
     np.testing.assert_array_equal(alone.course[others], beside.course[others])
     np.testing.assert_array_equal(alone.clearance[others], beside.clearance[others])

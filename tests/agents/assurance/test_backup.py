@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents.assurance import single as watching
-from agents.assurance.backup import STEPS, backup_states, refresh, resting, search
+from agents.assurance.backup import STEPS, backup_states, refresh, resting, search, surroundings
 from agents.assurance.monitor import Cause, FlyMode, State, Thresholds
 from agents.kernel.clearance import Clearance, clearance
 from agents.kernel.separation import Separation
@@ -135,7 +135,7 @@ def test_a_search_returns_a_safe_backup_or_the_clearest() -> None:
     generator = np.random.default_rng(6)
     own = random_states(generator, 80, extent=2_000.0)
     traffic = turning(generator, 80)
-    found = search(own, traffic, np.zeros(80), THRESHOLDS)
+    found = search(own, surroundings(traffic), np.zeros(80), THRESHOLDS)
     assert np.isfinite(np.stack(found.plan_states)).all()
     checked = validate(found.plan_states, traffic, REQUIREMENT, C208_PUBLISHED)
     np.testing.assert_allclose(checked.clearance, found.clearance)
@@ -156,10 +156,10 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
     own = VehicleState(zero, zero, zero, zero + 75.0)
     none = resting(1, THRESHOLDS)
     away = Traffic.straight(other(9_000.0, 0.0, math.pi))
-    first = refresh(none, own, away, zero, THRESHOLDS)
+    first = refresh(none, own, (surroundings(away),), zero, THRESHOLDS)
     assert first.safe[0] and first.course[0] != 0.0
     moved = own._replace(x=own.x + 75.0)
-    second = refresh(first, moved, away, zero + 1.0, THRESHOLDS)
+    second = refresh(first, moved, (surroundings(away),), zero + 1.0, THRESHOLDS)
     assert second.safe[0] and second.started[0] == 1.0
     assert second.course[0] == first.course[0] and second.plan_states.x[0, 0] == 75.0
     np.testing.assert_allclose(second.legs.x[0, 0, 0], 75.0)
@@ -170,7 +170,7 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
             first.course[0] + math.pi,
         )
     )
-    third = refresh(second, moved, into, zero + 2.0, THRESHOLDS)
+    third = refresh(second, moved, (surroundings(into),), zero + 2.0, THRESHOLDS)
     assert third.safe[0] and third.course[0] != first.course[0]
     np.testing.assert_allclose(
         third.legs.heading[0, -1, 0], third.plan_states.heading[0, -2], atol=1e-6
@@ -180,10 +180,10 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
 def test_on_top_of_an_intruder_there_is_still_a_backup() -> None:
     zero = np.zeros(1)
     own = VehicleState(zero, zero, zero, zero + 100.9)
-    found = search(own, Traffic.straight(other(0.0, 0.0)), zero, THRESHOLDS)
+    found = search(own, surroundings(Traffic.straight(other(0.0, 0.0))), zero, THRESHOLDS)
     assert not found.safe[0] and np.isfinite(np.stack(found.plan_states)).all()
     nobody = take(Traffic.straight(other(0.0, 0.0)), slice(0, 1))._replace(mask=np.array([[False]]))
-    found = search(own._replace(speed=zero + 75.0), nobody, zero, THRESHOLDS)
+    found = search(own._replace(speed=zero + 75.0), surroundings(nobody), zero, THRESHOLDS)
     assert found.safe[0] and found.course[0] == 0.0
 
 
@@ -191,17 +191,17 @@ def test_an_unsafe_backup_is_exchanged_for_much_more_clearance_only() -> None:
     zero = np.zeros(1)
     own = VehicleState(zero, zero, zero, zero + 75.0)
     near = Traffic.straight(other(1_800.0, 300.0, math.pi, 75.0))
-    best = search(own, near, zero, THRESHOLDS)
+    best = search(own, surroundings(near), zero, THRESHOLDS)
     assert not best.safe[0]
     slightly = best._replace(course=best.course - 0.02 * np.sign(best.course))
-    kept = refresh(slightly, own, near, zero + 1.0, THRESHOLDS)
+    kept = refresh(slightly, own, (surroundings(near),), zero + 1.0, THRESHOLDS)
     assert (
         kept.clearance[0] < best.clearance[0]
         and kept.course[0] == slightly.course[0]
         and not kept.safe[0]
     )
     wrong = best._replace(course=zero, speed=zero + 75.0)
-    changed = refresh(wrong, own, near, zero + 1.0, THRESHOLDS)
+    changed = refresh(wrong, own, (surroundings(near),), zero + 1.0, THRESHOLDS)
     assert changed.course[0] == best.course[0]
 
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from agents.assurance import single
-from agents.assurance.climbs import Met, level_off, times_met
+from agents.assurance.backup import Sense
+from agents.assurance.backup_heights import backup_flight
+from agents.assurance.climbs import Met, times_met
 from agents.assurance.single import Assessment, Watch
 from agents.assurance.space import hold
 from agents.assurance.state import FlyMode, State
@@ -354,7 +356,7 @@ def test_the_rest_of_a_plan_may_pass_over_an_area() -> None:
 
 def test_a_backup_levels_off() -> None:
     climbing = Altitude(LEVEL, "msl", 4.0)
-    (before, after) = level_off(climbing, OPTIONS)
+    (before, after) = backup_flight(Sense.LEVEL_OFF, climbing, OPTIONS)
     assert (before.end, after.begin) == (2.0, 2.0)  # half of the time that it takes
     for line, value, climb in ((before, LEVEL, 4.0), (after, LEVEL + 8.0, 0.0)):
         at_end = line.altitude.value + (line.altitude.vertical_speed or 0.0) * 2.0
@@ -362,12 +364,12 @@ def test_a_backup_levels_off() -> None:
         assert line.altitude.value == pytest.approx(value)
         assert line.altitude.vertical_speed == pytest.approx(climb)
         assert line.altitude.error == MARGIN
-    uncertain = level_off(replace(climbing, climb_error=1.0), OPTIONS)
+    uncertain = backup_flight(Sense.LEVEL_OFF, replace(climbing, climb_error=1.0), OPTIONS)
     # 5 m/s take 12.5 m, 4 m/s 8 m.
     assert uncertain[1].altitude.error == pytest.approx(MARGIN + 4.5)
-    assert level_off(None, OPTIONS) == ()
+    assert backup_flight(Sense.LEVEL_OFF, None, OPTIONS) == ()
     unknown = replace(climbing, vertical_speed=None)
-    assert level_off(unknown, OPTIONS) == steady(unknown)
+    assert backup_flight(Sense.LEVEL_OFF, unknown, OPTIONS) == steady(unknown)
 
 
 @pytest.mark.parametrize(("above", "straight"), [(12.5 + 160.0, True), (12.5, False)])
@@ -440,7 +442,7 @@ def test_the_altitude_that_is_flown_is_the_plans_the_backups_or_goes_on() -> Non
     assert line.altitude == replace(high, error=MARGIN, climb_error=0.0)
     ended = flight.step(1_000.0, altitude=high)
     assert ended.fly is FlyMode.BACKUP and ended.in_height is not None
-    assert ended.in_height.flight == level_off(high, OPTIONS)
+    assert ended.in_height.flight == backup_flight(Sense.LEVEL_OFF, high, OPTIONS)
     assert hold(None, OPTIONS) == ()
     in_plane = Thresholds.for_plans(Options.for_aircraft(PAPER, deadline_s=math.inf))
     _, verdict = single.step(single.begin(in_plane), 1.0, flight.own(1.0), {})

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents.assurance import single
-from agents.assurance.backup import backup_states, search
+from agents.assurance.backup import backup_states, search, surroundings
 from agents.assurance.frames import Frame, carry
 from agents.assurance.inputs import no_areas
 from agents.assurance.monitor import Thresholds
@@ -275,7 +275,7 @@ def test_backups_keep_the_limits_in_every_wind(wind: Wind) -> None:
     assert goes_beyond(legs(backup_states(own, course, speed, THRESHOLDS)), wind)
     assert not goes_beyond(legs(backup_states(own, course, speed_left, unsure)), wind)
     traffic = Traffic.straight(random_states(generator, 100, 2, extent=6_000.0))
-    found = search(own, traffic, np.zeros(100), unsure)
+    found = search(own, surroundings(traffic), np.zeros(100), unsure)
     assert not goes_beyond(found.legs, wind)
     assert 0 < found.safe.sum() < 100
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from agents import assurance
 from agents.assurance import single
 from agents.assurance.alerts import Alerting, Region, no_alerts, regions, update
-from agents.assurance.backup import search
+from agents.assurance.backup import search, surroundings
 from agents.assurance.bands import (
     Bands,
     area_losses,
@@ -213,7 +213,7 @@ def test_any_number_of_aircraft_is_watched(count: int, others: int) -> None:
     )
     assert decision.state.shape == (count,)
     assert references(monitor, times, 1.0, 2).x.shape == (3, count)
-    assert search(own, traffic, times, THRESHOLDS).safe.shape == (count,)
+    assert search(own, surroundings(traffic), times, THRESHOLDS).safe.shape == (count,)
     for targets in (np.array([0.3]), np.zeros(0)):
         given = own, traffic, REQUIREMENT, C208_PUBLISHED, LOOK_AHEAD, targets
         for bands in (heading_bands(*given), speed_bands(*given)):
