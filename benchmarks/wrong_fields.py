@@ -76,7 +76,7 @@ class Scenes(NamedTuple):
     wind_x: np.ndarray  # in which the intruder flies, m/s
     wind_y: np.ndarray
     offset: np.ndarray  # by which times are wrong, s
-    held: np.ndarray  # for how long a position is, s
+    hold_time: np.ndarray  # for how long a position is, s
 
     @property
     def intruder(self) -> VehicleState[Air]:
@@ -165,7 +165,7 @@ def reports(scenes: Scenes, kind: str, seed: int) -> list[VehicleState[Air]]:
         vx, vy = (part + ERRORS[1] * rng.normal(size=shape) for part in velocity(state, np))
         x, y = (part + ERRORS[0] * rng.normal(size=shape) for part in (state.x, state.y))
         if last is not None and kind == "held":
-            new = second % scenes.held == 0
+            new = second % scenes.hold_time == 0
             x, y = np.where(new, x, last.x), np.where(new, y, last.y)
         last = VehicleState(x, y, np.arctan2(vy, vx), np.hypot(vx, vy))
         received.append(map_leaves(lambda field: field[:, None], last))

@@ -47,7 +47,7 @@ class Parser(argparse.ArgumentParser):
         settings.setdefault("allow_abbrev", False)
         settings.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         super().__init__(**settings)
-        self.given: set[str] = set()
+        self.stored: set[str] = set()
         for name in (None, "store"):
             self.register("action", name, _Once)
         self.add_argument("--version", action="version", version=_version())
@@ -64,7 +64,7 @@ class Parser(argparse.ArgumentParser):
                 word.encode()
             except UnicodeEncodeError:
                 self.error(f"argument {word!r} holds bytes that are not UTF-8; expected a text")
-        self.given.clear()
+        self.stored.clear()
         return super().parse_known_args(given, namespace)
 
 
@@ -80,10 +80,10 @@ class _Once(argparse.Action):
     ) -> None:
         if option_string is None and values is self.default:
             return  # an argument that may be left out, and is
-        if self.dest in parser.given:
+        if self.dest in parser.stored:
             name = option_string or self.metavar or self.dest
             parser.error(f"argument {name} stands twice; expected it once")
-        parser.given.add(self.dest)
+        parser.stored.add(self.dest)
         setattr(namespace, self.dest, values)
 
 

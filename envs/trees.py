@@ -77,7 +77,7 @@ def choose(condition: Array, yes: T, no: T, xp: ArrayModule) -> T:
     return map_leaves(either, yes, no)
 
 
-def first_of_each(owners: np.ndarray, *keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def first_rows(owners: np.ndarray, *keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the owners of rows, ascending and each once, and the number of each one's first row,
     ``[M]`` each.
 

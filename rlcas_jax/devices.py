@@ -46,7 +46,7 @@ class Devices:
         """Return the sharding of arrays whose first axis is that of the encounters."""
         return None if self.mesh is None else NamedSharding(self.mesh, PartitionSpec(AXIS))
 
-    def whole(self) -> NamedSharding | None:
+    def replicated(self) -> NamedSharding | None:
         """Return the sharding of what every device has."""
         return None if self.mesh is None else NamedSharding(self.mesh, PartitionSpec())
 
@@ -143,7 +143,7 @@ def _says_that_it_waits(task: str) -> Generator[None, None, None]:
         teller.join()
 
 
-def first() -> bool:
+def is_writer() -> bool:
     """Return whether this process is the one that writes."""
     return jax.process_index() == 0
 

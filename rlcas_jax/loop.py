@@ -32,7 +32,7 @@ from envs.world import World
 from rlcas_jax import checkpoint, metrics, progress
 from rlcas_jax.check_algorithm import check_algorithm
 from rlcas_jax.config import TrainConfig, configuration_of_run
-from rlcas_jax.devices import Devices, agree, everywhere, first, place
+from rlcas_jax.devices import Devices, agree, everywhere, is_writer, place
 from rlcas_jax.interrupt import Interrupt
 from rlcas_jax.memory import check_memory
 from rlcas_jax.task import CompiledTask, Figures, TrainState, build
@@ -161,7 +161,7 @@ class _Runner:
         # The tasks whose update and whose evaluation have been compiled last.
         self._compiled: CompiledTask | None = None
         self._evaluates: CompiledTask | None = None
-        self._writes = first()
+        self._writes = is_writer()
         # Updates and environment steps before each phase, and of all.
         self._updates = [0, *accumulate(task.updates for task in training.tasks)]
         self._steps = [

@@ -113,7 +113,7 @@ def build(config: TrainConfig, devices: Devices | None = None, phase: int = 0) -
         update=jax.jit(
             partial(_update, context, iterate),
             donate_argnums=0,
-            out_shardings=None if placed is None else (placed, devices.whole()),
+            out_shardings=None if placed is None else (placed, devices.replicated()),
             compiler_options=compiler_options(),
         ),
         evaluate=jax.jit(partial(_evaluate, context), compiler_options=compiler_options()),
@@ -269,7 +269,7 @@ def _placement(devices: Devices) -> TrainState | None:
     """Return where the arrays of a state belong; None on one device."""
     if devices.mesh is None:
         return None
-    whole: Any = devices.whole()
+    whole: Any = devices.replicated()
     return TrainState(whole, cast(Any, devices.split()), whole, whole)
 
 

@@ -31,7 +31,7 @@ def _train(options: "Options", interrupt: Interrupt) -> int:
     keep_compiled()
     # Imported here: --help and bad input must not wait for JAX.
     from agents.policy.file import PolicyFileError
-    from rlcas_jax.devices import first
+    from rlcas_jax.devices import is_writer
     from rlcas_jax.finish import table
     from rlcas_jax.loop import TrainingError
     from rlcas_jax.training import train_all
@@ -45,7 +45,7 @@ def _train(options: "Options", interrupt: Interrupt) -> int:
     except (OSError, PolicyFileError) as problem:
         return report_unwritten(options.directory, problem, again)
     finished = summaries[-1]["finished"]
-    if first():
+    if is_writer():
         print(table(options.directory, summaries))
         if not finished:
             print(f"interrupted: go on with  python -m rlcas_jax.{again}")

@@ -23,7 +23,7 @@ from envs.rewards import Term
 from rlcas_jax import algorithm as own_algorithm
 from rlcas_jax.cli import Job, Options, resumed_jobs, write_configurations
 from rlcas_jax.config import TrainConfig
-from rlcas_jax.devices import Devices, connect, first
+from rlcas_jax.devices import Devices, connect, is_writer
 from rlcas_jax.figures import training_figures
 from rlcas_jax.finish import finish
 from rlcas_jax.interrupt import Interrupt
@@ -129,7 +129,7 @@ def train_all(
         # Nothing is written before the configuration has been checked.
         prepare(options.jobs[0].config, options.jobs[0].directory, devices)
     with ExitStack() as stack:
-        if first():
+        if is_writer():
             for folder in dict.fromkeys([options.directory, *(j.directory for j in options.jobs)]):
                 stack.enter_context(lock(folder, "--resume" if options.resumed else "--out"))
                 if not options.resumed and folder == options.directory and not is_unused(folder):
@@ -140,7 +140,7 @@ def train_all(
             summaries.append(_train_seed(job, options, devices, callback, interrupt))
             if not summaries[-1]["finished"]:
                 break
-        if first() and len(options.jobs) > 1:
+        if is_writer() and len(options.jobs) > 1:
             directories = [job.directory for job in options.jobs[: len(summaries)]]
             training_figures(directories, options.directory / "figures")
     return summaries
@@ -156,7 +156,7 @@ def _train_seed(
     """Train one seed and write its files; return the summary, in other processes than the first its
     end.
     """
-    reporter = Reporter(quiet=options.quiet or not first())
+    reporter = Reporter(quiet=options.quiet or not is_writer())
     memory = f"needs about {needed_bytes(job.config) / 2**30:.2g} GiB of memory"
     reporter.note(
         f"training {job.config.name}, seed {job.config.seed}, in {job.directory}: {memory}"
@@ -165,7 +165,7 @@ def _train_seed(
     result = run(training, reporter, interrupt, callback)
     interrupt.waits_for("the evaluation of the policy")
     reporter.note("evaluating the policy")
-    return finish(result) if first() else {"finished": result.finished}
+    return finish(result) if is_writer() else {"finished": result.finished}
 
 
 def _config_of(

@@ -38,7 +38,7 @@ class Observation(NamedTuple):
     mask: np.ndarray  # which of the K intruders exist, bool
     goal_x: np.ndarray
     goal_y: np.ndarray
-    left: float  # time that is left to reach the goal, s
+    time_left: float  # time that is left to reach the goal, s
     # aircraft's separation over that of each intruder, [M, K]; None: 1 of all
     distance_scale: Any = None
     # altitudes, m, and vertical speeds, m/s, of the intruders above the ownship, which flies level,
@@ -77,7 +77,11 @@ def check_observation(observation: Observation) -> Observation:
         f"intruders.{name}": np.where(observation.mask, values, 0.0)
         for name, values in states.items()
     }
-    fields |= {"goal_x": observation.goal_x, "goal_y": observation.goal_y, "left": observation.left}
+    fields |= {
+        "goal_x": observation.goal_x,
+        "goal_y": observation.goal_y,
+        "time_left": observation.time_left,
+    }
     for name, values in fields.items():
         for where in np.argwhere(~np.isfinite(values)):
             value, place = np.asarray(values)[tuple(where)], where.tolist() or ""
@@ -252,7 +256,7 @@ class PotentialField:
         throttle = np.zeros(len(course))
         if self.speed:
             needed = np.hypot(observation.goal_x - own.x, observation.goal_y - own.y) / max(
-                observation.left, self.aircraft.dt
+                observation.time_left, self.aircraft.dt
             )
             hurry = np.maximum(1.05 * needed - own.speed, 0.0)
             change = np.where(resolving & ~free, np.hypot(wanted_x, wanted_y) - own.speed, hurry)

@@ -21,7 +21,7 @@ from agents.kernel.trajectory import (
     whole_legs,
 )
 from envs.arrays import Array, Float, Int
-from envs.trees import first_of_each, take
+from envs.trees import first_rows, take
 
 CLOSE = 1e-3
 """How much of the margin may be missing, m: a start inside it must keep its own distance exactly,
@@ -217,7 +217,7 @@ def _lost_later(near: Near, count: int, arcs: Pieces, bounds: Bounds) -> Array:
     lost = bounds.counts & bounds.surely_lost
     m, p = np.nonzero(lost)
     owner = near.row[m] * count + near.number[m]
-    _, first = first_of_each(owner, arcs.begin[m, p])
+    _, first = first_rows(owner, arcs.begin[m, p])
     lost[m[first], p[first]] = False
     return lost
 
@@ -249,7 +249,7 @@ def _note(
     p = np.argmax(lost[m], axis=1)
     # What is not a number is lost from the beginning of the piece.
     lost_from = np.where(np.isnan(bounds.lost_from), pieces.begin, bounds.lost_from)
-    row, first = first_of_each(owner[m], lost_from[m, p])
+    row, first = first_rows(owner[m], lost_from[m, p])
     m_first, p_first = m[first], p[first]
     earlier = lost_from[m_first, p_first] < flat.loss[row]
     row, piece = row[earlier], (m_first[earlier], p_first[earlier])
@@ -269,5 +269,5 @@ def _least(owner: Array, values: Array) -> tuple[Array, Array, Array]:
     has the least value, and of those the first.
     """
     part = np.argmin(values, axis=1)
-    row, best = first_of_each(owner, values[np.arange(part.size), part])
+    row, best = first_rows(owner, values[np.arange(part.size), part])
     return row, best, part[best]

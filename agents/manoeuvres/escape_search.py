@@ -29,7 +29,7 @@ from envs.kinematics import Limits, VehicleState
 from envs.outcome import Outcome, Rules, judge
 from envs.relative import distance
 from envs.starts import cast
-from envs.trees import first_of_each, scatter, take
+from envs.trees import first_rows, scatter, take
 
 BLOCK = 16_384
 """Escapes flown at once against up to 8 intruders (fewer against more): some 100 MB."""
@@ -333,9 +333,7 @@ def _keep_best(
     is found.
     """
     arrived = np.flatnonzero(~np.isnan(flown.arrival))
-    owners, first = first_of_each(
-        owner[arrived], -flown.separation[arrived], flown.arrival[arrived]
-    )
+    owners, first = first_rows(owner[arrived], -flown.separation[arrived], flown.arrival[arrived])
     scatter(best, part[owners], take(Escapes(family, *flown), arrived[first]))
 
 

@@ -102,7 +102,7 @@ def _request(observation: Observation, aircraft: Aircraft) -> list[str]:
         np.zeros(others.x.shape) if values is None else values
         for values in (observation.above, observation.climb)
     )
-    time = aircraft.t_max - observation.left
+    time = aircraft.t_max - observation.time_left
     goal = course_to_goal(observation, aircraft)
     lines = []
     for row, number in enumerate(np.asarray(observation.number)):

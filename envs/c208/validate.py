@@ -46,7 +46,7 @@ class Comparison(NamedTuple):
     published: str = "-"
     tolerance: str = "-"
     use: str = "report"  # fit, check, or report for what is not judged
-    kept: bool = True
+    met: bool = True  # whether the model is within the tolerance
 
 
 class _Air:
@@ -358,12 +358,12 @@ def main() -> int:
     print(f"{'':58}{'model':>9} {'published':>11} {'unit':8}{'tolerance':>10} {'use':7}")
     missed = 0
     for row in (*_performance(), *_spool(), *_handling(), *_idle(), *_climbs()):
-        mark = "" if row.kept else "  MISSED"
+        mark = "" if row.met else "  MISSED"
         print(
             f"{row.name:58}{row.model:9.3f} {row.published:>11} {row.unit:8}{row.tolerance:>10} "
             f"{row.use:7}{mark}"
         )
-        missed += not row.kept
+        missed += not row.met
     checks = sum(point.use == "check" for point in POINTS)
     print(
         f"{missed} tolerances missed; {checks} of the {len(POINTS)} published points were not "

@@ -15,7 +15,7 @@ LEAST, GREATEST = 0.3, 3.0
 """Between these, D, as many separations from 0.5 to 1 as from 1 to 2."""
 
 
-def separate_each(
+def draw_separations(
     scenario: Scenario, encounter: Encounter, draws: Array, xp: ArrayModule
 ) -> tuple[Encounter, Array]:
     """Return encounters ``[N]`` with a separation of each intruder, by draws ``[N, K]``, and in
@@ -35,6 +35,6 @@ def _numbers(aircraft: Aircraft) -> Mapping[str, Any]:
 
 
 own_separations = Modifier(
-    "own_separations", change=separate_each, each=1, numbers=_numbers, rounds=6
+    "own_separations", change=draw_separations, each=1, numbers=_numbers, rounds=6
 )
 """Each intruder has a separation of its own."""

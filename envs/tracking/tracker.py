@@ -366,19 +366,19 @@ def repeats(before: VehicleState[F], state: VehicleState[F], dt: Array, xp: Arra
 
 
 def observe(
-    sightings: Sightings[F] | None, reports: Reports[F], time: float, there: Array
+    sightings: Sightings[F] | None, reports: Reports[F], time: float, present: Array
 ) -> Sightings[F]:
-    """Return what is known at a time, s, with reports of the aircraft that are ``there``, bool
+    """Return what is known at a time, s, with reports of the aircraft that are ``present``, bool
     ``[...]``; those of before are dead-reckoned.
     """
-    state = map_leaves(lambda field: np.where(there, field, 0.0), reports.state)
+    state = map_leaves(lambda field: np.where(present, field, 0.0), reports.state)
     reports = reports._replace(state=state)
     first = begin(reports)
     if sightings is None:
-        return Sightings(first, np.where(there, time, -np.inf))
+        return Sightings(first, np.where(present, time, -np.inf))
     elapsed = time - sightings.time
     flown = np.clip(elapsed, _SAME, _SILENCE)
-    new = there & (elapsed > _SAME)
+    new = present & (elapsed > _SAME)
     new &= ~repeats(sightings.tracks.newest.state, state, flown, np)
     extended, jumps = extend(sightings.tracks, reports, flown)
     if np.any(jumps & new):

@@ -19,7 +19,7 @@ from envs.formats.local_frame import LocalFrame
 from eval.areas.config import AreasConfig
 from eval.plots import save as picture_folder
 from eval.plots.style import SKY, VERMILION
-from eval.runner.options import config_option, default_folder, load_given
+from eval.runner.options import config_option, default_folder, load_with_options
 
 _DESCRIPTION = """\
 Draw the areas of a file on a map, in the local frame about a place.
@@ -79,7 +79,7 @@ def _load(options: argparse.Namespace) -> AreasConfig:
     overrides = {name: getattr(options, name) for name in AreasConfig.model_fields}
     if options.config is None and None in overrides.values():
         raise ConfigError("expected FILE, --latitude and --longitude, or --config")
-    return load_given(AreasConfig, options.config, overrides)
+    return load_with_options(AreasConfig, options.config, overrides)
 
 
 def picture(areas: Sequence[Area]) -> Figure:

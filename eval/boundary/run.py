@@ -24,7 +24,7 @@ from eval.plots import save as picture_folder
 from eval.runner.options import (
     config_file,
     config_option,
-    load_given,
+    load_with_options,
     new_folder_option,
     resume_option,
 )
@@ -103,7 +103,7 @@ def _load(options: argparse.Namespace) -> BoundaryConfig:
         "spacing": options.spacing,
         "grid": options.grid,
     }
-    return load_given(BoundaryConfig, config_file(options), settings)
+    return load_with_options(BoundaryConfig, config_file(options), settings)
 
 
 def _ask(

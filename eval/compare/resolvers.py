@@ -179,7 +179,7 @@ def policy_names(paths: Sequence[Path]) -> list[str]:
 
 
 def aircraft_of_all(
-    policies: Sequence[Path], digests: Sequence[str], given: Aircraft | None = None
+    policies: Sequence[Path], digests: Sequence[str], aircraft: Aircraft | None = None
 ) -> Aircraft:
     """Return the aircraft that is given, None: the one that the policies were trained for, on which
     they must agree.
@@ -198,10 +198,10 @@ def aircraft_of_all(
         policy = Policy.load(path)
         check_digest(path, policy.sha256, digest, "--policy-sha256")
         first = first or policy.aircraft
-        if given is None and policy.aircraft != first:
+        if aircraft is None and policy.aircraft != first:
             trained = f"{path} was trained for {policy.aircraft}, {files[0]} for {first}"
             raise ConfigError(f"--policy: {trained}; expected policies of the same aircraft")
-    return given or first or PAPER
+    return aircraft or first or PAPER
 
 
 def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndarray]:

@@ -171,8 +171,8 @@ def _with_lists(options: argparse.Namespace) -> argparse.Namespace:
 
 def _resolve(config: CompareConfig, _: argparse.Namespace) -> Resolved:
     """Return what a configuration names, ready to be flown, and the configuration as resolved."""
-    given = None if config.aircraft is None else config.aircraft.aircraft()
-    aircraft = aircraft_of_all(config.policies, config.policies_sha256, given)
+    own_aircraft = None if config.aircraft is None else config.aircraft.aircraft()
+    aircraft = aircraft_of_all(config.policies, config.policies_sha256, own_aircraft)
     modes = _modes(config, aircraft)
     entries = entries_of(config.policies, modes, config.baselines, aircraft)
     source, names, resolved = named_source(config, aircraft)

@@ -27,7 +27,7 @@ from eval.runner.options import (
     config_option,
     extension_option,
     load_extensions,
-    load_given,
+    load_with_options,
     new_folder_option,
     run_argument,
 )
@@ -49,7 +49,7 @@ examples:
   python -m eval.failures --config runs/failed/config.yaml --out runs/again          repeat one"""
 
 
-HOW = ("narrow loss", "deep loss", "time-out")
+FAILURES = ("narrow loss", "deep loss", "time-out")
 _DEEP = 0.95  # a violation that keeps this share of the separation is a narrow loss
 # Ranges of the angle between the courses at the start, degrees; the upper end of the last belongs
 # to it.
@@ -61,7 +61,7 @@ _DISTANCES = ((0.0, 1.5), (1.5, 3.0), (3.0, np.inf))
 class Group(NamedTuple):
     """Failures of a kind."""
 
-    how: str  # one of HOW
+    failure: str  # one of FAILURES
     course: tuple[float, float]  # deg
     distance: tuple[float, float]  # m
     members: np.ndarray  # numbers of its encounters
@@ -89,7 +89,7 @@ def group_failures(table: Mapping[str, np.ndarray], separation: float) -> list[G
         for reach in ((low * separation, high * separation) for low, high in _DISTANCES):
             in_bin = within & (distance >= reach[0]) & (distance < reach[1])
             comparable = int(np.count_nonzero(in_bin & possible))
-            for how, kind in zip(HOW, kinds, strict=True):
+            for how, kind in zip(FAILURES, kinds, strict=True):
                 members = np.flatnonzero(in_bin & failed & kind)
                 if members.size:
                     groups.append(Group(how, course, reach, members, comparable))
@@ -118,7 +118,7 @@ def describe(group: Group, table: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """Return a group in JSON types."""
     rows, (low, high) = group.members, group.distance
     return {
-        "how": group.how,
+        "how": group.failure,
         "course_difference_deg": list(group.course),
         "distance_m": [low, None if np.isinf(high) else high],
         "failures": int(rows.size),
@@ -168,7 +168,7 @@ def _load(options: argparse.Namespace) -> FailuresConfig:
         raise ConfigError("DIR: expected the folder of a finished run, or --config")
     settings = {"run": options.run, "policy": options.policy, "cases": options.cases}
     settings["extensions"] = options.extension or None
-    return load_given(FailuresConfig, options.config, settings)
+    return load_with_options(FailuresConfig, options.config, settings)
 
 
 def _write_table(path: Path, table: Mapping[str, np.ndarray]) -> None:
@@ -217,9 +217,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def _title(number: int, group: Group, table: Mapping[str, np.ndarray]) -> str:
     closest, angle = table["min_separation_m"][number], abs(table["relative_heading_deg"][number])
-    digits = 2 if group.how == "narrow loss" else 0  # of centimetres, where they decide
+    digits = 2 if group.failure == "narrow loss" else 0  # of centimetres, where they decide
     return (
-        f"{number}: {group.how}, {closest:.{digits}f} m\nfrom "
+        f"{number}: {group.failure}, {closest:.{digits}f} m\nfrom "
         f"{table['distance_m'][number]:.0f} m, courses {angle:.0f}°"
     )
 

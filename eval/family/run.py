@@ -29,7 +29,7 @@ from eval.runner.options import (
     extension_option,
     given_policy,
     load_extensions,
-    load_given,
+    load_with_options,
     named_policy,
     new_folder_option,
     policy_options,
@@ -108,7 +108,7 @@ def _load(options: argparse.Namespace) -> FamilyConfig:
     names += ("intruders", "turning", "noisy", "mode", "confidence", "workers")
     settings = {name: getattr(options, name) for name in names}
     settings |= {"extensions": options.extension or None} | given_policy(options)
-    return load_given(FamilyConfig, config_file(options), settings)
+    return load_with_options(FamilyConfig, config_file(options), settings)
 
 
 def _fly(

@@ -22,16 +22,18 @@ _PERIOD = 1.0  # s between the moments at which a predicted loss is looked for
 
 
 def time_to_loss(
-    volume: Volume, seen: Relative, climb: np.ndarray | float, look_ahead: float
+    volume: Volume, relative_state: Relative, climb: np.ndarray | float, look_ahead: float
 ) -> np.ndarray:
     """Return after how many whole seconds a volume is lost if velocities and climbs, m/s, relative
     to the ownship, stay as they are, ``[...]``; inf: not within the look-ahead, s.
     """
-    loss = np.full(np.shape(seen.x), np.inf)
+    loss = np.full(np.shape(relative_state.x), np.inf)
     with np.errstate(invalid="ignore"):
         for ahead in np.arange(look_ahead, -0.5 * _PERIOD, -_PERIOD):
-            later = seen._replace(
-                x=seen.x + ahead * seen.vx, y=seen.y + ahead * seen.vy, z=seen.z + ahead * climb
+            later = relative_state._replace(
+                x=relative_state.x + ahead * relative_state.vx,
+                y=relative_state.y + ahead * relative_state.vy,
+                z=relative_state.z + ahead * climb,
             )
             loss = np.where(is_lost(volume, later), ahead, loss)
     return loss

@@ -96,7 +96,12 @@ def legend(
 
 
 def arrow(
-    axes: "Axes", start: tuple[float, float], direction: float, way: float, name: str, **where: Any
+    axes: "Axes",
+    start: tuple[float, float],
+    direction: float,
+    way: float,
+    name: str,
+    **annotation: Any,
 ) -> None:
     """Draw an aircraft: a dot, an arrow along the way that it flies in some time, and its name.
 
@@ -111,7 +116,7 @@ def arrow(
         "shrinkA": 0.0,
         "shrinkB": 0.0,
     }
-    style |= {"path_effects": where.pop("path_effects", None)}
+    style |= {"path_effects": annotation.pop("path_effects", None)}
     end = (start[0] + way * math.cos(direction), start[1] + way * math.sin(direction))
     axes.annotate("", end, start, arrowprops=style, annotation_clip=False, zorder=6.0)
     axes.plot(
@@ -119,5 +124,5 @@ def arrow(
     )
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
     axes.annotate(
-        name, start, textcoords="offset points", fontsize=8, bbox=box, zorder=7.0, **where
+        name, start, textcoords="offset points", fontsize=8, bbox=box, zorder=7.0, **annotation
     )

@@ -279,11 +279,11 @@ def _parser() -> argparse.ArgumentParser:
 def _load(options: argparse.Namespace) -> "LocalConfig":
     """Return the configuration of a file under what the command line says."""
     from eval.policy_map.config import LocalConfig
-    from eval.runner.options import given_policy, load_given
+    from eval.runner.options import given_policy, load_with_options
 
     names = ("boxes", "course", "loss", "position", "velocity", "allowed", "depth", "seed")
     settings = {name: getattr(options, name) for name in (*names, "vnnlib")}
-    return load_given(LocalConfig, options.config, settings | given_policy(options))
+    return load_with_options(LocalConfig, options.config, settings | given_policy(options))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from eval.runner.options import (
     config_option,
     default_folder,
     given_policy,
-    load_given,
+    load_with_options,
     named_policy,
     policy_options,
 )
@@ -112,7 +112,7 @@ def _load(options: argparse.Namespace) -> PolicyMapConfig:
     names = ("own_speed", "intruder_speed", "goal_bearing", "goal_distance", "extent", "cells")
     settings = {name: getattr(options, name) for name in (*names, "encounters", "seed")}
     settings |= {"relative_headings": headings} | given_policy(options)
-    return load_given(PolicyMapConfig, options.config, settings)
+    return load_with_options(PolicyMapConfig, options.config, settings)
 
 
 class _Range(NamedTuple):

@@ -116,17 +116,17 @@ def points(run: Run, replayed: np.ndarray) -> np.ndarray:
 
 
 def page_data(
-    run: Run, shown: np.ndarray, flights: Mapping[int, Mapping[str, Any]]
+    run: Run, numbers: np.ndarray, flights: Mapping[int, Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Return all that the script reads, in JSON types: encounters that are points, ascending, and
     flights by number.
     """
     table, rules = run.table, run.rules
     kinds = list(MARKERS)
-    codes = np.array([kinds.index(kind) for kind in run.kinds[shown]], np.uint8)
+    codes = np.array([kinds.index(kind) for kind in run.kinds[numbers]], np.uint8)
     texts = {}
     for name in (column for column in _TEXTS if column in table):
-        words, places = np.unique(table[name][shown].astype(str), return_inverse=True)
+        words, places = np.unique(table[name][numbers].astype(str), return_inverse=True)
         texts[name] = {"words": words.tolist(), "codes": _pack(places.astype(np.uint8))}
     named = any(name is not None for name in table["name"])
     return {
@@ -137,14 +137,14 @@ def page_data(
         "commanded": run.config.mode == "policy",
         "dt": run.rules.dt,
         "tracks_deg": TRACKS.tolist(),
-        "count": len(shown),
-        "number": _pack(shown.astype("<i4")),
+        "count": len(numbers),
+        "number": _pack(numbers.astype("<i4")),
         "kind": _pack(codes),
         "columns": {
-            name: _pack(table[name][shown].astype("<f4")) for name in _NUMBERS if name in table
+            name: _pack(table[name][numbers].astype("<f4")) for name in _NUMBERS if name in table
         },
         "texts": texts,
-        "names": [None if name is None else visible(name) for name in table["name"][shown]]
+        "names": [None if name is None else visible(name) for name in table["name"][numbers]]
         if named
         else None,
         "flights": {str(number): flight for number, flight in flights.items()},
@@ -167,7 +167,7 @@ def flight_data(flight: Replayed) -> dict[str, Any]:
         ],
         "packed": packed,
     }
-    if not flight.same:
+    if not flight.matches_table:
         data["differs"] = True
     if flight.plan is not None:
         x, y, time = flight.plan

@@ -47,7 +47,7 @@ class Replayed(NamedTuple):
     track: Track
     acceleration: np.ndarray  # commanded in mode policy, else the mean as flown, m/s², [T]
     yaw_rate: np.ndarray  # the same, rad/s, [T]
-    same: bool  # whether the flight ended as the table says
+    matches_table: bool  # whether the flight ended as the table says
     plan: np.ndarray | None  # first plan: east, north, m, and time, s, [3, W]; None without one
     plan_status: str | None
     witness: Witness | None
@@ -115,7 +115,7 @@ def _batch(
             track=track,
             acceleration=acceleration,
             yaw_rate=yaw_rate,
-            same=_is_same(run, number, batch, row),
+            matches_table=_is_same(run, number, batch, row),
             plan=plan,
             plan_status=status,
             witness=witnesses.get(row),

@@ -203,14 +203,14 @@ def override(key: str, value: Any) -> str:
     return f"{key}={json.dumps(str(value.absolute()) if isinstance(value, Path) else value)}"
 
 
-def load_given(model: type[Model], path: Path | None, given: Mapping[str, Any]) -> Model:
+def load_with_options(model: type[Model], path: Path | None, options: Mapping[str, Any]) -> Model:
     """Return a configuration: a file's values under those that options give, by key; None: not
     given.
 
     Raises:
         ConfigError: a key or a value is refused; an option is named as such.
     """
-    overrides = [override(key, value) for key, value in given.items() if value is not None]
+    overrides = [override(key, value) for key, value in options.items() if value is not None]
     try:
         return load(model, path, overrides)
     except ConfigError as problem:

@@ -26,7 +26,7 @@ from eval.runner.options import (
     extension_option,
     given_policy,
     load_extensions,
-    load_given,
+    load_with_options,
     named_policy,
     new_folder_option,
     policy_options,
@@ -140,7 +140,7 @@ def _load(options: argparse.Namespace) -> SensitivityConfig:
         "settings": options.set or None,
     }
     settings |= given_policy(options)
-    return load_given(SensitivityConfig, config_file(options), settings)
+    return load_with_options(SensitivityConfig, config_file(options), settings)
 
 
 def _fly(sweep: Sweep, config: SensitivityConfig, folder: Path, *, resume: bool) -> None:

@@ -45,7 +45,7 @@ class Course:
     """Reports of one aircraft up to the newest."""
 
     newest: Report
-    taken: Report  # the newest whose place is a new one
+    newest_fix: Report  # the newest whose place is a new one
     tracks: Tracks[Ground]  # after it; its place is the origin of their map, east and north
     belief: Belief[Ground]  # as of it
     # what is believed, as a report; where it cannot be believed, the newest itself
@@ -60,7 +60,7 @@ class Course:
         """Fields that are not believed as they were reported, each with what is taken instead, a
         sentence without its subject.
         """
-        reported, estimate = self.taken, self.estimate
+        reported, estimate = self.newest_fix, self.estimate
         sentences = []
         off = math.hypot(estimate.east - reported.east, estimate.north - reported.north)
         if self.belief.bias > 0.0 and off > _DIFFERS * max(reported.speed, estimate.speed):
@@ -100,7 +100,7 @@ def begin_course(report: Report) -> Course:
 
 def extend(course: Course, report: Report) -> Course:
     """Return a course with one more report, later than its newest."""
-    taken, previous = course.taken, course.tracks.newest.state
+    taken, previous = course.newest_fix, course.tracks.newest.state
     seconds = (report.time - taken.time) / SECOND
     east, north = displacement(*taken.place, *report.place)
     reports = _reports(report, east, north)
@@ -189,7 +189,7 @@ def _estimate(report: Report, believed: Belief[Ground]) -> Report:
         position_std=None if report.position_std is None else stds[0],
         velocity_std=None if report.velocity_std is None else stds[1],
         time_std=0.0,  # it is part of the position's
-        shown=stds,
+        shown_std=stds,
         **turn,
     )
 

@@ -145,11 +145,11 @@ def called(value: object) -> str:
     return f"{value!r:.40}"
 
 
-def flags(name: str, value: object, known: int) -> int:
+def flags(name: str, value: object, known_bits: int) -> int:
     """Return bits of which all are known, or raise :class:`FieldError`."""
     bits = integer(name, value, 0, 2**32 - 1)
-    if bits & ~known:
-        raise FieldError(name, f"is {bits:#x}, expected bits of {known:#x} only")
+    if bits & ~known_bits:
+        raise FieldError(name, f"is {bits:#x}, expected bits of {known_bits:#x} only")
     return bits
 
 

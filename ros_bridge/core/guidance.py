@@ -159,7 +159,7 @@ class _MetArea(NamedTuple):
     )
 
 
-def guidance(shown: Shown, supervision: Supervision, moment: int) -> tuple[Shown, Guidance | None]:
+def guidance(before: Shown, supervision: Supervision, moment: int) -> tuple[Shown, Guidance | None]:
     """Return what is shown at a time, ns; None where the ownship's state is unknown, and within a
     time step of the last time. A clock that steps back begins anew.
 
@@ -167,22 +167,20 @@ def guidance(shown: Shown, supervision: Supervision, moment: int) -> tuple[Shown
     """
     assessment, frame, names = supervision.assessment, supervision.frame, supervision.names
     if assessment is None or frame is None:
-        return shown, None
+        return before, None
     thresholds = supervision.thresholds_in_air
     measured, aircraft = assessment.measured, thresholds.options.aircraft
-    if shown.time is not None and 0 <= moment - shown.time < aircraft.dt * SECOND:
-        return shown, None
+    if before.time is not None and 0 <= moment - before.time < aircraft.dt * SECOND:
+        return before, None
     if int(measured.causes[0]) & BLIND:
-        return shown, None
+        return before, None
     alerting = Alerting.for_aircraft(aircraft)
     look = _look(assessment, frame, thresholds, alerting.look_ahead)
     met_areas = _areas_met(
-        shown, assessment, look, thresholds.requirement.margin, alerting.look_ahead
+        before, assessment, look, thresholds.requirement.margin, alerting.look_ahead
     )
-    next_shown = _alerts(shown, names, look, met_areas, moment, alerting)
-    return next_shown, _guidance(
-        names, look, met_areas, next_shown.alerts, alerting, aircraft.separation
-    )
+    after = _alerts(before, names, look, met_areas, moment, alerting)
+    return after, _guidance(names, look, met_areas, after.alerts, alerting, aircraft.separation)
 
 
 def _look(

@@ -56,7 +56,7 @@ class Report:
     callsign: str = ""  # "": unknown
     # What the aircraft's reports up to this one show: the least of the two standard deviations, m
     # and m/s, and its turn, rad/s, positive to the left, with one sigma of it.
-    shown: tuple[float, float] = (0.0, 0.0)
+    shown_std: tuple[float, float] = (0.0, 0.0)
     turn_rate: float = 0.0
     turn_std: float = 0.0
 
@@ -93,7 +93,7 @@ class Report:
         position = unknown.position_std if self.position_std is None else self.position_std
         velocity = unknown.velocity_std if self.velocity_std is None else self.velocity_std
         position = math.hypot(position, self.speed * self.time_std)
-        return max(position, self.shown[0]), max(velocity, self.shown[1])
+        return max(position, self.shown_std[0]), max(velocity, self.shown_std[1])
 
     def off(self, place: tuple[float, float], time: int) -> float:
         """Return how far a place is from where the aircraft is to be expected at a time (ns),

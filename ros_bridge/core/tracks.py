@@ -67,7 +67,7 @@ class Rules:
     future: float = USUAL_FRESHNESS.future  # by how much a stamp may lie ahead of the clock, s
     jump_distance: float = 500.0  # largest distance from where the aircraft was expected, m, ...
     jump_speed: float = 50.0  # ... which grows with the time between the reports, m/s
-    same: float = 1.0  # two reports of the same time agree within this, m and m/s
+    agreement: float = 1.0  # two reports of the same time agree within this, m and m/s
     fresh_start: float = 30.0  # after so long without a report, s, any place is accepted
     elsewhere: float = 30.0  # for how long a report of another place counts, s
 
@@ -202,7 +202,7 @@ def follow(
     if not track.shared or track.rival is None or not free:
         return {**tracks, key: track}
     rival = track.rival
-    second = Track(rival.taken, rival.estimate, course=rival, divided=True, arrived=moment)
+    second = Track(rival.newest_fix, rival.estimate, course=rival, divided=True, arrived=moment)
     problem = rival.contradiction
     if problem:
         second = _set_fault(
@@ -318,7 +318,7 @@ def _take_good(track: Track, course: Course, arrival: _Arrival) -> Track:
         return _set_fault(
             track, ReportCheck.CONTRADICTION, f"{name}.{course.field}", problem, moment
         )
-    track = replace(track, last=course.taken, estimate=course.estimate)
+    track = replace(track, last=course.newest_fix, estimate=course.estimate)
     if track.shared and track.rival is not None:
         apart = distance(*course.newest.place, *track.rival.newest.place)
         problem = f"is the name of two aircraft {apart / 1e3:.1f} km apart, expected one"
@@ -374,7 +374,7 @@ def _compare(newest: Report, report: Report, rules: Rules) -> _Comparison:
     if report.time < newest.time:
         return _Comparison(ReportCheck.REORDERED)
     faster = max(abs(newest.east - report.east), abs(newest.north - report.north))
-    if off <= rules.same and faster <= rules.same:
+    if off <= rules.agreement and faster <= rules.agreement:
         return _Comparison(ReportCheck.DUPLICATE)
     difference = (
         f"belongs to two reports that differ by {off:.1f} m and {faster:.1f} m/s, expected one"

@@ -68,7 +68,7 @@ def supervise(
     scene: DisplayScene,
     situation: Situation,
     supervision: Supervision,
-    shown: guidance.Shown,
+    alerts: guidance.Shown,
     moment: int,
 ) -> tuple[DisplayScene, guidance.Shown]:
     """Return the scene of a program that supervises a plan by the monitor's core, at a time, ns.
@@ -77,7 +77,7 @@ def supervise(
         scene: before.
         situation: what the program has received.
         supervision: its monitor.
-        shown: the alerts of the last time (:func:`ros_bridge.core.guidance.blank`: none).
+        alerts: those of the last time (:func:`ros_bridge.core.guidance.blank`: none).
         moment: the program's clock, ns.
     """
     limits = supervision.thresholds_in_air
@@ -90,14 +90,14 @@ def supervise(
         arrived={**scene.arrived, **_arrivals(situation), "status": moment},
     )
     if supervision.assessment is None:
-        return replace(scene, monitor=None), shown
+        return replace(scene, monitor=None), alerts
     monitor_status = status(supervision)
     backup_plan = _backup(supervision, situation, monitor_status.fly, scene)
     scene = replace(scene, monitor=MonitorStatus(moment, monitor_status), backup=backup_plan)
-    shown, bands = guidance.guidance(shown, supervision, moment)
+    alerts, bands = guidance.guidance(alerts, supervision, moment)
     if bands is None:
-        return scene, shown
-    return replace(scene, guidance=_guidance(bands, moment)), shown
+        return scene, alerts
+    return replace(scene, guidance=_guidance(bands, moment)), alerts
 
 
 def _arrivals(situation: Situation) -> dict[str, int]:

@@ -29,11 +29,11 @@ def take_item(state: State, message: Any, time: int, margin: float) -> Advance:
     after = Advance(replace(state, refresh=taken.refresh), taken.effects)
     if taken.problem is not None:
         return after.then(tell, "download", str(taken.problem), time, send=True)
-    if taken.whole is None:
+    if taken.downloaded is None:
         return after
-    if taken.whole.kind == FENCE:
-        return after.then(_change_fence, taken.whole.items, time, margin)
-    return after.then(_change_mission, taken.whole.items, time)
+    if taken.downloaded.kind == FENCE:
+        return after.then(_change_fence, taken.downloaded.items, time, margin)
+    return after.then(_change_mission, taken.downloaded.items, time)
 
 
 def _change_mission(state: State, items: tuple[Item, ...], time: int) -> Advance:

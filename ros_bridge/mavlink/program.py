@@ -223,7 +223,7 @@ class Program:
         link, log = self._link, self._output.log
         log(f"autopilot {link.system}/{link.component}, mission of {len(autopilot.mission)} items")
         log(f"fence of {areas} areas")
-        for line in what_is_kept(self.setup.rules):
+        for line in separation_lines(self.setup.rules):
             log(line)
         for note in autopilot.vehicle.notes:
             log(note)
@@ -414,7 +414,7 @@ def _count_left_out(view: View) -> Iterator[str]:
             yield f"reports of traffic {fate}: {', '.join(reasons)}"
 
 
-def what_is_kept(rules: Rules) -> Iterator[str]:
+def separation_lines(rules: Rules) -> Iterator[str]:
     """Yield a line on the distance that is kept from traffic that says nothing of its accuracy, and
     where plans may climb one on what is kept above and below.
     """

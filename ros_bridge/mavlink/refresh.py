@@ -19,8 +19,8 @@ PERIOD = 5.0
 """After which both are downloaded again, s."""
 
 
-class Whole(NamedTuple):
-    """A mission or fence that has come whole."""
+class Downloaded(NamedTuple):
+    """A mission or fence that has been downloaded."""
 
     kind: int  # MAV_MISSION_TYPE
     items: tuple[Item, ...]
@@ -42,7 +42,7 @@ class Refreshed(NamedTuple):
 
     refresh: Refresh
     effects: tuple[AskItem | Thank, ...] = ()
-    whole: Whole | None = None
+    downloaded: Downloaded | None = None
     problem: FieldError | None = None  # the item that is none, for which a download has ended
 
 
@@ -79,7 +79,7 @@ def take(refresh: Refresh, message: Any) -> Refreshed:
     if not download.complete:
         running = MappingProxyType({**refresh.running, kind: download})
         return Refreshed(replace(refresh, running=running))
-    return Refreshed(drop(refresh, kind), (Thank(kind),), Whole(kind, download.items))
+    return Refreshed(drop(refresh, kind), (Thank(kind),), Downloaded(kind, download.items))
 
 
 def drop(refresh: Refresh, kind: int) -> Refresh:

@@ -209,7 +209,7 @@ def is_placed(message: Any) -> bool:
 
 
 def location(
-    message: Any, moment: Moment, known: BasicId, own: Report | None = None
+    message: Any, moment: Moment, identity: BasicId, own: Report | None = None
 ) -> Report | None:
     """Return the report of an OPEN_DRONE_ID_LOCATION; None: the drone is on the ground, and no
     traffic.
@@ -217,17 +217,17 @@ def location(
     Args:
         message: its fields.
         moment: when it arrived.
-        known: who the drone is.
+        identity: who the drone is.
         own: the ownship; None: unknown.
 
     Raises:
         FieldError: position or velocity are unknown, or a field is out of range; with a sighting.
     """
-    fields = _LocationFields(message, moment, f"remote id {known.name}")
-    if message.status == _GROUND and known.category != _OBSTACLE and fields.on_ground(own):
+    fields = _LocationFields(message, moment, f"remote id {identity.name}")
+    if message.status == _GROUND and identity.category != _OBSTACLE and fields.on_ground(own):
         return None
     return report(
-        known.name,
+        identity.name,
         fields.time,
         fields.place,
         fields.velocity,
@@ -235,8 +235,8 @@ def location(
         position_std=lambda: sigma(_HORIZONTAL, message.horizontal_accuracy or None),
         velocity_std=fields.velocity_std,
         time_std=fields.time_std,
-        category=lambda: known.category,
-        callsign=lambda: known.callsign,
+        category=lambda: identity.category,
+        callsign=lambda: identity.callsign,
     )
 
 

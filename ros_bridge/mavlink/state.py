@@ -73,7 +73,7 @@ class Pace:
 
 
 @dataclass(frozen=True)
-class Said:
+class TextRecord:
     """What was said, so that nothing is said too often."""
 
     at: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
@@ -101,7 +101,7 @@ class State:
     pilot: Pilot = field(default_factory=Pilot)
     refresh: Refresh = field(default_factory=Refresh)
     pace: Pace = field(default_factory=Pace)
-    said: Said = field(default_factory=Said)
+    texts: TextRecord = field(default_factory=TextRecord)
     leg: Leg | None = None
     entered_auto: float = -math.inf  # when AUTO was entered last, s on the autopilot's clock
     moved: bool = False  # whether a new place has come since the last tick

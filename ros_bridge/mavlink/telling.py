@@ -73,10 +73,10 @@ def explain(state: State, time: int) -> Advance:
     monitor = "" if assessment is None else assessment.state.name
     causes = frozenset(reason.cause for reason in reasons)
     after = Advance(state)
-    if causes != state.said.causes:
+    if causes != state.texts.causes:
         text = "; ".join(reason.message for reason in reasons) or "no remark"
-        said = replace(state.said, causes=causes)
-        after = Advance(replace(state, said=said), (Log(f"{monitor}: {text}", time),))
+        said = replace(state.texts, causes=causes)
+        after = Advance(replace(state, texts=said), (Log(f"{monitor}: {text}", time),))
     if problem:
         after = after.then(tell, f"replan {monitor}", f"no plan: {problem}", time, send=False)
     return after
@@ -94,9 +94,9 @@ def _remark_fence(state: State, time: int) -> Advance:
     """Tell what of another fence lies too far away to count, or was clipped or thinned."""
     situation = state.received.situation
     fence, own = situation.fixed_areas, situation.own.last
-    if own is None or fence == state.said.fence:
+    if own is None or fence == state.texts.fence:
         return Advance(state)
-    state = replace(state, said=replace(state.said, fence=fence))
+    state = replace(state, texts=replace(state.texts, fence=fence))
     frame = LocalFrame(own.latitude, own.longitude)
     placed = readable(lambda: situation.fixed_in(frame, time))
     if placed is None:  # plans are refused, and say why

@@ -43,28 +43,28 @@ def tell(
         more: that is only logged.
         again: after which one of the kind is told again, s.
     """
-    seconds, said = time / SECOND, state.said
+    seconds, said = time / SECOND, state.texts
     if 0.0 <= seconds - said.at.get(kind, -math.inf) < again:
         return Advance(state)
     at = MappingProxyType({**said.at, kind: seconds})
     line = Log(f"{text} ({more})" if more else text, time)
     effects = (line, say(text)) if send else (line,)
-    return Advance(replace(state, said=replace(said, at=at)), effects)
+    return Advance(replace(state, texts=replace(said, at=at)), effects)
 
 
 def tell_once(state: State, text: str, time: int) -> Advance:
     """Log and send a text that has not been told yet."""
-    if text in state.said.once:
+    if text in state.texts.once:
         return Advance(state)
     return Advance(_mark(state, text)).then(tell, text, text, time, send=True)
 
 
 def log_once(state: State, text: str, time: int, *, kind: str = "") -> Advance:
     """Log a text unless it, or one of its kind, has been logged."""
-    if (kind or text) in state.said.once:
+    if (kind or text) in state.texts.once:
         return Advance(state)
     return Advance(_mark(state, kind or text), (Log(text, time),))
 
 
 def _mark(state: State, kind: str) -> State:
-    return replace(state, said=replace(state.said, once=state.said.once | {kind}))
+    return replace(state, texts=replace(state.texts, once=state.texts.once | {kind}))

@@ -19,7 +19,7 @@ from commands.yaml import YamlError, check_distinct
 _OURS = "rlcas_"
 
 
-def refuse_unknown_parameters(node: Any, known: Iterable[str]) -> None:
+def refuse_unknown_parameters(node: Any, names: Iterable[str]) -> None:
     """Raise ValueError for values given for parameters that a node does not have, once its own are
     declared.
     """
@@ -29,29 +29,29 @@ def refuse_unknown_parameters(node: Any, known: Iterable[str]) -> None:
     if unknown:
         raise ValueError(
             "; ".join(
-                f"{name} is no parameter of {node.get_name()}{_near(name, known)}"
+                f"{name} is no parameter of {node.get_name()}{_near(name, names)}"
                 for name in unknown
             )
         )
 
 
-def refuse_unknown_nodes(arguments: Sequence[str], known: Sequence[str]) -> None:
+def refuse_unknown_nodes(arguments: Sequence[str], nodes: Sequence[str]) -> None:
     """Raise ValueError for parameters, in files or arguments, for a node of ours of no
     known name, and for a file of parameters that cannot be read.
     """
     for flag, value in itertools.pairwise(arguments):
-        sections, where = [], value
+        sections, place = [], value
         if flag == "--params-file":
             sections = _nodes_of_file(Path(value))
         elif flag in ("-p", "--param") and ":" in value.partition(":=")[0]:
-            sections, where = [value.partition(":")[0].rpartition("/")[2]], f"{flag} {value}"
+            sections, place = [value.partition(":")[0].rpartition("/")[2]], f"{flag} {value}"
         for name in sections:
             # A second node of a kind is called after it, such as rlcas_translator_2.
             if name.startswith(_OURS) and not any(
-                f"{name}_".startswith(f"{node}_") for node in known
+                f"{name}_".startswith(f"{node}_") for node in nodes
             ):
                 raise ValueError(
-                    f"{where} has parameters for {name}, which is no node{_near(name, known)}"
+                    f"{place} has parameters for {name}, which is no node{_near(name, nodes)}"
                 )
 
 

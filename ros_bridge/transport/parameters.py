@@ -40,11 +40,11 @@ class Parameter(NamedTuple):
         """The meaning, and whether it can be changed while the node runs."""
         return f"{self.meaning}; read at the start" if self.fixed else self.meaning
 
-    def in_si(self, aircraft: Aircraft | None, known: dict[str, float]) -> "Parameter":
-        """Return the parameter in SI units; ``known`` is what the aircraft has, by name."""
+    def in_si(self, aircraft: Aircraft | None, aircraft_values: dict[str, float]) -> "Parameter":
+        """Return the parameter in SI units; ``aircraft_values`` are by name."""
         if self.low is None or self.high is None:
             return self
-        default = known[self.default] if isinstance(self.default, str) else self.default
+        default = aircraft_values[self.default] if isinstance(self.default, str) else self.default
         if self.unit not in _UNITS or aircraft is None:
             return self._replace(default=default)
         size = {"D": aircraft.separation, "V": aircraft.limits.speed_max, "T": aircraft.dt}[

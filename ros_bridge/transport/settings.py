@@ -133,13 +133,13 @@ def _plain(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value).replace(" ", "")
 
 
-def disagreements(mine: str, others: str) -> list[str]:
+def disagreements(own_text: str, other_text: str) -> list[str]:
     """Return the parameters in which another node differs, a sentence each; both texts as
     :func:`agreed_text` has them.
     """
     ours, theirs = (
         {name: value for name, _, value in (part.partition("=") for part in text.split())}
-        for text in (mine, others)
+        for text in (own_text, other_text)
     )
     return [
         f"{name} is {ours[name]} here and {theirs[name]} there, expected one value"

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from envs.trees import first_of_each
+from envs.trees import first_rows
 
 
 def test_the_first_row_of_each_owner_is_the_least_by_the_last_key_then_the_others():
@@ -14,6 +14,6 @@ def test_the_first_row_of_each_owner_is_the_least_by_the_last_key_then_the_other
             held = best.get(owners[row])
             if held is None or (major[row], minor[row]) < (major[held], minor[held]):
                 best[owners[row]] = row
-        found, rows = first_of_each(owners, minor, major)
+        found, rows = first_rows(owners, minor, major)
         assert found.tolist() == sorted(best)
         assert rows.tolist() == [best[owner] for owner in found.tolist()]

@@ -20,7 +20,7 @@ from agents.policy.inference import Policy
 from commands.command import InputError, run_cli
 from envs.aircraft import PAPER
 from envs.kinematics import VehicleState
-from eval.failures.run import HOW, failures, group_failures, main, representatives
+from eval.failures.run import FAILURES, failures, group_failures, main, representatives
 from eval.monte_carlo import run as monte_carlo
 from eval.policy_map import local
 from eval.policy_map import run as policy_map
@@ -226,7 +226,9 @@ def test_every_failure_is_in_one_group(count: int, seed: int) -> None:
     )
     for group in groups:
         assert group.comparable >= group.members.size
-        assert np.all((table["outcome"][group.members] == "timeout") == (group.how == HOW[2]))
+        assert np.all(
+            (table["outcome"][group.members] == "timeout") == (group.failure == FAILURES[2])
+        )
 
 
 @given(st.integers(1, 200), st.integers(0, 2**32 - 1), st.integers(0, 30))

@@ -46,7 +46,7 @@ from ros_bridge.mavlink.link import Clock, Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.mission import SUB, Item
 from ros_bridge.mavlink.options import options_of, rules_of
-from ros_bridge.mavlink.program import main, what_is_kept
+from ros_bridge.mavlink.program import main, separation_lines
 from ros_bridge.mavlink.sitl import Sitl
 
 READING = Reading({})
@@ -321,7 +321,7 @@ def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
 
 def test_what_is_kept_from_traffic_of_unknown_accuracy_is_told() -> None:
     options = options_of(["--connect", "udp:0.0.0.0:14550", "--separation", "200"])
-    (line,) = what_is_kept(rules_of(options, vehicle.vehicle_of(PARAMETERS, 200.0)))
+    (line,) = separation_lines(rules_of(options, vehicle.vehicle_of(PARAMETERS, 200.0)))
     kept = 200.0 + options.margin + 2.0 * USUAL.position_std
     assert f"separation 200 m, margin {options.margin:g} m" in line
     assert f"{kept:.0f} m and more" in line

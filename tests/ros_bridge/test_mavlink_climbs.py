@@ -37,7 +37,7 @@ from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.options import options_of, rules_of, vertical_separation_of
 from ros_bridge.mavlink.pilot import Pilot
 from ros_bridge.mavlink.plan_file import geojson, kml
-from ros_bridge.mavlink.program import what_is_kept
+from ros_bridge.mavlink.program import separation_lines
 from ros_bridge.mavlink.state import State
 from ros_bridge.mavlink.steering import Command, PlannedHeight
 from ros_bridge.mavlink.telling import advise
@@ -178,7 +178,7 @@ def test_the_narrower_of_the_fences_and_the_given_heights_counts() -> None:
 
 
 def test_what_is_kept_above_and_below_is_told() -> None:
-    _, line = what_is_kept(made("--ceiling", "700")[1])
+    _, line = separation_lines(made("--ceiling", "700")[1])
     assert "or vertical separation 50 m, margin" in line
     assert "no floor, ceiling 700 m above mean sea level" in line
 

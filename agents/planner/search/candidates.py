@@ -14,7 +14,7 @@ from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
 from envs.arrays import Array, Bool, Float, Int
 from envs.frames import Air
-from envs.trees import first_of_each, scatter, take
+from envs.trees import first_rows, scatter, take
 from envs.waypoints import PlanStates
 from envs.wind import aim_point
 
@@ -172,7 +172,7 @@ def keep_best(best: Candidates, rows: Int[Array, " M"], plans: Candidates) -> In
     Returns:
         The numbers of the requests that have a better plan now.
     """
-    row, first = first_of_each(rows, *_merits(plans))
+    row, first = first_rows(rows, *_merits(plans))
     chosen, gain = take(plans, first), False
     for new, old in zip(_merits(chosen), _merits(take(best, row)), strict=True):
         gain = (new < old) | ((new == old) & gain)

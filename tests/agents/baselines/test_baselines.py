@@ -42,7 +42,9 @@ def make_observation(own, others, goal=(15_000.0, 0.0), left=300.0) -> Observati
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("field", ["own.x", "own.speed", "intruders.heading", "goal_y", "left"])
+@pytest.mark.parametrize(
+    "field", ["own.x", "own.speed", "intruders.heading", "goal_y", "time_left"]
+)
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_sight_that_is_not_finite_is_refused_by_name(name: str, field: str, value: float) -> None:
     observation, (part, *rest) = (
@@ -181,7 +183,7 @@ def test_a_row_does_not_depend_on_its_company(name: str) -> None:
             observation.mask[i : i + 1],
             observation.goal_x[i : i + 1],
             observation.goal_y[i : i + 1],
-            observation.left,
+            observation.time_left,
         )
         np.testing.assert_array_equal(decide(name, one)[0], together[i])
 
@@ -279,7 +281,7 @@ def test_the_way_back_is_free_past_the_closest_point_and_not_before() -> None:
 def test_mvp_with_speed_hurries_when_it_is_late() -> None:
     late = make_observation((0, 0, 0, 60), [FAR], (15_000, 0), left=180.0)
     assert decide("mvp_speed", late)[0, 0] == 1.0
-    assert decide("mvp_speed", late._replace(left=290.0))[0, 0] == 0.0
+    assert decide("mvp_speed", late._replace(time_left=290.0))[0, 0] == 0.0
 
 
 # Networks in the .nnet format are read exactly or refused, and flown as logics.

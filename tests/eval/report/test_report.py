@@ -169,7 +169,7 @@ def test_flights_come_out_as_the_table_says(report_run: Path) -> None:
     flights = list(fly_again(run, evaluation_of(run), numbers, failed))
     assert [flight.number for flight in flights] == numbers
     for flight in flights:
-        assert flight.same
+        assert flight.matches_table
         track = flight.track
         # The start counts too.
         start = np.min(np.hypot(*(track.intruders[:, :, 0] - track.own[:, 0]).T))
@@ -269,7 +269,7 @@ def test_a_flight_that_differs_from_the_table_is_marked(report_run: Path) -> Non
     elsewhere = run.table["min_separation_m"] + np.where(run.table["encounter"] == 3, 1.0, 0.0)
     run = run._replace(table={**run.table, "min_separation_m": elsewhere})
     flights = list(fly_again(run, evaluation_of(run), [3, 4], set()))
-    assert [flight.same for flight in flights] == [False, True]
+    assert [flight.matches_table for flight in flights] == [False, True]
     assert "differs" in flight_data(flights[0])
     assert "differs" not in flight_data(flights[1])
 
