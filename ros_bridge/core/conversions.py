@@ -390,10 +390,10 @@ def _check_unique(values: Sequence[object], field: str) -> None:
 
 
 def _height(
-    name: str, point: "Waypoint", known: int, climb: float | None = None
+    name: str, point: "Waypoint", known_bits: int, climb: float | None = None
 ) -> Altitude | None:
     """Return the altitude of a waypoint of which some bits are known; None: it has none."""
-    valid = flags(f"{name}.valid", point.valid, known)
+    valid = flags(f"{name}.valid", point.valid, known_bits)
     return _altitude(name, point, climb) if valid & POINT_ALTITUDE else None
 
 

@@ -100,16 +100,16 @@ def begin_course(report: Report) -> Course:
 
 def extend(course: Course, report: Report) -> Course:
     """Return a course with one more report, later than its newest."""
-    taken, previous = course.newest_fix, course.tracks.newest.state
-    seconds = (report.time - taken.time) / SECOND
-    east, north = displacement(*taken.place, *report.place)
+    fix, previous = course.newest_fix, course.tracks.newest.state
+    seconds = (report.time - fix.time) / SECOND
+    east, north = displacement(*fix.place, *report.place)
     reports = _reports(report, east, north)
     if repeats(previous, reports.state, seconds, FLOATS):
         return _hold_place(course, report, seconds)
     tracks, believed, jumped = follow(course.tracks, reports, seconds)
     extended = _course(report, tracks, believed, _ascend(course.ascent, report))
-    off = math.hypot(report.east - taken.east, report.north - taken.north)
-    noise = math.hypot(*(max(_NOISE, source.spread(EXACT)[1]) for source in (report, taken)))
+    off = math.hypot(report.east - fix.east, report.north - fix.north)
+    noise = math.hypot(*(max(_NOISE, source.spread(EXACT)[1]) for source in (report, fix)))
     if jumped and off > _GREATEST * seconds + _SIGMAS * noise and not course.contradiction:
         contradiction = f"changed by {off:.0f} m/s in {seconds:.1f} s, which no aircraft does"
         return replace(extended, contradiction=f"outside_domain: {contradiction}", field="velocity")
@@ -149,11 +149,11 @@ def _ascend(previous: Ascent | None, report: Report) -> Ascent | None:
         return None
     reported = altitude.value, altitude.vertical_speed, altitude.error
     if previous is None or previous.reference != altitude.reference:
-        known = heights.begin(*reported, FLOATS)
+        ascent_heights = heights.begin(*reported, FLOATS)
     else:
         seconds = (report.time - previous.time) / SECOND
-        known = heights.extend(previous.heights, *reported, seconds, FLOATS)
-    return Ascent(altitude.reference, report.time, known)
+        ascent_heights = heights.extend(previous.heights, *reported, seconds, FLOATS)
+    return Ascent(altitude.reference, report.time, ascent_heights)
 
 
 def _climbing(report: Report, ascent: Ascent | None) -> Report:
@@ -199,6 +199,6 @@ def _reports(report: Report, east: float, north: float) -> Reports[Ground]:
     state: VehicleState[Ground] = VehicleState(
         east, north, math.atan2(report.north, report.east), report.speed
     )
-    known = report.position_std is not None and report.velocity_std is not None
+    declared = report.position_std is not None and report.velocity_std is not None
     position_std, velocity_std = map(float, report.spread(EXACT))  # as compiled code takes them
-    return Reports(state, position_std, velocity_std, known)
+    return Reports(state, position_std, velocity_std, declared)

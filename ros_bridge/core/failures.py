@@ -71,5 +71,5 @@ class Failures:
 def _sentence(error: Exception) -> str:
     """Return what an error says, and where it was raised."""
     calls = traceback.extract_tb(error.__traceback__)
-    where = f" ({calls[-1].filename.rpartition('/')[2]}, line {calls[-1].lineno})" if calls else ""
-    return f"{type(error).__name__}: {error}{where}"
+    place = f" ({calls[-1].filename.rpartition('/')[2]}, line {calls[-1].lineno})" if calls else ""
+    return f"{type(error).__name__}: {error}{place}"

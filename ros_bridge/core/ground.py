@@ -30,5 +30,5 @@ def on_ground(
     level = None if own is None else own.altitude
     if own is None or level is None or comparable is None or own.speed < _FLYING:
         return True
-    same = level.reference == comparable.reference
-    return not (same and comparable.value >= level.value - _BELOW)
+    same_reference = level.reference == comparable.reference
+    return not (same_reference and comparable.value >= level.value - _BELOW)

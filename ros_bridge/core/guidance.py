@@ -241,7 +241,7 @@ def _vertical(
 
 
 def _areas_met(
-    shown: Shown, assessment: Assessment, look: _Look, margin: float, look_ahead: float
+    previous: Shown, assessment: Assessment, look: _Look, margin: float, look_ahead: float
 ) -> list[_MetArea]:
     """Return the areas that close a band or lie on the present course, or whose alert is shown."""
     active = look.areas[0] if look.vertical is None else (*look.areas[0], *look.vertical.areas[0])
@@ -252,7 +252,7 @@ def _areas_met(
         losses[area.number] = min(
             losses[area.number], _MetArea(area, loss), key=lambda area_loss: area_loss.loss
         )
-    levels = zip(shown.subjects, shown.alerts.level[0], strict=True)
+    levels = zip(previous.subjects, previous.alerts.level[0], strict=True)
     raised = {subject for subject, level in levels if level}
     return [
         area_loss
@@ -268,7 +268,7 @@ def _subject(area: ActiveArea) -> Subject:
 
 
 def _alerts(
-    shown: Shown,
+    before: Shown,
     names: tuple[str, ...],
     look: _Look,
     met_areas: list[_MetArea],
@@ -281,9 +281,9 @@ def _alerts(
         *(_subject(met.area) for met in met_areas),
     )
     places = [
-        shown.subjects.index(subject) if subject in shown.subjects else -1 for subject in subjects
+        before.subjects.index(subject) if subject in before.subjects else -1 for subject in subjects
     ]
-    previous = rearrange(shown.alerts, places, alerting)
+    previous = rearrange(before.alerts, places, alerting)
     losses = np.concatenate([look.losses, [[met.loss for met in met_areas]]], axis=1)
     present = np.concatenate([look.present, np.ones((1, len(met_areas)), dtype=bool)], axis=1)
     alerts = update(previous, np.array([moment / SECOND]), losses, present, alerting)
@@ -303,14 +303,14 @@ def _guidance(
     places = {met.area.number: place for place, met in enumerate(met_areas)}
     way_out = recovery(look.headings, separation)
     number = int(way_out.index[0])
-    some_free = number < 0
+    has_free_course = number < 0
     return Guidance(
         look_ahead=alerting.look_ahead,
         tracks=_row(TRACKS, look.headings, alerting, separation, places),
         speeds=_row(look.speeds.target[0], look.speeds, alerting, separation, places),
         recovery=number,
-        recovery_time=0.0 if some_free else _or_never(float(way_out.opens[0])),
-        recovery_shortfall=0.0 if some_free else -float(way_out.clearance[0]),
+        recovery_time=0.0 if has_free_course else _or_never(float(way_out.opens[0])),
+        recovery_shortfall=0.0 if has_free_course else -float(way_out.clearance[0]),
         intruders=tuple(names[k] for k in existing),
         levels=alerts.level[0, existing].tolist(),
         losses=[_or_never(loss) for loss in look.losses[0, existing].tolist()],

@@ -277,21 +277,21 @@ def forget_silent(
 
 def _add_sighting(track: Track, sighting: Sighting, moment: int, rules: Rules) -> Track:
     """Return the track with a sighting, which replaces those that may be of the same aircraft."""
-    new, others = Sighted(sighting, moment), []
+    new, other_sightings = Sighted(sighting, moment), []
     for old in track.sightings:
         if (moment - old.arrived) / SECOND > rules.elsewhere:
             continue
         place, old_place = sighting.place, old.sighting.place
         if place is None or old_place is None:
-            same = place is old_place
+            same_aircraft = place is old_place
         else:
             reach = rules.jump_distance + FASTEST * abs(new.time - old.time) / SECOND
-            same = distance(*place, *old_place) <= reach
-        if same:
+            same_aircraft = distance(*place, *old_place) <= reach
+        if same_aircraft:
             new = new._replace(again=True)
         else:
-            others.append(old)
-    return replace(track, sightings=(*others[1 - _MOST_SIGHTED :], new))
+            other_sightings.append(old)
+    return replace(track, sightings=(*other_sightings[1 - _MOST_SIGHTED :], new))
 
 
 def _unexplained_sightings(

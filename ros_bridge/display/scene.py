@@ -118,8 +118,8 @@ class DisplayScene:
     @property
     def fresh(self) -> Freshness:
         """For how long things count where they do for any node; where none says, what is usual."""
-        told = self.freshness.values()
-        return reduce(Freshness.longest, told) if told else USUAL_FRESHNESS
+        limits = self.freshness.values()
+        return reduce(Freshness.longest, limits) if limits else USUAL_FRESHNESS
 
     def at(self, moment: int) -> "DisplayScene":
         """Return what is known at a time, ns: a clock that steps back begins anew, and aircraft

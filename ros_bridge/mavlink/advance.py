@@ -216,9 +216,9 @@ def _go_on(state: State, event: Tick, setup: Setup) -> Advance:
     """Ask for what is due: messages, mission and fence, a judgement."""
     moment = event.moment
     after = _ask_rates(state, moment, setup)
-    asked = refresh.ask(after.state.refresh, moment.time / SECOND)
-    state = replace(after.state, refresh=asked.refresh, moved=False)
-    after = Advance(state, (*after.effects, *asked.effects))
+    questions = refresh.ask(after.state.refresh, moment.time / SECOND)
+    state = replace(after.state, refresh=questions.refresh, moved=False)
+    after = Advance(state, (*after.effects, *questions.effects))
     return after.then(_begin_judgement, moment) if _is_due(state, moment.time) else after
 
 

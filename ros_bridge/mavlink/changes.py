@@ -25,15 +25,15 @@ def areas_of(corners: Sequence[Item], clearance: float) -> tuple[GeodeticArea, .
 
 def take_item(state: State, message: Any, time: int, margin: float) -> Advance:
     """Take in an item, or their count; what cannot be read leaves what is there."""
-    taken = refresh.take(state.refresh, message)
-    after = Advance(replace(state, refresh=taken.refresh), taken.effects)
-    if taken.problem is not None:
-        return after.then(tell, "download", str(taken.problem), time, send=True)
-    if taken.downloaded is None:
+    refreshed = refresh.take(state.refresh, message)
+    after = Advance(replace(state, refresh=refreshed.refresh), refreshed.effects)
+    if refreshed.problem is not None:
+        return after.then(tell, "download", str(refreshed.problem), time, send=True)
+    if refreshed.downloaded is None:
         return after
-    if taken.downloaded.kind == FENCE:
-        return after.then(_change_fence, taken.downloaded.items, time, margin)
-    return after.then(_change_mission, taken.downloaded.items, time)
+    if refreshed.downloaded.kind == FENCE:
+        return after.then(_change_fence, refreshed.downloaded.items, time, margin)
+    return after.then(_change_mission, refreshed.downloaded.items, time)
 
 
 def _change_mission(state: State, items: tuple[Item, ...], time: int) -> Advance:

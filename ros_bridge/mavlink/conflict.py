@@ -46,8 +46,8 @@ def conflict(task: PlanTask, look_ahead: float) -> Conflict | None:
 
 def earliest(conflicts: Iterable[Conflict | None]) -> Conflict | None:
     """Return the first of some conflicts; None: none."""
-    known = (conflict for conflict in conflicts if conflict is not None)
-    return min(known, key=lambda conflict: conflict.time, default=None)
+    real_conflicts = (conflict for conflict in conflicts if conflict is not None)
+    return min(real_conflicts, key=lambda conflict: conflict.time, default=None)
 
 
 class _Course(NamedTuple):

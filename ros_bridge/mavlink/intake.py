@@ -251,8 +251,8 @@ def _drone_state(received: Received, message: Any, time: int, reading: Reading) 
     drone = received.drones.get(address, Drone(time))
     received = _remember_drone(received, address, drone)
     # Among so many strangers nobody waits for a name: they may hide those that have one.
-    few = len(received.drones) < _MOST_DRONES
-    if few and address and not drone.ids and time - drone.since < _NAMED_WITHIN * SECOND:
+    has_room = len(received.drones) < _MOST_DRONES
+    if has_room and address and not drone.ids and time - drone.since < _NAMED_WITHIN * SECOND:
         return leave_out(received, _NAMELESS)
     if not remote_id.is_placed(message):
         return leave_out(received, WITHOUT_POSITION)
@@ -313,7 +313,7 @@ def _remember_drone(received: Received, address: str, drone: Drone) -> Received:
     """Return what is known with a drone; of too many those that were heard longest ago are
     forgotten.
     """
-    drones = {name: known for name, known in received.drones.items() if name != address}
+    drones = {name: other_drone for name, other_drone in received.drones.items() if name != address}
     drones[address] = drone
     for oldest in list(drones)[: max(len(drones) - _MOST_DRONES, 0)]:
         del drones[oldest]

@@ -80,12 +80,12 @@ class Drone(NamedTuple):
     @property
     def names(self) -> frozenset[str]:
         """All its names."""
-        return frozenset(known.name for known in self.ids)
+        return frozenset(identity.name for identity in self.ids)
 
     @property
     def is_several(self) -> bool:
         """Whether it has two names of one register, as where a receiver tells no transmitters."""
-        registers = [known.name.partition(":")[0] for known in self.ids]
+        registers = [identity.name.partition(":")[0] for identity in self.ids]
         return len(set(registers)) < len(registers)
 
 
@@ -132,9 +132,9 @@ def basic_id(message: Any) -> BasicId | None:
     if prefix is None or not content:
         return None
     text = content.decode("ascii", "replace") if message.id_type in _TEXTS else ""
-    known = text if text.isascii() and text.isprintable() and text.strip() else content.hex()
+    identifier = text if text.isascii() and text.isprintable() and text.strip() else content.hex()
     category = _OBSTACLE if message.ua_type in _FIXED_TYPES else _UNMANNED
-    return BasicId(f"{prefix}:{known.strip().lower()}", callsign(text), category)
+    return BasicId(f"{prefix}:{identifier.strip().lower()}", callsign(text), category)
 
 
 def names_of(identification: str) -> frozenset[str]:
@@ -160,9 +160,9 @@ def unpack(message: Any) -> Iterator[tuple[str, _Fields]]:
     """
     size = integer("remote id.single_message_size", message.single_message_size, _SIZE, _SIZE)
     count = integer("remote id.msg_pack_size", message.msg_pack_size, 1, _MOST)
-    whole, sender = bytes(message.messages), list(message.id_or_mac)
+    pack, sender = bytes(message.messages), list(message.id_or_mac)
     for begin in range(0, size * count, size):
-        content = whole[begin : begin + size]
+        content = pack[begin : begin + size]
         kind = content[0] >> 4
         if kind == _BASIC_ID:
             yield "OPEN_DRONE_ID_BASIC_ID", _unpack_basic_id(sender, content)
@@ -179,7 +179,7 @@ def _unpack_location(sender: list[int], content: bytes) -> _Fields:
     bits, course, fast, climb, latitude, longitude, *heights = struct.unpack_from(
         "<BBBbiiHHH", content, 1
     )
-    where, speeds = content[19:21]
+    position_accuracies, speeds = content[19:21]
     tenths, time_accuracy = struct.unpack_from("<HB", content, 21)
     direction = course + 180 * (bits >> 1 & 1)
     speed = _FAST + _FAST_STEP * fast if bits & 1 else _SPEED_STEP * fast
@@ -194,8 +194,8 @@ def _unpack_location(sender: list[int], content: bytes) -> _Fields:
         longitude=longitude,
         altitude_barometric=barometric,
         altitude_geodetic=geodetic,
-        horizontal_accuracy=where & 0xF,
-        vertical_accuracy=where >> 4,
+        horizontal_accuracy=position_accuracies & 0xF,
+        vertical_accuracy=position_accuracies >> 4,
         speed_accuracy=speeds & 0xF,
         barometer_accuracy=speeds >> 4,
         timestamp=math.inf if tenths == 0xFFFF else tenths / 10,
@@ -273,8 +273,8 @@ class _LocationFields(NamedTuple):
     def time_std(self) -> float:
         """Return one sigma of the time, s: of a bound either way."""
         code = self.message.timestamp_accuracy
-        known = self._age() is not None and 0 < code <= _WORST_TIME
-        return (code if known else _WORST_TIME) * _TIME_STEP / math.sqrt(3.0)
+        is_declared = self._age() is not None and 0 < code <= _WORST_TIME
+        return (code if is_declared else _WORST_TIME) * _TIME_STEP / math.sqrt(3.0)
 
     def place(self) -> tuple[float, float]:
         """Return latitude and longitude, degrees."""
@@ -305,12 +305,12 @@ class _LocationFields(NamedTuple):
 
     def velocity_std(self) -> float | None:
         """Return one sigma of the velocity per axis, m/s, with what the encoding rounds."""
-        known, speed = sigma(EPV, self.message.speed_accuracy or None), self.speed()
-        if known is None or speed is None:
+        declared_std, speed = sigma(EPV, self.message.speed_accuracy or None), self.speed()
+        if declared_std is None or speed is None:
             return None
         step = _SPEED_STEP if speed <= _FAST else _FAST_STEP
         rounded = math.hypot(step, speed * _DIRECTION_STEP) / math.sqrt(12.0)
-        return math.hypot(known, rounded)
+        return math.hypot(declared_std, rounded)
 
     def climb(self) -> float | None:
         """Return the vertical speed, m/s; None: unknown, or at the end of what can be told."""
@@ -323,12 +323,12 @@ class _LocationFields(NamedTuple):
         """
         level = None if own is None else own.altitude
         reference = None if level is None else level.reference
-        known = {
+        values = {
             "wgs84": (self.message.altitude_geodetic, self.message.vertical_accuracy),
             "pressure": (self.message.altitude_barometric, self.message.barometer_accuracy),
         }
-        for above in sorted(known, key=lambda above: (above != reference, above != "wgs84")):
-            value, code = known[above]
+        for above in sorted(values, key=lambda above: (above != reference, above != "wgs84")):
+            value, code = values[above]
             if value > _UNKNOWN_ALTITUDE or math.isnan(value):
                 height = altitude(f"{self.name}.altitude", value, above, self.climb())
                 error = _VERTICAL[code] if 0 <= code < len(_VERTICAL) else _VERTICAL[0]

@@ -113,11 +113,11 @@ class Sitl:
         program = folder()
         _check_free(self.port)
         self._folder = tempfile.TemporaryDirectory(prefix="rlcas-sitl-", ignore_cleanup_errors=True)
-        where = Path(self._folder.name)
-        extra = where / "extra.parm"
+        work_folder = Path(self._folder.name)
+        extra = work_folder / "extra.parm"
         extra.write_text("".join(f"{k} {v}\n" for k, v in (parameters or {}).items()))
         self.home = home
-        self._log = (where / "output").open("wb")
+        self._log = (work_folder / "output").open("wb")
         # A group of its own: nothing that ends the test ends it half.
         self._process = subprocess.Popen(
             [
@@ -129,7 +129,7 @@ class Sitl:
                 f"--defaults={program / 'plane.parm'},{extra}",
                 f"--instance={instance}",
             ],
-            cwd=where,
+            cwd=work_folder,
             stdout=self._log,
             stderr=subprocess.STDOUT,
             start_new_session=True,

@@ -120,8 +120,8 @@ class State:
     def view(self, time: int) -> View:
         """Return what is known at a time, ns."""
         left_out = Counter(self.received.left_out) + Counter(self.left_out)
-        known = (self.received, self.judgement, self.control, self.items)
-        return View(time, *known, left_out, self.doubted)
+        parts = (self.received, self.judgement, self.control, self.items)
+        return View(time, *parts, left_out, self.doubted)
 
 
 class Advance(NamedTuple):

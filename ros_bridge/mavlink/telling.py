@@ -75,8 +75,8 @@ def explain(state: State, time: int) -> Advance:
     after = Advance(state)
     if causes != state.texts.causes:
         text = "; ".join(reason.message for reason in reasons) or "no remark"
-        said = replace(state.texts, causes=causes)
-        after = Advance(replace(state, texts=said), (Log(f"{monitor}: {text}", time),))
+        texts = replace(state.texts, causes=causes)
+        after = Advance(replace(state, texts=texts), (Log(f"{monitor}: {text}", time),))
     if problem:
         after = after.then(tell, f"replan {monitor}", f"no plan: {problem}", time, send=False)
     return after

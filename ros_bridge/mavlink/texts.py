@@ -43,13 +43,13 @@ def tell(
         more: that is only logged.
         again: after which one of the kind is told again, s.
     """
-    seconds, said = time / SECOND, state.texts
-    if 0.0 <= seconds - said.at.get(kind, -math.inf) < again:
+    seconds, texts = time / SECOND, state.texts
+    if 0.0 <= seconds - texts.at.get(kind, -math.inf) < again:
         return Advance(state)
-    at = MappingProxyType({**said.at, kind: seconds})
+    at = MappingProxyType({**texts.at, kind: seconds})
     line = Log(f"{text} ({more})" if more else text, time)
     effects = (line, say(text)) if send else (line,)
-    return Advance(replace(state, texts=replace(said, at=at)), effects)
+    return Advance(replace(state, texts=replace(texts, at=at)), effects)
 
 
 def tell_once(state: State, text: str, time: int) -> Advance:

@@ -98,7 +98,9 @@ class Listener:
             parser.robust_parsing = True
         self._parsers[sender] = parser
         if len(self._parsers) > _SENDERS:
-            del self._parsers[next(known for known in self._parsers if known not in self.clients)]
+            del self._parsers[
+                next(address for address in self._parsers if address not in self.clients)
+            ]
         return parser
 
     def close(self) -> None:

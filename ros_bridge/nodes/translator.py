@@ -158,10 +158,10 @@ class Translator(ClockGuard):
     def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
 
-    def _choice(self, name: str, known: Collection[str]) -> str:
+    def _choice(self, name: str, choices: Collection[str]) -> str:
         value = self._value(name)
-        if value not in known:
-            raise ValueError(f"{name} is {value!r}, expected one of {', '.join(known)}")
+        if value not in choices:
+            raise ValueError(f"{name} is {value!r}, expected one of {', '.join(choices)}")
         return value
 
     def _read_sources(self) -> _Sources:

@@ -61,9 +61,11 @@ class Receiver:
                 self._waiting.append(
                     (time + self.quality.latency, Received(name, time, self._noisy(state)))
                 )
-        arrived = [received for when, received in self._waiting if when <= time + _TOLERANCE]
+        arrived = [received for arrival, received in self._waiting if arrival <= time + _TOLERANCE]
         self._waiting = [
-            (when, received) for when, received in self._waiting if when > time + _TOLERANCE
+            (arrival, received)
+            for arrival, received in self._waiting
+            if arrival > time + _TOLERANCE
         ]
         return arrived
 

@@ -73,7 +73,7 @@ def plan_message(
     """Return a plan as a trajectory, UNRESOLVED unless it is safe; ``certified`` with the
     certificate of a SAFE one.
     """
-    out = {exclusion.number for exclusion in plan.excluded}
+    excluded = {exclusion.number for exclusion in plan.excluded}
     proof = None
     if certified:
         proof = plan.certificate_with(task.time, (task.frame.latitude, task.frame.longitude))
@@ -85,7 +85,9 @@ def plan_message(
         frame,
         revision,
         source=getattr(Trajectory, f"SOURCE_{plan.source.name}"),
-        intruder_ids=[name for number, name in enumerate(task.identifiers) if number not in out],
+        intruder_ids=[
+            name for number, name in enumerate(task.identifiers) if number not in excluded
+        ],
         start=point_message(start),
         waypoints=[point_message(point) for point in plan_points(plan, task)],
         # An array of bytes is taken as it is; other sequences are looked at byte by byte.

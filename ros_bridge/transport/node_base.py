@@ -138,7 +138,10 @@ class ListeningNode(ClockGuard, LifecycleNode):
     def _subscribe(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         says = "a publisher offers less {} than asked for; nothing of it is received"
         events = SubscriptionEventCallbacks(incompatible_qos=self._misfit(topic, says))
-        counted = any(topic.name in (known.name, known.private.name) for known in _COUNTED)
+        counted = any(
+            topic.name in (counted_topic.name, counted_topic.private.name)
+            for counted_topic in _COUNTED
+        )
         receive: Callable[..., Any] = partial(self._protect, topic.name, callback)
         receive = self._losses.counting(topic.name, receive, time.monotonic) if counted else receive
         subscription = topic.subscribe(self, receive, event_callbacks=events)

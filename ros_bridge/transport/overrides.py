@@ -93,6 +93,6 @@ def _sections(tree: Any, inside: str = "") -> Iterator[str]:
             yield from _sections(section, full)
 
 
-def _near(name: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(name, list(known), 1)
+def _near(name: str, names: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, list(names), 1)
     return f"; the nearest is {near[0]}" if near else ""

@@ -210,10 +210,10 @@ PARAMETERS = (
             _BOTH,
             f"{name}_m",
             math.nan,
-            f"{which} altitude of plans that may climb, above own_altitude_reference; nan: any",
+            f"{bound} altitude of plans that may climb, above own_altitude_reference; nan: any",
             unit="m",
         )
-        for name, which in (("floor", "least"), ("ceiling", "greatest"))
+        for name, bound in (("floor", "least"), ("ceiling", "greatest"))
     ),
     Parameter(
         _BOTH,
@@ -557,9 +557,15 @@ PARAMETERS = (
     ),
     *(
         Parameter(
-            "simulator", f"{kind}_{name}", default, f"{meaning} of {whose}", span[0], span[1], unit
+            "simulator",
+            f"{kind}_{name}",
+            default,
+            f"{meaning} of {reports}",
+            span[0],
+            span[1],
+            unit,
         )
-        for kind, whose, numbers in (
+        for kind, reports, numbers in (
             (
                 "own",
                 "the ownship's reports",
@@ -653,13 +659,13 @@ def reference() -> str:
     docs/reference/ros-parameters.md.
     """
     parts: list[str] = []
-    known: set[Parameter] = set()
+    listed: set[Parameter] = set()
     for node in NODES:
-        again = [f"`{parameter.name}`" for parameter in of(node) if parameter in known]
+        again = [f"`{parameter.name}`" for parameter in of(node) if parameter in listed]
         parts += [f"**{node}**", *([f"As above: {', '.join(again)}."] if again else [])]
         rows = ["| parameter | default | range | unit | meaning |", "|---|---|---|---|---|"]
         for parameter in of(node):
-            if parameter not in known:
+            if parameter not in listed:
                 cells = (
                     f"`{parameter.name}`",
                     _format_default(parameter),
@@ -668,7 +674,7 @@ def reference() -> str:
                     parameter.help,
                 )
                 rows.append(f"| {' | '.join(cells)} |")
-        known.update(of(node))
+        listed.update(of(node))
         parts += ["\n".join(rows)] if len(rows) > 2 else []
     return "\n\n".join(parts) + "\n"
 

@@ -57,7 +57,7 @@ FORMATS = {
 }
 """The formats by the scheme of an address."""
 
-EXAMPLES = ", ".join(dict.fromkeys(known.example for known in FORMATS.values()))
+EXAMPLES = ", ".join(dict.fromkeys(receiver_format.example for receiver_format in FORMATS.values()))
 """What addresses may look like."""
 
 

@@ -81,15 +81,19 @@ def declare(node: Node, kind: str) -> Aircraft | None:
 
 def parameters_of(kind: str, aircraft: Aircraft | None) -> Iterator[Parameter]:
     """Yield the parameters of a kind of nodes for an aircraft, in SI units and degrees."""
-    known: dict[str, float] = Freshness()._asdict()
+    aircraft_values: dict[str, float] = Freshness()._asdict()
     if aircraft is not None:
         legs = aircraft.vehicle_limits
-        known |= legs._asdict() | {"yaw_rate_max": round(math.degrees(legs.yaw_rate_max), 9)}
-        known |= {name: getattr(aircraft, name) for name in ("separation", "goal_radius")}
+        aircraft_values |= legs._asdict() | {
+            "yaw_rate_max": round(math.degrees(legs.yaw_rate_max), 9)
+        }
+        aircraft_values |= {name: getattr(aircraft, name) for name in ("separation", "goal_radius")}
         vertical = aircraft.vertical
-        known["vertical_margin"] = 0.0 if vertical is None else default_vertical_margin(vertical)
-        known |= Freshness.for_aircraft(aircraft)._asdict()
-    return (parameter.in_si(aircraft, known) for parameter in of(kind))
+        aircraft_values["vertical_margin"] = (
+            0.0 if vertical is None else default_vertical_margin(vertical)
+        )
+        aircraft_values |= Freshness.for_aircraft(aircraft)._asdict()
+    return (parameter.in_si(aircraft, aircraft_values) for parameter in of(kind))
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
@@ -209,8 +213,8 @@ def _altitudes(value: Callable[[str], Any]) -> dict[str, Any]:
         raise ValueError(f"maneuvers is {kind!r}, expected one of {', '.join(kinds)}")
     above = value("own_altitude_reference")
     if above not in ALTITUDE_CODES.values():
-        known = ", ".join(ALTITUDE_CODES.values())
-        raise ValueError(f"own_altitude_reference is {above!r}, expected one of {known}")
+        references = ", ".join(ALTITUDE_CODES.values())
+        raise ValueError(f"own_altitude_reference is {above!r}, expected one of {references}")
     fields: dict[str, Any] = {"maneuvers": Maneuvers(kind)}
     for name in ("floor", "ceiling"):
         height = value(f"{name}_m")

@@ -23,8 +23,8 @@ position that was received in the second before it was passed on.
 
 def sigma(radii: tuple[float, ...], code: Any) -> float | None:
     """Return the standard deviation per axis that a category of accuracy means; None: unknown."""
-    known = isinstance(code, int) and 0 <= code < len(radii)
-    return radii[code] / _TO_SIGMA if known else None
+    has_radius = isinstance(code, int) and 0 <= code < len(radii)
+    return radii[code] / _TO_SIGMA if has_radius else None
 
 
 def coarse_velocity_std(speed: float, step: float) -> float | None:

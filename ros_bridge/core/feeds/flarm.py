@@ -359,9 +359,9 @@ class _FlarmTarget(Target):
         if self.own_height is None or not text:
             return None
         above = number(f"{self.field}.relative_vertical", text, -3e4, 3e4, "m")
-        known = altitude(f"{self.field}.altitude", self.own_height + above, "msl", self.climb())
+        reading = altitude(f"{self.field}.altitude", self.own_height + above, "msl", self.climb())
         error = _VERTICAL_SHARE * abs(above)
-        return Altitude(known.value, known.reference, known.vertical_speed, error)
+        return Altitude(reading.value, reading.reference, reading.vertical_speed, error)
 
     def velocity_std(self) -> float | None:
         """Return one sigma of the velocity per axis, m/s, which is unknown."""

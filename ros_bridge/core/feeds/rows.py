@@ -83,17 +83,17 @@ class RowTarget(Target):
         None: unknown.
         """
         name = f"{self.field}.altitude"
-        known = {
+        values = {
             "wgs84": first_known(self.row, "alt_geom"),
             "pressure": first_known(self.row, "alt_baro", "altitude"),
         }
-        known = {above: value for above, value in known.items() if value != "ground"}
+        values = {above: value for above, value in values.items() if value != "ground"}
         climb = first_known(self.row, *_CLIMBS)
         if climb is not None:
             climb = number(name, climb, -20_000, 20_000, "ft/min") * FOOT / 60
-        for above in sorted(known, key=lambda above: (above != reference, above != "wgs84")):
-            if known[above] is not None:
-                value = number(name, known[above], -3_000, 98_000, "ft")
+        for above in sorted(values, key=lambda above: (above != reference, above != "wgs84")):
+            if values[above] is not None:
+                value = number(name, values[above], -3_000, 98_000, "ft")
                 return Altitude(value * FOOT, above, climb)
         return None
 

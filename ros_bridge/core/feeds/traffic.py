@@ -188,8 +188,8 @@ class Traffic:
         outcome = attempt(lambda: self._read(target))
         usable = outcome if isinstance(outcome, Report) and target.has_place() else None
         remember(self._told_own, target.name, usable, _MOST_OWN)
-        shown = self._shows_own and self.is_own(target.name) and target.has_place()
-        return outcome if shown and self._is_new(target) else None
+        is_ownship = self._shows_own and self.is_own(target.name) and target.has_place()
+        return outcome if is_ownship and self._is_new(target) else None
 
     def report(self, target: Target) -> Report | None:
         """Return an aircraft's report, or raise :class:`FieldError`; None where it is no traffic,
