@@ -40,7 +40,7 @@ from agents.kernel.areas import ActiveArea, label
 from agents.kernel.traffic import Traffic
 from agents.planner.request.options import L, Narrowed
 from envs.angles import wrap
-from envs.arrays import Array
+from envs.arrays import Array, Bool, Float, Shaped
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.assurance import Supervision
 from ros_bridge.core.fields import SECOND
@@ -118,7 +118,7 @@ class _OnCourse(NamedTuple):
 
     traffic: Traffic  # [1, K T]: each intruder once for each time in which it counts
     times: int  # for how many of these there is room, T
-    areas: Array  # object [1]
+    areas: Shaped[Array, "1"]  # objects
 
 
 class _Vertical(NamedTuple):
@@ -128,7 +128,7 @@ class _Vertical(NamedTuple):
     altitudes: Bands
     separation: float  # m
     reference: str
-    areas: Array  # object [1]
+    areas: Shaped[Array, "1"]  # objects
 
 
 class _Look(NamedTuple):
@@ -136,9 +136,10 @@ class _Look(NamedTuple):
 
     headings: Bands  # [1, B]
     speeds: Bands
-    losses: Array  # of the separation from each intruder on that course, s, [1, K]; inf: none
-    present: Array  # which intruders exist, bool, [1, K]
-    areas: Array  # that count on it, object [1]
+    # of the separation from each intruder on that course, s; inf: none
+    losses: Float[Array, "1 K"]
+    present: Bool[Array, "1 K"]  # which intruders exist
+    areas: Shaped[Array, "1"]  # objects: those that count on it
     vertical: _Vertical | None  # None: no such bands
 
     @property
@@ -330,7 +331,7 @@ def _vertical_rows(vertical: _Vertical, alerting: Alerting, places: dict[int, in
 
 
 def _row(
-    targets: np.ndarray,
+    targets: Float[Array, " B"],
     bands: Bands,
     alerting: Alerting,
     separation: float,

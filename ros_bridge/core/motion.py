@@ -10,7 +10,7 @@ import numpy as np
 from agents.assurance.thresholds import Thresholds
 from agents.kernel.traffic import Traffic, predict
 from envs.angles import wrap
-from envs.arrays import Array
+from envs.arrays import Array, Float
 from envs.backend import FLOATS
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
@@ -63,7 +63,11 @@ def expected_turn(
 
 
 def carry_on(
-    state: VehicleState[Ground], rate: Array, turn_time: Array, seconds: Array, wind: Wind
+    state: VehicleState[Ground],
+    rate: Float[Array, "..."],
+    turn_time: Float[Array, "..."],
+    seconds: Float[Array, "..."],
+    wind: Wind,
 ) -> VehicleState[Ground]:
     """Return states over the ground some seconds later, ``[...]``.
 

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from envs.arrays import Array
+from envs.arrays import Array, Float
 from envs.backend import FLOATS
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
@@ -118,14 +118,14 @@ def _relative(
 
 
 class _Motion(NamedTuple):
-    """Aircraft on the map now; fields ``[K]``."""
+    """Aircraft on the map now."""
 
-    x: Array  # m
-    y: Array
-    vx: Array  # m/s
-    vy: Array
-    track_deg: Array  # true
-    age: Array  # of the reports, s
+    x: Float[Array, " K"]  # m
+    y: Float[Array, " K"]
+    vx: Float[Array, " K"]  # m/s
+    vy: Float[Array, " K"]
+    track_deg: Float[Array, " K"]  # true
+    age: Float[Array, " K"]  # of the reports, s
 
 
 def _planes(

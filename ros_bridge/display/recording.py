@@ -16,6 +16,7 @@ import numpy as np
 from commands.command import InputError
 from commands.json_text import RepeatedKeyError, parse_json
 from envs.areas import Keep
+from envs.arrays import Float
 from ros_bridge.core.fields import SECOND
 from ros_bridge.display.aircraft import velocity_through_air
 from ros_bridge.display.document import Document, to_json
@@ -367,7 +368,9 @@ def _area_at(area: Document, time: float) -> DrawnArea:
     )
 
 
-def _plane(name: str, place: np.ndarray, velocity: np.ndarray) -> DrawnPlane:
+def _plane(
+    name: str, place: Float[np.ndarray, "2"], velocity: Float[np.ndarray, "2"]
+) -> DrawnPlane:
     return DrawnPlane(
         id=name,
         callsign="",

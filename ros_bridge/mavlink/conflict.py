@@ -16,7 +16,7 @@ from agents.kernel.trajectory import straight
 from agents.planner.answer import RequestError
 from agents.planner.request.request import Altitude, check_request, in_wind
 from envs.area_geometry import signed_distance
-from envs.arrays import Array
+from envs.arrays import Array, Float
 from envs.trees import take
 from ros_bridge.core.tasks import PlanTask, refusal_of
 
@@ -51,13 +51,11 @@ def earliest(conflicts: Iterable[Conflict | None]) -> Conflict | None:
 
 
 class _Course(NamedTuple):
-    """Where the ownship is to be on its route, over the ground; fields ``[1, W]``, in between it
-    moves uniformly.
-    """
+    """Where the ownship is to be on its route, over the ground; in between it moves uniformly."""
 
-    x: Array  # m
-    y: Array
-    time: Array  # s
+    x: Float[Array, "1 W"]  # m
+    y: Float[Array, "1 W"]
+    time: Float[Array, "1 W"]  # s
 
 
 def _along_route(task: PlanTask, look_ahead: float) -> _Course:
