@@ -57,7 +57,7 @@ def flying(intruder: VehicleState | None = None, count: int = 1) -> Monitor:
     """Return monitors whose straight plan was made at 0 s with an intruder on a parallel course far
     away.
     """
-    seen = other(*FAR, count=count) if intruder is None else intruder
+    traffic_state = other(*FAR, count=count) if intruder is None else intruder
     monitor = assurance.start(count, 1, THRESHOLDS)
     return assurance.activate(
         monitor,
@@ -65,7 +65,7 @@ def flying(intruder: VehicleState | None = None, count: int = 1) -> Monitor:
         straight(count=count),
         np.ones(count, bool),
         0.0,
-        Traffic.straight(seen),
+        Traffic.straight(traffic_state),
         THRESHOLDS,
     )
 
@@ -94,11 +94,11 @@ def reply(
     monitor: Monitor, decision: Decision, *, safe: bool, plan_states: PlanStates | None = None
 ) -> tuple[Monitor, Any]:
     rows = np.flatnonzero(decision.replan)
-    given = (
+    answer = (
         straight(float(monitor.memory.time[0]), rows.size) if plan_states is None else plan_states
     )
     return assurance.answer(
-        monitor, rows, decision.number[rows], given, np.full(rows.size, safe), THRESHOLDS
+        monitor, rows, decision.number[rows], answer, np.full(rows.size, safe), THRESHOLDS
     )
 
 

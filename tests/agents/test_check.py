@@ -146,7 +146,9 @@ def test_a_requirement_above_the_least_distance_is_refused(data: dict[str, Any],
 )
 def test_what_is_no_certificate_is_refused(data: dict[str, Any], field: str, value: Any) -> None:
     assert refusal(data | {field: value})
-    assert refusal({key: one for key, one in data.items() if key != field} if field in data else [])
+    assert refusal(
+        {key: entry for key, entry in data.items() if key != field} if field in data else []
+    )
 
 
 def test_only_a_safe_plan_has_a_certificate() -> None:
@@ -215,7 +217,7 @@ def test_command_says_what_it_found(data: dict[str, Any], tmp_path: Path) -> Non
     half.write_text(re.sub(r"  yaw_rate_max_deg_s: .*\n", "", fast.read_text()))
     wrong_file = tmp_path / "wrong.yaml"
     wrong_file.write_text("speed_min_mps: fifty\n")
-    for arguments, status, said in (
+    for arguments, status, line in (
         ([good], 0, "intruders: 2; none comes closer than"),
         ([good, "--aircraft", fast], 0, "limits: 31 to 100 m/s"),
         ([good, "--aircraft", slow], 1, "its speed_max is 100, beyond the aircraft's"),
@@ -228,7 +230,7 @@ def test_command_says_what_it_found(data: dict[str, Any], tmp_path: Path) -> Non
         ([tmp_path / "none"], 2, "there is no such file"),
         ([], 2, "usage"),
     ):
-        done = subprocess.run(
+        process = subprocess.run(
             # Without the packages that are installed.
             [sys.executable, "-E", "-S", "-m", "check", *arguments],
             cwd=alone,
@@ -236,9 +238,9 @@ def test_command_says_what_it_found(data: dict[str, Any], tmp_path: Path) -> Non
             text=True,
             check=False,
         )
-        assert done.returncode == status, done.stderr
-        assert "Traceback" not in done.stderr
-        assert said in (done.stdout if status == 0 else done.stderr)
+        assert process.returncode == status, process.stderr
+        assert "Traceback" not in process.stderr
+        assert line in (process.stdout if status == 0 else process.stderr)
 
 
 def test_what_is_accepted_is_said_with_limits_requirement_and_flight(data: dict[str, Any]) -> None:
@@ -270,10 +272,10 @@ def at_all_heights() -> dict[str, Any]:
     ownship.
     """
     own = Altitude(2_500.0, "msl", 1.0, error=20.0, climb_error=0.5)
-    here = VehicleState(5_000.0, 3_000.0, -2.0, 70.0)
+    state = VehicleState(5_000.0, 3_000.0, -2.0, 70.0)
     intruders = [
-        Intruder(here, 1.0, altitude=Altitude(9_500.0, "msl", 1.0, 10.0, 0.5)),
-        Intruder(here, 1.0, altitude=Altitude(100.0, "msl", -1.0, 10.0, 0.5)),
+        Intruder(state, 1.0, altitude=Altitude(9_500.0, "msl", 1.0, 10.0, 0.5)),
+        Intruder(state, 1.0, altitude=Altitude(100.0, "msl", -1.0, 10.0, 0.5)),
         Intruder(
             VehicleState(60_000.0, 30_000.0, -2.0, 70.0),
             1.0,
@@ -282,9 +284,9 @@ def at_all_heights() -> dict[str, Any]:
     ]
     answer = plan(OWN, intruders, ROUTE, Policy.load(), PATIENT, own_altitude=own)
     assert answer.safe and len(answer.excluded) == 2 and answer.certificate is not None
-    found = json.loads(answer.certificate)
-    assert len(found["apart"]) == 2 and is_accepted(found)
-    return found
+    stated = json.loads(answer.certificate)
+    assert len(stated["apart"]) == 2 and is_accepted(stated)
+    return stated
 
 
 TWICE = [
@@ -298,13 +300,13 @@ TWICE = [
 """Places of a certificate at all heights that state the same."""
 
 
-@pytest.mark.parametrize("both", TWICE)
+@pytest.mark.parametrize("paths", TWICE)
 def test_a_certificate_that_contradicts_itself_is_refused(
-    at_all_heights: dict[str, Any], both: tuple[tuple[Any, ...], tuple[Any, ...]]
+    at_all_heights: dict[str, Any], paths: tuple[tuple[Any, ...], tuple[Any, ...]]
 ) -> None:
-    values = [value_at(at_all_heights, path) for path in both]
+    values = [value_at(at_all_heights, path) for path in paths]
     assert values[0] == values[1]
-    for path in both:
+    for path in paths:
         for change in (-1e-3, 1e-3, -300.0, 300.0):
             edited = copy.deepcopy(at_all_heights)
             place = value_at(edited, path[:-1])
@@ -350,11 +352,11 @@ def test_a_proof_takes_no_more_work_than_there_is(data: dict[str, Any]) -> None:
     parallel = [0.0, 2_000.0, 0.0, 80.0, *[0.0] * 5, 1_000.0]
     far = [0.0, 3e5, *[0.0] * 7, 1_000.0]
     usual = {"apart": [], "excluded": []}
-    for one, count, enough in ((far, 1_000, 3_000), (parallel, 50, 300_000)):
-        many = data | usual | {"intruders": [one] * count, "bounds": [1.0] * count}
-        check.accept(many, check.Work(enough))
+    for row, count, enough in ((far, 1_000, 3_000), (parallel, 50, 300_000)):
+        crowded = data | usual | {"intruders": [row] * count, "bounds": [1.0] * count}
+        check.accept(crowded, check.Work(enough))
     with pytest.raises(check.RefusedError, match="takes more than 3000 parts"):
-        check.accept(many, check.Work(3_000))
+        check.accept(crowded, check.Work(3_000))
 
 
 ODD = (
@@ -410,10 +412,10 @@ def test_an_edit_of_anything_is_answered_in_a_sentence(
         edit(changed, rng)
         path.write_text(json.dumps(changed))
         status = check.main([str(path)])
-        said, refused = capsys.readouterr()
+        printed, refused = capsys.readouterr()
         assert status in (0, 1)
         assert refused.count("\n") == (status == 1)
-        assert said.count("\n") <= 10 and "\x1b" not in said
+        assert printed.count("\n") <= 10 and "\x1b" not in printed
 
 
 def test_a_certificate_that_is_no_object_is_refused() -> None:
@@ -426,15 +428,15 @@ def test_what_cannot_be_said_is_not_accepted(data: dict[str, Any], tmp_path: Pat
     path = tmp_path / "good.json"
     path.write_text(json.dumps(data))
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-m", "agents.check", path],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
             check=False,
         )
-    assert done.returncode == 2
-    assert done.stderr == "the output cannot be written: No space left on device\n"
+    assert process.returncode == 2
+    assert process.stderr == "the output cannot be written: No space left on device\n"
 
 
 def test_a_name_that_the_output_cannot_hold_is_said_by_its_code(
@@ -442,14 +444,17 @@ def test_a_name_that_the_output_cannot_hold_is_said_by_its_code(
 ) -> None:
     path = tmp_path / "höhe.json"
     path.write_text(json.dumps(data))
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "agents.check", path],
         env=os.environ | {"PYTHONIOENCODING": "ascii"},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stderr) == (0, "") and "h\\xf6he.json: accepted" in done.stdout
+    assert (process.returncode, process.stderr) == (
+        0,
+        "",
+    ) and "h\\xf6he.json: accepted" in process.stdout
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs/aircraft").glob("*.yaml")))

@@ -421,19 +421,23 @@ def test_a_vehicle_is_found_in_the_working_directory(
 @pytest.mark.parametrize("name", VehicleConfig.STATED)
 def test_no_limit_is_taken_from_another_aircraft(tmp_path: Path, name: str):
     """A limit that a vehicle's group or file, or an aircraft's file, leaves out is missing."""
-    rest = "".join(line for line in SLOW.splitlines(keepends=True) if not line.startswith(name))
-    (file := tmp_path / "rest.yaml").write_text(rest)
-    group = "{" + ", ".join(rest.splitlines()) + "}"
-    (whole := tmp_path / "own.yaml").write_text(f"{SLOW}separation_m: 610\nvehicle: {group}\n")
-    (least := tmp_path / "least.yaml").write_text(f"{rest}separation_m: 610\n")
-    for missing, taken in (
+    other_limits = "".join(
+        line for line in SLOW.splitlines(keepends=True) if not line.startswith(name)
+    )
+    (file := tmp_path / "rest.yaml").write_text(other_limits)
+    group = "{" + ", ".join(other_limits.splitlines()) + "}"
+    (vehicle_file := tmp_path / "own.yaml").write_text(
+        f"{SLOW}separation_m: 610\nvehicle: {group}\n"
+    )
+    (least := tmp_path / "least.yaml").write_text(f"{other_limits}separation_m: 610\n")
+    for missing, load_without in (
         (f"vehicle.{name}", lambda: load(World, overrides=[f"vehicle={group}"])),
         (name, lambda: load(World, overrides=[f"vehicle={file}"])),
-        (f"vehicle.{name}", lambda: AircraftConfig.of_file(whole)),
+        (f"vehicle.{name}", lambda: AircraftConfig.of_file(vehicle_file)),
         (name, lambda: AircraftConfig.of_file(least)),
     ):
         with pytest.raises(ConfigError, match=rf"(^|[ .]){missing} is missing; expected"):
-            taken()
+            load_without()
 
 
 def test_an_aircraft_file_without_its_separation_is_refused(tmp_path: Path):
@@ -535,7 +539,7 @@ def test_a_scenario_that_contradicts_the_aircraft_is_refused():
 
 def test_numbers_in_units_of_the_aircraft_are_scaled():
     small = AircraftConfig(speed_min_mps=18.0, speed_max_mps=36.0, separation_m=610.0).aircraft()
-    made = load(
+    scaled = load(
         ScenarioConfig,
         overrides=[
             "units=aircraft",
@@ -545,10 +549,10 @@ def test_numbers_in_units_of_the_aircraft_are_scaled():
             "latency=[0, 2]",
         ],
     ).scenario(small)
-    assert made.radius == (305.0, 2440.0)
-    assert made.own_speed == (18.0, 36.0)
-    assert made.velocity_std == pytest.approx(3.6)
-    assert made.latency == (0.0, 2.0 * small.dt)
+    assert scaled.radius == (305.0, 2440.0)
+    assert scaled.own_speed == (18.0, 36.0)
+    assert scaled.velocity_std == pytest.approx(3.6)
+    assert scaled.latency == (0.0, 2.0 * small.dt)
 
 
 def test_a_dump_holds_only_what_differs_from_the_scenario():
@@ -650,12 +654,12 @@ def test_an_aircraft_in_the_plane_is_written_as_in_earlier_releases():
 
 @pytest.mark.parametrize("name", CLIMBS)
 def test_climbs_are_stated_whole_or_not_at_all(tmp_path: Path, name: str):
-    rest = {key: value for key, value in CLIMBS.items() if key != name}
-    whole = ", ".join(CLIMBS)
-    sentence = rf"{name} is missing; expected all of {whole}, or none$"
+    incomplete = {key: value for key, value in CLIMBS.items() if key != name}
+    names = ", ".join(CLIMBS)
+    sentence = rf"{name} is missing; expected all of {names}, or none$"
     with pytest.raises(ConfigError, match=f"^{sentence}"):
-        load(AircraftConfig, None, stated(rest))
-    lines = "".join(f"{key}: {value}\n" for key, value in rest.items())
+        load(AircraftConfig, None, stated(incomplete))
+    lines = "".join(f"{key}: {value}\n" for key, value in incomplete.items())
     (file := tmp_path / "mine.yaml").write_text(f"{SLOW}separation_m: 610\n{lines}")
     with pytest.raises(ConfigError, match=sentence):
         AircraftConfig.of_file(file)

@@ -186,13 +186,13 @@ def states(count, most=3, aircraft=PAPER):
         rng.uniform(-3, 3, count),
         rng.uniform(0.5, 1, count),
     )
-    others = VehicleState(
+    intruders = VehicleState(
         *rng.uniform(-8, 8, (2, *shape)) * unit,
         rng.uniform(-3, 3, shape),
         rng.uniform(0.5, 1, shape),
     )
-    own, others = (each._replace(speed=each.speed * fast) for each in (own, others))
-    return own, others, rng.random(shape) < 0.7, *rng.uniform(-9, 9, (2, count)) * unit
+    own, intruders = (state._replace(speed=state.speed * fast) for state in (own, intruders))
+    return own, intruders, rng.random(shape) < 0.7, *rng.uniform(-9, 9, (2, count)) * unit
 
 
 def rows(tree, index):
@@ -200,31 +200,31 @@ def rows(tree, index):
 
 
 def test_order_of_intruders_does_not_matter():
-    own, others, mask, *goal = states(100)
+    own, intruders, mask, *goal = states(100)
     order = [2, 0, 1]
-    turned = VehicleState(*(field[:, order] for field in others))
+    turned = VehicleState(*(field[:, order] for field in intruders))
     np.testing.assert_allclose(
         policy().command(own, turned, mask[:, order], *goal),
-        policy().command(own, others, mask, *goal),
+        policy().command(own, intruders, mask, *goal),
         atol=1e-6,
     )
 
 
 def test_absent_intruders_change_nothing():
-    own, others, mask, *goal = states(100)
+    own, intruders, mask, *goal = states(100)
     rng = np.random.default_rng(0)
     moved = VehicleState(
-        *(np.where(mask, field, rng.uniform(-5, 5, mask.shape)) for field in others)
+        *(np.where(mask, field, rng.uniform(-5, 5, mask.shape)) for field in intruders)
     )
     np.testing.assert_array_equal(
-        policy().command(own, moved, mask, *goal), policy().command(own, others, mask, *goal)
+        policy().command(own, moved, mask, *goal), policy().command(own, intruders, mask, *goal)
     )
 
 
 def test_mirrored_scene_gives_mirrored_action():
-    own, others, mask, goal_x, goal_y = states(200)
-    mirror = [each._replace(y=-each.y, heading=-each.heading) for each in (own, others)]
-    action = policy().command(own, others, mask, goal_x, goal_y)
+    own, intruders, mask, goal_x, goal_y = states(200)
+    mirror = [state._replace(y=-state.y, heading=-state.heading) for state in (own, intruders)]
+    action = policy().command(own, intruders, mask, goal_x, goal_y)
     np.testing.assert_allclose(
         policy().command(*mirror, mask, goal_x, -goal_y), action * [1.0, -1.0], atol=1e-6
     )
@@ -249,17 +249,17 @@ def test_alike_aircraft_are_commanded_alike():
 
 
 def test_one_row_has_the_same_bits_in_any_company():
-    own, others, mask, goal_x, goal_y = states(300)
-    together = policy().command(own, others, mask, goal_x, goal_y)
+    own, intruders, mask, goal_x, goal_y = states(300)
+    together = policy().command(own, intruders, mask, goal_x, goal_y)
     for row in (0, 7, 299):
         index = slice(row, row + 1)
         alone = policy().command(
-            rows(own, index), rows(others, index), mask[index], goal_x[index], goal_y[index]
+            rows(own, index), rows(intruders, index), mask[index], goal_x[index], goal_y[index]
         )
         np.testing.assert_array_equal(alone[0], together[row])
-        seen = [rows(others, (row, k)) for k in np.flatnonzero(mask[row])]
-        one = policy().command_one(rows(own, row), seen, goal_x[row], goal_y[row])
-        np.testing.assert_allclose(one, together[row], atol=1e-5)
+        present = [rows(intruders, (row, k)) for k in np.flatnonzero(mask[row])]
+        action = policy().command_one(rows(own, row), present, goal_x[row], goal_y[row])
+        np.testing.assert_allclose(action, together[row], atol=1e-5)
 
 
 def test_numpy_decides_as_jax_does():
@@ -269,15 +269,15 @@ def test_numpy_decides_as_jax_does():
         if name != "log_std":
             trunk.setdefault(name.split("/")[0], {})[name.split("/")[1]] = tensor
     variables = {"params": {"trunk": trunk, "log_std": content().actor["log_std"]}}
-    own, others, mask, *goal = states(500)
+    own, intruders, mask, *goal = states(500)
 
     @jax.jit
-    def decide(own, others, mask, goal):
-        seen = scene(own, others, mask, *goal, PAPER.limits, PAPER.separation, jnp)
-        return actor.apply(variables, set_inputs(seen, jnp))[0]
+    def decide(own, intruders, mask, goal):
+        surroundings = scene(own, intruders, mask, *goal, PAPER.limits, PAPER.separation, jnp)
+        return actor.apply(variables, set_inputs(surroundings, jnp))[0]
 
-    mean = np.clip(decide(own, others, mask, goal), -1.0, 1.0)
-    difference = np.abs(policy("float64").command(own, others, mask, *goal) - mean).max(axis=-1)
+    mean = np.clip(decide(own, intruders, mask, goal), -1.0, 1.0)
+    difference = np.abs(policy("float64").command(own, intruders, mask, *goal) - mean).max(axis=-1)
     assert np.quantile(difference, 0.99) < 2e-3
 
 
@@ -287,50 +287,52 @@ def own_shares(mask):
 
 
 def test_intruders_of_the_usual_separation_need_no_share():
-    own, others, mask, *goal = states(100)
+    own, intruders, mask, *goal = states(100)
     np.testing.assert_array_equal(
-        policy().command(own, others, mask, *goal, np.ones(mask.shape)),
-        policy().command(own, others, mask, *goal),
+        policy().command(own, intruders, mask, *goal, np.ones(mask.shape)),
+        policy().command(own, intruders, mask, *goal),
     )
 
 
 @pytest.mark.slow
 def test_own_separations_are_seen_alike_by_numpy_jax_and_plain_floats():
-    own, others, mask, *goal = states(300)
+    own, intruders, mask, *goal = states(300)
     distance_scale = own_shares(mask)
     where = (PAPER.limits, PAPER.separation)
-    seen = scene(own, others, mask, *goal, *where, np)._replace(distance_scale=distance_scale)
-    ours = set_inputs(seen, np)
-    theirs = jax.jit(partial(set_inputs, xp=jnp))(seen)
+    surroundings = scene(own, intruders, mask, *goal, *where, np)._replace(
+        distance_scale=distance_scale
+    )
+    ours = set_inputs(surroundings, np)
+    theirs = jax.jit(partial(set_inputs, xp=jnp))(surroundings)
     for name in ("own", "traffic"):
-        there = mask if name == "traffic" else slice(None)
-        apart = np.abs(getattr(ours, name) - getattr(theirs, name))[there]
+        present = mask if name == "traffic" else slice(None)
+        apart = np.abs(getattr(ours, name) - getattr(theirs, name))[present]
         assert np.quantile(apart, 0.999) < 2e-3
-    together = policy("float64").command(own, others, mask, *goal, distance_scale)
-    assert (np.abs(together - policy("float64").command(own, others, mask, *goal)) > 0.01).any()
+    together = policy("float64").command(own, intruders, mask, *goal, distance_scale)
+    assert (np.abs(together - policy("float64").command(own, intruders, mask, *goal)) > 0.01).any()
     for row in range(50):
-        there = np.flatnonzero(mask[row])
+        present = np.flatnonzero(mask[row])
         alone = policy("float64").command_one(
             rows(own, row),
-            [rows(others, (row, k)) for k in there],
+            [rows(intruders, (row, k)) for k in present],
             goal[0][row],
             goal[1][row],
-            distance_scale[row, there].tolist(),
+            distance_scale[row, present].tolist(),
         )
         np.testing.assert_allclose(alone, together[row], atol=1e-5)
 
 
 def test_own_separations_do_not_break_the_symmetries():
-    own, others, mask, goal_x, goal_y = states(200)
+    own, intruders, mask, goal_x, goal_y = states(200)
     distance_scale, order = own_shares(mask), [2, 0, 1]
-    action = policy().command(own, others, mask, goal_x, goal_y, distance_scale)
-    turned = VehicleState(*(field[:, order] for field in others))
+    action = policy().command(own, intruders, mask, goal_x, goal_y, distance_scale)
+    turned = VehicleState(*(field[:, order] for field in intruders))
     np.testing.assert_allclose(
         policy().command(own, turned, mask[:, order], goal_x, goal_y, distance_scale[:, order]),
         action,
         atol=1e-6,
     )
-    mirror = [each._replace(y=-each.y, heading=-each.heading) for each in (own, others)]
+    mirror = [state._replace(y=-state.y, heading=-state.heading) for state in (own, intruders)]
     np.testing.assert_allclose(
         policy().command(*mirror, mask, goal_x, -goal_y, distance_scale),
         action * [1.0, -1.0],
@@ -339,21 +341,25 @@ def test_own_separations_do_not_break_the_symmetries():
 
 
 def test_a_manoeuvre_keeps_the_least_of_what_it_keeps_from_each():
-    own, others, mask, *goal = states(100)
-    seen = scene(own, others, mask, *goal, PAPER.limits, PAPER.separation, np)
+    own, intruders, mask, *goal = states(100)
+    surroundings = scene(own, intruders, mask, *goal, PAPER.limits, PAPER.separation, np)
     distance_scale = own_shares(mask)
-    each = [
-        min_separation(seen._replace(**{n: getattr(seen, n)[:, k : k + 1] for n in PLACES}), np)
+    distances = [
+        min_separation(
+            surroundings._replace(**{n: getattr(surroundings, n)[:, k : k + 1] for n in PLACES}), np
+        )
         for k in range(mask.shape[1])
     ]
-    expected = np.min([kept * distance_scale[:, k] for k, kept in enumerate(each)], axis=0)
-    found = min_separation(seen._replace(distance_scale=distance_scale), np)
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    expected = np.min(
+        [distance * distance_scale[:, k] for k, distance in enumerate(distances)], axis=0
+    )
+    least = min_separation(surroundings._replace(distance_scale=distance_scale), np)
+    np.testing.assert_allclose(least, expected, rtol=1e-12)
 
 
 def test_nobody_around_is_a_scene_too():
-    own, others, mask, goal_x, goal_y = states(5)
-    empty = policy().command(own, others, mask & False, goal_x, goal_y)
+    own, intruders, mask, goal_x, goal_y = states(5)
+    empty = policy().command(own, intruders, mask & False, goal_x, goal_y)
     nowhere = VehicleState(*(np.zeros((5, 0)) for _ in range(4)))
     np.testing.assert_array_equal(
         policy().command(own, nowhere, np.zeros((5, 0), bool), goal_x, goal_y), empty
@@ -364,13 +370,13 @@ def test_nobody_around_is_a_scene_too():
 
 
 def test_paper_observation_of_one_intruder_is_its_scene():
-    own, others, _, goal_x, goal_y = states(100, most=1)
+    own, intruders, _, goal_x, goal_y = states(100, most=1)
     observation = observe(
-        own, VehicleState(*(field[:, 0] for field in others)), goal_x, goal_y, PAPER, np
+        own, VehicleState(*(field[:, 0] for field in intruders)), goal_x, goal_y, PAPER, np
     )
     np.testing.assert_allclose(
         policy()(observation),
-        policy().command(own, others, np.ones((100, 1), bool), goal_x, goal_y),
+        policy().command(own, intruders, np.ones((100, 1), bool), goal_x, goal_y),
         atol=2e-3,
     )
 
@@ -384,10 +390,10 @@ def test_paper_observation_of_one_intruder_is_its_scene():
     ],
 )
 def test_aircraft_outside_the_family_is_refused(changes, name):
-    other = new_aircraft(UAS.limits._replace(**changes), UAS.separation)
+    outsider = new_aircraft(UAS.limits._replace(**changes), UAS.separation)
     with pytest.raises(OutsideDomainError, match=f"outside_domain: {name} is "):
-        policy().for_aircraft(other)
-    assert policy().for_aircraft(other, outside="allow").aircraft == other
+        policy().for_aircraft(outsider)
+    assert policy().for_aircraft(outsider, outside="allow").aircraft == outsider
     assert policy().for_aircraft(UAS).limits == UAS.limits
 
 
@@ -396,12 +402,13 @@ def test_traffic_outside_the_domain_is_said_by_quantity():
     fast = UAS.limits.speed_max
     inside = {"intruders": [1], "intruder_speed": [0.4 * fast, 1.3 * fast]}
     assert not departures(allowed, inside | {"latency": []})
-    said = departures(
+    found_departures = departures(
         allowed, {"intruder_speed": [0.1 * fast, fast, 1.4 * fast], "intruders": [40]}
     )
-    assert [one.quantity for one in said] == ["intruder_speed", "intruders"]
+    assert [departure.quantity for departure in found_departures] == ["intruder_speed", "intruders"]
     assert (
-        f" {0.1 * fast:.4g} m/s; expected {0.4 * fast:.4g} to {1.3 * fast:.4g} m/s" in said[0].text
+        f" {0.1 * fast:.4g} m/s; expected {0.4 * fast:.4g} to {1.3 * fast:.4g} m/s"
+        in found_departures[0].text
     )
     assert excess((40.0, 130.0), np.array([30.0, 40.0, 131.2, 131.4])).tolist() == pytest.approx(
         [10.0, 0.0, 0.0, 1.4]
@@ -409,27 +416,29 @@ def test_traffic_outside_the_domain_is_said_by_quantity():
 
 
 def test_more_intruders_than_in_training_are_refused():
-    own, others, mask, *goal = states(2, most=policy().most + 1)
+    own, intruders, mask, *goal = states(2, most=policy().most + 1)
     policy().command(
-        own, others, mask & (np.arange(policy().most + 1) > 0), *goal
+        own, intruders, mask & (np.arange(policy().most + 1) > 0), *goal
     )  # an absent one does not count
     with pytest.raises(
         OutsideDomainError,
         match=f"there are {policy().most + 1} intruders; expected {policy().most} at",
     ):
-        policy().command(own, others, mask | True, *goal)
-    many = [rows(others, (0, k)) for k in range(policy().most + 1)]
+        policy().command(own, intruders, mask | True, *goal)
+    crowd = [rows(intruders, (0, k)) for k in range(policy().most + 1)]
     with pytest.raises(OutsideDomainError, match="outside_domain"):
-        policy().command_one(rows(own, 0), many, goal[0][0], goal[1][0])
+        policy().command_one(rows(own, 0), crowd, goal[0][0], goal[1][0])
     allowed = policy().for_aircraft(PAPER, outside="allow")
-    one = allowed.command_one(rows(own, 0), many, goal[0][0], goal[1][0])
-    np.testing.assert_allclose(one, allowed.command(own, others, mask | True, *goal)[0], atol=1e-5)
+    action = allowed.command_one(rows(own, 0), crowd, goal[0][0], goal[1][0])
+    np.testing.assert_allclose(
+        action, allowed.command(own, intruders, mask | True, *goal)[0], atol=1e-5
+    )
     # Allowed, it looks at as many as in training: the least urgent does not count.
-    order = np.argsort(criticality(column(own), others, PAPER, np), axis=-1)[:, :-1]
-    seen = VehicleState(*(np.take_along_axis(field, order, axis=-1) for field in others))
+    order = np.argsort(criticality(column(own), intruders, PAPER, np), axis=-1)[:, :-1]
+    most_urgent = VehicleState(*(np.take_along_axis(field, order, axis=-1) for field in intruders))
     np.testing.assert_array_equal(
-        policy().command(own, seen, np.ones(order.shape, bool), *goal),
-        allowed.command(own, others, mask | True, *goal),
+        policy().command(own, most_urgent, np.ones(order.shape, bool), *goal),
+        allowed.command(own, intruders, mask | True, *goal),
     )
 
 
@@ -469,28 +478,31 @@ def test_climbs_are_no_part_of_a_policy():
 @pytest.mark.parametrize("number", [0, 5, 9, 15, 16, 17, 18])
 @pytest.mark.parametrize("aircraft", [PAPER, UAS])
 def test_kept_separation_is_that_of_the_manoeuvre_as_flown(number, aircraft):
-    own, others, mask, *goal = states(300, aircraft=aircraft)
-    kept = candidate_manoeuvres.min_separation(
-        scene(own, others, mask, *goal, aircraft.limits, aircraft.separation, np), np
+    own, intruders, mask, *goal = states(300, aircraft=aircraft)
+    expected = candidate_manoeuvres.min_separation(
+        scene(own, intruders, mask, *goal, aircraft.limits, aircraft.separation, np), np
     )[number]
     turn, throttle = candidate_manoeuvres.TURNS[number], candidate_manoeuvres.THROTTLES[number]
     limits, steps = aircraft.limits, 1000
     dt = candidate_manoeuvres.HORIZON * aircraft.time_unit / steps
     rate = throttle * (limits.acceleration_max if throttle > 0 else -limits.acceleration_min)
-    vx, vy = others.speed * np.cos(others.heading), others.speed * np.sin(others.heading)
+    vx, vy = (
+        intruders.speed * np.cos(intruders.heading),
+        intruders.speed * np.sin(intruders.heading),
+    )
     least = np.full(300, np.inf)
     for step in range(steps):
-        left = abs(turn) - step * dt * limits.yaw_rate_max
-        yaw_rate = math.copysign(min(limits.yaw_rate_max, max(left / dt, 0.0)), turn)
+        remaining_turn = abs(turn) - step * dt * limits.yaw_rate_max
+        yaw_rate = math.copysign(min(limits.yaw_rate_max, max(remaining_turn / dt, 0.0)), turn)
         own = advance(own, np.full(300, rate), np.full(300, yaw_rate), dt, limits, np)
         time = (step + 1) * dt
         away = np.hypot(
-            others.x + vx * time - own.x[:, None], others.y + vy * time - own.y[:, None]
+            intruders.x + vx * time - own.x[:, None], intruders.y + vy * time - own.y[:, None]
         )
         least = np.minimum(least, np.where(mask, away, np.inf).min(axis=-1))
     near = least < 1.5 * aircraft.separation
     assert near.sum() > 30
-    assert np.abs(kept - least / aircraft.separation)[near].max() < 0.08
+    assert np.abs(expected - least / aircraft.separation)[near].max() < 0.08
 
 
 def test_the_contract_says_what_the_world_does():

@@ -63,11 +63,11 @@ def random_model(feature_set: str) -> Any:
     return model(random_content(feature_set))
 
 
-def run_onnx(made: Any, inputs: dict[str, np.ndarray]) -> np.ndarray:
+def run_onnx(onnx_model: Any, inputs: dict[str, np.ndarray]) -> np.ndarray:
     settings = onnxruntime.SessionOptions()
     settings.intra_op_num_threads = settings.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(
-        made.SerializeToString(), settings, providers=["CPUExecutionProvider"]
+        onnx_model.SerializeToString(), settings, providers=["CPUExecutionProvider"]
     )
     return session.run(None, inputs)[0]
 
@@ -107,26 +107,28 @@ def test_every_network_is_exported(feature_set: str):
 
 
 def test_batch_and_intruders_are_free_and_the_action_clipped():
-    made = shipped_model()
+    onnx_model = shipped_model()
     for count, most in ((1, 1), (3, 5)):
-        actions = run_onnx(made, as_inputs(*states(count, most)))
+        actions = run_onnx(onnx_model, as_inputs(*states(count, most)))
         assert actions.shape == (count, 2)
         assert np.abs(actions).max() <= 1.0
 
 
 def test_it_says_what_it_is():
-    made, content = shipped_model(), policy_file.read(SHIPPED)
-    said = {entry.key: entry.value for entry in made.metadata_props}
-    assert said["policy_sha256"] == content.sha256 == Policy.load().sha256
+    onnx_model, content = shipped_model(), policy_file.read(SHIPPED)
+    properties = {entry.key: entry.value for entry in onnx_model.metadata_props}
+    assert properties["policy_sha256"] == content.sha256 == Policy.load().sha256
     for part in ("schema", "scene", "action", "limits", "task", "family", "architecture"):
-        assert json.loads(said[part]) == content.metadata[part]
-    assert [(entry.domain, entry.version) for entry in made.opset_import if not entry.domain] == [
-        ("", OPSET)
-    ]
-    assert [value.name for value in made.graph.input] == ["own", "traffic", "mask"]
-    assert [value.name for value in made.graph.output] == ["action"]
+        assert json.loads(properties[part]) == content.metadata[part]
+    assert [
+        (entry.domain, entry.version) for entry in onnx_model.opset_import if not entry.domain
+    ] == [("", OPSET)]
+    assert [value.name for value in onnx_model.graph.input] == ["own", "traffic", "mask"]
+    assert [value.name for value in onnx_model.graph.output] == ["action"]
     # Every operator is of the plain set, so that tools without control flow can read it.
-    assert {node.op_type for node in made.graph.node}.isdisjoint({"If", "Loop", "Scan", "Custom"})
+    assert {node.op_type for node in onnx_model.graph.node}.isdisjoint(
+        {"If", "Loop", "Scan", "Custom"}
+    )
 
 
 def test_equal_policies_give_equal_bytes():
@@ -168,14 +170,14 @@ def test_bad_input_ends_with_one_sentence(tmp_path: Path, capsys: pytest.Capture
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1.0001, -1.5, 3e38])
 def test_an_observation_that_the_policy_refuses_gives_no_number(bad: float):
-    made = random_model("mirror")
+    onnx_model = random_model("mirror")
     good = np.random.default_rng(1).uniform(-1.0, 1.0, (9, 8)).astype(np.float32)
     spoilt = good.copy()
     spoilt[np.arange(8), np.arange(8)] = bad
     with np.errstate(invalid="ignore", over="ignore"):
         actions, expected = (
-            run_onnx(made, {"observation": spoilt}),
-            run_onnx(made, {"observation": good}),
+            run_onnx(onnx_model, {"observation": spoilt}),
+            run_onnx(onnx_model, {"observation": good}),
         )
     assert np.isnan(actions[:8]).all()
     assert np.array_equal(actions[8], expected[8])
@@ -184,11 +186,11 @@ def test_an_observation_that_the_policy_refuses_gives_no_number(bad: float):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_scene_that_is_not_finite_gives_no_number(bad: float):
-    made, good = random_model("set"), inputs_of(random_content("set"))
+    onnx_model, good = random_model("set"), inputs_of(random_content("set"))
     for name in good:
         spoilt = {key: values.copy() for key, values in good.items()}
         spoilt[name][0].flat[0] = bad
-        actions = run_onnx(made, spoilt)
+        actions = run_onnx(onnx_model, spoilt)
         assert np.isnan(actions[0]).all()
         assert np.isfinite(actions[1:]).all()
 

@@ -61,7 +61,7 @@ def test_a_mirrored_scene_looks_the_same():
     np.testing.assert_allclose(inputs(mirrored), inputs(observation), atol=1e-8)
     # That means something only if no input is always 0.
     assert (np.abs(inputs(observation)).max(0) > 0.5).all()
-    hands = [mirror_sign(list(seen.T), "mirror", np) for seen in (observation, mirrored)]
+    hands = [mirror_sign(list(observed.T), "mirror", np) for observed in (observation, mirrored)]
     np.testing.assert_array_equal(hands[0], -hands[1])
     # A scene is seen as it is where the intruder is left of the line to the goal.
     bearing, goal = np.pi * observation[:, 4], np.pi * observation[:, 6]
@@ -113,9 +113,9 @@ def test_closest_approach_is_that_of_the_world():
     The relative speed is 150 m/s here, where the softening of 25 (m/s)^2 makes 0.1 %.
     """
     own = VehicleState(0.0, 0.0, 0.3, 80.0)
-    other = VehicleState(5000.0, 4000.0, -2.0, 70.0)
-    cpa = straight_cpa(own, other, np)
-    values = inputs(observe(own, other, 9000.0, 3000.0, PAPER, np))
+    intruder = VehicleState(5000.0, 4000.0, -2.0, 70.0)
+    cpa = straight_cpa(own, intruder, np)
+    values = inputs(observe(own, intruder, 9000.0, 3000.0, PAPER, np))
     time, miss = (
         values[i] / (1.0 - abs(values[i])) * scale for i, scale in ((14, 60.0), (15, 1000.0))
     )

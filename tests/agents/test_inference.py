@@ -110,9 +110,9 @@ def test_float64_parity_with_flax(observations):
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("observations", OBSERVATIONS)
 def test_single_observations_agree_with_the_batch(dtype, observations):
-    some = observations()[::10]
-    batch = policy(dtype)(some)
-    single = np.array([policy(dtype)(row) for row in some])
+    rows = observations()[::10]
+    batch = policy(dtype)(rows)
+    single = np.array([policy(dtype)(row) for row in rows])
     assert single.dtype == batch.dtype == dtype
     difference = np.abs(single - batch).max(-1)
     assert difference.max() < (PARITY_TOLERANCE if dtype == "float32" else 1e-8)
@@ -168,13 +168,13 @@ def test_an_action_that_is_not_finite_is_refused():
 def test_actions_are_clipped():
     head = np.full(2, 50.0, np.float32) * [1, -1]
     loud = {**content().actor, "head/bias": head.astype(np.float32)}
-    seen = content().parity_observation
-    hand = mirror_sign(list(seen.T), "mirror", np)
+    parity = content().parity_observation
+    hand = mirror_sign(list(parity.T), "mirror", np)
     expected = np.stack([np.ones_like(hand), -hand], axis=-1)
     extreme = Policy(replace(content(), actor=loud, parity_action=expected))
-    np.testing.assert_array_equal(extreme(seen), expected)
-    own, left = VehicleState(0.0, 0.0, 0.0, 75.0), VehicleState(5e3, 3e3, 0.0, 75.0)
-    assert extreme.command_one(own, [left], 1e4, 0.0) == (1.0, -1.0)
+    np.testing.assert_array_equal(extreme(parity), expected)
+    own, intruder = VehicleState(0.0, 0.0, 0.0, 75.0), VehicleState(5e3, 3e3, 0.0, 75.0)
+    assert extreme.command_one(own, [intruder], 1e4, 0.0) == (1.0, -1.0)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 16, 63, 255, 256, 257, 511, 700])
@@ -301,12 +301,12 @@ def test_parity_vectors_are_checked(tmp_path):
         PolicyFileError, match=r"p\.safetensors: the network in float64 gives action .* expected"
     ):
         Policy.load(path)
-    other = replace(
+    changed = replace(
         content(),
         actor={**content().actor, "head/bias": content().actor["head/bias"] + np.float32(1e-4)},
     )
     with pytest.raises(PolicyFileError, match="for parity vector"):
-        Policy(other)
+        Policy(changed)
 
 
 def test_other_features_are_noticed(monkeypatch):
@@ -326,44 +326,44 @@ def scenes(count=40, most=3):
     own = VehicleState(
         *rng.uniform(-1e3, 1e3, (2, count)), rng.uniform(-3, 3, count), rng.uniform(50, 100, count)
     )
-    others = VehicleState(
+    intruders = VehicleState(
         *rng.uniform(-8e3, 8e3, (2, *shape)), rng.uniform(-3, 3, shape), rng.uniform(50, 100, shape)
     )
-    return own, others, rng.random(shape) < 0.7, *rng.uniform(-9e3, 9e3, (2, count))
+    return own, intruders, rng.random(shape) < 0.7, *rng.uniform(-9e3, 9e3, (2, count))
 
 
 def test_command_of_one_is_that_of_many():
-    own, others, mask, goal_x, goal_y = scenes()
+    own, intruders, mask, goal_x, goal_y = scenes()
     decided = policy().for_aircraft(
         PAPER, outside="allow"
     )  # of several intruders it takes the most critical one
-    together = decided.command(own, others, mask, goal_x, goal_y)
+    together = decided.command(own, intruders, mask, goal_x, goal_y)
     for row in range(len(goal_x)):
         alone = decided.command(
-            *(VehicleState(*(f[row : row + 1] for f in s)) for s in (own, others)),
+            *(VehicleState(*(f[row : row + 1] for f in s)) for s in (own, intruders)),
             mask[row : row + 1],
             goal_x[row : row + 1],
             goal_y[row : row + 1],
         )
         np.testing.assert_array_equal(alone[0], together[row])
-        seen = [
-            VehicleState(*(float(f[row, k]) for f in others)) for k in np.flatnonzero(mask[row])
+        present = [
+            VehicleState(*(float(f[row, k]) for f in intruders)) for k in np.flatnonzero(mask[row])
         ]
-        one = decided.command_one(
-            VehicleState(*(float(f[row]) for f in own)), seen, goal_x[row], goal_y[row]
+        action = decided.command_one(
+            VehicleState(*(float(f[row]) for f in own)), present, goal_x[row], goal_y[row]
         )
-        np.testing.assert_allclose(one, together[row], atol=1e-3)
+        np.testing.assert_allclose(action, together[row], atol=1e-3)
 
 
 def test_command_names_what_has_another_shape():
-    own, others, mask, goal_x, goal_y = scenes()
-    few = VehicleState(*(field[:, :2] for field in others))
+    own, intruders, mask, goal_x, goal_y = scenes()
+    two = VehicleState(*(field[:, :2] for field in intruders))
     for name, scene in (
-        ("mask", (own, others, mask[:, 0], goal_x, goal_y)),
-        ("intruders.x", (own, others, mask[:, :2], goal_x, goal_y)),
-        ("intruders.x", (own, few, mask, goal_x, goal_y)),
-        ("own.heading", (own._replace(heading=own.heading[:3]), others, mask, goal_x, goal_y)),
-        ("goal_y", (own, others, mask, goal_x, goal_y[:3])),
+        ("mask", (own, intruders, mask[:, 0], goal_x, goal_y)),
+        ("intruders.x", (own, intruders, mask[:, :2], goal_x, goal_y)),
+        ("intruders.x", (own, two, mask, goal_x, goal_y)),
+        ("own.heading", (own._replace(heading=own.heading[:3]), intruders, mask, goal_x, goal_y)),
+        ("goal_y", (own, intruders, mask, goal_x, goal_y[:3])),
     ):
         with pytest.raises(ValueError, match=f"{name} has shape"):
             policy().command(*scene)
@@ -373,24 +373,27 @@ def test_two_exact_images_of_each_other_pass():
     # Head-on with all numbers equal, the line to the goal is the line to the other: the sign of the
     # mirror is a tie, which rounding would break for either of them by itself.
     decided, limits, x, y = Policy.load(), PAPER.limits, 7000.0 * np.cos(1.0), 7000.0 * np.sin(1.0)
-    one, other = VehicleState(-x, -y, 1.0, 75.0), VehicleState(x, y, 1.0 + np.pi, 75.0)
+    first, second = VehicleState(-x, -y, 1.0, 75.0), VehicleState(x, y, 1.0 + np.pi, 75.0)
     closest = np.inf
     for _ in range(150):
-        actions = decided.command_one(one, [other], x, y), decided.command_one(other, [one], -x, -y)
-        one, other = (
+        actions = (
+            decided.command_one(first, [second], x, y),
+            decided.command_one(second, [first], -x, -y),
+        )
+        first, second = (
             VehicleState(
                 *map(
                     float, advance(state, *commands(np.array(action), limits, np), 1.0, limits, np)
                 )
             )
-            for state, action in zip((one, other), actions, strict=True)
+            for state, action in zip((first, second), actions, strict=True)
         )
-        closest = min(closest, np.hypot(one.x - other.x, one.y - other.y))
+        closest = min(closest, np.hypot(first.x - second.x, first.y - second.y))
     assert closest > PAPER.separation
 
 
 def test_a_policy_says_what_it_is():
     policy = Policy.load()
-    said = repr(policy)
-    assert said.startswith(f"<Policy {policy.sha256[:8]}: up to {policy.most} intruders; ")
-    assert "50 to 100 m/s, 3 deg/s, separation 1000 m>" in said
+    text = repr(policy)
+    assert text.startswith(f"<Policy {policy.sha256[:8]}: up to {policy.most} intruders; ")
+    assert "50 to 100 m/s, 3 deg/s, separation 1000 m>" in text

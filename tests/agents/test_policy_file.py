@@ -160,9 +160,11 @@ def test_nothing_can_be_hidden_beside_the_content():
         "an extra field": '"dtype":"F32","note":"x",',
         "the same twice": '"dtype":"F32","dtype":"F32",',
     }
-    for what in more.values():
+    for entry in more.values():
         with pytest.raises(PolicyFileError, match=r"canonical|not a valid safetensors"):
-            parse(with_header(lambda text, what=what: text.replace('"dtype":"F32",', what, 1)), "p")
+            parse(
+                with_header(lambda text, entry=entry: text.replace('"dtype":"F32",', entry, 1)), "p"
+            )
     for blanks in (8, 16, 1_000_000):
         with pytest.raises(PolicyFileError, match="canonical"):
             parse(with_header(lambda text, blanks=blanks: text + " " * blanks), "p")

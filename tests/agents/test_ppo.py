@@ -44,12 +44,12 @@ def advantages_by_loop(reward, value, value_next, terminated, discount, gae_lamb
 
 def compare_advantages(reward, value, value_next, terminated, discount, gae_lambda) -> None:
     columns = [np.asarray(column, np.float32) for column in (reward, value, value_next, terminated)]
-    found = compiled_advantages(*columns, discount, gae_lambda)
+    advantages = compiled_advantages(*columns, discount, gae_lambda)
     expected = [
         advantages_by_loop(*(c[:, n] for c in columns), discount, gae_lambda)
         for n in range(columns[0].shape[1])
     ]
-    np.testing.assert_allclose(found, np.stack(expected, axis=1), rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(advantages, np.stack(expected, axis=1), rtol=1e-4, atol=1e-4)
 
 
 def test_advantages_with_every_combination_of_ends() -> None:
@@ -143,24 +143,24 @@ def losses(batch: Batch, **settings: Any) -> dict[str, float]:
     ],
 )
 def test_policy_loss_by_hand(ratios, advantage, expected, clipped) -> None:
-    found = losses(tiny_batch(ratios, advantage), clip=0.2)
-    assert found["policy_loss"] == pytest.approx(expected, rel=1e-5)
-    assert found["clip_fraction"] == pytest.approx(clipped)
-    assert found["approx_kl"] == pytest.approx(
+    metrics = losses(tiny_batch(ratios, advantage), clip=0.2)
+    assert metrics["policy_loss"] == pytest.approx(expected, rel=1e-5)
+    assert metrics["clip_fraction"] == pytest.approx(clipped)
+    assert metrics["approx_kl"] == pytest.approx(
         np.mean([r - 1.0 - math.log(r) for r in ratios]), abs=1e-5
     )
     # Drawn at the mean, with a standard deviation of 1 in two dimensions.
-    assert found["neg_log_prob"] == pytest.approx(math.log(2.0 * math.pi), rel=1e-5)
+    assert metrics["neg_log_prob"] == pytest.approx(math.log(2.0 * math.pi), rel=1e-5)
 
 
 def test_value_loss_entropy_and_total_by_hand() -> None:
     """Values are 1, -1 and 4, targets 0, 0 and 3; two unit Gaussians have an entropy of log(2 pi
     e).
     """
-    found = losses(tiny_batch([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]), value=0.7, entropy=0.3)
-    assert found["value_loss"] == pytest.approx(0.5 * (1.0 + 1.0 + 1.0) / 3.0)
-    assert found["entropy"] == pytest.approx(math.log(2.0 * math.pi * math.e), rel=1e-6)
-    assert found["loss"] == pytest.approx(
+    metrics = losses(tiny_batch([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]), value=0.7, entropy=0.3)
+    assert metrics["value_loss"] == pytest.approx(0.5 * (1.0 + 1.0 + 1.0) / 3.0)
+    assert metrics["entropy"] == pytest.approx(math.log(2.0 * math.pi * math.e), rel=1e-6)
+    assert metrics["loss"] == pytest.approx(
         -2.0 + 0.7 * 0.5 - 0.3 * math.log(2.0 * math.pi * math.e), rel=1e-5
     )
 
@@ -185,9 +185,9 @@ def test_advantages_are_normalised_within_each_minibatch() -> None:
     """By hand: 1, 2, 6 have mean 3 and standard deviation sqrt(14/3); so have they shifted and
     scaled.
     """
-    found = ppo.normalize(jnp.array([[1.0, 2.0, 6.0], [107.0, 112.0, 132.0]]))
+    normalized = ppo.normalize(jnp.array([[1.0, 2.0, 6.0], [107.0, 112.0, 132.0]]))
     by_hand = np.array([-2.0, -1.0, 3.0]) / math.sqrt(14.0 / 3.0)
-    np.testing.assert_allclose(found, [by_hand, by_hand], rtol=1e-4)
+    np.testing.assert_allclose(normalized, [by_hand, by_hand], rtol=1e-4)
 
 
 @pytest.mark.slow
@@ -253,7 +253,8 @@ def test_a_learning_rate_of_zero_changes_no_parameter(small) -> None:
     parts, state, rollout = small
     after, logged = update(state, rollout, jax.random.key(1), 0.0, parts, SETTINGS)
     for a, b in zip(
-        *(jax.tree.leaves((each.actor, each.critic)) for each in (after, state)), strict=True
+        *(jax.tree.leaves((learner.actor, learner.critic)) for learner in (after, state)),
+        strict=True,
     ):
         np.testing.assert_array_equal(a, b)
     # So the policy is still the one that drew the actions.
@@ -267,9 +268,9 @@ def test_learning_reduces_the_loss_and_depends_on_the_key(small) -> None:
     _, after = update(first, rollout, jax.random.key(2), 3e-2, parts, SETTINGS)
     assert float(after["value_loss"]) < float(before["value_loss"])
     again, _ = update(state, rollout, jax.random.key(1), 3e-2, parts, SETTINGS)
-    other, _ = update(state, rollout, jax.random.key(3), 3e-2, parts, SETTINGS)
+    other_key, _ = update(state, rollout, jax.random.key(3), 3e-2, parts, SETTINGS)
     weights = [
-        np.asarray(s.critic["params"]["trunk"]["head"]["kernel"]) for s in (first, again, other)
+        np.asarray(s.critic["params"]["trunk"]["head"]["kernel"]) for s in (first, again, other_key)
     ]
     np.testing.assert_array_equal(weights[0], weights[1])
     assert np.any(weights[0] != weights[2])
@@ -470,7 +471,7 @@ def test_a_gradient_in_tiles_is_that_of_the_whole_minibatch(
 
     def gradient() -> Any:
         """Compile anew, since the tiles' size counts then."""
-        compiled = jax.jit(lambda *given: ppo.gradient_of(*given, parts, settings))
+        compiled = jax.jit(lambda *arguments: ppo.gradient_of(*arguments, parts, settings))
         return compiled((state.actor, state.critic), batch)
 
     whole = gradient()
@@ -484,16 +485,16 @@ def test_a_gradient_in_tiles_is_that_of_the_whole_minibatch(
 
 def test_greatest_products_have_the_gradient_of_their_definition() -> None:
     draws = np.random.default_rng(4)
-    each, kernel = draws.normal(size=(5, 6, 3)), draws.normal(size=(3, 4))
+    rows, kernel = draws.normal(size=(5, 6, 3)), draws.normal(size=(3, 4))
     mask = draws.random((5, 6)) < 0.5
     mask[:, 0], mask[2] = True, False  # nobody in one row
 
-    def by_definition(each: jax.Array, kernel: jax.Array) -> jax.Array:
-        return jnp.max(jnp.where(mask[..., None], each @ kernel, -jnp.inf), axis=-2)
+    def by_definition(rows: jax.Array, kernel: jax.Array) -> jax.Array:
+        return jnp.max(jnp.where(mask[..., None], rows @ kernel, -jnp.inf), axis=-2)
 
     def loss(function: Any) -> Any:
         return jax.value_and_grad(lambda *of: jnp.sum(jnp.tanh(function(*of))), argnums=(0, 1))
 
-    found = loss(lambda *of: greatest_products(*of, jnp.asarray(mask)))(each, kernel)
-    expected = loss(by_definition)(each, kernel)
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), found, expected)
+    gradients = loss(lambda *of: greatest_products(*of, jnp.asarray(mask)))(rows, kernel)
+    expected = loss(by_definition)(rows, kernel)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), gradients, expected)

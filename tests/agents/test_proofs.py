@@ -188,7 +188,7 @@ def test_validators_bound_is_the_proven_one() -> None:
     rng = np.random.default_rng(1)
     at, sagittas = ends(rng, 2_000), 10.0 ** rng.uniform(-10.0, 2.0, 2_000)
     zero = np.zeros((1, 1))
-    still = Traffic.straight(VehicleState(zero, zero, zero, zero))
+    intruder = Traffic.straight(VehicleState(zero, zero, zero, zero))
     none, second = np.zeros((1, 2_000)), np.ones((1, 2_000))
     pieces = trajectory.Pieces(
         np.zeros(1, dtype=int),
@@ -202,12 +202,12 @@ def test_validators_bound_is_the_proven_one() -> None:
         zero,
         zero,
     )
-    found = separation.chords(pieces, still).distance
+    distances = separation.chords(pieces, intruder).distance
     proven = [
         COQ["bound"](*row, sagitta)
         for row, sagitta in zip(at.tolist(), sagittas.tolist(), strict=True)
     ]
-    assert found[0] == pytest.approx(np.array(proven), rel=1e-9, abs=1e-6)
+    assert distances[0] == pytest.approx(np.array(proven), rel=1e-9, abs=1e-6)
 
 
 ARROW = Polygon(((0.0, 0.0), (4e3, -2e3), (1e3, 0.0), (3e3, 3e3)))
@@ -222,7 +222,7 @@ def test_distances_of_chords_from_areas_are_the_proven_ones() -> None:
     rng = np.random.default_rng(6)
     at = rng.uniform(-2e3, 5e3, (4, 300))
     at[2:] = at[:2] + rng.normal(0.0, 1.0, (2, 300)) * 10.0 ** rng.uniform(0.0, 3.7, 300)
-    found = area_geometry.chord_distances(Area(ARROW), area_geometry.Parts(*at))
+    distances = area_geometry.chord_distances(Area(ARROW), area_geometry.Parts(*at))
     crossing = 0
     for n, (px, py, qx, qy) in enumerate(at.T.tolist()):
         least = math.inf
@@ -232,10 +232,10 @@ def test_distances_of_chords_from_areas_are_the_proven_ones() -> None:
             if ends[0] * ends[1] < 0.0 and corners[0] * corners[1] < 0.0:
                 least = -math.inf
             least = min(least, COQ["edge_distance"](px, py, qx, qy, *edge))
-        if found.begin[n] > 0.0 and least > 0.0:
-            assert found.bound[n] == pytest.approx(least, rel=1e-9, abs=1e-6)
+        if distances.begin[n] > 0.0 and least > 0.0:
+            assert distances.bound[n] == pytest.approx(least, rel=1e-9, abs=1e-6)
         else:
-            assert found.bound[n] <= 1e-6
+            assert distances.bound[n] <= 1e-6
         crossing += least < 0.0
     assert 10 < crossing < 200
 
@@ -243,7 +243,7 @@ def test_distances_of_chords_from_areas_are_the_proven_ones() -> None:
 def test_the_side_of_an_area_is_the_proven_winding() -> None:
     rng = np.random.default_rng(7)
     x, y = rng.uniform(-2e3, 5e3, (2, 300))
-    found = area_geometry.winding(area_geometry.edges(ARROW), x, y)
+    angles = area_geometry.winding(area_geometry.edges(ARROW), x, y)
     proven = [
         sum(
             COQ["angle"](ax - px, ay - py, bx - px, by - py)
@@ -251,8 +251,8 @@ def test_the_side_of_an_area_is_the_proven_winding() -> None:
         )
         for px, py in zip(x.tolist(), y.tolist(), strict=True)
     ]
-    assert found == pytest.approx(np.array(proven), abs=1e-9)
-    turns = found / (2.0 * math.pi)
+    assert angles == pytest.approx(np.array(proven), abs=1e-9)
+    turns = angles / (2.0 * math.pi)
     assert turns == pytest.approx(np.round(turns), abs=1e-9)
     assert set(np.round(turns)) == {0.0, 1.0}
 
@@ -280,8 +280,8 @@ def test_distances_of_chords_from_circles_are_the_proven_ones() -> None:
         assert isinstance(area.shape, Circle)
         x, y, radius = area.shape.x, area.shape.y, area.shape.radius
         at = ends(rng, 20)
-        found = area_geometry.chord_distances(area, area_geometry.Parts(*at.T)).bound
-        for (px, py, qx, qy), bound in zip(at.tolist(), found, strict=True):
+        bounds = area_geometry.chord_distances(area, area_geometry.Parts(*at.T)).bound
+        for (px, py, qx, qy), bound in zip(at.tolist(), bounds, strict=True):
             if area.keep is Keep.OUT:
                 proven = COQ["nearest"](px - x, py - y, qx - x, qy - y) - radius
             else:
@@ -341,11 +341,11 @@ def test_areas_count_in_the_proven_window() -> None:
         ).tolist()
         above = bool(rng.random() < 0.5)
         heights = {"floor" if above else "ceiling": Level(level, "msl")}
-        one = Area(ARROW, **heights)
+        area = Area(ARROW, **heights)
         side = 1.0 if above else -1.0
         own = Altitude(value, "msl", climb, error, spread)
-        begin, end = areas.window(one, own, 9.0)
-        held = side, value, climb, error, spread, level
+        begin, end = areas.window(area, own, 9.0)
+        arguments = side, value, climb, error, spread, level
         gap, rate = (
             COQ["gap_at_request"](side, value, error, level),
             COQ["gap_rate"](side, climb, spread),
@@ -353,10 +353,10 @@ def test_areas_count_in_the_proven_window() -> None:
         for time in (begin, end):
             if math.isfinite(time):
                 assert time == pytest.approx(COQ["level_time"](gap, rate))
-                assert COQ["over_level"](*held, time) == pytest.approx(0.0, abs=1e-6)
+                assert COQ["over_level"](*arguments, time) == pytest.approx(0.0, abs=1e-6)
                 closed += 1
         for time in rng.uniform(0.0, 500.0, 20).tolist():
-            assert (begin <= time <= end) or COQ["over_level"](*held, time) < 0.0
+            assert (begin <= time <= end) or COQ["over_level"](*arguments, time) < 0.0
     assert closed > 100
 
 
@@ -366,17 +366,17 @@ def test_limits_are_narrowed_as_proven() -> None:
         slow, fast, weak, strong, turn, error = rng.uniform(
             [0.0, 60.0, -2.0, 0.1, 0.02, 0.01], [50.0, 200.0, -0.1, 2.0, 0.3, 9.0]
         ).tolist()
-        found = narrow(Limits(slow, fast, weak, strong, turn), error)
+        narrowed = narrow(Limits(slow, fast, weak, strong, turn), error)
         slow = COQ["lowest"](slow, weak, strong, turn, error)
-        left = COQ["narrow_turn"](slow, weak, strong, turn, error)
+        narrowed_turn = COQ["narrow_turn"](slow, weak, strong, turn, error)
         proven = (
             COQ["narrow_speed_min"](slow, error),
             COQ["narrow_speed_max"](fast, error),
-            COQ["narrow_acc_min"](weak, left, error),
-            COQ["narrow_acc_max"](strong, left, error),
-            left,
+            COQ["narrow_acc_min"](weak, narrowed_turn, error),
+            COQ["narrow_acc_max"](strong, narrowed_turn, error),
+            narrowed_turn,
         )
-        assert found == pytest.approx(proven)
+        assert narrowed == pytest.approx(proven)
 
 
 def test_turns_in_another_wind_go_where_the_proof_says() -> None:
@@ -407,35 +407,35 @@ def test_checkers_bound_is_the_best_proven_one() -> None:
             (x0 * dx + y0 * dy) / math.hypot(x0, y0),
             -(x1 * dx + y1 * dy) / math.hypot(x1, y1),
         )
-        known = [COQ["cross_bound"](x0, y0, x1, y1, sagitta)]
-        known += [math.hypot(x0, y0) - COQ["loss"](sagitta, open0)] if open0 >= 0.0 else []
-        known += [math.hypot(x1, y1) - COQ["loss"](sagitta, open1)] if open1 >= 0.0 else []
-        known += [
+        proven = [COQ["cross_bound"](x0, y0, x1, y1, sagitta)]
+        proven += [math.hypot(x0, y0) - COQ["loss"](sagitta, open0)] if open0 >= 0.0 else []
+        proven += [math.hypot(x1, y1) - COQ["loss"](sagitta, open1)] if open1 >= 0.0 else []
+        proven += [
             far - math.hypot(dx, dy) - sagitta for far in (math.hypot(x0, y0), math.hypot(x1, y1))
         ]
-        found = chord_bound(ball(x0, y0), ball(x1, y1), ball(sagitta).hi) / unit
-        assert found == pytest.approx(max(*known, 0.0), rel=1e-9, abs=1e-6)
+        stated = chord_bound(ball(x0, y0), ball(x1, y1), ball(sagitta).hi) / unit
+        assert stated == pytest.approx(max(*proven, 0.0), rel=1e-9, abs=1e-6)
 
 
 def test_requirement_is_the_proven_one() -> None:
     rng = np.random.default_rng(3)
     for _ in range(200):
         std, vstd, away, time, age = rng.uniform(0.0, [200.0, 10.0, 3_000.0, 500.0, 5.0])
-        asked = Requirement(1_000.0, rng.uniform(0.0, 100.0), rng.uniform(0.0, 5.0))
-        one, own = np.full((1, 1), 0.0), float(rng.choice([math.nan, 300.0, 2_500.0]))
-        traffic = Traffic.straight(VehicleState(one, one, one, one))
+        requirement = Requirement(1_000.0, rng.uniform(0.0, 100.0), rng.uniform(0.0, 5.0))
+        zero, own = np.full((1, 1), 0.0), float(rng.choice([math.nan, 300.0, 2_500.0]))
+        traffic = Traffic.straight(VehicleState(zero, zero, zero, zero))
         traffic = traffic._replace(
-            position_std=one + std, velocity_std=one + vstd, age=one + age, separation=one + own
+            position_std=zero + std, velocity_std=zero + vstd, age=zero + age, separation=zero + own
         )
         spread = COQ["norm"](std, vstd * age)
-        least = asked.separation if math.isnan(own) else own
-        base = COQ["required"](least, asked.margin, asked.sigmas, spread, away)
+        least = requirement.separation if math.isnan(own) else own
+        base = COQ["required"](least, requirement.margin, requirement.sigmas, spread, away)
         assert requirement_of(
-            traffic, VehicleState(*np.full((4, 1), away / math.sqrt(2.0))), asked
+            traffic, VehicleState(*np.full((4, 1), away / math.sqrt(2.0))), requirement
         )[0, 0] == pytest.approx(base)
-        grown = growth(traffic, np.array([[time]]), asked.sigmas)
+        grown = growth(traffic, np.array([[time]]), requirement.sigmas)
         assert grown.item() == pytest.approx(
-            COQ["growth"](asked.sigmas, std, vstd, age, time), abs=1e-9
+            COQ["growth"](requirement.sigmas, std, vstd, age, time), abs=1e-9
         )
 
 
@@ -512,8 +512,8 @@ def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -
     last += complex(*waypoints.displacement(*(field[0, 0, -1] for field in curves[5:]), 60.0))
     assert 1e-7 < abs(place - last) < error < 1e-3
 
-    one = np.ones((1, 1))
-    traffic = Traffic.straight(VehicleState(8_000.0 * one, 9_000.0 * one, one, 0.0 * one))
+    unit = np.ones((1, 1))
+    traffic = Traffic.straight(VehicleState(8_000.0 * unit, 9_000.0 * unit, unit, 0.0 * unit))
     near = validator.validate(
         plan_states, traffic, Requirement(1_000.0), C208_PUBLISHED
     ).min_separation
@@ -528,12 +528,12 @@ def test_error_of_positions_is_the_proven_one(monkeypatch: pytest.MonkeyPatch) -
 
 def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Entry, "ready", False)
-    seen: list[Any] = []
+    calls_made: list[Any] = []
     chords = separation.chords
 
-    def spy(*given: Any) -> Any:
-        seen.append(given)
-        return chords(*given)
+    def spy(*arguments: Any) -> Any:
+        calls_made.append(arguments)
+        return chords(*arguments)
 
     monkeypatch.setattr(separation, "chords", spy)
     plan_states = waypoints.PlanStates(
@@ -548,18 +548,18 @@ def test_accelerations_are_the_proven_ones(monkeypatch: pytest.MonkeyPatch) -> N
         ),
         time=np.array([[0.0, 20.0, 40.0]]),
     )
-    one = np.ones((1, 1))
+    unit = np.ones((1, 1))
     traffic = Traffic(
-        VehicleState(9_000.0 * one, 0.0 * one, 3.0 * one, 90.0 * one),
-        one == 1.0,
-        0.02 * one,
-        10.0 * one,
-        0.0 * one,
-        0.0 * one,
-        0.0 * one,
+        VehicleState(9_000.0 * unit, 0.0 * unit, 3.0 * unit, 90.0 * unit),
+        unit == 1.0,
+        0.02 * unit,
+        10.0 * unit,
+        0.0 * unit,
+        0.0 * unit,
+        0.0 * unit,
     )
     validator.validate(plan_states, traffic, Requirement(1_000.0), C208_PUBLISHED)
-    arcs, intruder = seen[0]  # of both legs
+    arcs, intruder = calls_made[0]  # of both legs
     turn = intruder.state.speed * intruder.turn_rate
     relative_acceleration = (arcs.bend + turn).ravel()
     curves = waypoints.legs(plan_states)

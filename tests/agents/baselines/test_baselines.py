@@ -29,12 +29,14 @@ from tests.support import recorded_path
 NAMES = tuple(BASELINES)
 
 
-def make_observation(own, others, goal=(15_000.0, 0.0), left=300.0) -> Observation:
+def make_observation(own, intruders, goal=(15_000.0, 0.0), left=300.0) -> Observation:
     """Return the observation of one encounter from hand-made numbers (x, y, heading, speed)."""
     return Observation(
         VehicleState(*(np.array([float(value)]) for value in own)),
-        VehicleState(*(np.array([[float(other[i]) for other in others]]) for i in range(4))),
-        np.ones((1, len(others)), bool),
+        VehicleState(
+            *(np.array([[float(intruder[i]) for intruder in intruders]]) for i in range(4))
+        ),
+        np.ones((1, len(intruders)), bool),
         np.array([float(goal[0])]),
         np.array([float(goal[1])]),
         left,
@@ -47,12 +49,12 @@ def make_observation(own, others, goal=(15_000.0, 0.0), left=300.0) -> Observati
 )
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_sight_that_is_not_finite_is_refused_by_name(name: str, field: str, value: float) -> None:
-    observation, (part, *rest) = (
+    observation, (part, *names) = (
         make_observation((0, 0, 0, 75), [(9_000, 0, math.pi, 75)]),
         field.split("."),
     )
     old = getattr(observation, part)
-    spoiled = old._replace(**{rest[0]: getattr(old, rest[0]) + value}) if rest else old + value
+    spoiled = old._replace(**{names[0]: getattr(old, names[0]) + value}) if names else old + value
     with pytest.raises(ValueError, match=rf"^{field}.* is (nan|inf)"):
         decide(name, observation._replace(**{part: spoiled, "goal_x": observation.goal_x}))
 
@@ -159,11 +161,11 @@ def test_a_mirrored_scene_gets_the_mirrored_action(name: str) -> None:
 def test_the_order_and_the_absence_of_intruders_do_not_matter(name: str) -> None:
     observation = random_observations(1_000, 3)
     order = [2, 0, 1]
-    other = observation._replace(
+    reordered = observation._replace(
         intruders=VehicleState(*(field[:, order] for field in observation.intruders)),
         mask=observation.mask[:, order],
     )
-    np.testing.assert_allclose(decide(name, other), decide(name, observation), atol=1e-9)
+    np.testing.assert_allclose(decide(name, reordered), decide(name, observation), atol=1e-9)
     moved = VehicleState(
         *(np.where(observation.mask, field, field[:, :1]) for field in observation.intruders)
     )
@@ -177,7 +179,7 @@ def test_a_row_does_not_depend_on_its_company(name: str) -> None:
     observation = random_observations(50, 3)
     together = decide(name, observation)
     for i in range(0, 50, 7):
-        one = Observation(
+        alone = Observation(
             VehicleState(*(field[i : i + 1] for field in observation.own)),
             VehicleState(*(field[i : i + 1] for field in observation.intruders)),
             observation.mask[i : i + 1],
@@ -185,7 +187,7 @@ def test_a_row_does_not_depend_on_its_company(name: str) -> None:
             observation.goal_y[i : i + 1],
             observation.time_left,
         )
-        np.testing.assert_array_equal(decide(name, one)[0], together[i])
+        np.testing.assert_array_equal(decide(name, alone)[0], together[i])
 
 
 FAR = (90_000, 90_000, 0, 50)
@@ -199,7 +201,7 @@ def test_without_conflict_everybody_goes_home(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("other", "rules", "mvp"),
+    ("intruder", "rules", "mvp"),
     [
         ((9_000, 0, math.pi, 80), -1.0, -1.0),  # head-on: to the right
         (
@@ -216,8 +218,8 @@ def test_without_conflict_everybody_goes_home(name: str) -> None:
         ((6_000, 6_400, -math.pi / 2, 80), 0.0, -1.0),  # it crosses behind: go on ahead of it
     ],
 )
-def test_sides_by_hand(other, rules: float, mvp: float) -> None:
-    observation = make_observation((0, 0, 0, 80), [other])
+def test_sides_by_hand(intruder, rules: float, mvp: float) -> None:
+    observation = make_observation((0, 0, 0, 80), [intruder])
     assert np.sign(decide("rules", observation)[0, 1]) == rules
     assert np.sign(decide("mvp", observation)[0, 1]) == mvp
 
@@ -239,16 +241,18 @@ def test_mvp_s_new_velocity_touches_the_protected_zone() -> None:
     """The pushed velocity misses by the protected distance: the published construction, on a
     crossing from the left.
     """
-    own, other = (0.0, 0.0, 0.0, 80.0), (7_000.0, 7_400.0, -math.pi / 2, 80.0)
-    observation = make_observation(own, [other])
+    own, intruder = (0.0, 0.0, 0.0, 80.0), (7_000.0, 7_400.0, -math.pi / 2, 80.0)
+    observation = make_observation(own, [intruder])
     field = PotentialField(PAPER, speed=True)
     from agents.baselines.baselines import _conflicts
 
     conflict = _conflicts(observation, observation.own.heading, 1_100.0, 300.0)
     push_x, push_y = field._push(observation, conflict, 1_100.0)
     vx, vy = 0.0 - (80.0 - push_x[0]), -80.0 + push_y[0]
-    time = -(other[0] * vx + other[1] * vy) / (vx * vx + vy * vy)
-    assert math.hypot(other[0] + vx * time, other[1] + vy * time) == pytest.approx(1_100.0, abs=1.0)
+    time = -(intruder[0] * vx + intruder[1] * vy) / (vx * vx + vy * vy)
+    assert math.hypot(intruder[0] + vx * time, intruder[1] + vy * time) == pytest.approx(
+        1_100.0, abs=1.0
+    )
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi), st.floats(50, 100))
@@ -432,9 +436,9 @@ def test_the_network_of_the_previous_advisory_is_asked(
     logic = load_logic(tmp_path / f"{stem.format(first + 2)}x.nnet", PAPER)
     count = np.arange(5)
     own = VehicleState(*(np.zeros(5) for _ in range(3)), np.full(5, 60.0))
-    other = VehicleState(*(np.full((5, 1), value) for value in (2_000.0, 0.0, math.pi, 60.0)))
+    intruder = VehicleState(*(np.full((5, 1), value) for value in (2_000.0, 0.0, math.pi, 60.0)))
     observation = Observation(
-        own, other, np.ones((5, 1), bool), np.full(5, 9_000.0), np.zeros(5), 300.0
+        own, intruder, np.ones((5, 1), bool), np.full(5, 9_000.0), np.zeros(5), 300.0
     )
     action, memory = logic.decide(observation, count.astype(np.int8))
     assert memory.tolist() == [1, 2, 3, 4, 0]
@@ -466,5 +470,7 @@ def test_the_published_networks_turn_away_and_mirror() -> None:
     rng = np.random.default_rng(0)
     scenes = rng.uniform([-10_000, -10_000, -3.0], [20_000, 10_000, 3.0], (500, 3))
     mirrored = scenes * [1.0, -1.0, -1.0]
-    same = network(scenes).argmax(1) == np.array([0, 2, 1, 4, 3])[network(mirrored).argmax(1)]
-    assert same.mean() > 0.85
+    is_mirrored = (
+        network(scenes).argmax(1) == np.array([0, 2, 1, 4, 3])[network(mirrored).argmax(1)]
+    )
+    assert is_mirrored.mean() > 0.85

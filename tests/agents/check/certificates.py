@@ -183,7 +183,7 @@ def threshold(holds: Callable[[float], bool], low: float, high: float) -> float:
 
 def edited(data: dict[str, Any], path: Sequence[Any], value: Any) -> dict[str, Any]:
     """Return a certificate with another value at a path of keys."""
-    key, *rest = path
+    key, *below = path
     copy: Any = dict(data) if isinstance(data, dict) else list(data)
-    copy[key] = edited(copy[key], rest, value) if rest else value
+    copy[key] = edited(copy[key], below, value) if below else value
     return copy

@@ -40,31 +40,31 @@ def some_ball(rng: random.Random, *, real: bool = False) -> Ball:
 def test_sums_products_and_quotients_hold_those_of_all_numbers_of_both_balls() -> None:
     rng = random.Random(1)
     for _ in range(400):
-        one, other = some_ball(rng), some_ball(rng)
-        for (a, b), (c, d) in itertools.product(points(one), points(other)):
-            assert holds(one + other, (a + c, b + d))
-            assert holds(one - other, (a - c, b - d))
-            assert holds(one * other, ((a * c - b * d) / UNIT, (a * d + b * c) / UNIT))
+        first, second = some_ball(rng), some_ball(rng)
+        for (a, b), (c, d) in itertools.product(points(first), points(second)):
+            assert holds(first + second, (a + c, b + d))
+            assert holds(first - second, (a - c, b - d))
+            assert holds(first * second, ((a * c - b * d) / UNIT, (a * d + b * c) / UNIT))
         by = some_ball(rng, real=True)
         if by.lo <= 0 <= by.hi:
             with pytest.raises(RefusedError, match="division by zero"):
-                one / by
+                first / by
             continue
-        for (a, b), c in itertools.product(points(one), (by.lo, by.x, by.hi)):
-            assert holds(one / by, (a * UNIT / c, b * UNIT / c))
+        for (a, b), c in itertools.product(points(first), (by.lo, by.x, by.hi)):
+            assert holds(first / by, (a * UNIT / c, b * UNIT / c))
 
 
 def test_magnitudes_and_conjugates_hold_those_of_all_numbers() -> None:
     rng = random.Random(2)
     for _ in range(200):
-        one = some_ball(rng)
-        size = one.magnitude()
-        for a, b in points(one):
+        sample = some_ball(rng)
+        size = sample.magnitude()
+        for a, b in points(sample):
             square = a * a + b * b
             assert square <= Fraction(size.hi) ** 2
             assert size.lo <= 0 or Fraction(size.lo) ** 2 <= square
-            assert holds(one.conjugate(), (a, -b))
-        assert (one.lo, one.hi) == (one.x - one.r, one.x + one.r)
+            assert holds(sample.conjugate(), (a, -b))
+        assert (sample.lo, sample.hi) == (sample.x - sample.r, sample.x + sample.r)
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, -0.1, 1e8, 1e-60, 1e-100, 5e-324])
@@ -79,13 +79,13 @@ def test_a_float_lies_in_its_ball(value: float) -> None:
 def test_cosine_and_sine_hold_their_series(angle: float) -> None:
     wide = 1 << (BITS - 20)
     for units in (0, wide):
-        given = Ball(ball(angle).x, 0, units)
-        for exact in (given.lo, given.x, given.hi):
+        argument = Ball(ball(angle).x, 0, units)
+        for exact in (argument.lo, argument.x, argument.hi):
             a = Fraction(exact, UNIT)
             terms = [a**n / math.factorial(n) for n in range(80)]
             cosine = sum(term * (1, 0, -1, 0)[n % 4] for n, term in enumerate(terms))
             sine = sum(term * (0, 1, 0, -1)[n % 4] for n, term in enumerate(terms))
-            assert holds(cis(given), (cosine * UNIT, sine * UNIT))
+            assert holds(cis(argument), (cosine * UNIT, sine * UNIT))
     assert cis(ball(angle)).r < UNIT >> 200
 
 
@@ -160,8 +160,8 @@ def test_a_chords_bound_holds_for_all_of_its_ends_balls() -> None:
 def segment_distance(p: complex, q: complex, a: complex, b: complex) -> float:
     """Return the distance between two segments, of places along both."""
     shares = np.linspace(0.0, 1.0, 401)
-    one, other = p + shares * (q - p), a + shares * (b - a)
-    return float(np.abs(one[:, None] - other).min())
+    first, second = p + shares * (q - p), a + shares * (b - a)
+    return float(np.abs(first[:, None] - second).min())
 
 
 def of(place: complex) -> Ball:

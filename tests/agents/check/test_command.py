@@ -144,7 +144,7 @@ def run(tmp_path: Path, data: Any, *options: str) -> int:
 def test_the_exit_status_says_what_came_of_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for data, options, status, said, message in (
+    for data, options, status, answer, message in (
         (RIGHT, [], 0, "plan.json: accepted", ""),
         (RIGHT, ["--aircraft", "-"], 0, "plan.json: accepted", ""),
         (RIGHT, ["--aircraft", "-", "--sigmas", "3"], 1, "", "sigmas, below 3"),
@@ -159,7 +159,7 @@ def test_the_exit_status_says_what_came_of_it(
     ):
         assert run(tmp_path, data, *options) == status
         out, err = capsys.readouterr()
-        assert said in out and message in err
+        assert answer in out and message in err
         assert bool(out) != bool(err)
 
 
@@ -192,7 +192,7 @@ def test_what_is_no_moderate_file_is_not_read(
     assert main([str(large)]) == 2
     refused = capsys.readouterr().err.splitlines()
     expected = ("not a regular file", "no such file", "larger than 64 MiB")
-    assert all(what in line for what, line in zip(expected, refused, strict=True))
+    assert all(problem in line for problem, line in zip(expected, refused, strict=True))
 
     def interrupt(_: Any) -> None:
         raise KeyboardInterrupt

@@ -126,10 +126,10 @@ def test_an_intruder_without_a_bound_never_counts() -> None:
     assert covered([(0.0, 9.0), (1.0, 2.0)], 9.0)
 
 
-@pytest.mark.parametrize("when", [20.5, 21.5])
+@pytest.mark.parametrize("crossing_time", [20.5, 21.5])
 @pytest.mark.parametrize("parts", [1, 32])
-def test_a_fast_crossing_is_seen_in_each_half_of_an_arc(when: float, parts: int) -> None:
-    x, y = 80.0 * when, -300.0 * when
+def test_a_fast_crossing_is_seen_in_each_half_of_an_arc(crossing_time: float, parts: int) -> None:
+    x, y = 80.0 * crossing_time, -300.0 * crossing_time
     assert "intruder 0" in refusal(near(x, y, 0.5 * math.pi, 300.0, parts=parts))
     assert accepted(near(x - 2_000.0, y - 2_000.0, 0.5 * math.pi, 300.0))
 
@@ -486,8 +486,8 @@ def test_signed_distances_are_those_of_the_shape() -> None:
             ((4.0, 5.0), -4.0),
             ((5.0, 5.5), -4.5),
         ):
-            found = to_float(shape.signed_distance(ball(x, y)))
-            assert found == pytest.approx(sign * distance, abs=1e-9)
+            stated = to_float(shape.signed_distance(ball(x, y)))
+            assert stated == pytest.approx(sign * distance, abs=1e-9)
     assert shape.position_in_area(ball(3.0), ZERO).x == ball(3.0).x
 
 

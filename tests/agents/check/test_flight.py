@@ -40,8 +40,8 @@ def test_controls_are_the_legs() -> None:
         plan_states = np.array([row, [*after, row[4] + 20.0]])
         curve = waypoints.legs(waypoints.PlanStates(*plan_states.T))
         expected = np.concatenate([curve.yaw_rate[0], curve.acceleration[0]])
-        found = curve_controls(*(PlanState(*row) for row in plan_states.tolist()))
-        assert found == pytest.approx(expected, abs=1e-11)
+        controls = curve_controls(*(PlanState(*row) for row in plan_states.tolist()))
+        assert controls == pytest.approx(expected, abs=1e-11)
 
 
 @pytest.mark.parametrize("start", [-0.8923062638605757, -1.0292885300099641, 0.0])
@@ -51,9 +51,9 @@ def test_controls_are_the_legs() -> None:
 def test_half_circles_turn_the_same_way_in_checker_and_legs(start: float, turn: float) -> None:
     rows = [[1_960.0, -2_483.0, start, 92.0, 0.0], [1_128.0, -3_207.0, start + turn, 81.0, 20.0]]
     curve = waypoints.legs(waypoints.PlanStates(*np.array(rows).T))
-    found = curve_controls(*(PlanState(*row) for row in rows))
-    assert sum(found[:10]) * 2.0 == pytest.approx(curve.yaw_rate.sum() * 2.0)
-    assert abs(sum(found[:10]) * 2.0) == pytest.approx(math.pi)
+    controls = curve_controls(*(PlanState(*row) for row in rows))
+    assert sum(controls[:10]) * 2.0 == pytest.approx(curve.yaw_rate.sum() * 2.0)
+    assert abs(sum(controls[:10]) * 2.0) == pytest.approx(math.pi)
 
 
 @pytest.mark.parametrize("after", [0.0, -25_713.935869632456, 1e6, -math.pi, math.pi, 3.2])
@@ -181,10 +181,10 @@ def test_each_joint_is_checked_whatever_the_curve(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("wind", [(10.0, 5.0), (-20.0, 0.0), (0.0, 15.0)])
 def test_legs_are_curves_through_the_air(wind: tuple[float, float]) -> None:
-    still = flight((0.01, 0.0), (0.0, 0.1), (-0.02, 0.0))
-    assert accepted(still)
-    assert accepted(in_wind(still, *wind))
-    assert refusal(in_wind(still, *wind) | {"wind": still["wind"]})
+    in_still_air = flight((0.01, 0.0), (0.0, 0.1), (-0.02, 0.0))
+    assert accepted(in_still_air)
+    assert accepted(in_wind(in_still_air, *wind))
+    assert refusal(in_wind(in_still_air, *wind) | {"wind": in_still_air["wind"]})
 
 
 def test_an_arcs_acceleration_is_that_along_and_across_its_path() -> None:

@@ -146,8 +146,8 @@ def test_floor_and_ceiling_are_kept_with_margin_and_error(
 def test_what_begins_near_a_floor_or_a_ceiling_does_not_go_farther(name: str, side: float) -> None:
     def towards(climb: float, *more: float, level: float = 5.0) -> dict[str, Any]:
         altitudes = [1_000.0 + side * height for height in more]
-        given = {name: 1_000.0 + side * level, "climb": side * climb}
-        return climbing(*altitudes, profile=given)
+        profile = {name: 1_000.0 + side * level, "climb": side * climb}
+        return climbing(*altitudes, profile=profile)
 
     assert accepted(towards(0.0, 0.0, 0.0)) and accepted(towards(0.0, 0.0, -50.0))
     assert accepted(towards(-1.0, -50.0, 0.0))
@@ -241,8 +241,8 @@ def test_an_intruder_is_apart_from_the_profile_itself(side: float) -> None:
     lines = (1, 2) if side > 0 else (0, 1, 2)
     least = highest + side * (SPREAD + 600.0)
 
-    def of(other: float, stated: float) -> str:
-        data = passed(*lines, side=side, other=other)
+    def of(altitude: float, stated: float) -> str:
+        data = passed(*lines, side=side, other=altitude)
         for row in data["apart"]:
             row[3] += stated
         return refusal(data)
@@ -308,8 +308,8 @@ def test_each_line_of_a_row_is_work() -> None:
     """From the request on a straight profile has two lines, and one for each leg after the first."""
     level = [1_015.0, 0.0, ABOVE, 0.0, 0.0, 600.0]
     heights = [1_000.0] * 8
-    without, *others = (work_of(climbing(*heights, excluded=[level] * n)) for n in (0, 1, 3))
-    assert [work - without for work in others] == [9, 27]
+    without, *with_rows = (work_of(climbing(*heights, excluded=[level] * n)) for n in (0, 1, 3))
+    assert [work - without for work in with_rows] == [9, 27]
     far, last = [intruder(9e4, 0.0)], work_of(climbing(*heights, intruders=[intruder(9e4, 0.0)]))
     for begin, end, lines in ((0.0, 161.0, 9), (30.0, 50.0, 2), (150.0, 161.0, 1)):
         row = [0, begin, end, *level]

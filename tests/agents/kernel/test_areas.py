@@ -66,15 +66,17 @@ def kept_by(
     return clearance(trajectory(plan_states), area_clearance(areas, *begin, margin), level)
 
 
-def wrong(kept: Clearance) -> np.ndarray:
+def wrong(clearances: Clearance) -> np.ndarray:
     """Return which plans lose the clearance of some area, bool ``[N]``."""
-    return np.isfinite(kept.loss).any(axis=1)
+    return np.isfinite(clearances.loss).any(axis=1)
 
 
-def sample(plan_states: PlanStates, one: ActiveArea) -> tuple[np.ndarray, np.ndarray]:
+def sample(plan_states: PlanStates, active_area: ActiveArea) -> tuple[np.ndarray, np.ndarray]:
     """Return times and the signed distances of plans then, ``[T, N]``, while the area counts."""
-    curves, area = legs(plan_states), one.area
-    times = np.arange(one.begin, min(one.end, float(plan_states.time[0, -1])) + 1e-9, STEP)
+    curves, area = legs(plan_states), active_area.area
+    times = np.arange(
+        active_area.begin, min(active_area.end, float(plan_states.time[0, -1])) + 1e-9, STEP
+    )
     away = []
     for time in np.array_split(times[:, None], math.ceil(times.size / 100)):
         rows = len(time)
@@ -88,34 +90,43 @@ def sample(plan_states: PlanStates, one: ActiveArea) -> tuple[np.ndarray, np.nda
 def test_a_plan_keeps_its_clearance_exactly_if_it_is_said_to(seed: int) -> None:
     rng = np.random.default_rng(seed)
     plan_states = plans(12, seed)
-    kept, lost = 0, 0
+    count_kept, lost = 0, 0
     for _ in range(6):
         begin, end = sorted(rng.uniform(0.0, END, 2)) if rng.random() < 0.4 else (0.0, END)
-        one = ActiveArea(3, random_area(rng), float(begin), float(end))
+        active_area = ActiveArea(3, random_area(rng), float(begin), float(end))
         margin = float(rng.choice([0.0, 0.02]))
-        found = kept_by(plan_states, [one], margin)
+        clearances = kept_by(plan_states, [active_area], margin)
         fails, margins, loss, leg, x, y = (
-            wrong(found),
-            *(field[:, 0] for field in (found.margin, found.loss, found.leg, found.x, found.y)),
+            wrong(clearances),
+            *(
+                field[:, 0]
+                for field in (
+                    clearances.margin,
+                    clearances.loss,
+                    clearances.leg,
+                    clearances.x,
+                    clearances.y,
+                )
+            ),
         )
-        times, away = sample(plan_states, one)
-        need = required_distances(one, plan_states.x[:, 0], plan_states.y[:, 0], margin)
+        times, away = sample(plan_states, active_area)
+        need = required_distances(active_area, plan_states.x[:, 0], plan_states.y[:, 0], margin)
         least = away.min(axis=0) - need
         # Samples miss the nearest point by 1 m at 100 m/s at most, beside an edge by far less.
         assert np.all(fails[least < -0.002])
         assert not np.any(fails[least > 0.05])
         assert np.all(margins <= least + 0.0021)
         np.testing.assert_array_equal(fails, margins < 0.0)
-        kept, lost = kept + np.count_nonzero(~fails), lost + np.count_nonzero(fails)
+        count_kept, lost = count_kept + np.count_nonzero(~fails), lost + np.count_nonzero(fails)
         for n in np.flatnonzero(fails):
-            when = times[np.argmax(away[:, n] < need[n] - 0.002)]
+            lost_at = times[np.argmax(away[:, n] < need[n] - 0.002)]
             # The part that is noted begins before the clearance is lost; an arc at most.
-            assert when - 2.1 <= loss[n] <= when + STEP
+            assert lost_at - 2.1 <= loss[n] <= lost_at + STEP
             state = at(legs(PlanStates(*(field[n] for field in plan_states))), loss[n])
             assert math.hypot(state.x - x[n], state.y - y[n]) < 0.01
             assert plan_states.time[n, leg[n]] <= loss[n] + 1e-9
             assert loss[n] <= plan_states.time[n, leg[n] + 1]
-    assert kept > 10
+    assert count_kept > 10
     assert lost > 10
 
 
@@ -128,16 +139,16 @@ def test_the_first_and_the_nearest_of_several_areas_are_named() -> None:
     areas = [
         ActiveArea(n, Area(disc), 0.0, 40.0) for n, disc in ((4, late), (7, early), (9, beside))
     ]
-    found = kept_by(straight, areas)
-    first = np.argmin(found.loss[0])
-    assert (wrong(found)[0], areas[first].number, found.leg[0, first]) == (True, 7, 0)
+    clearances = kept_by(straight, areas)
+    first = np.argmin(clearances.loss[0])
+    assert (wrong(clearances)[0], areas[first].number, clearances.leg[0, first]) == (True, 7, 0)
     # The chord of the early disc begins at 1000 - sqrt(150^2 - 100^2).
-    assert found.loss[0, first] == pytest.approx(8.88, abs=0.07)
-    assert (found.x[0, first], found.y[0, first]) == pytest.approx((888.0, 0.0), abs=7.0)
-    assert areas[np.argmin(found.margin[0])].number == 4
-    assert found.margin.min() == pytest.approx(-200.0, abs=200.0)
+    assert clearances.loss[0, first] == pytest.approx(8.88, abs=0.07)
+    assert (clearances.x[0, first], clearances.y[0, first]) == pytest.approx((888.0, 0.0), abs=7.0)
+    assert areas[np.argmin(clearances.margin[0])].number == 4
+    assert clearances.margin.min() == pytest.approx(-200.0, abs=200.0)
     assert not wrong(kept_by(straight, areas[2:]))[0]
-    assert found.margin[0, 2] == pytest.approx(200.0, abs=0.01)
+    assert clearances.margin[0, 2] == pytest.approx(200.0, abs=0.01)
     closely = kept_by(straight, areas[2:], level=math.inf)
     assert closely.margin[0, 0] == pytest.approx(200.0, abs=0.01)
 
@@ -146,31 +157,33 @@ def test_a_plan_that_begins_inside_the_clearance_must_not_come_nearer() -> None:
     def way(heading: float) -> PlanStates:
         distance = np.array([0.0, 2e3, 4e3])
         x, y = 600.0 + distance * math.cos(heading), distance * math.sin(heading)
-        rest = np.full(3, heading), np.full(3, 100.0), np.array([0.0, 20.0, 40.0])
-        return PlanStates(*(field[None] for field in (x, y, *rest)))
+        motion = np.full(3, heading), np.full(3, 100.0), np.array([0.0, 20.0, 40.0])
+        return PlanStates(*(field[None] for field in (x, y, *motion)))
 
-    one = ActiveArea(0, Area(Circle(0.0, 0.0, 500.0), clearance=300.0), 0.0, 40.0)
+    active_area = ActiveArea(0, Area(Circle(0.0, 0.0, 500.0), clearance=300.0), 0.0, 40.0)
     for heading, lost in ((0.0, False), (math.pi / 2.0, False), (math.pi / 2.0 + 0.05, True)):
         plan_states = way(heading)
-        assert wrong(kept_by(plan_states, [one]))[0] == lost, heading
-    assert required_distances(one, 600.0, 0.0, 0.02) == pytest.approx(100.0 - NEARER)
-    assert required_distances(one, 400.0, 0.0, 0.02) == 0.0
-    assert required_distances(one._replace(begin=1.0), 400.0, 0.0, 0.02) == pytest.approx(300.02)
+        assert wrong(kept_by(plan_states, [active_area]))[0] == lost, heading
+    assert required_distances(active_area, 600.0, 0.0, 0.02) == pytest.approx(100.0 - NEARER)
+    assert required_distances(active_area, 400.0, 0.0, 0.02) == 0.0
+    assert required_distances(active_area._replace(begin=1.0), 400.0, 0.0, 0.02) == pytest.approx(
+        300.02
+    )
 
 
 def test_a_plan_that_begins_inside_keeps_nothing() -> None:
     plan_states = plans(20, 3)
     for keep, size in ((Keep.OUT, 9e3), (Keep.IN, 10.0)):
-        one = ActiveArea(0, Area(Circle(0.0, 0.0, size), keep), 0.0, END)
-        found = kept_by(plan_states, [one])
-        assert wrong(found).all()
-        np.testing.assert_array_equal(found.loss, 0.0)
+        active_area = ActiveArea(0, Area(Circle(0.0, 0.0, size), keep), 0.0, END)
+        clearances = kept_by(plan_states, [active_area])
+        assert wrong(clearances).all()
+        np.testing.assert_array_equal(clearances.loss, 0.0)
 
 
 def test_without_areas_nothing_is_wrong() -> None:
     plan_states = plans(4, 1)
-    found = kept_by(plan_states, [])
-    assert found.margin.shape == (4, 0) and not wrong(found).any()
+    clearances = kept_by(plan_states, [])
+    assert clearances.margin.shape == (4, 0) and not wrong(clearances).any()
 
 
 def test_a_plan_is_judged_as_if_it_were_alone() -> None:
@@ -231,10 +244,10 @@ def test_what_cannot_be_reached_or_does_not_count_is_left_out() -> None:
         Area(Circle(19_000.0, 0.0, 1e3), valid_until=170.0),
     ]
     level = Altitude(500.0, "msl", 0.0)
-    found = relevant(areas, own, steady(level), fastest=100.0, margin=0.0, **settings)
-    assert [one.number for one in found] == [1, 2, 3, 7]
-    assert (found[3].begin, found[3].end) == (10.0, 20.0)
-    assert (found[0].begin, found[0].end) == (0.0, 400.0)
+    active_areas = relevant(areas, own, steady(level), fastest=100.0, margin=0.0, **settings)
+    assert [active_area.number for active_area in active_areas] == [1, 2, 3, 7]
+    assert (active_areas[3].begin, active_areas[3].end) == (10.0, 20.0)
+    assert (active_areas[0].begin, active_areas[0].end) == (0.0, 400.0)
 
 
 def test_nothing_that_is_left_out_can_be_met() -> None:
@@ -243,13 +256,13 @@ def test_nothing_that_is_left_out_can_be_met() -> None:
     met = 0
     for _ in range(40):
         area = random_area(rng)
-        one = ActiveArea(0, area, 0.0, END)
-        lost = wrong(kept_by(plan_states, [one], margin=600.0))
+        active_area = ActiveArea(0, area, 0.0, END)
+        lost = wrong(kept_by(plan_states, [active_area], margin=600.0))
         for n in range(0, 200, 10):
             own = VehicleState(*(float(field[n, 0]) for field in plan_states[:4]))
             settings = {"fastest": 100.0, "horizon": END, "unknown_climb": 9.0}
-            out = not relevant([area], own, (), margin=600.0, **settings)
-            assert not (out and lost[n])
+            left_out = not relevant([area], own, (), margin=600.0, **settings)
+            assert not (left_out and lost[n])
             met += lost[n]
     assert met > 20
 
@@ -262,9 +275,9 @@ def test_an_area_that_shrinks_is_not_flown_through(shape: Polygon | Circle) -> N
     plan_states = PlanStates(*(np.array([row]) for row in ends))
     for growth, lost in ((0.0, True), (-0.3, True), (-60.0, False)):
         area = Area(shape, growth=growth, clearance=1.0)
-        found = kept_by(plan_states, [ActiveArea(0, area, 0.0, 60.0)])
-        assert wrong(found)[0] == lost
-        assert (found.margin[0, 0] < 0.0) == lost
+        clearances = kept_by(plan_states, [ActiveArea(0, area, 0.0, 60.0)])
+        assert wrong(clearances)[0] == lost
+        assert (clearances.margin[0, 0] < 0.0) == lost
 
 
 def test_second_opinion_on_a_corner() -> None:
@@ -273,11 +286,11 @@ def test_second_opinion_on_a_corner() -> None:
         *(np.array([row]) for row in ([-50.0] * 2, [-2e3, 2e3], [math.pi / 2.0] * 2, [100.0] * 2)),
         time=np.array([[0.0, 40.0]]),
     )
-    found = kept_by(plan_states, [ActiveArea(0, Area(corner, clearance=49.9), 0.0, 40.0)])
+    clearances = kept_by(plan_states, [ActiveArea(0, Area(corner, clearance=49.9), 0.0, 40.0)])
     line = shapely.LineString([(-50.0, -2e3), (-50.0, 2e3)])
     least = shapely.distance(line, shapely.Polygon(corner.outer))
-    assert found.margin[0, 0] == pytest.approx(least - 49.9, abs=0.003)
-    assert not wrong(found)[0]
+    assert clearances.margin[0, 0] == pytest.approx(least - 49.9, abs=0.003)
+    assert not wrong(clearances)[0]
 
 
 def test_a_curve_that_bulges_towards_a_rectangle_is_not_thought_farther_than_it_is() -> None:
@@ -286,6 +299,6 @@ def test_a_curve_that_bulges_towards_a_rectangle_is_not_thought_farther_than_it_
         every = repeat(take(legs(plan_states), 0), 4_001)
         north = at(every, np.linspace(0.0, END, 4_001)).y.max() + 10.0
         ring = ((-1e5, north), (1e5, north), (1e5, north + 1e4), (-1e5, north + 1e4))
-        one = ActiveArea(0, Area(Polygon(ring)), 0.0, END)
-        assert 9.9 <= kept_by(plan_states, [one], level=20.0).margin[0, 0] <= 10.001
-        assert 0.0 < kept_by(plan_states, [one]).margin[0, 0] <= 10.001
+        active_area = ActiveArea(0, Area(Polygon(ring)), 0.0, END)
+        assert 9.9 <= kept_by(plan_states, [active_area], level=20.0).margin[0, 0] <= 10.001
+        assert 0.0 < kept_by(plan_states, [active_area]).margin[0, 0] <= 10.001

@@ -63,78 +63,78 @@ FLOWN = {
 
 
 def sampled(
-    flown: Trajectory, others: Traffic, since: float = 0.0
+    flown: Trajectory, intruders: Traffic, since: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return times and distances, m, ``[T, N, K]``, from a moment to the end of them all."""
     times = np.linspace(since, flown.end[0], SAMPLES)
     rows = np.broadcast_to(times[:, None], (SAMPLES, len(flown.end)))
     curves = map_leaves(lambda field: np.broadcast_to(field, (SAMPLES, *field.shape)), flown.legs)
     own = at(curves, rows)
-    x, y = positions(map_leaves(lambda field: field[None], others), times[:, None, None])
+    x, y = positions(map_leaves(lambda field: field[None], intruders), times[:, None, None])
     return times, np.hypot(x - own.x[..., None], y - own.y[..., None])
 
 
-def kept(flown: Trajectory, others: Traffic, level: float = 0.0) -> Clearance:
+def kept(flown: Trajectory, intruders: Traffic, level: float = 0.0) -> Clearance:
     """Return what is kept of 1000 m."""
-    required = np.full(others.mask.shape, REQUIRED)
-    return clearance(flown, Separation(others, required, None, 2.0), level)
+    required = np.full(intruders.mask.shape, REQUIRED)
+    return clearance(flown, Separation(intruders, required, None, 2.0), level)
 
 
 @pytest.mark.parametrize("kind", FLOWN)
 @pytest.mark.parametrize("count", [3, 12])  # with few intruders no leg is left out
 def test_the_bound_is_never_too_large_and_sharp_below_the_level(kind: str, count: int) -> None:
     flown = FLOWN[kind](2, 8)
-    others = traffic(8, count, 3, turning=True)
-    _, away = sampled(flown, others)
-    found, least = kept(flown, others), away.min(axis=0) - REQUIRED
-    there = others.mask
-    assert np.isinf(found.margin[~there]).all()
-    assert np.all(found.margin[there] <= least[there] + 1e-6)
-    close = there & (least < -1.0) & (least > 100.0 - REQUIRED)  # samples are 10 m apart
+    intruders = traffic(8, count, 3, turning=True)
+    _, away = sampled(flown, intruders)
+    bounds, least = kept(flown, intruders), away.min(axis=0) - REQUIRED
+    present = intruders.mask
+    assert np.isinf(bounds.margin[~present]).all()
+    assert np.all(bounds.margin[present] <= least[present] + 1e-6)
+    close = present & (least < -1.0) & (least > 100.0 - REQUIRED)  # samples are 10 m apart
     assert close.any()
-    assert np.all(found.margin[close] >= least[close] - 0.15)
-    np.testing.assert_array_equal(found.margin < 0.0, np.isfinite(found.loss))
-    np.testing.assert_array_equal(np.isfinite(found.loss), found.leg >= 0)
+    assert np.all(bounds.margin[close] >= least[close] - 0.15)
+    np.testing.assert_array_equal(bounds.margin < 0.0, np.isfinite(bounds.loss))
+    np.testing.assert_array_equal(np.isfinite(bounds.loss), bounds.leg >= 0)
 
 
 def test_the_first_loss_is_where_it_is_lost_and_until_when_it_is_kept_again() -> None:
-    flown, others = mission(5, 12), traffic(12, 4, 7)
-    times, away = sampled(flown, others)
-    found = kept(flown, others)
-    below = (away < REQUIRED) & others.mask
-    for n, k in np.argwhere(below.any(axis=0) & (found.until < flown.end[:, None])):
+    flown, intruders = mission(5, 12), traffic(12, 4, 7)
+    times, away = sampled(flown, intruders)
+    bounds = kept(flown, intruders)
+    below = (away < REQUIRED) & intruders.mask
+    for n, k in np.argwhere(below.any(axis=0) & (bounds.until < flown.end[:, None])):
         first, last = times[np.flatnonzero(below[:, n, k])[[0, -1]]]
-        assert found.loss[n, k] == pytest.approx(first, abs=0.3)
-        assert found.until[n, k] == pytest.approx(last, abs=0.3)
-        here = at(take(flown.legs, [n]), found.loss[n, k : k + 1])
-        assert (found.x[n, k], found.y[n, k]) == pytest.approx((here.x[0], here.y[0]), abs=1e-6)
-        began = flown.states.time[n, found.leg[n, k]]
-        assert began - 1e-9 <= found.loss[n, k] <= flown.states.time[n, found.leg[n, k] + 1]
+        assert bounds.loss[n, k] == pytest.approx(first, abs=0.3)
+        assert bounds.until[n, k] == pytest.approx(last, abs=0.3)
+        place = at(take(flown.legs, [n]), bounds.loss[n, k : k + 1])
+        assert (bounds.x[n, k], bounds.y[n, k]) == pytest.approx((place.x[0], place.y[0]), abs=1e-6)
+        began = flown.states.time[n, bounds.leg[n, k]]
+        assert began - 1e-9 <= bounds.loss[n, k] <= flown.states.time[n, bounds.leg[n, k] + 1]
 
 
 @pytest.mark.parametrize("kind", FLOWN)
 def test_a_row_depends_on_no_other(kind: str) -> None:
-    flown, others = FLOWN[kind](9, 6), traffic(6, 12, 8, turning=True)
-    together = kept(flown, others)
+    flown, intruders = FLOWN[kind](9, 6), traffic(6, 12, 8, turning=True)
+    together = kept(flown, intruders)
     for n in range(6):
-        alone = kept(take(flown, slice(n, n + 1)), take(others, slice(n, n + 1)))
+        alone = kept(take(flown, slice(n, n + 1)), take(intruders, slice(n, n + 1)))
         for whole, part in zip(together, alone, strict=True):
             np.testing.assert_array_equal(whole[n : n + 1], part)
 
 
 def test_what_has_been_flown_does_not_count() -> None:
-    flown, others = trajectory(plans(10, 4)), traffic(10, 3, 5)
+    flown, intruders = trajectory(plans(10, 4)), traffic(10, 3, 5)
     since = np.random.default_rng(1).uniform(1.0, 150.0, 10)
-    x, y = positions(others, since[:, None])
-    later = others._replace(state=others.state._replace(x=x, y=y))
-    found = kept(flown.since(since), later, level=np.inf)
+    x, y = positions(intruders, since[:, None])
+    later = intruders._replace(state=intruders.state._replace(x=x, y=y))
+    bounds = kept(flown.since(since), later, level=np.inf)
     for n in range(10):
         row = slice(n, n + 1)
-        _, away = sampled(take(flown, row), take(others, row), since=float(since[n]))
+        _, away = sampled(take(flown, row), take(intruders, row), since=float(since[n]))
         least = away.min(axis=0)[0] - REQUIRED
-        mask = others.mask[n]
-        assert np.all(found.margin[n][mask] <= least[mask] + 1e-6)
-        assert found.margin[n][mask] == pytest.approx(least[mask], abs=0.3)
+        mask = intruders.mask[n]
+        assert np.all(bounds.margin[n][mask] <= least[mask] + 1e-6)
+        assert bounds.margin[n][mask] == pytest.approx(least[mask], abs=0.3)
 
 
 def test_over_the_ground_and_through_the_air_it_is_the_same() -> None:
@@ -142,20 +142,20 @@ def test_over_the_ground_and_through_the_air_it_is_the_same() -> None:
     own = random_states(rng, 5, extent=3_000.0)
     x, y = rng.uniform(-4_000.0, 4_000.0, (2, 5, 6))
     time = np.broadcast_to(np.arange(6) * 30.0, (5, 6))
-    others = traffic(5, 6, 7)
+    intruders = traffic(5, 6, 7)
     east, north = 7.0, -4.0
     heading = np.arctan2(
-        others.state.speed * np.sin(others.state.heading) - north,
-        others.state.speed * np.cos(others.state.heading) - east,
+        intruders.state.speed * np.sin(intruders.state.heading) - north,
+        intruders.state.speed * np.cos(intruders.state.heading) - east,
     )
     speed = np.hypot(
-        others.state.speed * np.sin(others.state.heading) - north,
-        others.state.speed * np.cos(others.state.heading) - east,
+        intruders.state.speed * np.sin(intruders.state.heading) - north,
+        intruders.state.speed * np.cos(intruders.state.heading) - east,
     )
-    in_air = others._replace(state=others.state._replace(heading=heading, speed=speed))
+    in_air = intruders._replace(state=intruders.state._replace(heading=heading, speed=speed))
     start = own._replace(x=x[:, 0], y=y[:, 0])
     keep = Requirement(REQUIRED, 50.0)
-    ground = clearance(straight(x, y, time), separation(others, start, keep))
+    ground = clearance(straight(x, y, time), separation(intruders, start, keep))
     air = clearance(
         straight(x - east * time, y - north * time, time), separation(in_air, start, keep)
     )
@@ -173,33 +173,33 @@ def test_a_manoeuvre_is_flown_as_its_legs_say() -> None:
     own = aircraft(3)
     flown = manoeuvres(own, steering, 120.0)
     for time in np.linspace(0.0, 120.0, 41):
-        here, there = (
+        as_manoeuvre, as_legs = (
             at(flown.legs, np.full(3, time)),
             steered(column(own), column(steering), np.full((3, 1), time)),
         )
-        assert here.x == pytest.approx(there.x[:, 0], abs=1e-6)
-        assert here.y == pytest.approx(there.y[:, 0], abs=1e-6)
-        assert here.speed == pytest.approx(there.speed[:, 0])
+        assert as_manoeuvre.x == pytest.approx(as_legs.x[:, 0], abs=1e-6)
+        assert as_manoeuvre.y == pytest.approx(as_legs.y[:, 0], abs=1e-6)
+        assert as_manoeuvre.speed == pytest.approx(as_legs.speed[:, 0])
 
 
 def test_of_what_grows_the_least_margin_counts() -> None:
     """Straight flights of both, some of which begin too near."""
-    flown, others = mission(11, 40), traffic(40, 3, 12)
+    flown, intruders = mission(11, 40), traffic(40, 3, 12)
     vague = {"position_std": 30.0, "velocity_std": 1.5}
-    others = others._replace(
-        **{name: np.full(others.mask.shape, std) for name, std in vague.items()}
+    intruders = intruders._replace(
+        **{name: np.full(intruders.mask.shape, std) for name, std in vague.items()}
     )
-    times, away = sampled(flown, others)
-    margins = away - REQUIRED - growth(others, times[:, None, None], 2.0)
-    found, least, there = kept(flown, others), margins.min(axis=0), others.mask
-    lost = there & (least < -1.0)
+    times, away = sampled(flown, intruders)
+    margins = away - REQUIRED - growth(intruders, times[:, None, None], 2.0)
+    bounds, least, present = kept(flown, intruders), margins.min(axis=0), intruders.mask
+    lost = present & (least < -1.0)
     assert np.count_nonzero(lost) > 10
-    assert np.all(found.margin[there] <= least[there] + 1e-6)
+    assert np.all(bounds.margin[present] <= least[present] + 1e-6)
     # Less by what grows in a part of a leg, and by samples that miss the nearest.
-    assert np.all(found.margin[lost] >= least[lost] - 1.5)
+    assert np.all(bounds.margin[lost] >= least[lost] - 1.5)
     first = times[np.argmax(margins < 0.0, axis=0)]
     assert np.any(first[lost] == 0.0) and np.any(first[lost] > 0.0)
-    assert found.loss[lost] == pytest.approx(first[lost], abs=1.0)  # grazing ones are early
+    assert bounds.loss[lost] == pytest.approx(first[lost], abs=1.0)  # grazing ones are early
 
 
 def test_a_leg_stays_within_its_sagitta_of_uniform_motion() -> None:
@@ -207,10 +207,10 @@ def test_a_leg_stays_within_its_sagitta_of_uniform_motion() -> None:
     x, y, time = flown.states.x, flown.states.y, flown.states.time
     for share in np.linspace(0.0, 1.0, 101):
         for leg in range(10):
-            here = at(flown.legs, time[:, leg] + share * (time[:, leg + 1] - time[:, leg]))
+            place = at(flown.legs, time[:, leg] + share * (time[:, leg + 1] - time[:, leg]))
             straight_x = x[:, leg] + share * (x[:, leg + 1] - x[:, leg])
             straight_y = y[:, leg] + share * (y[:, leg + 1] - y[:, leg])
-            off = np.hypot(here.x - straight_x, here.y - straight_y)
+            off = np.hypot(place.x - straight_x, place.y - straight_y)
             assert np.all(off <= flown.sagitta[:, leg] + flown.error[:, leg] + 1e-6)
 
 
@@ -233,6 +233,6 @@ def test_the_rest_of_an_arc_goes_on_as_the_arc() -> None:
     parts = cut(later, row, np.zeros(10, dtype=int))
     assert later.begin[:, 0] == pytest.approx(0.0)
     for p in range(FINE):
-        here = at(flown.legs, began + parts.end[:, p])
-        assert parts.x1[:, p] == pytest.approx(here.x, abs=1e-5)
-        assert parts.y1[:, p] == pytest.approx(here.y, abs=1e-5)
+        place = at(flown.legs, began + parts.end[:, p])
+        assert parts.x1[:, p] == pytest.approx(place.x, abs=1e-5)
+        assert parts.y1[:, p] == pytest.approx(place.y, abs=1e-5)

@@ -39,13 +39,13 @@ def test_compiled_code_keeps_what_numpy_keeps(
     monkeypatch: pytest.MonkeyPatch, kind: str, count: int
 ) -> None:
     assert FILL_AREA_CLEARANCE.ready
-    rng, lost, kept = np.random.default_rng([9, count, len(kind)]), 0, 0
+    rng, lost, count_kept = np.random.default_rng([9, count, len(kind)]), 0, 0
     for _ in range(25):
         by_loops, by_numpy = both(monkeypatch, *question(rng, kind, count))
         assert_same(by_loops, by_numpy)
         lost += np.count_nonzero(by_numpy.margin < 0.0)
-        kept += np.count_nonzero(by_numpy.margin >= 0.0)
-    assert count == 0 or (lost > 0 and kept > 0)
+        count_kept += np.count_nonzero(by_numpy.margin >= 0.0)
+    assert count == 0 or (lost > 0 and count_kept > 0)
 
 
 def test_edges_that_are_touched_are_lost_or_kept_by_both(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,14 +95,16 @@ def test_many_trajectories_and_edges_are_split_and_all_are_filled_in(
     monkeypatch.setattr(kernel_areas, "_EDGES", 10**9)
     whole, _ = both(monkeypatch, flown, keeping)
     assert_same(whole, by_numpy)
-    for one, other in zip(whole, split, strict=True):
-        np.testing.assert_array_equal(one, other)
+    for field, split_field in zip(whole, split, strict=True):
+        np.testing.assert_array_equal(field, split_field)
 
 
 def test_the_closest_is_found_without_compiled_code(monkeypatch: pytest.MonkeyPatch) -> None:
     flown, keeping, _ = question(np.random.default_rng(4), "plan", 3)
-    for one, other in zip(*both(monkeypatch, flown, keeping, closest=True), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for compiled_field, numpy_field in zip(
+        *both(monkeypatch, flown, keeping, closest=True), strict=True
+    ):
+        np.testing.assert_array_equal(compiled_field, numpy_field)
 
 
 def test_arrays_of_another_shape_are_refused() -> None:

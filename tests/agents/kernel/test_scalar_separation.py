@@ -99,15 +99,15 @@ def assert_same(by_loops: Clearance, by_numpy: Clearance) -> None:
 def test_compiled_code_keeps_what_numpy_keeps(
     monkeypatch: pytest.MonkeyPatch, kind: str, count: int
 ) -> None:
-    rng, lost, kept = np.random.default_rng([7, count, len(kind)]), 0, 0
+    rng, lost, count_kept = np.random.default_rng([7, count, len(kind)]), 0, 0
     for _ in range(15):
         flown, keeping, level = question(rng, kind, count)
         closest = bool(rng.random() < 0.5)
         by_loops, by_numpy = both(monkeypatch, flown, keeping, level, closest=closest)
         assert_same(by_loops, by_numpy)
         lost += np.count_nonzero(by_numpy.margin < 0.0)
-        kept += np.count_nonzero(by_numpy.margin >= 0.0)
-    assert count < 4 or (lost > 0 and kept > 0)
+        count_kept += np.count_nonzero(by_numpy.margin >= 0.0)
+    assert count < 4 or (lost > 0 and count_kept > 0)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -119,8 +119,8 @@ def test_compiled_bounds_of_trajectories_are_those_by_numpy(
     by_loops = trajectory(flown.states, flown.legs)
     monkeypatch.setattr(compiled.Entry, "ready", False)
     by_numpy = trajectory(flown.states, flown.legs)
-    for one, other in zip(by_loops[2:], by_numpy[2:], strict=True):
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-9)
+    for compiled_field, numpy_field in zip(by_loops[2:], by_numpy[2:], strict=True):
+        np.testing.assert_allclose(compiled_field, numpy_field, rtol=0.0, atol=1e-9)
 
 
 def test_many_trajectories_are_split_and_all_are_filled_in(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,8 +131,8 @@ def test_many_trajectories_are_split_and_all_are_filled_in(monkeypatch: pytest.M
     monkeypatch.setattr(kernel_separation, "_PAIRS", 360)  # three trajectories
     split, _ = both(monkeypatch, flown, keeping, closest=True)
     assert_same(whole, by_numpy)
-    for one, other in zip(whole, split, strict=True):
-        np.testing.assert_array_equal(one, other)
+    for field, split_field in zip(whole, split, strict=True):
+        np.testing.assert_array_equal(field, split_field)
 
 
 def test_arrays_of_any_layout_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,9 +155,9 @@ def test_arrays_of_another_shape_are_refused() -> None:
         keeping._replace(traffic=intruders._replace(window=Window(fewer.age, intruders.age))),
         keeping._replace(least=np.zeros((1, 5))),
     )
-    for other in wrong:
+    for keeping_wrong in wrong:
         with pytest.raises(ValueError, match="same shape"):
-            clearance(flown, other)
+            clearance(flown, keeping_wrong)
     shorter = flown._replace(bend=flown.bend[:, 1:])
     with pytest.raises(ValueError, match="same shape"):
         clearance(shorter, keeping)

@@ -81,8 +81,8 @@ def test_reports_are_advanced_along_their_arc(report: Intruder) -> None:
     request, _, _ = check_request(OWN, [report], ROUTE, Options.for_aircraft(PAPER))
     for time in (0.0, 1.0, 10.0, 400.0):
         now = predict(request.traffic, time)
-        there = place_at(report, np.array(time))
-        assert abs(now.x[0, 0] + 1j * now.y[0, 0] - there) < 1e-3
+        place = place_at(report, np.array(time))
+        assert abs(now.x[0, 0] + 1j * now.y[0, 0] - place) < 1e-3
     np.testing.assert_array_equal(request.traffic.state.speed, report.state.speed)
 
 
@@ -92,37 +92,39 @@ def test_monitor_expects_what_the_planner_plans_with(report: Intruder) -> None:
     expected = single.activate(
         single.begin(THRESHOLDS), STRAIGHT, OWN, {"4b1a2c": report}, 0.0
     ).monitor.expected
-    for mine, others in zip(
+    for mine, theirs in zip(
         (*planned.state, *whole(planned)[1:]), (*expected.state, *expected[1:]), strict=True
     ):
-        np.testing.assert_allclose(mine, others, atol=1e-9)
+        np.testing.assert_allclose(mine, theirs, atol=1e-9)
 
 
 @given(reports)
 def test_validator_accepts_advanced_reports(report: Intruder) -> None:
-    seen, age = arrays_of_reports([report, report])
-    assert same_flight(seen, age, advance_reports(seen, age)).all()
+    reported, age = arrays_of_reports([report, report])
+    assert same_flight(reported, age, advance_reports(reported, age)).all()
 
 
 @pytest.mark.parametrize("field", ["straight", "turn_time", "turn_rate", "speed"])
 def test_validator_finds_wrongly_advanced_reports(field: str) -> None:
-    seen, age = arrays_of_reports([TURNING, Intruder(OWN, 2.0)])
-    right = advance_reports(seen, age)
+    reported, age = arrays_of_reports([TURNING, Intruder(OWN, 2.0)])
+    right = advance_reports(reported, age)
     wrong = {
-        "straight": right._replace(state=predict(seen._replace(turn_time=0.0 * age), age)),
-        "turn_time": right._replace(turn_time=seen.turn_time),
+        "straight": right._replace(state=predict(reported._replace(turn_time=0.0 * age), age)),
+        "turn_time": right._replace(turn_time=reported.turn_time),
         "turn_rate": right._replace(turn_rate=0.999 * right.turn_rate),
         "speed": right._replace(
             state=right.state._replace(speed=right.state.speed + np.array([[1.0, 0.0]]))
         ),
     }[field]
-    assert same_flight(seen, age, wrong).tolist() == [[False, True]]
+    assert same_flight(reported, age, wrong).tolist() == [[False, True]]
 
 
 def test_traffic_that_does_not_follow_from_its_reports_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("agents.planner.request.request.advance_reports", lambda seen, age: seen)
+    monkeypatch.setattr(
+        "agents.planner.request.request.advance_reports", lambda reported, age: reported
+    )
     with pytest.raises(RequestError) as refused:
         plan(OWN, [Intruder(OWN._replace(y=30_000.0)), TURNING], ROUTE, Policy.load(), PATIENT)
     assert refused.value.field == "intruders[1]"
@@ -132,13 +134,13 @@ def test_traffic_that_does_not_follow_from_its_reports_is_refused(
 def test_one_velocity_error_counts_from_the_report_on(report: Intruder, time: float) -> None:
     vague = replace(report, position_std=40.0, velocity_std=3.0)
     now = advance_reports(*arrays_of_reports([vague]))
-    whole = math.hypot(40.0, 3.0 * (abs(report.age) + time))
-    assert uncertainty(now, time).item() == pytest.approx(whole)
-    asked = Requirement(1_000.0, 0.0, 2.0)
-    need = requirement_of(now, VehicleState(*np.full((4, 1), 1e7)), asked) + growth(
-        now, np.float64(time), asked.sigmas
+    sigma = math.hypot(40.0, 3.0 * (abs(report.age) + time))
+    assert uncertainty(now, time).item() == pytest.approx(sigma)
+    requirement = Requirement(1_000.0, 0.0, 2.0)
+    need = requirement_of(now, VehicleState(*np.full((4, 1), 1e7)), requirement) + growth(
+        now, np.float64(time), requirement.sigmas
     )
-    assert need.item() == pytest.approx(1_000.0 + 2.0 * whole)
+    assert need.item() == pytest.approx(1_000.0 + 2.0 * sigma)
 
 
 def test_the_monitor_hands_reports_on_with_their_age() -> None:

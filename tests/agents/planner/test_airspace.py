@@ -30,23 +30,23 @@ def least(answer: Plan, area: Area, own: VehicleState = OWN, wind: Wind | None =
     curves, end = legs(plan_states(own, answer.waypoints, wind=wind)), answer.waypoints[-1].time
     times = np.arange(0.0, end, 0.5)
     states = [at(curves, np.array(time), wind) for time in times]
-    x, y = (np.array([float(getattr(one, axis)) for one in states]) for axis in "xy")
+    x, y = (np.array([float(getattr(state, axis)) for state in states]) for axis in "xy")
     return float(signed_distance(area, x, y, times).min())
 
 
 def test_areas_that_are_not_met_change_nothing() -> None:
-    asked: Any = OWN, [CROSSING], ROUTE, POLICY, OPTIONS
-    alone = plan(*asked)
+    request: Any = OWN, [CROSSING], ROUTE, POLICY, OPTIONS
+    alone = plan(*request)
     for area in (
         Area(Circle(-90_000.0, 0.0, 1e3)),
         Area(Circle(9e3, 0.0, 1e3), valid_until=-1.0),
         Area(Circle(9e3, 0.0, 25e3), Keep.IN, valid_from=1e4),
     ):
-        beside = plan(*asked, areas=[area])
+        beside = plan(*request, areas=[area])
         assert beside.waypoints == alone.waypoints
         assert beside.safe
     far = Area(Circle(6e3, -30_000.0, 1e3), clearance=100.0)
-    beside = plan(*asked, areas=[far])
+    beside = plan(*request, areas=[far])
     assert beside.safe and beside.waypoints == alone.waypoints
 
 
@@ -54,7 +54,7 @@ def test_what_is_not_kept_names_the_area_the_place_and_the_time() -> None:
     wall = Area(Polygon(((8e3, -29e3), (9e3, -29e3), (9e3, 29e3), (8e3, 29e3))), name="wall")
     answer = plan(OWN, [], ROUTE, POLICY, OPTIONS, areas=[Area(Circle(-9e4, 0.0, 1.0)), wall])
     assert not answer.safe and answer.certificate is None
-    (reason,) = [one for one in answer.reasons if one.kind is Kind.AREA]
+    (reason,) = [finding for finding in answer.reasons if finding.kind is Kind.AREA]
     assert reason.field == "areas[1]" and "areas[1] (wall)" in reason.message
     assert reason.time is not None and reason.x is not None and reason.y is not None
     assert abs(float(signed_distance(wall, reason.x, reason.y, reason.time))) < 200.0
@@ -63,7 +63,9 @@ def test_what_is_not_kept_names_the_area_the_place_and_the_time() -> None:
 def test_points_of_the_route_in_an_area_are_passed_over() -> None:
     over = Area(Circle(17_000.0, 4_000.0, 4_100.0))
     answer = plan(OWN, [], ROUTE, POLICY, OPTIONS, areas=[over])
-    (note,) = [one for one in answer.advisories if one.code is AdvisoryCode.PASSED_OVER]
+    (note,) = [
+        advisory for advisory in answer.advisories if advisory.code is AdvisoryCode.PASSED_OVER
+    ]
     assert str(note.field) == "route[1]" and "lies in areas[0]" in note.text
     assert answer.waypoints[-1].index in {point.index for point in ROUTE}
     with pytest.raises(RequestError, match=r"route has \d of its 9 points where areas"):
@@ -73,7 +75,9 @@ def test_points_of_the_route_in_an_area_are_passed_over() -> None:
 def test_points_of_the_route_outside_of_an_area_to_be_kept_in_are_passed_over() -> None:
     field = Area(Circle(16e3, 0.0, 28.5e3), Keep.IN, name="field")
     answer = plan(OWN, [], ROUTE, POLICY, OPTIONS, areas=[field])
-    (note,) = [one for one in answer.advisories if one.code is AdvisoryCode.PASSED_OVER]
+    (note,) = [
+        advisory for advisory in answer.advisories if advisory.code is AdvisoryCode.PASSED_OVER
+    ]
     # No plan lasts until the point after it.
     assert str(note.field) == "route[7]" and "lies outside of areas[0] (field)" in note.text
     assert answer.safe
@@ -85,7 +89,9 @@ def test_an_ownship_in_an_area_is_told() -> None:
         (Area(Circle(20e3, 0.0, 19e3), Keep.IN, name="here"), "is left by"),
     ):
         answer = plan(OWN, [], ROUTE, POLICY, OPTIONS, areas=[area])
-        (reason,) = [one for one in answer.reasons if one.kind is Kind.START_IN_VIOLATION]
+        (reason,) = [
+            finding for finding in answer.reasons if finding.kind is Kind.START_IN_VIOLATION
+        ]
         assert reason.message.startswith(f"areas[0] (here) {word} the ownship")
 
 
@@ -96,15 +102,15 @@ def test_heights_decide_and_what_is_unknown_is_told() -> None:
     )
     assert high.safe and least(high, low) < 0.0
     unknown = plan(OWN, [], ROUTE, POLICY, OPTIONS, own_altitude=Altitude(9e2, "msl"), areas=[low])
-    assert any(one.code is AdvisoryCode.ASSUMED for one in unknown.advisories)
+    assert any(advisory.code is AdvisoryCode.ASSUMED for advisory in unknown.advisories)
 
 
 def test_a_late_plan_is_judged_by_the_areas_of_then() -> None:
-    found = plan(OWN, [], ROUTE, POLICY, OPTIONS)
-    here = OWN._replace(x=80.0)
-    asked: Any = found, 1.0, here, [], ROUTE, OPTIONS
-    assert recheck(*asked).safe
-    new = recheck(*asked, areas=[Area(Circle(20e3, 0.0, 1e3))])
+    answer = plan(OWN, [], ROUTE, POLICY, OPTIONS)
+    own = OWN._replace(x=80.0)
+    arguments: Any = answer, 1.0, own, [], ROUTE, OPTIONS
+    assert recheck(*arguments).safe
+    new = recheck(*arguments, areas=[Area(Circle(20e3, 0.0, 1e3))])
     assert not new.safe and "area" in new.reasons[0].message
 
 
@@ -131,7 +137,7 @@ def test_in_a_wind_areas_stand_over_the_ground() -> None:
         answer = plan(OWN, [CROSSING], ROUTE, POLICY, OPTIONS, wind=wind, areas=[area])
         away = least(answer, area, wind=wind)
         assert answer.safe == (away > area.clearance - 0.1) or not answer.safe
-        lost = [one for one in answer.reasons if one.kind is Kind.AREA]
+        lost = [finding for finding in answer.reasons if finding.kind is Kind.AREA]
         assert bool(lost) == (away < area.clearance)
 
 

@@ -54,10 +54,10 @@ def test_moved_areas_are_refused_exactly_where_samples_lose_the_clearance(
     for more in (0.5 * room, room - 10.0, room + 40.0):
         changed = json.loads(answer.certificate)
         changed["areas"][0]["clearance"] = max(area.clearance + more, 0.0)
-        kept = least(answer, replace(area, clearance=0.0), wind=wind)
-        kept -= changed["areas"][0]["clearance"]
-        if abs(kept) > 7.0:  # samples may miss the nearest place by so much
-            assert is_accepted(changed) == (kept > 0.0), more
+        excess = least(answer, replace(area, clearance=0.0), wind=wind)
+        excess -= changed["areas"][0]["clearance"]
+        if abs(excess) > 7.0:  # samples may miss the nearest place by so much
+            assert is_accepted(changed) == (excess > 0.0), more
             verdicts.add(is_accepted(changed))
     for _ in range(4):
         dx, dy = rng.normal(0.0, 1_500.0, 2)
@@ -72,23 +72,23 @@ def test_moved_areas_are_refused_exactly_where_samples_lose_the_clearance(
             changed["areas"][0]["circle"] = [shape.x, shape.y, shape.radius]
         else:
             changed["areas"][0]["rings"] = [[list(place) for place in shape.outer]]
-        kept = least(answer, moved, wind=wind) - area.clearance
-        if abs(kept) > 7.0:
-            assert is_accepted(changed) == (kept > 0.0)
+        excess = least(answer, moved, wind=wind) - area.clearance
+        if abs(excess) > 7.0:
+            assert is_accepted(changed) == (excess > 0.0)
             verdicts.add(is_accepted(changed))
     assert verdicts == {True, False}
 
 
 def beside(rng: np.random.Generator) -> Area:
     """Return an area on the way to the east or beside it, which grows or shrinks."""
-    one, east = random_area(rng), float(rng.uniform(0.0, 30e3))
-    if isinstance(one.shape, Circle):
-        shape: Any = replace(one.shape, x=one.shape.x + east)
+    area, east = random_area(rng), float(rng.uniform(0.0, 30e3))
+    if isinstance(area.shape, Circle):
+        shape: Any = replace(area.shape, x=area.shape.x + east)
     else:
-        outer, *holes = (tuple((x + east, y) for x, y in ring) for ring in one.shape.rings)
+        outer, *holes = (tuple((x + east, y) for x, y in ring) for ring in area.shape.rings)
         shape = Polygon(outer, tuple(holes))
     begin = 0.0 if rng.random() < 0.7 else float(rng.uniform(0.0, 200.0))
-    return replace(one, shape=shape, growth=float(rng.uniform(-15.0, 15.0)), valid_from=begin)
+    return replace(area, shape=shape, growth=float(rng.uniform(-15.0, 15.0)), valid_from=begin)
 
 
 @pytest.mark.parametrize(
@@ -98,16 +98,16 @@ def test_what_the_validator_keeps_is_accepted_and_what_is_accepted_is_kept(count
     answer = plan(OWN, [CROSSING], ROUTE, POLICY, OPTIONS)
     states = PlanStates(*(np.asarray(field)[None] for field in plan_states(OWN, answer.waypoints)))
     margin = OPTIONS.requirement.margin
-    asked = OWN, [CROSSING], answer.waypoints, answer.excluded, None, OPTIONS, None
+    request = OWN, [CROSSING], answer.waypoints, answer.excluded, None, OPTIONS, None
     rng, kinds = np.random.default_rng(count), set[tuple[bool, bool]]()
     for _ in range(count):
         area = beside(rng)
-        one = ActiveArea(0, area, area.valid_from, float(states.time[0, -1]))
-        lost = bool(wrong(kept_by(states, [one], margin))[0])
-        accepted = is_accepted(json.loads(Evidence(*asked, [area]).certificate()))
+        active_area = ActiveArea(0, area, area.valid_from, float(states.time[0, -1]))
+        lost = bool(wrong(kept_by(states, [active_area], margin))[0])
+        accepted = is_accepted(json.loads(Evidence(*request, [area]).certificate()))
         assert accepted or lost
-        need = required_distances(one, states.x[:, 0], states.y[:, 0], margin)
-        short = sample(states, one)[1].min() - need[0] < -0.002
+        need = required_distances(active_area, states.x[:, 0], states.y[:, 0], margin)
+        short = sample(states, active_area)[1].min() - need[0] < -0.002
         assert not (accepted and short)
         kinds.add((accepted, least(answer, replace(area, growth=0.0)) < 0.0))
     assert kinds >= {(True, True), (False, True)}  # the first where an area has been

@@ -34,7 +34,7 @@ def policy() -> Policy:
 
 
 def test_without_options_a_plan_is_the_usual_one_or_says_what_it_left_out(policy: Policy) -> None:
-    answer, patient = (plan(OWN, [HEAD_ON], ROUTE, policy, given) for given in (None, PATIENT))
+    answer, patient = (plan(OWN, [HEAD_ON], ROUTE, policy, options) for options in (None, PATIENT))
     assert patient.safe and patient.unsearched == ()
     if answer.unsearched:  # the first plan of a process may take longer than its deadline
         assert answer.safe or answer.reasons[-1].kind is Kind.DEADLINE
@@ -61,9 +61,9 @@ def test_answers_come_within_the_deadline(policy: Policy) -> None:
     request, late = request_of(crowds, PAPER), []
     trained = policy.for_aircraft(PAPER, outside="allow")
     for number in range(12):
-        asked = ask(request, number)
+        arguments = ask(request, number)
         began = time.thread_time()
-        plan(*asked, trained, USUAL)
+        plan(*arguments, trained, USUAL)
         late.append(time.thread_time() - began - USUAL.deadline_s)
     # 5 ms on a quiet machine; caches that others use cost more, and now and then one of a dozen.
     assert sorted(late)[-2] < 0.01
@@ -118,7 +118,7 @@ def test_in_a_crowd_every_point_is_tried_quickly_before_any_is_at_length(
 ) -> None:
     searched = []
 
-    def search(part: Request, goal: Any, options: Options, left: Any, selected: slice) -> Any:
+    def search(part: Request, goal: Any, options: Options, deadline: Any, selected: slice) -> Any:
         searched.append((int(goal[0]), selected == fallback.QUICK))
         return empty(goal.size, options.waypoints)
 
@@ -141,14 +141,14 @@ def test_a_policy_whose_time_is_over_flies_to_no_further_point(
     clock, flown, searched = [0.0], list[int](), set[int]()
     fly, search = horizontal.roll, fallback.search
 
-    def roll(part: Request, goal: Any, *rest: Any, **kept: Any) -> Any:
+    def roll(part: Request, goal: Any, *arguments: Any, **keywords: Any) -> Any:
         flown.append(int(goal[0]))
         clock[0] += 0.04
-        return fly(part, goal, *rest, **kept)
+        return fly(part, goal, *arguments, **keywords)
 
-    def note(part: Request, goal: Any, *rest: Any, **kept: Any) -> Any:
+    def note(part: Request, goal: Any, *arguments: Any, **keywords: Any) -> Any:
         searched.add(int(goal[0]))
-        return search(part, goal, *rest, **kept)
+        return search(part, goal, *arguments, **keywords)
 
     monkeypatch.setattr(budget.time, "thread_time", lambda: clock[0])
     monkeypatch.setattr(horizontal, "roll", roll)

@@ -105,8 +105,8 @@ def random_certificate(rng: random.Random) -> dict[str, Any] | None:
 
 @pytest.fixture(scope="module")
 def certificates() -> list[dict[str, Any]]:
-    made = [random_certificate(random.Random(seed)) for seed in range(REQUESTS)]
-    return [data for data in made if data is not None]
+    drawn = [random_certificate(random.Random(seed)) for seed in range(REQUESTS)]
+    return [data for data in drawn if data is not None]
 
 
 def profile_in(data: dict[str, Any]) -> Profile:
@@ -126,11 +126,11 @@ def is_right(data: dict[str, Any], row: list[float]) -> bool | None:
     profile, levels = profile_in(data), data["levels"]
     spread = data["profile"]["margin"] + 0.5 * (levels[2] - levels[0])
     times = np.linspace(row[1], row[2], 2_001)
-    other = row[5] + row[6] * (row[7] + times)
-    side = 1.0 if other[0] > row[3] + row[4] * times[0] else -1.0
+    intruder_height = row[5] + row[6] * (row[7] + times)
+    side = 1.0 if intruder_height[0] > row[3] + row[4] * times[0] else -1.0
     near = profile.at(times) + side * spread
     stated = row[3] + row[4] * times
-    off, gap = float(np.abs(stated - near).max()), float((side * (other - near)).min())
+    off, gap = float(np.abs(stated - near).max()), float((side * (intruder_height - near)).min())
     if off > 1e-5 or gap < row[8] - 1e-5:
         return False
     return True if off < 1e-6 and gap > row[8] + 1e-7 else None
@@ -145,8 +145,8 @@ def test_plans_that_climb_are_accepted(certificates: list[dict[str, Any]]) -> No
     assert len(certificates) >= REQUESTS / 3 and np.count_nonzero(altitudes) >= REQUESTS / 4
     assert any(data["profile"]["climb"] != 0.0 for data in certificates)
     assert sum(len(data["apart"]) for data in certificates) > REQUESTS
-    for wanted in ("in", "out"):
-        assert any(area["keep"] == wanted for data in certificates for area in data["areas"])
+    for side in ("in", "out"):
+        assert any(area["keep"] == side for data in certificates for area in data["areas"])
     assert {data["wind"]["std"] for data in certificates} == {0.0, 0.5}
 
 
@@ -160,11 +160,11 @@ def test_rows_that_are_changed_and_wrong_are_refused(certificates: list[dict[str
             if not row[1] < row[2]:
                 continue
             # All of an intruder are of one altitude and vertical separation.
-            for other in changed["apart"]:
-                if field > 4 and other[0] == row[0]:
-                    other[field] = row[field]
+            for other_row in changed["apart"]:
+                if field > 4 and other_row[0] == row[0]:
+                    other_row[field] = row[field]
             accepted = is_accepted(changed)
-            if any(is_right(changed, other) is False for other in changed["apart"]):
+            if any(is_right(changed, other_row) is False for other_row in changed["apart"]):
                 assert not accepted, field
             verdicts[accepted] += 1
     assert min(verdicts.values()) > 3

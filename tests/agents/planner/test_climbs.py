@@ -35,8 +35,8 @@ UNKNOWN = 10.0  # m/s of climb where it is unknown
 
 def options(maneuvers: Maneuvers = Maneuvers.BOTH, **changes: object) -> Options:
     """Return options without a deadline."""
-    given = {"extend_route": True, "deadline_s": math.inf, "maneuvers": maneuvers, **changes}
-    return Options.for_aircraft(AIRCRAFT, **given)
+    fields = {"extend_route": True, "deadline_s": math.inf, "maneuvers": maneuvers, **changes}
+    return Options.for_aircraft(AIRCRAFT, **fields)
 
 
 class Scene(NamedTuple):
@@ -47,11 +47,18 @@ class Scene(NamedTuple):
     intruders: list[Intruder[Ground]]
     wind: Wind | None
 
-    def plan(self, given: Options, areas: Sequence[Area] = ()) -> Plan:
+    def plan(self, plan_options: Options, areas: Sequence[Area] = ()) -> Plan:
         """Return its plan."""
         own, altitude, intruders, wind = self
         return plan(
-            own, intruders, ROUTE, POLICY, given, own_altitude=altitude, wind=wind, areas=areas
+            own,
+            intruders,
+            ROUTE,
+            POLICY,
+            plan_options,
+            own_altitude=altitude,
+            wind=wind,
+            areas=areas,
         )
 
 
@@ -113,7 +120,7 @@ def own_heights(answer: Plan, altitude: Altitude) -> tuple[np.ndarray, np.ndarra
     return add_up(profile, VERTICAL.acceleration, answer.waypoints[-1].time)
 
 
-def lost(answer: Plan, scene: Scene, given: Options) -> list[int]:
+def lost(answer: Plan, scene: Scene, planned_with: Options) -> list[int]:
     """Return which intruders come closer than both separations, wherever within their errors they
     are above and below, and the ownship within its own.
     """
@@ -126,17 +133,17 @@ def lost(answer: Plan, scene: Scene, given: Options) -> list[int]:
         x = state.x + state.speed * math.cos(state.heading) * since
         y = state.y + state.speed * math.sin(state.heading) * since
         spread = np.sqrt(report.position_std**2 + (report.velocity_std * since) ** 2)
-        keeps = given.requirement.separation + 2.0 * spread
+        keeps = planned_with.requirement.separation + 2.0 * spread
         near = np.hypot(path.x - x, path.y - y) < keeps - 0.01
-        other, own = report.altitude, scene.altitude
-        if other is None or other.reference != own.reference:
+        altitude, own = report.altitude, scene.altitude
+        if altitude is None or altitude.reference != own.reference:
             level = np.ones(time.size, dtype=bool)
         else:
-            known = other.vertical_speed is not None
-            rise = other.vertical_speed or 0.0
-            widens = other.climb_error if known else UNKNOWN
-            gap = np.abs(other.value + rise * since - height)
-            unsure = own.error + other.error + widens * np.abs(since)
+            is_known = altitude.vertical_speed is not None
+            rise = altitude.vertical_speed or 0.0
+            widens = altitude.climb_error if is_known else UNKNOWN
+            gap = np.abs(altitude.value + rise * since - height)
+            unsure = own.error + altitude.error + widens * np.abs(since)
             level = gap - unsure < VERTICAL.separation
         if (near & level).any():
             bad.append(number)
@@ -148,14 +155,14 @@ def lost(answer: Plan, scene: Scene, given: Options) -> list[int]:
 )
 def test_what_is_called_safe_keeps_one_of_both_separations(maneuvers: Maneuvers) -> None:
     rng, safe, climbs = np.random.default_rng(70), 0, 0
-    given = options(maneuvers)
+    climbing = options(maneuvers)
     for _ in range(60):
         scene = random_scene(rng)
-        answer = scene.plan(given)
+        answer = scene.plan(climbing)
         if not answer.safe:
             assert answer.reasons
             continue
-        assert lost(answer, scene, given) == []
+        assert lost(answer, scene, climbing) == []
         safe += 1
         climbs += answer.source is Source.VERTICAL
     assert safe > 20
@@ -163,8 +170,8 @@ def test_what_is_called_safe_keeps_one_of_both_separations(maneuvers: Maneuvers)
 
 
 def test_a_plan_that_does_not_climb_is_lost_by_the_same_simulation() -> None:
-    given = options(Maneuvers.VERTICAL)
-    answer = SIMPLE.plan(given)
+    climbing = options(Maneuvers.VERTICAL)
+    answer = SIMPLE.plan(climbing)
     assert answer.safe
     flat = replace(
         answer,
@@ -172,7 +179,7 @@ def test_a_plan_that_does_not_climb_is_lost_by_the_same_simulation() -> None:
             replace(point, altitude=LEVEL.value, climb=0.0) for point in answer.waypoints
         ),
     )
-    assert lost(flat, SIMPLE, given) == [0]
+    assert lost(flat, SIMPLE, climbing) == [0]
 
 
 def test_in_the_plane_nothing_changes_with_what_an_aircraft_can_climb() -> None:
@@ -197,14 +204,14 @@ def test_a_climb_along_the_route_does_not_leave_it() -> None:
 
 def test_up_and_down_are_alike() -> None:
     alike = AIRCRAFT._replace(vertical=VERTICAL._replace(descent_max=VERTICAL.climb_max))
-    given = Options.for_aircraft(
+    climbing = Options.for_aircraft(
         alike, extend_route=True, deadline_s=math.inf, maneuvers=Maneuvers.VERTICAL
     )
     for rise, above in ((0.0, 60.0), (2.0, -150.0), (-3.0, 100.0)):
         plans = []
         for side in (1.0, -1.0):
-            other = Altitude(LEVEL.value + side * above, "msl", side * rise)
-            plans.append(Scene(OWN, LEVEL, [head_on(other)], None).plan(given))
+            intruder_altitude = Altitude(LEVEL.value + side * above, "msl", side * rise)
+            plans.append(Scene(OWN, LEVEL, [head_on(intruder_altitude)], None).plan(climbing))
         first, second = plans
         assert first.safe == second.safe
         assert first.cost == pytest.approx(second.cost, rel=1e-9)
@@ -223,11 +230,11 @@ def test_altitudes_count_from_nowhere() -> None:
     )
     first, second = scene.plan(options()), shifted.plan(options())
     assert first.status == second.status
-    for one, other in zip(first.waypoints, second.waypoints, strict=True):
-        assert one.altitude is not None
-        assert other.altitude is not None
-        assert other.altitude - one.altitude == pytest.approx(1_000.0, abs=1e-6)
-        assert (one.x, one.y) == pytest.approx((other.x, other.y), abs=1e-6)
+    for low, high in zip(first.waypoints, second.waypoints, strict=True):
+        assert low.altitude is not None
+        assert high.altitude is not None
+        assert high.altitude - low.altitude == pytest.approx(1_000.0, abs=1e-6)
+        assert (low.x, low.y) == pytest.approx((high.x, high.y), abs=1e-6)
 
 
 def test_an_unknown_climb_is_the_worst_that_is_plausible() -> None:
@@ -250,9 +257,9 @@ def test_a_gust_that_is_faster_than_the_aircraft_climbs_ends_no_planning(climb: 
 def test_the_cheapest_of_both_is_taken() -> None:
     for height in (0.0, 130.0):
         scene = Scene(OWN, LEVEL, [head_on(Altitude(LEVEL.value + height, "msl", 0.0))], None)
-        both, up = scene.plan(options()), scene.plan(options(Maneuvers.VERTICAL))
-        assert both.safe
-        assert both.cost <= up.cost + 1e-9
+        free, up = scene.plan(options()), scene.plan(options(Maneuvers.VERTICAL))
+        assert free.safe
+        assert free.cost <= up.cost + 1e-9
         dear = scene.plan(options(altitude_weight=1e6))
         assert dear.source is not Source.VERTICAL
 
@@ -261,12 +268,12 @@ def test_a_floor_and_a_ceiling_are_kept() -> None:
     both_ways = options(Maneuvers.VERTICAL)
     assert SIMPLE.plan(both_ways).safe
     for floor, ceiling, side in ((1_990.0, None, 1.0), (None, 2_010.0, -1.0)):
-        given = options(
+        bounded = options(
             Maneuvers.VERTICAL,
             floor=None if floor is None else Level(floor, "msl"),
             ceiling=None if ceiling is None else Level(ceiling, "msl"),
         )
-        answer = SIMPLE.plan(given)
+        answer = SIMPLE.plan(bounded)
         assert answer.safe
         _, height = own_heights(answer, LEVEL)
         assert side * (height - LEVEL.value).min() > -0.01 or side < 0.0
@@ -350,26 +357,26 @@ def test_a_route_gives_the_altitude_that_is_regained() -> None:
 
 
 def test_a_plan_that_comes_late_is_checked_on_what_is_left_of_its_profile() -> None:
-    given = options(Maneuvers.VERTICAL)
-    answer = SIMPLE.plan(given)
+    climbing = options(Maneuvers.VERTICAL)
+    answer = SIMPLE.plan(climbing)
     profile = profile_of(LEVEL.value, 0.0, answer.waypoints, VERTICAL.acceleration)
     assert profile is not None
     late = 8.0
     own: VehicleState[Ground] = VehicleState(75.0 * late, 0.0, 0.0, 75.0)
-    other = head_on(far=9_000.0 - 70.0 * late)
-    there = profile.at(np.array(late))
-    above = Altitude(float(there), "msl", float(profile.climbs[1]))
-    again = recheck(answer, late, own, [other], ROUTE, given, above)
+    intruder = head_on(far=9_000.0 - 70.0 * late)
+    height = profile.at(np.array(late))
+    above = Altitude(float(height), "msl", float(profile.climbs[1]))
+    again = recheck(answer, late, own, [intruder], ROUTE, climbing, above)
     assert again.safe
     # It has not climbed: what is left asks for more than the aircraft can do, or than is safe.
     below = replace(LEVEL, vertical_speed=0.0)
-    assert not recheck(answer, late, own, [other], ROUTE, given, below).safe
+    assert not recheck(answer, late, own, [intruder], ROUTE, climbing, below).safe
 
 
 def test_who_stays_above_is_told() -> None:
     high = head_on(Altitude(LEVEL.value + 500.0, "msl", 0.0))
     answer = plan(OWN, [high, head_on()], ROUTE, POLICY, options(), own_altitude=LEVEL)
-    assert [left.number for left in answer.excluded] == [0]
+    assert [exclusion.number for exclusion in answer.excluded] == [0]
     assert {counts.number for counts in answer.windows} <= {1}
 
 
@@ -396,13 +403,13 @@ def test_a_climb_and_a_turn_resolve_what_neither_does(
     reports = [Intruder(state, altitude=Altitude(LEVEL.value + above, "msl", rise))]
     safe = dict[Maneuvers, bool]()
     for maneuvers in Maneuvers:
-        given = Options.for_aircraft(
+        climbing = Options.for_aircraft(
             aircraft,
             deadline_s=math.inf,
             maneuvers=maneuvers,
             vertical_filter=137.2,
         )
-        safe[maneuvers] = plan(own, reports, route, policy, given, own_altitude=LEVEL).safe
+        safe[maneuvers] = plan(own, reports, route, policy, climbing, own_altitude=LEVEL).safe
     assert safe == {
         Maneuvers.HORIZONTAL: False,
         Maneuvers.VERTICAL: False,

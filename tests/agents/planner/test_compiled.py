@@ -39,10 +39,10 @@ def test_decisions_are_the_same(count: int) -> None:
         distance_scale = rng.uniform(0.3, 3.0, count)
         goal_x, goal_y = rng.uniform(-3e4, 3e4, 2)
         fields: VehicleState[Air] = VehicleState(*np.ascontiguousarray(states.T))
-        each: list[VehicleState[Air]] = [VehicleState(*row) for row in states]
-        interpreted = network.of_one(own, each, goal_x, goal_y, distance_scale.tolist())
-        found = _DECIDE(own, fields, distance_scale, goal_x, goal_y, decider)
-        np.testing.assert_allclose(found, interpreted, rtol=0.0, atol=1e-12)
+        intruders: list[VehicleState[Air]] = [VehicleState(*row) for row in states]
+        interpreted = network.of_one(own, intruders, goal_x, goal_y, distance_scale.tolist())
+        compiled_action = _DECIDE(own, fields, distance_scale, goal_x, goal_y, decider)
+        np.testing.assert_allclose(compiled_action, interpreted, rtol=0.0, atol=1e-12)
 
 
 def _ask(number: int, count: int, *, unsure: bool, windy: bool, areas: int) -> Plan:
@@ -85,11 +85,18 @@ def test_plans_are_the_same(count: int, unsure: bool, windy: bool, areas: int) -
         _ask(number, count, unsure=unsure, windy=windy, areas=areas) for number in range(6)
     ]
     compiled.use(False)
-    for number, found in enumerate(compiled_plans):
+    for number, compiled_plan in enumerate(compiled_plans):
         interpreted = _ask(number, count, unsure=unsure, windy=windy, areas=areas)
-        assert (found.status, found.source) == (interpreted.status, interpreted.source)
-        for one, other in zip(found.waypoints, interpreted.waypoints, strict=True):
-            assert (one.x, one.y) == pytest.approx((other.x, other.y), abs=1e-3)
+        assert (compiled_plan.status, compiled_plan.source) == (
+            interpreted.status,
+            interpreted.source,
+        )
+        for waypoint, interpreted_waypoint in zip(
+            compiled_plan.waypoints, interpreted.waypoints, strict=True
+        ):
+            assert (waypoint.x, waypoint.y) == pytest.approx(
+                (interpreted_waypoint.x, interpreted_waypoint.y), abs=1e-3
+            )
 
 
 def test_a_policy_with_inputs_of_its_own_is_interpreted() -> None:

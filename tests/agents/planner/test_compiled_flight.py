@@ -61,15 +61,15 @@ def random_request(seed: int, intruders: int, kind: str) -> Request:
     traffic = Traffic.straight(VehicleState(place[0], place[1], course, pace))
     drift = areas = None
     if kind != "exact":
-        some = rng.random(shape) < 0.8
+        uncertain = rng.random(shape) < 0.8
         begin = np.where(rng.random(shape) < 0.3, rng.uniform(-20.0, 150.0, shape), -np.inf)
         length = np.where(rng.random(shape) < 0.3, rng.uniform(0.0, 100.0, shape), np.inf)
         traffic = traffic._replace(
             mask=rng.random(shape) < 0.9,
             turn_rate=rng.uniform(-0.05, 0.05, shape) * (rng.random(shape) < 0.5),
             turn_time=rng.uniform(0.0, 100.0, shape),
-            position_std=np.where(some, 30.0, 0.0),
-            velocity_std=np.where(some, 1.0, 0.0),
+            position_std=np.where(uncertain, 30.0, 0.0),
+            velocity_std=np.where(uncertain, 1.0, 0.0),
             age=rng.uniform(0.0, 3.0, shape),
             separation=np.where(rng.random(shape) < 0.3, 600.0, np.nan),
             window=Window(begin, np.maximum(begin, 0.0) + length),
@@ -141,13 +141,13 @@ def test_of_a_crowd_all_intruders_are_looked_at() -> None:
 
 
 def test_a_flight_ends_when_the_computation_does() -> None:
-    (family, effort), asked = STAGE, iter([False, False, True])
+    (family, effort), answers = STAGE, iter([False, False, True])
     request = random_request(0, 100, "uncertain")
-    flown = fly(request, family, effort._replace(ends=lambda: next(asked)))
-    whole = fly(request, family, effort)
+    flown = fly(request, family, effort._replace(ends=lambda: next(answers)))
+    complete = fly(request, family, effort)
     ended = np.isfinite(flown.rollout.time)
-    assert ended.sum() <= np.isfinite(whole.rollout.time).sum()
-    np.testing.assert_array_equal(flown.rollout.time[ended], whole.rollout.time[ended])
+    assert ended.sum() <= np.isfinite(complete.rollout.time).sum()
+    np.testing.assert_array_equal(flown.rollout.time[ended], complete.rollout.time[ended])
     none = fly(request, family, effort._replace(ends=lambda: True))
     assert not none.rollout.direct.any()
     assert np.isnan(none.rollout.time).all()
@@ -176,5 +176,5 @@ def test_plans_are_the_same(among_areas: bool) -> None:
             slow = plan(own, intruders, route, policy, options, wind=wind, areas=areas)
         assert fast.status == slow.status
         assert (fast.source, fast.goal_index) == (slow.source, slow.goal_index)
-        for one, other in zip(fast.waypoints, slow.waypoints, strict=True):
-            assert math.hypot(one.x - other.x, one.y - other.y) < 1e-3
+        for fast_point, slow_point in zip(fast.waypoints, slow.waypoints, strict=True):
+            assert math.hypot(fast_point.x - slow_point.x, fast_point.y - slow_point.y) < 1e-3

@@ -56,9 +56,9 @@ def requests(draw: Any) -> dict[str, Any]:
 @given(requests())
 def test_requests_at_the_ends_of_what_is_valid_are_answered(request: dict[str, Any]) -> None:
     given_ = dict(request)
-    own, others, route, options = (given_.pop(n) for n in ("own", "intruders", "route", "options"))
+    own, traffic, route, options = (given_.pop(n) for n in ("own", "intruders", "route", "options"))
     try:
-        answer = plan(own, others, route, POLICY, options, **given_)
+        answer = plan(own, traffic, route, POLICY, options, **given_)
     except RequestError as refusal:
         assert refusal.field
         return
@@ -78,7 +78,7 @@ def test_plans_that_all_last_too_long_among_areas_are_said_to() -> None:
     own = VehicleState(0.0, 0.0, 0.0, 30.0)
     route = [RoutePoint(0, 8_000.0, 0.0), RoutePoint(1, 900_000.0, 0.0)]
     lake = Area(Circle(20_000.0, 8_000.0, 1_000.0))
-    for some in ([], [lake]):
-        answer = plan(own, [], route, slow, quick, areas=some)
+    for lakes in ([], [lake]):
+        answer = plan(own, [], route, slow, quick, areas=lakes)
         assert not answer.safe
         assert answer.reasons[0].kind is Kind.TIMES

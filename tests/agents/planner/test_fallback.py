@@ -62,13 +62,13 @@ def fly_family(
     longest: float = 150.0,
 ) -> ManoeuvreFlights:
     """Fly a family for every request."""
-    count, each = request.points.size, family.turn.size
-    which = np.repeat(np.arange(count), each)
+    count, size = request.points.size, family.turn.size
+    rows = np.repeat(np.arange(count), size)
     every = Manoeuvre(*(np.tile(field, count) for field in family))
     return fly_out(
         request,
         np.ones(count, int),
-        which,
+        rows,
         every,
         options or OPTIONS,
         Effort(least, OPTIONS.smoothing, enough, longest),
@@ -77,11 +77,11 @@ def fly_family(
 
 def assert_same(first: Any, second: Any) -> None:
     """Check that nested tuples of arrays hold the same bits."""
-    for one, other in zip(first, second, strict=True):
-        if isinstance(one, tuple):
-            assert_same(one, other)
+    for value, expected in zip(first, second, strict=True):
+        if isinstance(value, tuple):
+            assert_same(value, expected)
         else:
-            np.testing.assert_array_equal(one, other)
+            np.testing.assert_array_equal(value, expected)
 
 
 @settings(max_examples=40, deadline=None)
@@ -120,10 +120,10 @@ def test_manoeuvres_do_not_depend_on_the_others(kind: str, monkeypatch: pytest.M
     monkeypatch.setattr(FLY_ON, "_compiled", None)
     request = requests(kind)
     together = fly_family(request, FAMILY, -40.0, 12)
-    each = FAMILY.turn.size
+    size = FAMILY.turn.size
     for number in range(0, 12, 3):
         alone = fly_family(take(request, [number]), FAMILY, -40.0, 12)
-        rows = slice(number * each, (number + 1) * each)
+        rows = slice(number * size, (number + 1) * size)
         assert_same(alone.rollout, take(together.rollout, rows))
         np.testing.assert_array_equal(alone.clearance, together.clearance[rows])
     monkeypatch.setattr(simulator, "_AT_ONCE", 1)
@@ -137,16 +137,22 @@ def test_the_clearance_is_that_of_the_flight(sigma: float) -> None:
     traffic = request.traffic._replace(velocity_std=np.where(request.traffic.mask, sigma, 0.0))
     request = request._replace(traffic=traffic)
     options = OPTIONS
-    found = fly_family(request, COARSE, -np.inf, 10_000, options)
-    each, times = COARSE.turn.size, np.arange(0.0, 150.0, 0.25)
-    assert np.isfinite(found.rollout.time).any()
+    flown = fly_family(request, COARSE, -np.inf, 10_000, options)
+    size, times = COARSE.turn.size, np.arange(0.0, 150.0, 0.25)
+    assert np.isfinite(flown.rollout.time).any()
     for number in range(6):
-        one, end = take(request, number), found.rollout.time[number * each : (number + 1) * each]
-        own = take(request.own, np.full(each, number))
+        row, end = take(request, number), flown.rollout.time[number * size : (number + 1) * size]
+        own = take(request.own, np.full(size, number))
         states, _ = fly_away(takeoff(own, COARSE), COARSE, 0, times.size, 0.25, options.manoeuvre)
-        other, mask = one.traffic.state, one.traffic.mask
-        east = other.x[mask] + other.speed[mask] * np.cos(other.heading[mask]) * times[:, None]
-        north = other.y[mask] + other.speed[mask] * np.sin(other.heading[mask]) * times[:, None]
+        intruders, mask = row.traffic.state, row.traffic.mask
+        east = (
+            intruders.x[mask]
+            + intruders.speed[mask] * np.cos(intruders.heading[mask]) * times[:, None]
+        )
+        north = (
+            intruders.y[mask]
+            + intruders.speed[mask] * np.sin(intruders.heading[mask]) * times[:, None]
+        )
         apart = np.hypot(
             states.x[:-1, :, None] - east[:, None], states.y[:-1, :, None] - north[:, None]
         )
@@ -157,7 +163,7 @@ def test_the_clearance_is_that_of_the_flight(sigma: float) -> None:
         under_way = times[:, None] <= np.where(np.isnan(end), 150.0, end)
         least = np.min(np.where(under_way, clearance, np.inf), axis=0)
         # A stride counts as if the uncertainty at its end held from its beginning.
-        clearance = found.clearance[number * each : (number + 1) * each]
+        clearance = flown.clearance[number * size : (number + 1) * size]
         # Sampling at 0.25 s misses less than 1 m of a pass at 500 m or more.
         landed = (end > 0.0) & (least > -500.0)
         assert np.all(clearance[landed] <= least[landed] + 2.0)
@@ -166,14 +172,14 @@ def test_the_clearance_is_that_of_the_flight(sigma: float) -> None:
 
 def test_manoeuvres_under_way_when_enough_have_returned_are_given_up() -> None:
     request = requests(count=4)
-    each = FAMILY.turn.size
-    everybody, few = (
+    size = FAMILY.turn.size
+    everybody, only_enough = (
         fly_family(request, FAMILY, -40.0, 10_000).rollout,
         fly_family(request, FAMILY, -40.0, 5),
     )
     for number in range(4):
-        rows = slice(number * each, (number + 1) * each)
-        time, clearance = few.rollout.time[rows], few.clearance[rows]
+        rows = slice(number * size, (number + 1) * size)
+        time, clearance = only_enough.rollout.time[rows], only_enough.clearance[rows]
         well = np.sort(time[np.isfinite(time) & (clearance >= 25.0)])
         assert well.size >= 5
         last = well[4]
@@ -184,15 +190,15 @@ def test_manoeuvres_under_way_when_enough_have_returned_are_given_up() -> None:
 
 def test_knots_and_sums_are_those_of_the_flight() -> None:
     request = requests(count=2)
-    found = fly_family(request, COARSE, -40.0, 10_000).rollout
+    flown = fly_family(request, COARSE, -40.0, 10_000).rollout
     own = take(request.own, np.repeat(np.arange(2), COARSE.turn.size))
     every = Manoeuvre(*(np.tile(field, 2) for field in COARSE))
     states, _ = fly_away(takeoff(own, every), every, 0, 31, STRIDE, OPTIONS.manoeuvre)
-    some = np.flatnonzero(found.time > 20.0)
-    assert some.size
-    for row in some:
-        last = int(found.time[row] / STRIDE)
-        for plan_states, end, field in zip(found.plan_states, found.end, states, strict=True):
+    long = np.flatnonzero(flown.time > 20.0)
+    assert long.size
+    for row in long:
+        last = int(flown.time[row] / STRIDE)
+        for plan_states, end, field in zip(flown.plan_states, flown.end, states, strict=True):
             np.testing.assert_array_equal(
                 plan_states[row][: last // 4 + 1], field[: last + 1 : 4, row]
             )
@@ -200,8 +206,8 @@ def test_knots_and_sums_are_those_of_the_flight() -> None:
             assert end[row] == field[last, row]
         speed = states.speed[: last + 1, row]
         np.testing.assert_allclose(
-            found.path[row], STRIDE * (speed.sum() - 0.5 * (speed[0] + speed[-1]))
+            flown.path[row], STRIDE * (speed.sum() - 0.5 * (speed[0] + speed[-1]))
         )
         turn = every.turn_after[row]
-        assert found.turn_sign[row] == np.sign(turn)
-        assert found.reversals[row] == 0
+        assert flown.turn_sign[row] == np.sign(turn)
+        assert flown.reversals[row] == 0

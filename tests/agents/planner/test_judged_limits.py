@@ -31,6 +31,6 @@ def test_compiled_code_and_numpy_agree_on_each_leg(
     by_loops = right_legs(curves, limits)
     monkeypatch.setattr(compiled.Entry, "ready", False)
     by_numpy = right_legs(curves, limits)
-    for one, other in zip(by_loops, by_numpy, strict=True):
-        np.testing.assert_array_equal(one, other)
-        assert other.any() and not other.all()
+    for compiled_field, numpy_field in zip(by_loops, by_numpy, strict=True):
+        np.testing.assert_array_equal(compiled_field, numpy_field)
+        assert numpy_field.any() and not numpy_field.all()

@@ -41,16 +41,16 @@ verticals = st.sampled_from([150.0, 600.0])
 
 
 def extreme_gaps(
-    own: Altitude, other: Altitude, age: float, time: np.ndarray
+    own: Altitude, intruder: Altitude, age: float, time: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return how far the other altitude may be above at some times at least and at most, m."""
     mine = [] if own.vertical_speed is None else [own.vertical_speed]
-    theirs = [] if other.vertical_speed is None else [other.vertical_speed]
+    theirs = [] if intruder.vertical_speed is None else [intruder.vertical_speed]
     ranges = []
-    for known, one in ((mine, own), (theirs, other)):
+    for speeds, altitude in ((mine, own), (theirs, intruder)):
         low, high = (
-            (known[0] - one.climb_error, known[0] + one.climb_error)
-            if known
+            (speeds[0] - altitude.climb_error, speeds[0] + altitude.climb_error)
+            if speeds
             else (-UNKNOWN, UNKNOWN)
         )
         ranges.append((low, high))
@@ -60,51 +60,55 @@ def extreme_gaps(
             for off in (-1.0, 1.0):
                 for away in (-1.0, 1.0):
                     a = own.value + off * own.error + climb * time
-                    b = other.value + away * other.error + rise * (age + time)
+                    b = intruder.value + away * intruder.error + rise * (age + time)
                     gaps.append(b - a)
     return np.min(gaps, axis=0), np.max(gaps, axis=0)
 
 
-def least_gap(own: Altitude, other: Altitude, age: float, time: np.ndarray) -> np.ndarray:
+def least_gap(own: Altitude, intruder: Altitude, age: float, time: np.ndarray) -> np.ndarray:
     """Return how near two altitudes may be at some times, m: all that is possible, by its ends."""
-    low, high = extreme_gaps(own, other, age, time)
+    low, high = extreme_gaps(own, intruder, age, time)
     near = np.minimum(np.abs(low), np.abs(high))
     return np.where((low <= 0.0) & (high >= 0.0), 0.0, near)
 
 
 @given(heights, heights, ages, verticals)
 def test_a_window_holds_all_times_at_which_two_may_be_level_and_no_others(
-    own: Altitude, other: Altitude, age: float, vertical: float
+    own: Altitude, intruder: Altitude, age: float, vertical: float
 ) -> None:
-    first, last = window(own, other, age, vertical, UNKNOWN)
+    first, last = window(own, intruder, age, vertical, UNKNOWN)
     times = np.linspace(0.0, 500.0, 2_001)
-    near = least_gap(own, other, age, times)
+    near = least_gap(own, intruder, age, times)
     inside = (first <= times) & (times <= last)
     assert (near[~inside] > vertical).all()
     # A report from the future is worse by what it may have climbed until then either way.
     assert (near[inside] <= vertical + 1e-3 + 2.0 * 23.0 * max(-age, 0.0)).all()
-    gap = abs(vertical_gap(own, other, age, 500.0, UNKNOWN))
+    gap = abs(vertical_gap(own, intruder, age, 500.0, UNKNOWN))
     assert (gap > vertical + 2e-6) <= (not inside.any())
     if age >= 0.0:
         # Between the times, too: where one passes the other they are level for a moment.
-        low, high = extreme_gaps(own, other, age, times)
+        low, high = extreme_gaps(own, intruder, age, times)
         passes = (low > 0.0).any() and (high < 0.0).any()
         assert gap == pytest.approx(0.0 if passes else near.min(), abs=1e-6)
 
 
 @given(heights, heights, ages, verticals, st.floats(0.0, 300.0), st.integers(0, 5))
 def test_a_wider_uncertainty_never_makes_a_window_smaller(
-    own: Altitude, other: Altitude, age: float, vertical: float, more: float, which: int
+    own: Altitude, intruder: Altitude, age: float, vertical: float, more: float, case: int
 ) -> None:
-    first, last = window(own, other, age, vertical, UNKNOWN)
+    first, last = window(own, intruder, age, vertical, UNKNOWN)
     wider = [
-        (replace(own, error=own.error + more), other, vertical),
-        (own, replace(other, error=other.error + more), vertical),
-        (own, replace(other, climb_error=other.climb_error + 0.02 * more), vertical),
-        (replace(own, climb_error=own.climb_error + 0.02 * more), other, vertical),
-        (own, other, vertical + more),
-        (replace(own, vertical_speed=None) if own.vertical_speed == 0.0 else own, other, vertical),
-    ][which]
+        (replace(own, error=own.error + more), intruder, vertical),
+        (own, replace(intruder, error=intruder.error + more), vertical),
+        (own, replace(intruder, climb_error=intruder.climb_error + 0.02 * more), vertical),
+        (replace(own, climb_error=own.climb_error + 0.02 * more), intruder, vertical),
+        (own, intruder, vertical + more),
+        (
+            replace(own, vertical_speed=None) if own.vertical_speed == 0.0 else own,
+            intruder,
+            vertical,
+        ),
+    ][case]
     begins, ends = window(wider[0], wider[1], age, wider[2], UNKNOWN)
     if first <= last and first < math.inf:
         assert begins <= first and ends >= last
@@ -112,28 +116,28 @@ def test_a_wider_uncertainty_never_makes_a_window_smaller(
 
 def test_what_cannot_be_compared_always_counts() -> None:
     low, high = Altitude(1_000.0, "msl", 0.0), Altitude(9_000.0, "wgs84", 0.0)
-    for own, other in ((low, high), (None, high), (low, None)):
-        assert window(own, other, 0.0, 600.0, UNKNOWN) == ALWAYS
+    for own, intruder in ((low, high), (None, high), (low, None)):
+        assert window(own, intruder, 0.0, 600.0, UNKNOWN) == ALWAYS
 
 
 def test_windows_of_the_validator_are_two_sided() -> None:
-    flown, seen = plans(40, 7), traffic(40, 4, 8, turning=True)
-    rng, shape = np.random.default_rng(9), seen.mask.shape
+    flown, intruders = plans(40, 7), traffic(40, 4, 8, turning=True)
+    rng, shape = np.random.default_rng(9), intruders.mask.shape
     first = rng.uniform(-100.0, 200.0, shape)
-    when = Window(first, first + rng.uniform(0.0, 120.0, shape))
-    timed = seen._replace(window=when)
-    found = validate(flown, timed, Requirement(300.0), C208_PUBLISHED)
+    windows = Window(first, first + rng.uniform(0.0, 120.0, shape))
+    timed = intruders._replace(window=windows)
+    judged = validate(flown, timed, Requirement(300.0), C208_PUBLISHED)
     times = np.arange(0.0, flown.time[0, -1] + 1e-9, 0.05)
-    apart = sample_distances(flown, seen, 0.05)
-    counts = (when.begin <= times[:, None, None]) & (times[:, None, None] <= when.end)
+    apart = sample_distances(flown, intruders, 0.05)
+    counts = (windows.begin <= times[:, None, None]) & (times[:, None, None] <= windows.end)
     least = np.where(counts, apart, np.inf).min(axis=(0, 2))
-    assert (found.min_separation <= least + 1e-9).all()
+    assert (judged.min_separation <= least + 1e-9).all()
     # A part at an end of a window counts whole, in 0.06 s of which both fly 15 m at most.
     close = np.isfinite(least)
-    assert (found.min_separation[close] >= least[close] - 15.0).all()
-    assert np.median(least[close] - found.min_separation[close]) < 1.0
+    assert (judged.min_separation[close] >= least[close] - 15.0).all()
+    assert np.median(least[close] - judged.min_separation[close]) < 1.0
     safe = least > 315.0
-    assert found.safe[safe].all() and not found.safe[least < 299.0].any()
+    assert judged.safe[safe].all() and not judged.safe[least < 299.0].any()
 
 
 OWN_ALTITUDE = Altitude(3_000.0, "msl", 0.0)
@@ -145,38 +149,42 @@ def question(seed: int) -> tuple[VehicleState, list[Intruder], list[RoutePoint]]
     """
     rng, own, intruders = np.random.default_rng([seed, 53]), VehicleState(0.0, 0.0, 0.0, 80.0), []
     for _ in range(int(rng.integers(1, 5))):
-        when = rng.uniform(50.0, 300.0)
+        conflict_time = rng.uniform(50.0, 300.0)
         course, speed = rng.uniform(-math.pi, math.pi), rng.uniform(40.0, 110.0)
-        x = own.speed * when + rng.uniform(-1_500.0, 1_500.0) - speed * when * math.cos(course)
-        y = rng.uniform(-1_500.0, 1_500.0) - speed * when * math.sin(course)
+        x = (
+            own.speed * conflict_time
+            + rng.uniform(-1_500.0, 1_500.0)
+            - speed * conflict_time * math.cos(course)
+        )
+        y = rng.uniform(-1_500.0, 1_500.0) - speed * conflict_time * math.sin(course)
         if math.hypot(x, y) < 2_000.0:
             continue
         climb = float(rng.choice([0.0, 1.0]) * rng.uniform(-12.0, 12.0))
-        height = OWN_ALTITUDE.value + rng.uniform(-1_200.0, 1_200.0) - climb * when
+        height = OWN_ALTITUDE.value + rng.uniform(-1_200.0, 1_200.0) - climb * conflict_time
         altitude = Altitude(float(height), "msl", climb, error=30.0)
         intruders.append(Intruder(VehicleState(x, y, course, speed), altitude=altitude))
     return own, intruders, [RoutePoint(i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
 
 
 def test_a_window_that_covers_all_is_judged_like_none() -> None:
-    flown, seen = plans(40, 7), traffic(40, 6, 8, turning=True)
-    always = seen._replace(window=Window(seen.age - np.inf, seen.age + np.inf))
-    for mine, other in zip(
-        validate(flown, seen, Requirement(300.0), C208_PUBLISHED),
+    flown, reports = plans(40, 7), traffic(40, 6, 8, turning=True)
+    always = reports._replace(window=Window(reports.age - np.inf, reports.age + np.inf))
+    for mine, expected in zip(
+        validate(flown, reports, Requirement(300.0), C208_PUBLISHED),
         validate(flown, always, Requirement(300.0), C208_PUBLISHED),
         strict=True,
     ):
-        np.testing.assert_array_equal(mine, other)
+        np.testing.assert_array_equal(mine, expected)
     vague = Altitude(3_000.0, "msl", 0.0, error=25_000.0)
     for seed in range(4):
         own, intruders, route = question(seed)
-        level = [replace(one, altitude=vague) for one in intruders]
-        unknown = [replace(one, altitude=None) for one in intruders]
-        one, two = (
-            plan(own, each, route, POLICY, OPTIONS, own_altitude=OWN_ALTITUDE)
-            for each in (level, unknown)
+        level = [replace(intruder, altitude=vague) for intruder in intruders]
+        unknown = [replace(intruder, altitude=None) for intruder in intruders]
+        first, second = (
+            plan(own, reported, route, POLICY, OPTIONS, own_altitude=OWN_ALTITUDE)
+            for reported in (level, unknown)
         )
-        assert one == two
+        assert first == second
 
 
 @pytest.mark.slow
@@ -192,25 +200,28 @@ def test_plans_keep_all_intruders_away_in_three_dimensions_and_prove_it() -> Non
         curves, end = legs(plan_states(start, answer.waypoints)), answer.waypoints[-1].time
         for time in np.arange(0.0, end, 0.5):
             own = at(curves, np.array(time))
-            for one in intruders:
-                other, level = one.state, one.altitude
+            for entry in intruders:
+                state, level = entry.state, entry.altitude
                 assert level is not None
-                x = other.x + other.speed * time * math.cos(other.heading) - float(own.x)
-                y = other.y + other.speed * time * math.sin(other.heading) - float(own.y)
+                x = state.x + state.speed * time * math.cos(state.heading) - float(own.x)
+                y = state.y + state.speed * time * math.sin(state.heading) - float(own.y)
                 near = least_gap(OWN_ALTITUDE, level, 0.0, np.array([time]))[0]
                 assert math.hypot(x, y) >= 1_000.0 or near >= 600.0
         assert answer.certificate is not None
         data = json.loads(answer.certificate)
         check.accept(data)
         if data["apart"]:
-            kept = data["apart"]
+            apart_rows = data["apart"]
             for edited in (
-                [[one[0], one[1], one[2] + 30.0, *one[3:]] for one in kept],
-                [[one[0], one[1], one[2], *one[3:8], one[8] + 5_000.0] for one in kept],
-                [[99, *one[1:]] for one in kept],
+                [[entry[0], entry[1], entry[2] + 30.0, *entry[3:]] for entry in apart_rows],
+                [
+                    [entry[0], entry[1], entry[2], *entry[3:8], entry[8] + 5_000.0]
+                    for entry in apart_rows
+                ],
+                [[99, *entry[1:]] for entry in apart_rows],
             ):
-                ends_with_plan = all(one[2] > end for one in kept)
-                if edited[0][2] > kept[0][2] and ends_with_plan:
+                ends_with_plan = all(entry[2] > end for entry in apart_rows)
+                if edited[0][2] > apart_rows[0][2] and ends_with_plan:
                     continue
                 with pytest.raises(check.RefusedError):
                     check.accept(data | {"apart": edited})
@@ -228,8 +239,8 @@ LEVEL = Altitude(2_000.0, "msl", 0.0)
 
 def test_an_intruder_counts_between_two_times_and_the_answer_says_which() -> None:
     answer = plan(OWN, [descending()], ROUTE, POLICY, OPTIONS, own_altitude=LEVEL)
-    (when,) = answer.windows
-    assert (when.number, when.begin, when.end) == pytest.approx((0, 60.0, 180.0), abs=1e-3)
+    (counted,) = answer.windows
+    assert (counted.number, counted.begin, counted.end) == pytest.approx((0, 60.0, 180.0), abs=1e-3)
     assert answer.excluded == ()
     # Where they meet it is above: nothing has to turn.
     assert answer.safe and answer.cost < 100.0 and answer.min_separation > 1_000.0
@@ -251,16 +262,16 @@ def test_the_start_margin_is_no_matter_of_an_intruder_that_counts_later() -> Non
 
 def test_bands_are_closed_by_an_intruder_while_it_is_level() -> None:
     own = VehicleState(*(np.array([value]) for value in OWN))
-    one = VehicleState(*(np.array([[value]]) for value in (8_000.0, 0.0, math.pi, 80.0)))
+    state = VehicleState(*(np.array([[value]]) for value in (8_000.0, 0.0, math.pi, 80.0)))
     for first, last, lost in ((0.0, 20.0, False), (60.0, 200.0, False), (40.0, 50.0, True)):
-        seen = Traffic.straight(one)._replace(
+        reports = Traffic.straight(state)._replace(
             window=Window(np.array([[first]]), np.array([[last]]))
         )
         # The range is below 1 km from 43.75 s until 56.25 s.
-        found = bands.losses_on_course(own, seen, Requirement(1_000.0), 120.0)
-        assert np.isfinite(found[0, 0]) == lost
+        losses = bands.losses_on_course(own, reports, Requirement(1_000.0), 120.0)
+        assert np.isfinite(losses[0, 0]) == lost
         ahead = bands.heading_bands(
-            own, seen, Requirement(1_000.0), C208_PUBLISHED, 120.0, np.array([0.0])
+            own, reports, Requirement(1_000.0), C208_PUBLISHED, 120.0, np.array([0.0])
         )
         assert bool(ahead.closed[0, 0]) is lost
 
@@ -268,10 +279,10 @@ def test_bands_are_closed_by_an_intruder_while_it_is_level() -> None:
 def test_the_monitor_knows_when_an_intruder_counts() -> None:
     answer = plan(OWN, [descending()], ROUTE, POLICY, OPTIONS, own_altitude=LEVEL)
     thresholds = Thresholds.for_plans(OPTIONS)
-    given = {"a": descending()}
+    reports = {"a": descending()}
     for levels_off, lost in ((False, False), (True, True)):
-        watch = activate(begin(thresholds), answer, OWN, given, 0.0, own_altitude=LEVEL)
-        now = given["a"]
+        watch = activate(begin(thresholds), answer, OWN, reports, 0.0, own_altitude=LEVEL)
+        now = reports["a"]
         if levels_off:  # at once it is level: the plan passes in front of it
             now = replace(now, altitude=replace(LEVEL, value=2_100.0))
         _, verdict = step(watch, 0.5, OWN._replace(x=40.0), {"a": now}, own_altitude=LEVEL)

@@ -65,27 +65,27 @@ def ask(request: Request, number: int) -> tuple[VehicleState, list[VehicleState]
     """Return one request of many as :func:`plan` takes it."""
     row = take(request, number)
     own = VehicleState(*(float(field) for field in row.own))
-    others = [
+    intruders = [
         VehicleState(*(float(field[k]) for field in row.traffic.state))
         for k in np.flatnonzero(row.traffic.mask)
     ]
     points = zip(row.route_x.tolist(), row.route_y.tolist(), strict=True)
-    return own, others, [RoutePoint(10 + i, x, y) for i, (x, y) in enumerate(points)]
+    return own, intruders, [RoutePoint(10 + i, x, y) for i, (x, y) in enumerate(points)]
 
 
 def assert_contract(answer: Plan, route: list[RoutePoint]) -> None:
     """Check what every plan with a trajectory promises."""
-    taken = {point.index for point in route}
+    route_indices = {point.index for point in route}
     assert len(answer.waypoints) == WAYPOINTS
     indices = [point.index for point in answer.waypoints]
     assert len(set(indices)) == WAYPOINTS
-    assert not taken & set(indices[:-1])
+    assert not route_indices & set(indices[:-1])
     assert [point.time for point in answer.waypoints[:-1]] == [20.0 * i for i in range(1, 20)]
     last = answer.waypoints[-1]
     assert last.time > 380.0
     where = {point.index: point for point in route}[last.index]
     assert math.hypot(where.x - last.x, where.y - last.y) < 1e-6
-    assert answer.goal_index in taken
+    assert answer.goal_index in route_indices
     assert all(-math.pi <= point.heading < math.pi for point in answer.waypoints)
 
 
@@ -100,8 +100,8 @@ def test_a_conflict_is_resolved_by_a_plan_that_keeps_its_contract(policy: Policy
 
 
 def test_without_intruders_the_route_is_flown(policy: Policy) -> None:
-    for others in ([], [FAR]):
-        answer = plan(OWN, others, ROUTE, policy, OPTIONS)
+    for intruders in ([], [FAR]):
+        answer = plan(OWN, intruders, ROUTE, policy, OPTIONS)
         assert answer.safe
         assert max(abs(point.y) for point in answer.waypoints) < 1e-6
         assert_contract(answer, ROUTE)
@@ -110,20 +110,20 @@ def test_without_intruders_the_route_is_flown(policy: Policy) -> None:
 
 def test_every_safe_plan_keeps_its_contract(policy: Policy, encounters: Encounter) -> None:
     request = request_of(encounters, PAPER)
-    made = plan_many(request, policy, OPTIONS)
-    assert made.candidates.safe.mean() > 0.98
+    plans = plan_many(request, policy, OPTIONS)
+    assert plans.candidates.safe.mean() > 0.98
     for number in range(40):
-        own, others, route = ask(request, number)
-        answer = plan(own, others, route, policy, OPTIONS)
+        own, intruders, route = ask(request, number)
+        answer = plan(own, intruders, route, policy, OPTIONS)
         if answer.waypoints:
             assert_contract(answer, route)
 
 
 def test_one_request_and_many_get_the_same_answer(policy: Policy, encounters: Encounter) -> None:
     request = request_of(encounters, PAPER)
-    many = plan_many(request, policy, OPTIONS)
+    plans = plan_many(request, policy, OPTIONS)
     for number in range(0, 120, 4):
-        answer, row = plan(*ask(request, number), policy, OPTIONS), take(many, number)
+        answer, row = plan(*ask(request, number), policy, OPTIONS), take(plans, number)
         assert answer.safe == row.candidates.safe
         assert answer.source.value == ("none", "policy", "fallback")[int(row.source)]
         # A network evaluated row by row and in tiles rounds differently; in closed loop that grows
@@ -134,16 +134,16 @@ def test_one_request_and_many_get_the_same_answer(policy: Policy, encounters: En
 
 def test_plans_do_not_depend_on_the_batch(policy: Policy, encounters: Encounter) -> None:
     request = request_of(encounters, PAPER)
-    many, few = (
+    all_plans, part_plans = (
         plan_many(request, policy, OPTIONS),
         plan_many(take(request, slice(50, 70)), policy, OPTIONS),
     )
-    np.testing.assert_array_equal(few.candidates.safe, many.candidates.safe[50:70])
+    np.testing.assert_array_equal(part_plans.candidates.safe, all_plans.candidates.safe[50:70])
     np.testing.assert_array_equal(
-        few.candidates.min_separation, many.candidates.min_separation[50:70]
+        part_plans.candidates.min_separation, all_plans.candidates.min_separation[50:70]
     )
     np.testing.assert_array_equal(
-        few.candidates.plan_states.x, many.candidates.plan_states.x[50:70]
+        part_plans.candidates.plan_states.x, all_plans.candidates.plan_states.x[50:70]
     )
 
 
@@ -155,16 +155,18 @@ def test_the_two_rollouts_agree(policy: Policy) -> None:
     goal = np.ones(5, int)
     for direct in (True, False):
         options = replace(OPTIONS, direct=direct)
-        many = roll(request, goal, exact, options)
+        batch = roll(request, goal, exact, options)
         for number in range(5):
             row = take(request, slice(number, number + 1))
-            one = roll(row, goal[:1], exact, options, floats=True)
+            single = roll(row, goal[:1], exact, options, floats=True)
             # The arrays' arctangent is a polynomial, 4e-8 rad off; in closed loop that grows to
             # some metres.
-            np.testing.assert_allclose(one.time[0], many.time[number], atol=1.0)
-            np.testing.assert_allclose(one.plan_states.x[0], many.plan_states.x[number], atol=20.0)
-            np.testing.assert_allclose(one.path[0], many.path[number], atol=120.0)
-            assert one.direct[0] == many.direct[number]
+            np.testing.assert_allclose(single.time[0], batch.time[number], atol=1.0)
+            np.testing.assert_allclose(
+                single.plan_states.x[0], batch.plan_states.x[number], atol=20.0
+            )
+            np.testing.assert_allclose(single.path[0], batch.path[number], atol=120.0)
+            assert single.direct[0] == batch.direct[number]
 
 
 def test_a_pure_rollout_flies_to_the_goal(policy: Policy) -> None:
@@ -217,9 +219,9 @@ def test_a_costly_plan_is_compared_with_the_fallback(policy: Policy, encounters:
         plan_many(request, policy, replace(OPTIONS, fallback_cost_threshold=limit)).candidates
         for limit in (math.inf, 0.0)
     )
-    both = never.safe & always.safe
-    assert np.all(always.cost[both] <= never.cost[both] + 1e-6)
-    assert always.cost[both].mean() < never.cost[both].mean()
+    safe_in_both = never.safe & always.safe
+    assert np.all(always.cost[safe_in_both] <= never.cost[safe_in_both] + 1e-6)
+    assert always.cost[safe_in_both].mean() < never.cost[safe_in_both].mean()
 
 
 def test_what_cannot_be_avoided_is_unresolved_with_reasons(policy: Policy) -> None:
@@ -383,11 +385,15 @@ def test_requests_in_plain_floats_are_planned_as_if_alone(
 def test_more_intruders_than_the_policy_was_trained_with_are_planned_for_and_said(
     policy: Policy,
 ) -> None:
-    many = [HEAD_ON._replace(y=20_000.0 + 100.0 * k) for k in range(policy.most + 1)]
-    answer = plan(OWN, [*many, HEAD_ON], ROUTE, policy, OPTIONS)
+    crowd = [HEAD_ON._replace(y=20_000.0 + 100.0 * k) for k in range(policy.most + 1)]
+    answer = plan(OWN, [*crowd, HEAD_ON], ROUTE, policy, OPTIONS)
     assert answer.safe and answer.source is not Source.NONE
-    said = [one.message for one in answer.advisories if one.code is AdvisoryCode.OUTSIDE_DOMAIN]
-    assert any(f"intruders is {len(many) + 1}; expected 0 to {policy.most}" in one for one in said)
+    messages = [
+        entry.message for entry in answer.advisories if entry.code is AdvisoryCode.OUTSIDE_DOMAIN
+    ]
+    assert any(
+        f"intruders is {len(crowd) + 1}; expected 0 to {policy.most}" in entry for entry in messages
+    )
     # The one in the way is avoided, however many others the policy could look at.
     assert 1_000.0 <= answer.min_separation < 3_000.0
 
@@ -400,7 +406,7 @@ def question(count: int) -> tuple[VehicleState, list[VehicleState], list[RoutePo
     speed = rng.uniform(50.0, 100.0, count)
     fields = away * np.cos(bearing), away * np.sin(bearing), course, speed
     intruders = [
-        VehicleState(*one) for one in zip(*(field.tolist() for field in fields), strict=True)
+        VehicleState(*values) for values in zip(*(field.tolist() for field in fields), strict=True)
     ]
     route = [RoutePoint(i, 12_000.0 + 5_000.0 * i, 0.0) for i in range(9)]
     return VehicleState(0.0, 0.0, 0.0, 80.0), intruders, route
@@ -412,16 +418,16 @@ def test_plan_among_a_hundred_is_the_same_however_they_are_numbered(policy: Poli
     first = plan(start, intruders, route, policy, options)
     again = plan(start, intruders[::-1], route, policy, options)
     assert first.safe and again.waypoints == first.waypoints
-    many = stack_rows([intruders, intruders[::-1]])
+    orders = stack_rows([intruders, intruders[::-1]])
     x, y = (np.array([[getattr(p, axis) for p in route]] * 2) for axis in "xy")
     own = VehicleState(*(np.full(2, value) for value in start))
     together = plan_many(
-        Request(own, Traffic.straight(many), x, y, np.full(2, len(route))), policy, options
+        Request(own, Traffic.straight(orders), x, y, np.full(2, len(route))), policy, options
     )
-    found = np.stack(together.candidates.plan_states, axis=-1)[:, 1:]
+    places = np.stack(together.candidates.plan_states, axis=-1)[:, 1:]
     flown = [[p.x, p.y, p.heading, p.speed, p.time] for p in first.waypoints]
-    np.testing.assert_array_equal(found[0], found[1])
-    np.testing.assert_allclose(found[0], flown, atol=1.0)
+    np.testing.assert_array_equal(places[0], places[1])
+    np.testing.assert_allclose(places[0], flown, atol=1.0)
 
 
 def test_row_with_few_intruders_is_planned_as_alone_beside_a_crowd(policy: Policy) -> None:
@@ -435,16 +441,16 @@ def test_row_with_few_intruders_is_planned_as_alone_beside_a_crowd(policy: Polic
     request, options = Request(own, traffic, x, y, points), replace(OPTIONS, exhaustive=False)
     together = plan_many(request, policy, options)
     for row in range(2):
-        one = take(request, [row])
-        kept = take(one.traffic, (slice(None), one.traffic.mask[0]))
-        alone = plan_many(one._replace(traffic=kept), policy, options)
-        found, expected = take(together, [row]).candidates, alone.candidates
-        map_leaves(np.testing.assert_array_equal, found.plan_states, expected.plan_states)
-        assert found.findings.clearance == expected.findings.clearance
+        single = take(request, [row])
+        present = take(single.traffic, (slice(None), single.traffic.mask[0]))
+        alone = plan_many(single._replace(traffic=present), policy, options)
+        candidate, expected = take(together, [row]).candidates, alone.candidates
+        map_leaves(np.testing.assert_array_equal, candidate.plan_states, expected.plan_states)
+        assert candidate.findings.clearance == expected.findings.clearance
         # Intruders go by their numbers in the request.
-        names = np.flatnonzero(one.traffic.mask[0])
+        names = np.flatnonzero(single.traffic.mask[0])
         blamed = expected.findings.intruder[0]
-        assert found.findings.intruder[0] == (names[blamed] if blamed >= 0 else -1)
+        assert candidate.findings.intruder[0] == (names[blamed] if blamed >= 0 else -1)
 
 
 def stack_rows(rows: list[list[VehicleState]]) -> VehicleState:
@@ -460,15 +466,15 @@ def test_intruder_that_cannot_come_near_is_left_out_and_only_then(
     points = np.array([[point.x, point.y] for point in ROUTE])
     end = float(OPTIONS.latest_end(OWN.speed, *points.T))
     uncertain = 2.0 * velocity_std * (end + 1.0)
-    both = PAPER.traffic_speed_max * (end + 1.0) + OPTIONS.limits.speed_max * end
-    edge = both + OPTIONS.requirement.separation + OPTIONS.requirement.margin + uncertain
+    reach = PAPER.traffic_speed_max * (end + 1.0) + OPTIONS.limits.speed_max * end
+    edge = reach + OPTIONS.requirement.separation + OPTIONS.requirement.margin + uncertain
     edge *= 1.0 + (edge / 6.3e6) ** 2 / 5.0  # a local frame may stretch distances
     for beyond, left_out in ((-5.0, False), (5.0, True)):
         far = VehicleState(edge + beyond, 0.0, math.pi, 80.0)
-        one = Intruder(far, 1.0, turn_rate, 30.0, velocity_std=velocity_std)
-        answer = plan(OWN, [one], ROUTE, policy, OPTIONS)
+        intruder = Intruder(far, 1.0, turn_rate, 30.0, velocity_std=velocity_std)
+        answer = plan(OWN, [intruder], ROUTE, policy, OPTIONS)
         assert answer.safe
-        assert [found.apart for found in answer.excluded] == [Apart.FAR] * left_out
+        assert [exclusion.apart for exclusion in answer.excluded] == [Apart.FAR] * left_out
         # It is proven like any other.
         proven = accept(json.loads(answer.certificate or b""))
         assert len(proven.reports) == 1 and proven.bounds[0] > 0.0
@@ -482,8 +488,8 @@ def test_least_distance_is_below_that_on_the_earth(latitude: float) -> None:
         for own_x, own_y, x, y in rng.uniform(-0.7, 0.7, (50, 4)) * [4e4, 4e4, reach, reach]:
             places = [frame.geodetic(*at) for at in ((own_x, own_y), (x, y))]
             true = geodesic(*(float(part) for place in places for part in place[:2]))
-            own, other = (VehicleState(*at, 0.0, 50.0) for at in ((own_x, own_y), (x, y)))
-            assert 0.99 * true - 50.0 <= least_distance(own, other) <= true
+            own, intruder = (VehicleState(*at, 0.0, 50.0) for at in ((own_x, own_y), (x, y)))
+            assert 0.99 * true - 50.0 <= least_distance(own, intruder) <= true
 
 
 ODD = {
@@ -514,25 +520,33 @@ def test_a_speed_just_outside_the_envelope_is_planned_with(policy: Policy, speed
 def test_a_plan_says_what_traffic_is_outside_the_domain(
     policy: Policy, encounters: Encounter
 ) -> None:
-    own, others, route = ask(request_of(encounters, PAPER), 0)
+    own, intruders, route = ask(request_of(encounters, PAPER), 0)
     outside = AdvisoryCode.OUTSIDE_DOMAIN
-    assert outside not in [one.code for one in plan(own, others, route, policy, OPTIONS).advisories]
-    others[0] = others[0]._replace(speed=5.0)
-    said = [
-        one for one in plan(own, others, route, policy, OPTIONS).advisories if one.code is outside
+    assert outside not in [
+        advisory.code for advisory in plan(own, intruders, route, policy, OPTIONS).advisories
     ]
-    assert (said[0].field, said[0].text.split(";")[0]) == ("intruder_speed", "is 5 m/s")
+    intruders[0] = intruders[0]._replace(speed=5.0)
+    departures = [
+        advisory
+        for advisory in plan(own, intruders, route, policy, OPTIONS).advisories
+        if advisory.code is outside
+    ]
+    assert (departures[0].field, departures[0].text.split(";")[0]) == ("intruder_speed", "is 5 m/s")
 
 
 @pytest.mark.parametrize(
-    ("separation", "said"), [(299.0, False), (3_000.0, False), (200.0, True), (3_100.0, True)]
+    ("separation", "is_said"), [(299.0, False), (3_000.0, False), (200.0, True), (3_100.0, True)]
 )
 def test_a_plan_says_which_separations_are_outside_the_domain(
-    policy: Policy, separation: float, said: bool
+    policy: Policy, separation: float, is_said: bool
 ) -> None:
     answer = plan(OWN, [Intruder(HEAD_ON, separation=separation)], ROUTE, policy, OPTIONS)
-    fields = [one.field for one in answer.advisories if one.code is AdvisoryCode.OUTSIDE_DOMAIN]
-    assert ("intruder_separation" in fields) == said
+    fields = [
+        advisory.field
+        for advisory in answer.advisories
+        if advisory.code is AdvisoryCode.OUTSIDE_DOMAIN
+    ]
+    assert ("intruder_separation" in fields) == is_said
 
 
 def test_the_vertical_filter_looks_to_the_end_of_the_plan(policy: Policy) -> None:
@@ -540,8 +554,10 @@ def test_the_vertical_filter_looks_to_the_end_of_the_plan(policy: Policy) -> Non
     route = [RoutePoint(0, 0.0, 0.0), RoutePoint(1, 10_000.0, 0.0), RoutePoint(2, 90_000.0, 0.0)]
     own, late = VehicleState(0.0, 0.0, 0.0, 75.0), 1_100.0
     state = VehicleState(own.speed * late, -50.0 * late, math.pi / 2.0, 50.0)
-    other = Intruder(state, altitude=Altitude(2_110.0, "msl", -1.0))
-    answer = plan(own, [other], route, policy, OPTIONS, own_altitude=Altitude(1_000.0, "msl", 0.0))
+    intruder = Intruder(state, altitude=Altitude(2_110.0, "msl", -1.0))
+    answer = plan(
+        own, [intruder], route, policy, OPTIONS, own_altitude=Altitude(1_000.0, "msl", 0.0)
+    )
     assert answer.excluded == ()
     assert not answer.safe or answer.min_separation >= 1_000.0
 
@@ -552,26 +568,26 @@ def test_an_intruder_far_above_is_left_out_and_said_so(policy: Policy) -> None:
             OWN, [FAR, Intruder(HEAD_ON, altitude=level)], ROUTE, policy, OPTIONS, own_altitude=own
         )
 
-    here = Altitude(2_500.0, "msl", 0.0)
-    above = answer(Altitude(3_500.0, "msl", 0.0), here)
-    assert [one.number for one in above.excluded] == [1]
+    own_altitude = Altitude(2_500.0, "msl", 0.0)
+    above = answer(Altitude(3_500.0, "msl", 0.0), own_altitude)
+    assert [exclusion.number for exclusion in above.excluded] == [1]
     assert "msl" in above.excluded[0].reason
     assert max(abs(point.y) for point in above.waypoints) < 1e-6
     for level, own in (
-        (None, here),
+        (None, own_altitude),
         (Altitude(3_500.0, "msl", 0.0), None),
-        (Altitude(3_500.0, "wgs84", 0.0), here),
-        (Altitude(3_000.0, "msl", 0.0), here),
-        (Altitude(3_500.0, "msl"), here),
+        (Altitude(3_500.0, "wgs84", 0.0), own_altitude),
+        (Altitude(3_000.0, "msl", 0.0), own_altitude),
+        (Altitude(3_500.0, "msl"), own_altitude),
         (Altitude(3_500.0, "msl", 0.0), Altitude(2_500.0, "msl")),
-        (Altitude(3_500.0, "msl", 0.0, error=500.0), here),
-        (Altitude(3_500.0, "msl", vertical_speed=-10.0), here),
+        (Altitude(3_500.0, "msl", 0.0, error=500.0), own_altitude),
+        (Altitude(3_500.0, "msl", vertical_speed=-10.0), own_altitude),
     ):
-        kept = answer(level, own)
-        assert kept.excluded == ()
-        assert max(abs(point.y) for point in kept.waypoints) > 100.0
+        counted = answer(level, own)
+        assert counted.excluded == ()
+        assert max(abs(point.y) for point in counted.waypoints) > 100.0
     # It is level only once both have passed each other.
-    late = answer(Altitude(3_500.0, "msl", vertical_speed=-5.0), here)
+    late = answer(Altitude(3_500.0, "msl", vertical_speed=-5.0), own_altitude)
     assert late.excluded == ()
     assert late.windows[0].begin == pytest.approx(80.0)
     assert max(abs(point.y) for point in late.waypoints) < 1e-6
@@ -580,9 +596,9 @@ def test_an_intruder_far_above_is_left_out_and_said_so(policy: Policy) -> None:
 def test_no_plan_outlasts_what_an_intruder_was_left_out_for(
     policy: Policy, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    here = Altitude(2_500.0, "msl", 0.0)
+    level = Altitude(2_500.0, "msl", 0.0)
     above = [Intruder(FAR, altitude=Altitude(3_500.0, "msl", 0.0))]
-    good = plan(OWN, above, ROUTE, policy, OPTIONS, own_altitude=here)
+    good = plan(OWN, above, ROUTE, policy, OPTIONS, own_altitude=level)
     assert good.safe
     ends = Options.latest_end
 
@@ -592,11 +608,13 @@ def test_no_plan_outlasts_what_an_intruder_was_left_out_for(
         return 300.0 if points is None else ends(options, own_speed, x, y, points, wind)
 
     monkeypatch.setattr(Options, "latest_end", too_early)
-    answer = plan(OWN, above, ROUTE, policy, OPTIONS, own_altitude=here)
+    answer = plan(OWN, above, ROUTE, policy, OPTIONS, own_altitude=level)
     assert not answer.safe and answer.certificate is None
-    assert [(one.kind, one.field) for one in answer.reasons] == [(Kind.SEPARATION, "intruders[0]")]
+    assert [(finding.kind, finding.field) for finding in answer.reasons] == [
+        (Kind.SEPARATION, "intruders[0]")
+    ]
     late = recheck(
-        good, 20.0, OWN._replace(x=OWN.x + 20.0 * OWN.speed), above, ROUTE, OPTIONS, here
+        good, 20.0, OWN._replace(x=OWN.x + 20.0 * OWN.speed), above, ROUTE, OPTIONS, level
     )
     assert not late.safe and "left out" in late.reasons[0].message
 
@@ -656,12 +674,14 @@ def test_starts_inside_the_margin_are_not_refused_by_it(policy: Policy) -> None:
 def scale_request(request: Request, number: int, length: float, pace: float) -> tuple[Any, ...]:
     own, intruders, route = ask(request, number)
 
-    def state(one: VehicleState) -> VehicleState:
-        return VehicleState(length * one.x, length * one.y, one.heading, pace * one.speed)
+    def state(original: VehicleState) -> VehicleState:
+        return VehicleState(
+            length * original.x, length * original.y, original.heading, pace * original.speed
+        )
 
     return (
         state(own),
-        [state(one) for one in intruders],
+        [state(original) for original in intruders],
         [replace(p, x=length * p.x, y=length * p.y) for p in route],
     )
 
@@ -683,12 +703,12 @@ class InOtherUnits:
         goal_y: float,
         distance_scale: Any = None,
     ) -> tuple[float, float]:
-        own, *others = (
+        own, *intruders_scaled = (
             VehicleState(*(v / u for v, u in zip(s, self._units, strict=True)))
             for s in (own, *intruders)
         )
         return self._policy.command_one(
-            own, others, goal_x / self._units[0], goal_y / self._units[0], distance_scale
+            own, intruders_scaled, goal_x / self._units[0], goal_y / self._units[0], distance_scale
         )
 
     def departures(self, *scene: Any) -> list[str]:
@@ -712,18 +732,18 @@ def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(
             unit * limits.yaw_rate_max,
         )
 
-    other = new_aircraft(
+    scaled_aircraft = new_aircraft(
         in_units(PAPER.limits),
         length * PAPER.separation,
         dt=PAPER.dt / unit,
         vehicle=in_units(PAPER.vehicle_limits),
     )
-    assert ratios(other.limits, other.separation) == pytest.approx(
+    assert ratios(scaled_aircraft.limits, scaled_aircraft.separation) == pytest.approx(
         ratios(PAPER.limits, PAPER.separation)
     )
     mine, theirs = (
-        replace(Options.for_aircraft(one, exhaustive=False), deadline_s=math.inf)
-        for one in (PAPER, other)
+        replace(Options.for_aircraft(item, exhaustive=False), deadline_s=math.inf)
+        for item in (PAPER, scaled_aircraft)
     )
     alike: Any = InOtherUnits(policy, length, pace)
     sources = set()
@@ -731,19 +751,19 @@ def test_aircraft_of_the_same_ratios_get_the_same_plans_scaled(
         request = request_of(encounters_of_seed(drawn, 6, 0, 10), PAPER)
         for number in range(10):
             answer = plan(*ask(request, number), policy, mine)
-            same = plan(*scale_request(request, number, length, pace), alike, theirs)
-            assert (same.status, same.source, same.goal_index) == (
+            scaled = plan(*scale_request(request, number, length, pace), alike, theirs)
+            assert (scaled.status, scaled.source, scaled.goal_index) == (
                 answer.status,
                 answer.source,
                 answer.goal_index,
             )
-            for one, two in zip(answer.waypoints, same.waypoints, strict=True):
+            for item, two in zip(answer.waypoints, scaled.waypoints, strict=True):
                 expected = (
-                    length * one.x,
-                    length * one.y,
-                    one.heading,
-                    pace * one.speed,
-                    one.time / unit,
+                    length * item.x,
+                    length * item.y,
+                    item.heading,
+                    pace * item.speed,
+                    item.time / unit,
                 )
                 assert (two.x, two.y, two.heading, two.speed, two.time) == pytest.approx(
                     expected, rel=1e-6, abs=1e-3
@@ -768,10 +788,10 @@ def test_no_plan_outlasts_its_bound(policy: Policy) -> None:
     for extend in (False, True):
         options = Options.for_aircraft(PAPER, exhaustive=False, extend_route=extend)
         ends = plan_many(request, policy, options).candidates.plan_states.time[:, -1]
-        made = np.isfinite(ends)
-        assert made.sum() > 20
+        exists = np.isfinite(ends)
+        assert exists.sum() > 20
         bound = options.latest_end(speed, route_x, route_y, request.points)
-        assert np.all(ends[made] <= bound[made])
+        assert np.all(ends[exists] <= bound[exists])
 
 
 def test_a_slow_ownship_s_last_leg_is_inside_the_bound(policy: Policy) -> None:
@@ -795,7 +815,7 @@ def test_a_point_of_the_route_that_is_skipped_is_said(wind: Wind | None) -> None
     def skipped(intruders: list[VehicleState]) -> list[str]:
         answer = plan(own, intruders, route, Policy.load(), OPTIONS, wind=wind)
         assert answer.safe
-        said = [one.message for one in answer.advisories if one.code is AdvisoryCode.SKIPPED]
+        texts = [entry.message for entry in answer.advisories if entry.code is AdvisoryCode.SKIPPED]
         # The same by sampling the curve that is flown.
         states = plan_states(own, answer.waypoints, wind=wind)
         curve = map_leaves(lambda field: field[None], legs(states))
@@ -803,21 +823,21 @@ def test_a_point_of_the_route_that_is_skipped_is_said(wind: Wind | None) -> None
         flown = at(
             map_leaves(lambda field: np.repeat(field, times.size, axis=0), curve), times, wind
         )
-        away = [float(np.hypot(flown.x - one.x, flown.y - one.y).min()) for one in route]
+        away = [float(np.hypot(flown.x - entry.x, flown.y - entry.y).min()) for entry in route]
         missed = [
-            one.index
-            for one, far in zip(route, away, strict=True)
-            if far > PAPER.goal_radius and one.x < answer.waypoints[-1].x
+            entry.index
+            for entry, far in zip(route, away, strict=True)
+            if far > PAPER.goal_radius and entry.x < answer.waypoints[-1].x
         ]
         assert [f"(waypoint {index})" for index in missed] == [
-            text[text.index("(") : text.index(")") + 1] for text in said
+            text[text.index("(") : text.index(")") + 1] for text in texts
         ]
-        return said
+        return texts
 
     assert skipped([]) == []
     # It stands where the first point of the route is.
-    (said,) = skipped([VehicleState(8_000.0, 0.0, 0.0, 0.0)])
-    assert said.startswith("skipped: route[0] (waypoint 3) is skipped")
+    (text,) = skipped([VehicleState(8_000.0, 0.0, 0.0, 0.0)])
+    assert text.startswith("skipped: route[0] (waypoint 3) is skipped")
 
 
 @pytest.mark.parametrize("speed", [40.0, pytest.param(70.0, marks=pytest.mark.slow)])
@@ -829,21 +849,23 @@ def test_of_the_points_of_a_leg_the_best_is_rejoined_and_no_corner_is_left_out(
     first = replace(OPTIONS, goals=12, exhaustive=False)
     best = replace(first, rejoin_on_leg=True)
     rng, gained = np.random.default_rng(3), 0
-    for when, way in rng.uniform((50.0, -math.pi), (80.0, math.pi), (8, 2)):
+    for meeting_time, way in rng.uniform((50.0, -math.pi), (80.0, math.pi), (8, 2)):
         vx, vy = speed * math.cos(way), speed * math.sin(way)
-        traffic = [VehicleState(when * (OWN.speed - vx), -vy * when, way, speed)]
-        one, other = (plan(OWN, traffic, leg + corner, policy, each) for each in (first, best))
-        assert other.safe or not one.safe
-        if not one.safe:
+        traffic = [VehicleState(meeting_time * (OWN.speed - vx), -vy * meeting_time, way, speed)]
+        first_plan, best_plan = (
+            plan(OWN, traffic, leg + corner, policy, entry) for entry in (first, best)
+        )
+        assert best_plan.safe or not first_plan.safe
+        if not first_plan.safe:
             continue
-        assert other.goal_index is not None
-        assert other.goal_index <= leg[-1].index, "the corner is flown over"
-        assert other.cost <= one.cost
-        if one.cost <= OPTIONS.fallback_cost_threshold:
-            assert other == one, "what costs little is not weighed up"
-        gained += other.cost < one.cost - 300.0
+        assert best_plan.goal_index is not None
+        assert best_plan.goal_index <= leg[-1].index, "the corner is flown over"
+        assert best_plan.cost <= first_plan.cost
+        if first_plan.cost <= OPTIONS.fallback_cost_threshold:
+            assert best_plan == first_plan, "what costs little is not weighed up"
+        gained += best_plan.cost < first_plan.cost - 300.0
         # Points of other legs than that of the next point are not as welcome.
-        bent = [leg[0], *(replace(one, x=leg[0].x) for one in corner)]
-        round_it = (plan(OWN, traffic, bent, policy, each) for each in (first, best))
-        assert len({each.goal_index for each in round_it}) == 1
+        bent = [leg[0], *(replace(point, x=leg[0].x) for point in corner)]
+        around_corner = (plan(OWN, traffic, bent, policy, entry) for entry in (first, best))
+        assert len({entry.goal_index for entry in around_corner}) == 1
     assert gained >= 2

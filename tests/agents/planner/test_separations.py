@@ -35,28 +35,34 @@ SEPARATIONS = 300.0, 700.0, 1_600.0, 2_500.0
 
 def crossing(rng: np.random.Generator) -> VehicleState:
     """Return an intruder that would come near the straight flight."""
-    when, course, speed = rng.uniform(50.0, 130.0), rng.uniform(-3.0, 3.0), rng.uniform(40.0, 110.0)
-    x, y = 80.0 * when + rng.uniform(-900.0, 900.0), rng.uniform(-900.0, 900.0)
-    back = speed * when
+    crossing_time, course, speed = (
+        rng.uniform(50.0, 130.0),
+        rng.uniform(-3.0, 3.0),
+        rng.uniform(40.0, 110.0),
+    )
+    x, y = 80.0 * crossing_time + rng.uniform(-900.0, 900.0), rng.uniform(-900.0, 900.0)
+    back = speed * crossing_time
     return VehicleState(x - back * math.cos(course), y - back * math.sin(course), course, speed)
 
 
 def scenes(count: int, seed: int) -> list[list[Intruder]]:
     """Return intruders, each with a separation of its own, that begin beyond it."""
-    rng, found = np.random.default_rng(seed), []
-    while len(found) < count:
-        given = [
+    rng, accepted = np.random.default_rng(seed), []
+    while len(accepted) < count:
+        reports = [
             Intruder(crossing(rng), separation=float(rng.choice(SEPARATIONS)))
             for _ in range(rng.integers(1, 4))
         ]
-        if all(math.hypot(*one.state[:2]) > (one.separation or 0.0) + 500.0 for one in given):
-            found.append(given)
-    return found
+        if all(
+            math.hypot(*report.state[:2]) > (report.separation or 0.0) + 500.0 for report in reports
+        ):
+            accepted.append(reports)
+    return accepted
 
 
 def test_own_separations_are_remarked() -> None:
     level = Altitude(1_000.0, "msl", 0.0)
-    others = [
+    intruders = [
         VehicleState(9_000.0, 6_000.0, 0.0, 80.0),
         Intruder(VehicleState(9_000.0, -6_000.0, 0.0, 80.0), separation=PAPER.separation),
         Intruder(
@@ -66,9 +72,11 @@ def test_own_separations_are_remarked() -> None:
             vertical_separation=300.0,
         ),
     ]
-    answer = plan(OWN, others, ROUTE, POLICY, OPTIONS, own_altitude=level)
-    said = [one for one in answer.advisories if one.code is AdvisoryCode.OWN_SEPARATION]
-    assert [(str(one.field), one.text) for one in said] == [
+    answer = plan(OWN, intruders, ROUTE, POLICY, OPTIONS, own_altitude=level)
+    remarks = [
+        advisory for advisory in answer.advisories if advisory.code is AdvisoryCode.OWN_SEPARATION
+    ]
+    assert [(str(advisory.field), advisory.text) for advisory in remarks] == [
         ("intruders[2].separation", "is 2500 m, of the others 1000 m"),
         (
             "intruders[2].vertical_separation",
@@ -80,28 +88,28 @@ def test_own_separations_are_remarked() -> None:
 
 def nearest(answer: Plan, intruder: Intruder) -> float:
     """Return the smallest sampled distance to a straight intruder, m."""
-    other, times = intruder.state, np.arange(0.0, answer.waypoints[-1].time, 0.25)
+    state, times = intruder.state, np.arange(0.0, answer.waypoints[-1].time, 0.25)
     own = at(legs(plan_states(OWN, answer.waypoints)), times)
-    x = other.x + other.speed * times * math.cos(other.heading) - own.x
-    y = other.y + other.speed * times * math.sin(other.heading) - own.y
+    x = state.x + state.speed * times * math.cos(state.heading) - own.x
+    y = state.y + state.speed * times * math.sin(state.heading) - own.y
     return float(np.hypot(x, y).min())
 
 
 def test_every_intruder_is_kept_as_far_as_it_asks_and_the_certificate_proves_it() -> None:
     safe, least = 0, []
-    for given in scenes(16, 1):
-        answer = plan(OWN, given, ROUTE, POLICY, OPTIONS)
+    for reports in scenes(16, 1):
+        answer = plan(OWN, reports, ROUTE, POLICY, OPTIONS)
         if not answer.safe:
             continue
         safe += 1
-        apart = [nearest(answer, one) for one in given]
-        for one, away in zip(given, apart, strict=True):
-            assert one.separation is not None and away >= one.separation
+        apart = [nearest(answer, report) for report in reports]
+        for report, away in zip(reports, apart, strict=True):
+            assert report.separation is not None and away >= report.separation
         assert answer.min_separation == pytest.approx(min(apart), abs=15.0)
         least.append(min(apart))
         assert answer.certificate is not None
         data = json.loads(answer.certificate)
-        assert [row[9] for row in data["intruders"]] == [one.separation for one in given]
+        assert [row[9] for row in data["intruders"]] == [report.separation for report in reports]
         check.accept(data)
         # What is proven is the separation of each: a metre beyond its distance is refused.
         closest = int(np.argmin(data["bounds"]))
@@ -113,41 +121,47 @@ def test_every_intruder_is_kept_as_far_as_it_asks_and_the_certificate_proves_it(
 
 
 def test_the_aircrafts_separation_said_of_each_changes_no_bit() -> None:
-    for given in scenes(6, 2):
-        unsaid = [replace(one, separation=None) for one in given]
-        said = [replace(one, separation=1_000.0) for one in given]
-        one, two = (plan(OWN, each, ROUTE, POLICY, OPTIONS) for each in (unsaid, said))
-        assert one == two
-        if one.safe:
-            assert one.certificate == two.certificate
+    for scene in scenes(6, 2):
+        unsaid = [replace(report, separation=None) for report in scene]
+        stated = [replace(report, separation=1_000.0) for report in scene]
+        first, second = (plan(OWN, reports, ROUTE, POLICY, OPTIONS) for reports in (unsaid, stated))
+        assert first == second
+        if first.safe:
+            assert first.certificate == second.certificate
 
 
 @pytest.mark.parametrize("separation", SEPARATIONS)
 def test_one_separation_of_all_intruders_is_judged_like_that_of_the_requirement(
     separation: float,
 ) -> None:
-    flown, seen = plans(60, 5), traffic(60, 4, 6, turning=True)
-    own = seen._replace(separation=np.full(seen.mask.shape, separation))
-    one = validate(flown, own, Requirement(1_000.0, 5.0), C208_PUBLISHED)
-    two = validate(flown, seen, Requirement(separation, 5.0), C208_PUBLISHED)
-    for mine, others in zip(one, two, strict=True):
-        np.testing.assert_array_equal(mine, others)
-    assert 0 < one.safe.sum() < 60 or separation == 300.0
+    flown, reports = plans(60, 5), traffic(60, 4, 6, turning=True)
+    own = reports._replace(separation=np.full(reports.mask.shape, separation))
+    by_own = validate(flown, own, Requirement(1_000.0, 5.0), C208_PUBLISHED)
+    by_requirement = validate(flown, reports, Requirement(separation, 5.0), C208_PUBLISHED)
+    for mine, theirs in zip(by_own, by_requirement, strict=True):
+        np.testing.assert_array_equal(mine, theirs)
+    assert 0 < by_own.safe.sum() < 60 or separation == 300.0
 
 
 def test_bands_and_planner_are_one_truth() -> None:
     own = VehicleState(*(np.array([value]) for value in OWN))
-    for given in scenes(6, 3):
-        states = [VehicleState(*(np.array([[value]]) for value in one.state)) for one in given]
-        for one, state in zip(given, states, strict=True):
-            seen = Traffic.straight(state)
-            assert one.separation is not None
-            mine = seen._replace(separation=np.full((1, 1), one.separation))
-            asked = C208_PUBLISHED, 120.0
-            found = bands.heading_bands(own, mine, Requirement(1_000.0, 1.0), *asked)
-            same = bands.heading_bands(own, seen, Requirement(one.separation, 1.0), *asked)
-            np.testing.assert_array_equal(found.loss, same.loss)
-            np.testing.assert_array_equal(found.clearance < 0.0, same.clearance < 0.0)
+    for scene in scenes(6, 3):
+        states = [
+            VehicleState(*(np.array([[value]]) for value in report.state)) for report in scene
+        ]
+        for report, state in zip(scene, states, strict=True):
+            reported = Traffic.straight(state)
+            assert report.separation is not None
+            mine = reported._replace(separation=np.full((1, 1), report.separation))
+            arguments = C208_PUBLISHED, 120.0
+            own_bands = bands.heading_bands(own, mine, Requirement(1_000.0, 1.0), *arguments)
+            bands_of_requirement = bands.heading_bands(
+                own, reported, Requirement(report.separation, 1.0), *arguments
+            )
+            np.testing.assert_array_equal(own_bands.loss, bands_of_requirement.loss)
+            np.testing.assert_array_equal(
+                own_bands.clearance < 0.0, bands_of_requirement.clearance < 0.0
+            )
 
 
 def causes_told(separation: float | None, ahead: float) -> Any:
@@ -180,14 +194,14 @@ def test_the_monitor_watches_the_separation_of_each() -> None:
 
 
 def test_a_reason_says_what_was_expected_of_that_intruder() -> None:
-    given = Intruder(VehicleState(1_500.0, 0.0, 0.0, 80.0), separation=2_000.0)
-    answer = plan(OWN, [given], ROUTE, POLICY, OPTIONS)
+    report = Intruder(VehicleState(1_500.0, 0.0, 0.0, 80.0), separation=2_000.0)
+    answer = plan(OWN, [report], ROUTE, POLICY, OPTIONS)
     reasons = {reason.kind: reason.message for reason in answer.reasons}
     assert reasons[Kind.START_IN_VIOLATION] == (
         "intruders[0] is 1500.0 m away at the request, expected 2000.0 m or more"
     )
     assert "expected 2000.0 m or more" in reasons[Kind.SEPARATION]
-    assert plan(OWN, [replace(given, separation=1_000.0)], ROUTE, POLICY, OPTIONS).safe
+    assert plan(OWN, [replace(report, separation=1_000.0)], ROUTE, POLICY, OPTIONS).safe
 
 
 def test_far_aircraft_are_left_out_by_their_own_separation() -> None:
@@ -203,14 +217,14 @@ def test_a_vertical_separation_of_its_own_decides_who_is_left_out() -> None:
     above = Intruder(
         VehicleState(9_000.0, 0.0, math.pi, 80.0), altitude=replace(level, value=2_500.0)
     )
-    for vertical, out in ((None, False), (450.0, True), (700.0, False)):
-        given = replace(above, vertical_separation=vertical)
-        answer = plan(OWN, [given], ROUTE, POLICY, OPTIONS, own_altitude=level)
-        assert answer.safe and bool(answer.excluded) is out
+    for vertical, left_out in ((None, False), (450.0, True), (700.0, False)):
+        report = replace(above, vertical_separation=vertical)
+        answer = plan(OWN, [report], ROUTE, POLICY, OPTIONS, own_altitude=level)
+        assert answer.safe and bool(answer.excluded) is left_out
         assert answer.certificate is not None
         data = json.loads(answer.certificate)
         check.accept(data)
-        if out:
+        if left_out:
             assert data["excluded"][0][5] == vertical
             data["excluded"][0][5] = 501.0
             with pytest.raises(check.RefusedError, match="above or below"):
@@ -220,16 +234,16 @@ def test_a_vertical_separation_of_its_own_decides_who_is_left_out() -> None:
 @pytest.mark.parametrize("name", ["separation", "vertical_separation"])
 @pytest.mark.parametrize("value", [0.0, -5.0, math.nan, math.inf, 1e9, "300", True])
 def test_a_separation_that_is_none_is_refused_by_name(name: str, value: Any) -> None:
-    given = [VehicleState(9_000.0, 0.0, math.pi, 80.0), Intruder(OWN._replace(x=5_000.0))]
-    given[1] = dataclasses.replace(given[1], **{name: value})
+    reports = [VehicleState(9_000.0, 0.0, math.pi, 80.0), Intruder(OWN._replace(x=5_000.0))]
+    reports[1] = dataclasses.replace(reports[1], **{name: value})
     with pytest.raises(RequestError) as refused:
-        plan(OWN, given, ROUTE, POLICY, OPTIONS)
+        plan(OWN, reports, ROUTE, POLICY, OPTIONS)
     assert refused.value.field == f"intruders[1].{name}"
     assert str(refused.value).count("expected") == 1
 
 
 def test_the_policy_counts_distances_in_the_separation_of_each() -> None:
-    other = VehicleState(3_100.0, 4_200.0, 1.0, 70.0)
-    seen = Traffic.straight(other)._replace(separation=np.array([2_000.0, 500.0, math.nan]))
-    np.testing.assert_array_equal(distance_scales(seen, Requirement(1_000.0)), [0.5, 2.0, 1.0])
-    assert distance_scales(Traffic.straight(other), Requirement(1_000.0)) is None
+    state = VehicleState(3_100.0, 4_200.0, 1.0, 70.0)
+    reports = Traffic.straight(state)._replace(separation=np.array([2_000.0, 500.0, math.nan]))
+    np.testing.assert_array_equal(distance_scales(reports, Requirement(1_000.0)), [0.5, 2.0, 1.0])
+    assert distance_scales(Traffic.straight(state), Requirement(1_000.0)) is None

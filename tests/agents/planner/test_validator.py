@@ -49,34 +49,36 @@ def plans(count: int, seed: int) -> PlanStates:
 def traffic(count: int, intruders: int, seed: int, *, turning: bool = False) -> Traffic:
     """Return intruders ``[count, intruders]`` around the plans."""
     rng = np.random.default_rng(seed)
-    one = Traffic.straight(random_states(rng, count, intruders, extent=8_000.0))
+    straight = Traffic.straight(random_states(rng, count, intruders, extent=8_000.0))
     if not turning:
-        return one
-    shape = one.mask.shape
+        return straight
+    shape = straight.mask.shape
     rate = rng.uniform(-1.0, 1.0, shape) * math.radians(3.0) * (rng.random(shape) < 0.7)
-    return one._replace(turn_rate=rate, turn_time=rng.uniform(0.0, 60.0, shape))
+    return straight._replace(turn_rate=rate, turn_time=rng.uniform(0.0, 60.0, shape))
 
 
 def sample_distances(plan_states: PlanStates, intruders: Traffic, step: float) -> np.ndarray:
     """Return the distances to the intruders at times ``step`` apart, m, ``[T, N, K]``."""
     curves, times = legs(plan_states), np.arange(0.0, plan_states.time[0, -1] + 1e-9, step)
     apart = []
-    for some in np.array_split(times[:, None], 1 + times.size // 500):
-        own, other = at(curves, some), predict(intruders, some[..., None])
-        apart.append(np.hypot(other.x - own.x[..., None], other.y - own.y[..., None]))
+    for block in np.array_split(times[:, None], 1 + times.size // 500):
+        own, intruder_states = at(curves, block), predict(intruders, block[..., None])
+        apart.append(
+            np.hypot(intruder_states.x - own.x[..., None], intruder_states.y - own.y[..., None])
+        )
     return np.concatenate(apart)
 
 
 @pytest.mark.parametrize("turning", [False, True])
 def test_the_separation_is_a_tight_lower_bound(turning: bool) -> None:
     plan_states, intruders = plans(50, 1), traffic(50, 3, 2, turning=turning)
-    found = validate(plan_states, intruders, Requirement(300.0), C208_PUBLISHED)
+    judged = validate(plan_states, intruders, Requirement(300.0), C208_PUBLISHED)
     truth = sample_distances(plan_states, intruders, 0.02).min(axis=(0, 2))
     # Samples 0.02 s apart miss a closest approach by at most 0.02 m wherever it is 100 m or more.
-    assert np.all(found.min_separation <= truth + 1e-6)
-    assert np.all(found.min_separation >= truth - 0.05)
-    first = found.wrong[:, CHECKS.index("separation")]
-    np.testing.assert_array_equal(first, found.clearance < 0.0)
+    assert np.all(judged.min_separation <= truth + 1e-6)
+    assert np.all(judged.min_separation >= truth - 0.05)
+    first = judged.wrong[:, CHECKS.index("separation")]
+    np.testing.assert_array_equal(first, judged.clearance < 0.0)
     base = np.minimum(300.0, sample_distances(plan_states, intruders, 1e9)[0])
     assert np.all((truth < 299.9) <= (first | (base.min(axis=-1) < 300.0)))
 
@@ -88,29 +90,29 @@ def test_legs_far_from_an_intruder_are_left_out_without_a_trace(
 ) -> None:
     plan_states, near, far = plans(30, 3), traffic(30, 20, 4, turning=turning), traffic(30, 20, 5)
     away = far.state._replace(x=4.0 * far.state.x, y=4.0 * far.state.y)
-    seen = map_leaves(
-        lambda *both: np.concatenate(both, axis=1), near, far._replace(state=away)
+    reports = map_leaves(
+        lambda *columns: np.concatenate(columns, axis=1), near, far._replace(state=away)
     )._replace(velocity_std=np.full((30, 40), velocity_std))
     if turning:  # the nearest is not always the one that is nearest to what is required
         own = np.random.default_rng(9).choice([np.nan, 100.0, 2_500.0], (30, 40))
-        seen = seen._replace(separation=own)
+        reports = reports._replace(separation=own)
     monkeypatch.setattr(Entry, "ready", False)  # which leaves legs out without a trace, too
     looked_at: list[float] = []
     near = separation.Separation.near
 
-    def count_and_look(*given: Any, **more: Any) -> Any:
-        found = near(*given, **more)
-        looked_at.append(found.row.size / (plan_states.time[:, 1:].size * 40))
-        return found
+    def count_and_look(*arguments: Any, **more: Any) -> Any:
+        judged = near(*arguments, **more)
+        looked_at.append(judged.row.size / (plan_states.time[:, 1:].size * 40))
+        return judged
 
     monkeypatch.setattr(separation.Separation, "near", count_and_look)
-    found = validate(plan_states, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
+    judged = validate(plan_states, reports, Requirement(300.0, 20.0), C208_PUBLISHED)
     monkeypatch.setattr(separation, "_FEW", 40)
-    every = validate(plan_states, seen, Requirement(300.0, 20.0), C208_PUBLISHED)
-    for one, other in zip(found, every, strict=True):
-        np.testing.assert_array_equal(one, other)
+    every = validate(plan_states, reports, Requirement(300.0, 20.0), C208_PUBLISHED)
+    for field, expected in zip(judged, every, strict=True):
+        np.testing.assert_array_equal(field, expected)
     assert looked_at[0] < 0.5 and looked_at[1] == 1.0
-    assert found.wrong.any() and not found.wrong.all(axis=0).any()
+    assert judged.wrong.any() and not judged.wrong.all(axis=0).any()
 
 
 @pytest.mark.parametrize("duration", [20.0, 50.0])
@@ -125,47 +127,47 @@ def test_a_circle_keeps_its_radius_from_its_centre(duration: float, sign: float)
     centre = Traffic.straight(
         VehicleState(*np.array([[[0.0]], [[sign * radius]], [[0.0]], [[0.0]]]))
     )
-    found = validate(plan, centre, Requirement(1_000.0), C208_PUBLISHED)
+    judged = validate(plan, centre, Requirement(1_000.0), C208_PUBLISHED)
     # Each of an arc's 32 parts is judged on its chord, v w h^2 / 8 inside the circle, less as much
     # for its bend.
     sagitta = speed * rate * (duration / 320.0) ** 2 / 8.0
-    assert radius - 2.0 * sagitta - 1e-6 <= found.min_separation[0] <= radius + 1e-6
-    assert found.safe[0]
+    assert radius - 2.0 * sagitta - 1e-6 <= judged.min_separation[0] <= radius + 1e-6
+    assert judged.safe[0]
 
 
 def test_the_first_violation_has_time_and_place() -> None:
     # Head-on at 80 + 80 m/s from 8 km: 1000 m are left after 43.75 s.
     times = 20.0 * np.arange(6.0)[None]
     plan_states = PlanStates(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
-    one = Traffic.straight(
+    intruder = Traffic.straight(
         VehicleState(*(np.array([[value]]) for value in (8_000.0, 0.0, math.pi, 80.0)))
     )
-    found = validate(plan_states, one, Requirement(1_000.0), C208_PUBLISHED)
+    judged = validate(plan_states, intruder, Requirement(1_000.0), C208_PUBLISHED)
     row = CHECKS.index("separation")
-    assert found.time[0, row] == pytest.approx(43.75, abs=0.1)
-    assert found.x[0, row] == pytest.approx(3_500.0, abs=10.0)
-    assert found.intruder[0] == 0
-    assert found.leg[0, row] == 2
-    assert found.min_separation[0] == pytest.approx(0.0, abs=0.01)
-    assert found.time_of_min_separation[0] == pytest.approx(50.0, abs=0.1)
+    assert judged.time[0, row] == pytest.approx(43.75, abs=0.1)
+    assert judged.x[0, row] == pytest.approx(3_500.0, abs=10.0)
+    assert judged.intruder[0] == 0
+    assert judged.leg[0, row] == 2
+    assert judged.min_separation[0] == pytest.approx(0.0, abs=0.01)
+    assert judged.time_of_min_separation[0] == pytest.approx(50.0, abs=0.1)
 
 
 @pytest.mark.parametrize(("end", "safe"), [(16_380.0, True), (16_400.0, False)])
 def test_plan_longer_than_its_rounding_is_bounded_for_is_not_safe(end: float, safe: bool) -> None:
     times = np.array([[0.0, 20.0, 40.0, end]])
     plan_states = PlanStates(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
-    found = validate(plan_states, traffic(1, 0, 0), Requirement(1_000.0), C208_PUBLISHED)
-    assert found.safe[0] == safe
-    assert found.wrong[0, CHECKS.index("times")] != safe
+    judged = validate(plan_states, traffic(1, 0, 0), Requirement(1_000.0), C208_PUBLISHED)
+    assert judged.safe[0] == safe
+    assert judged.wrong[0, CHECKS.index("times")] != safe
 
 
 def test_standing_still_is_not_safe() -> None:
     times = 20.0 * np.arange(3.0)[None]
     plan_states = PlanStates(*np.zeros((4, 1, 3)), times)
-    found = validate(
+    judged = validate(
         plan_states, traffic(1, 0, 0), Requirement(1_000.0), C208_PUBLISHED._replace(speed_min=0.0)
     )
-    assert [CHECKS[check] for check in np.flatnonzero(found.wrong[0])] == ["speed"]
+    assert [CHECKS[check] for check in np.flatnonzero(judged.wrong[0])] == ["speed"]
 
 
 def spoilt(plan_states: PlanStates, name: str, change: Any) -> PlanStates:
@@ -193,12 +195,12 @@ def spoilt(plan_states: PlanStates, name: str, change: Any) -> PlanStates:
 def test_every_fault_is_found(name: str, change: Any, checks: set[str]) -> None:
     good, intruders = plans(40, 3), traffic(40, 0, 0)
     assert validate(good, intruders, Requirement(1_000.0), C208_PUBLISHED).safe.mean() > 0.8
-    found = validate(spoilt(good, name, change), intruders, Requirement(1_000.0), C208_PUBLISHED)
+    judged = validate(spoilt(good, name, change), intruders, Requirement(1_000.0), C208_PUBLISHED)
     found_wrong = np.zeros(40, dtype=bool)
     for check in checks:
-        found_wrong |= found.wrong[:, CHECKS.index(check)]
+        found_wrong |= judged.wrong[:, CHECKS.index(check)]
     assert found_wrong.all()
-    assert not found.safe.any()
+    assert not judged.safe.any()
 
 
 @pytest.mark.parametrize(("speed", "sign"), [(100.0, 1.0), (31.0, -1.0), (100.6, 1.0)])
@@ -212,21 +214,21 @@ def test_rounding_does_not_add_up_beyond_a_limit(speed: float, sign: float) -> N
     assert not validate(
         plan_states, intruders, Requirement(1_000.0), C208_PUBLISHED, curves=curves
     ).wrong[0, check]
-    found = validate(
+    judged = validate(
         plan_states,
         intruders,
         Requirement(1_000.0),
         C208_PUBLISHED,
         curves=curves._replace(acceleration=creeping, speed=speed + gained),
     )
-    assert found.wrong[0, check] and found.leg[0, check] == 0
+    assert judged.wrong[0, check] and judged.leg[0, check] == 0
 
 
 def test_no_plans_are_no_trouble() -> None:
-    found = validate(
+    judged = validate(
         PlanStates(*np.zeros((5, 0, 21))), traffic(0, 0, 0), Requirement(1_000.0), C208_PUBLISHED
     )
-    assert found.safe.shape == (0,)
+    assert judged.safe.shape == (0,)
 
 
 def test_plans_are_judged_one_by_one() -> None:
@@ -265,17 +267,17 @@ def test_no_start_is_refused_by_its_own_margin(margin: float) -> None:
         (turning, column * 0.0, column + 0.001, 0.0),
         (turning, column * 0.0, column, 0.5),
     ):
-        one = Traffic.straight(VehicleState(x, y, column * 0.0 + heading, column * 0.0 + 80.0))
-        found = validate(plan_states, one, Requirement(1_000.0, margin), C208_PUBLISHED)
-        assert found.safe.all(), away[~found.safe][:5]
+        intruder = Traffic.straight(VehicleState(x, y, column * 0.0 + heading, column * 0.0 + 80.0))
+        judged = validate(plan_states, intruder, Requirement(1_000.0, margin), C208_PUBLISHED)
+        assert judged.safe.all(), away[~judged.safe][:5]
 
 
 def test_absent_intruders_do_not_count() -> None:
     plan_states, intruders = plans(30, 7), traffic(30, 3, 8)
     none = intruders._replace(mask=np.zeros_like(intruders.mask))
-    found = validate(plan_states, none, Requirement(1_000.0), C208_PUBLISHED)
-    assert np.all(np.isinf(found.min_separation))
-    assert not found.wrong[:, CHECKS.index("separation")].any()
+    judged = validate(plan_states, none, Requirement(1_000.0), C208_PUBLISHED)
+    assert np.all(np.isinf(judged.min_separation))
+    assert not judged.wrong[:, CHECKS.index("separation")].any()
 
 
 def test_uncertainty_enlarges_what_is_required() -> None:
@@ -289,36 +291,36 @@ def test_uncertainty_enlarges_what_is_required() -> None:
     assert sure.clearance[0] == pytest.approx(300.0, abs=0.1)
     # 2 sigmas of sqrt(30^2 + (2 t)^2) exceed 300 m from t = 73.5 s on.
     vague = abeam._replace(position_std=np.array([[30.0]]), velocity_std=np.array([[2.0]]))
-    found = validate(plan_states, vague, Requirement(1_000.0, 0.0), C208_PUBLISHED)
-    assert not found.safe[0]
-    assert found.time[0, CHECKS.index("separation")] == pytest.approx(73.5, abs=2.1)
+    judged = validate(plan_states, vague, Requirement(1_000.0, 0.0), C208_PUBLISHED)
+    assert not judged.safe[0]
+    assert judged.time[0, CHECKS.index("separation")] == pytest.approx(73.5, abs=2.1)
 
 
 @pytest.mark.parametrize("distance", [1_000.0, 1_000.01, 1_020.0, 1_049.99, 1_050.0, 1_500.0])
 def test_a_start_inside_the_margin_must_only_not_come_closer(distance: float) -> None:
-    one = Traffic.straight(
+    intruder = Traffic.straight(
         VehicleState(*(np.array([[value]]) for value in (0.0, distance, 0.0, 80.0)))
     )
-    need = requirement_of(one, VehicleState(*np.zeros((4, 1))), Requirement(1_000.0, 50.0))
+    need = requirement_of(intruder, VehicleState(*np.zeros((4, 1))), Requirement(1_000.0, 50.0))
     assert need[0, 0] == min(distance, 1_050.0)
     times = 20.0 * np.arange(6.0)[None]
     plan_states = PlanStates(80.0 * times, times * 0.0, times * 0.0, times * 0.0 + 80.0, times)
-    assert validate(plan_states, one, Requirement(1_000.0, 50.0), C208_PUBLISHED).safe[0]
+    assert validate(plan_states, intruder, Requirement(1_000.0, 50.0), C208_PUBLISHED).safe[0]
 
 
 def test_the_slowest_turn_is_not_taken_for_a_straight_flight() -> None:
     time = 20.0 * np.arange(51)[None]
-    zero, one = np.zeros((1, 51)), np.ones((1, 1))
+    zero, unit = np.zeros((1, 51)), np.ones((1, 1))
     straight = PlanStates(80.0 * time, zero, zero, zero + 80.0, time)
     # In 1000 s at 400 m/s and 1e-9 rad/s it comes 0.2 m to its right, and then it is abeam.
-    state = VehicleState(-320_000.0 * one, 1_000.05 * one, 0.0 * one, 400.0 * one)
-    turning = Traffic.straight(state)._replace(turn_rate=-1e-9 * one, turn_time=1_000.0 * one)
+    state = VehicleState(-320_000.0 * unit, 1_000.05 * unit, 0.0 * unit, 400.0 * unit)
+    turning = Traffic.straight(state)._replace(turn_rate=-1e-9 * unit, turn_time=1_000.0 * unit)
     assert validate(
         straight, Traffic.straight(state), Requirement(1_000.0), C208_PUBLISHED
     ).safe.all()
-    found = validate(straight, turning, Requirement(1_000.0), C208_PUBLISHED)
-    assert found.wrong[0, CHECKS.index("separation")]
-    assert found.min_separation == pytest.approx([999.85], abs=0.006)
+    judged = validate(straight, turning, Requirement(1_000.0), C208_PUBLISHED)
+    assert judged.wrong[0, CHECKS.index("separation")]
+    assert judged.min_separation == pytest.approx([999.85], abs=0.006)
 
 
 # Waypoints that are published wrongly are found out, each fault under its name and at its place.
@@ -345,21 +347,21 @@ def test_nothing_is_wrong_with_what_is_right() -> None:
 def test_a_repeated_index_is_found(a: int, b: int) -> None:
     wrong = make_waypoints()
     wrong[a] = replace(wrong[a], index=wrong[b].index)
-    found = audit(wrong, ROUTE, count=WAYPOINTS)
+    findings = audit(wrong, ROUTE, count=WAYPOINTS)
     if a == b:
-        assert found == []
+        assert findings == []
     else:
-        assert [(one.kind, one.field) for one in found] == [
+        assert [(finding.kind, finding.field) for finding in findings] == [
             (Kind.INDICES, f"waypoints[{number}]") for number in sorted((a, b))
         ]
 
 
 @given(st.integers(0, WAYPOINTS - 2), st.integers(0, 5))
-def test_an_index_of_the_route_is_found(number: int, which: int) -> None:
+def test_an_index_of_the_route_is_found(number: int, route_number: int) -> None:
     wrong = make_waypoints()
-    wrong[number] = replace(wrong[number], index=ROUTE[which].index)
+    wrong[number] = replace(wrong[number], index=ROUTE[route_number].index)
     assert (Kind.INDICES, f"waypoints[{number}]") in {
-        (one.kind, one.field) for one in audit(wrong, ROUTE, count=WAYPOINTS)
+        (finding.kind, finding.field) for finding in audit(wrong, ROUTE, count=WAYPOINTS)
     }
 
 
@@ -367,18 +369,18 @@ def test_an_index_of_the_route_is_found(number: int, which: int) -> None:
 def test_a_last_waypoint_beside_its_point_is_found(axis: str, off: float, extended: bool) -> None:
     wrong = make_waypoints()
     wrong[-1] = replace(wrong[-1], **{axis: getattr(wrong[-1], axis) + off})
-    (found,) = audit(wrong, ROUTE, count=WAYPOINTS, extended=extended)
-    assert found.kind is Kind.OFF_ROUTE
-    assert found.field == f"waypoints[{WAYPOINTS - 1}]"
+    (finding,) = audit(wrong, ROUTE, count=WAYPOINTS, extended=extended)
+    assert finding.kind is Kind.OFF_ROUTE
+    assert finding.field == f"waypoints[{WAYPOINTS - 1}]"
 
 
 def test_a_last_waypoint_of_no_point_is_found() -> None:
     wrong = [*make_waypoints()[:-1], replace(make_waypoints()[-1], index=77)]
-    assert [one.kind for one in audit(wrong, ROUTE, count=WAYPOINTS)] == [Kind.OFF_ROUTE]
+    assert [finding.kind for finding in audit(wrong, ROUTE, count=WAYPOINTS)] == [Kind.OFF_ROUTE]
     # It stands at the route's end: there the extension begins.
     assert audit(wrong, ROUTE, count=WAYPOINTS, extended=True) == []
     wrong[-1] = replace(wrong[-1], x=ROUTE[5].x - 5_000.0, y=ROUTE[5].y - 300.0)
-    assert [one.kind for one in audit(wrong, ROUTE, count=WAYPOINTS, extended=True)] == [
+    assert [finding.kind for finding in audit(wrong, ROUTE, count=WAYPOINTS, extended=True)] == [
         Kind.OFF_ROUTE
     ]
 
@@ -392,7 +394,7 @@ def test_what_is_not_finite_is_found(field: str, number: int, value: float) -> N
     wrong = make_waypoints()
     wrong[number] = replace(wrong[number], **{field: value})
     assert (Kind.NOT_FINITE, f"waypoints[{number}]") in {
-        (one.kind, one.field) for one in audit(wrong, ROUTE, count=WAYPOINTS)
+        (finding.kind, finding.field) for finding in audit(wrong, ROUTE, count=WAYPOINTS)
     }
 
 
@@ -403,7 +405,7 @@ def test_another_number_of_waypoints_is_found(count: int) -> None:
         if count == 21
         else make_waypoints()[20 - count :]
     )
-    assert Kind.COUNT in {one.kind for one in audit(wrong, ROUTE, count=WAYPOINTS)}
+    assert Kind.COUNT in {finding.kind for finding in audit(wrong, ROUTE, count=WAYPOINTS)}
 
 
 def test_a_plan_that_is_published_wrongly_is_not_safe(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -417,4 +419,4 @@ def test_a_plan_that_is_published_wrongly_is_not_safe(monkeypatch: pytest.Monkey
     monkeypatch.setattr(publish, "_waypoints", twice)
     answer = plan(OWN, [], ROUTE, policy, replace(PATIENT, extend_route=True))
     assert answer.status is Status.UNRESOLVED
-    assert {one.kind for one in answer.reasons} == {Kind.INDICES}
+    assert {finding.kind for finding in answer.reasons} == {Kind.INDICES}

@@ -41,8 +41,8 @@ def scene(seed: int, wind: Wind) -> tuple[VehicleState, list[Intruder]]:
         meet, course = float(rng.uniform(60.0, 150.0)), float(rng.uniform(-math.pi, math.pi))
         speed = float(rng.uniform(20.0, 35.0))
         place = 28.0 * meet - speed * meet * cmath.exp(1j * course)
-        other = VehicleState(place.real, place.imag + 100.0, course, speed)
-        reports.append(Intruder(over_ground(other, wind, 0.0), 0.8, turn, 12.0, 10.0, 0.3))
+        intruder = VehicleState(place.real, place.imag + 100.0, course, speed)
+        reports.append(Intruder(over_ground(intruder, wind, 0.0), 0.8, turn, 12.0, 10.0, 0.3))
     return over_ground(own, wind, 0.0), reports
 
 
@@ -50,8 +50,10 @@ def place_over_ground(answer: Plan, own: VehicleState, wind: Wind, times: Any) -
     """Return where the plan is over the ground."""
     curves = legs(plan_states(own, answer.waypoints, wind=wind))
     shape = np.shape(times)
-    each = map_leaves(lambda field: np.broadcast_to(field, (*shape, *field.shape)), curves)
-    return at(each, times, wind)
+    repeated_curves = map_leaves(
+        lambda field: np.broadcast_to(field, (*shape, *field.shape)), curves
+    )
+    return at(repeated_curves, times, wind)
 
 
 def velocity(state: VehicleState) -> Any:
@@ -103,8 +105,8 @@ def test_a_safe_plan_keeps_limits_in_the_air_and_separation_over_the_ground(numb
         rng = np.random.default_rng(seed)
         # Winds on the edge of what is within its uncertainty.
         error = OPTIONS.requirement.sigmas * wind.std
-        for other in error * np.exp(1j * rng.uniform(-math.pi, math.pi, 4)):
-            blows = Wind(wind.east + other.real, wind.north + other.imag)
+        for wind_error in error * np.exp(1j * rng.uniform(-math.pi, math.pi, 4)):
+            blows = Wind(wind.east + wind_error.real, wind.north + wind_error.imag)
             _keeps_limits(path, blows)
             for report in reports:
                 away = np.abs(place_of(report, blows, times) - ground)
@@ -129,11 +131,11 @@ def test_the_same_conflict_in_a_wind_is_solved_alike() -> None:
     """The goal drifts through the air and all else is the same: most plans are found in both."""
     calm, windy = 0, 0
     for seed in range(12):
-        still = plan(*scene(seed, Wind()), ROUTE, POLICY, OPTIONS)
+        calm_plan = plan(*scene(seed, Wind()), ROUTE, POLICY, OPTIONS)
         wind = Wind(7.0 * math.cos(seed), 7.0 * math.sin(seed))
         blown = plan(*scene(seed, wind), ROUTE, POLICY, OPTIONS, wind=wind)
-        calm += still.safe
-        windy += still.safe and blown.safe
+        calm += calm_plan.safe
+        windy += calm_plan.safe and blown.safe
     assert calm >= 8
     assert windy >= calm - 1
 
@@ -141,20 +143,20 @@ def test_the_same_conflict_in_a_wind_is_solved_alike() -> None:
 def test_still_air_is_no_wind() -> None:
     own, reports = scene(1, Wind())
     without = plan(own, reports, ROUTE, POLICY, OPTIONS)
-    still = plan(own, reports, ROUTE, POLICY, OPTIONS, wind=Wind())
-    assert still.waypoints == without.waypoints
-    assert still.min_separation == without.min_separation
+    calm_plan = plan(own, reports, ROUTE, POLICY, OPTIONS, wind=Wind())
+    assert calm_plan.waypoints == without.waypoints
+    assert calm_plan.min_separation == without.min_separation
 
 
 def test_a_plan_is_the_same_among_others() -> None:
     winds = [Wind(9.0, -3.0), Wind(-4.0, 2.0)]
     requests = [check_request(*scene(5, wind), ROUTE, OPTIONS, wind=wind)[0] for wind in winds]
-    both = map_leaves(lambda *same: np.concatenate(same), *requests)
-    together = plan_many(both, POLICY, OPTIONS).candidates
+    batch = map_leaves(lambda *fields: np.concatenate(fields), *requests)
+    together = plan_many(batch, POLICY, OPTIONS).candidates
     for row, request in enumerate(requests):
         alone = plan_many(request, POLICY, OPTIONS).candidates
-        for one, some in zip(alone.plan_states, together.plan_states, strict=True):
-            np.testing.assert_array_equal(one[0], some[row])
+        for state, states in zip(alone.plan_states, together.plan_states, strict=True):
+            np.testing.assert_array_equal(state[0], states[row])
 
 
 def test_the_certificate_of_another_wind_is_refused() -> None:
@@ -192,12 +194,12 @@ def test_a_late_plan_is_still_right_in_its_wind() -> None:
     answer = plan(own, reports, ROUTE, POLICY, OPTIONS, wind=wind)
     assert answer.safe
     late = 1.5
-    there = place_over_ground(answer, own, wind, np.array(late))
-    here = VehicleState(*(float(field) for field in there))
+    place = place_over_ground(answer, own, wind, np.array(late))
+    late_own = VehicleState(*(float(field) for field in place))
     older = [replace(report, age=report.age + late) for report in reports]
-    again = recheck(answer, late, here, older, ROUTE, OPTIONS, wind=wind)
+    again = recheck(answer, late, late_own, older, ROUTE, OPTIONS, wind=wind)
     assert again.safe
-    calm = recheck(answer, late, here, older, ROUTE, OPTIONS)
+    calm = recheck(answer, late, late_own, older, ROUTE, OPTIONS)
     assert calm.status is Status.UNRESOLVED
 
 

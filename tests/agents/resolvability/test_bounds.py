@@ -162,23 +162,23 @@ def test_gaps_between_intruders_that_close_are_proven_closed():
 def test_flights_clear_of_all_intruders_are_among_the_survivors(
     cells: Cells, monkeypatch: pytest.MonkeyPatch
 ):
-    kept: list[States] = []
+    merged_states: list[States] = []
 
     def spy(states: States, cells: Cells, merged: Any = survivors.merge) -> States:
-        kept.append(merged(states, cells))
-        return kept[-1]
+        merged_states.append(merged(states, cells))
+        return merged_states[-1]
 
     monkeypatch.setattr(survivors, "merge", spy)
     checked = 0
     for number in range(6):
         ahead = look_ahead(encounters_of_seed(CROWDED, 7, number, 1), RULES, SURROGATE)
-        kept.clear()
+        merged_states.clear()
         discs = (ahead.x[0], ahead.y[0], np.full(ahead.x.shape[1], RULES.separation - DELTA))
         last_time(
             float(ahead.speed[0]), discs, (1e6, 0.0, 500.0), INTERVAL, cells, relax(SURROGATE)
         )
         flights, clear = flown_clear(ahead, 500)
-        for index, states in enumerate(kept):
+        for index, states in enumerate(merged_states):
             test = min((index + 1) * cells.tests, ahead.x.shape[2]) - 1
             x, y, turned, speed = (field[test, clear[test]] for field in flights)
             along = np.cos(DIRECTIONS)[:, None] * x + np.sin(DIRECTIONS)[:, None] * y
@@ -216,12 +216,12 @@ def test_polygons_lose_what_a_disc_or_a_line_takes_and_no_more():
         inside = random.uniform(-1_500.0, 1_500.0, (4_000, 2))
         inside = inside[np.all(inside @ normal <= supports, axis=1)]
         x, y = random.normal(size=2) * 500.0
-        left, some = outside(supports, x, y, 500.0)
+        remaining, survives = outside(supports, x, y, 500.0)
         spared = inside[np.hypot(inside[:, 0] - x, inside[:, 1] - y) > 500.0]
-        assert (spared @ normal <= left).all()
-        assert some[0] or not spared.size
-        assert (left <= supports + 1e-5).all()
-        shrunk_some += bool((left < supports - 1.0).any())
+        assert (spared @ normal <= remaining).all()
+        assert survives[0] or not spared.size
+        assert (remaining <= supports + 1e-5).all()
+        shrunk_some += bool((remaining < supports - 1.0).any())
 
         part = beside(supports, 5, np.array([0.5 * (supports[0, 5] - supports[0, 21])]))
         spared = inside[inside @ normal[:, 5] <= 0.5 * (supports[0, 5] - supports[0, 21])]
@@ -231,9 +231,9 @@ def test_polygons_lose_what_a_disc_or_a_line_takes_and_no_more():
     # Two discs that neither contain it contain it together.
     disc = np.full((1, DIRECTIONS.size), 500.0)
     for radius, covered in ((600.0, True), (550.0, False)):
-        rest, some = outside(disc, 250.0, 0.0, radius)
-        assert some[0]
-        assert outside(rest, -250.0, 0.0, radius)[1][0] != covered
+        second_remaining, survives = outside(disc, 250.0, 0.0, radius)
+        assert survives[0]
+        assert outside(second_remaining, -250.0, 0.0, radius)[1][0] != covered
 
 
 # The oracle without foresight must fly what it claims, never beat a proof, and see nothing of the
@@ -297,14 +297,14 @@ def test_it_never_solves_what_is_proven_unresolvable():
 def test_it_does_not_see_an_intent_before_it_shows():
     encounter = duel([7_000.0], course=math.pi + 0.3)._replace(goal_x=np.array([7_000.0]))
     intent = encounter.intent._replace(onset=np.array([[20.0]]), heading_change=np.array([[-0.5]]))
-    one, other = (
-        causal(each, QUICK._replace(t_max=100.0), SURROGATE)
-        for each in (encounter._replace(intent=intent), encounter)
+    with_intent, without_intent = (
+        causal(variant, QUICK._replace(t_max=100.0), SURROGATE)
+        for variant in (encounter._replace(intent=intent), encounter)
     )
     # The turn begins at 20 s, shows at 21 s, and changes what is flown from then on.
-    np.testing.assert_array_equal(one.own.heading[:22], other.own.heading[:22])
-    np.testing.assert_array_equal(one.own.x[:22], other.own.x[:22])
-    assert not np.array_equal(one.own.x, other.own.x, equal_nan=True)
+    np.testing.assert_array_equal(with_intent.own.heading[:22], without_intent.own.heading[:22])
+    np.testing.assert_array_equal(with_intent.own.x[:22], without_intent.own.x[:22])
+    assert not np.array_equal(with_intent.own.x, without_intent.own.x, equal_nan=True)
 
 
 def test_it_depends_on_neither_batch_nor_order(encounters: Encounter, flown: Causal):

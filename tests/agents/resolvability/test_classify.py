@@ -38,10 +38,10 @@ from tests.agents.scenes import CLOSE, CROWDED, check_witness, duel, reflect
 def test_witnesses_succeed_in_an_independent_simulation(family: Scenario, count: int):
     encounters = encounters_of_seed(family, 3, 0, count)
     judged = classify(encounters, RULES, SURROGATE)
-    found = np.flatnonzero(judged.method == Method.SEARCH)
-    assert found.size > 0.5 * count
-    hardest = found[np.argsort(judged.separation[found])[:3]]
-    for number in np.unique([*hardest, *found[:2]]):
+    solved = np.flatnonzero(judged.method == Method.SEARCH)
+    assert solved.size > 0.5 * count
+    hardest = solved[np.argsort(judged.separation[solved])[:3]]
+    for number in np.unique([*hardest, *solved[:2]]):
         encounter = take(encounters, number)
         flown = replay(encounter, take(judged.witness, number), RULES, SURROGATE)
         check_witness(encounter, flown)
@@ -122,9 +122,9 @@ def test_no_proof_touches_a_solved_encounter():
         encounters = encounters_of_seed(family, 5, 0, count)
         ahead = look_ahead(encounters, RULES, SURROGATE)
         unproven = np.flatnonzero(np.isnan(containment_time(ahead, RULES, SURROGATE)))
-        found = search(take(encounters, unproven), RULES, SURROGATE)
-        solved = unproven[~np.isnan(found.arrival)]
-        tight = solved[np.argsort(found.separation[~np.isnan(found.arrival)])[:6]]
+        solutions = search(take(encounters, unproven), RULES, SURROGATE)
+        solved = unproven[~np.isnan(solutions.arrival)]
+        tight = solved[np.argsort(solutions.separation[~np.isnan(solutions.arrival)])[:6]]
         assert np.isnan(split(take(ahead, tight), RULES, SURROGATE, nodes=40)).all()
 
 
@@ -150,11 +150,11 @@ def test_a_proof_survives_what_makes_the_task_harder():
         assert proven[~np.isnan(easier)].all()
         assert np.isnan(easier).sum() > (~proven).sum()
     # An easier task never turns a witness into a proof.
-    some = take(encounters, slice(0, 20))
-    here = classify(some, RULES, SURROGATE).verdict
+    sample = take(encounters, slice(0, 20))
+    usual = classify(sample, RULES, SURROGATE).verdict
     for rules, limits in ((RULES._replace(separation=950.0), SURROGATE), (RULES, wider)):
-        there = classify(some, rules, limits).verdict
-        assert not np.any((here == Verdict.RESOLVABLE) & (there == Verdict.UNRESOLVABLE))
+        harder = classify(sample, rules, limits).verdict
+        assert not np.any((usual == Verdict.RESOLVABLE) & (harder == Verdict.UNRESOLVABLE))
 
 
 @pytest.mark.slow
@@ -163,12 +163,12 @@ def test_a_proof_survives_what_makes_the_task_harder():
 )
 def test_verdicts_do_not_know_left_from_right(family: Scenario):
     encounters = encounters_of_seed(family, 9, 0, 80)
-    here = classify(encounters, RULES, SURROGATE)
-    there = classify(reflect(encounters), RULES, SURROGATE)
-    differ = here.verdict != there.verdict
+    original = classify(encounters, RULES, SURROGATE)
+    mirrored = classify(reflect(encounters), RULES, SURROGATE)
+    differ = original.verdict != mirrored.verdict
     # The refinement draws at random: what it finds only on one side is undecided on the other,
     # never disproven.
-    assert np.all((np.minimum(here.verdict, there.verdict) == Verdict.UNDECIDED)[differ])
+    assert np.all((np.minimum(original.verdict, mirrored.verdict) == Verdict.UNDECIDED)[differ])
     assert differ.sum() <= 1
 
 
@@ -259,9 +259,9 @@ def witnesses(encounters: Encounter):
 def test_least_cost_witnesses_succeed_in_an_independent_simulation(
     encounters: Encounter, witnesses
 ):
-    known = np.flatnonzero(~np.isnan(witnesses.path))
-    assert known.size >= 8
-    for number in known[::3]:
+    solved = np.flatnonzero(~np.isnan(witnesses.path))
+    assert solved.size >= 8
+    for number in solved[::3]:
         encounter = take(encounters, number)
         flown = replay(encounter, take(witnesses.manoeuvre, number), QUICK, SURROGATE)
         check_witness(encounter, flown)
@@ -277,14 +277,19 @@ def test_no_witness_is_cheaper_than_the_straight_line_or_dearer_than_the_first_f
 ):
     own = encounters.own
     straight = np.hypot(encounters.goal_x - own.x, encounters.goal_y - own.y) - QUICK.goal_radius
-    found = search(encounters, QUICK, SURROGATE)
-    np.testing.assert_array_equal(np.isnan(witnesses.path), np.isnan(found.path))
-    known = ~np.isnan(found.path)
+    first_solutions = search(encounters, QUICK, SURROGATE)
+    np.testing.assert_array_equal(np.isnan(witnesses.path), np.isnan(first_solutions.path))
+    solved = ~np.isnan(first_solutions.path)
     # Where the goal's circle is entered inside a step is known to a fraction of a metre only.
-    assert (witnesses.path[known] >= straight[known] - 1.0).all()
-    dearer = witnesses.path + SECOND * witnesses.arrival - found.path - SECOND * found.arrival
-    assert dearer[known].max() <= 1e-9
-    assert dearer[known].min() < -10.0
+    assert (witnesses.path[solved] >= straight[solved] - 1.0).all()
+    dearer = (
+        witnesses.path
+        + SECOND * witnesses.arrival
+        - first_solutions.path
+        - SECOND * first_solutions.arrival
+    )
+    assert dearer[solved].max() <= 1e-9
+    assert dearer[solved].min() < -10.0
 
 
 def test_what_cannot_be_resolved_has_no_witness():
@@ -308,13 +313,13 @@ def test_a_clear_way_is_flown_straight():
 
 
 def test_a_start_that_is_known_already_is_never_made_worse(encounters: Encounter, witnesses):
-    some = take(encounters, slice(0, 4))
+    sample = take(encounters, slice(0, 4))
     again = least_cost(
-        some, QUICK, SURROGATE, start=take(witnesses.manoeuvre, slice(0, 4)), rounds=1
+        sample, QUICK, SURROGATE, start=take(witnesses.manoeuvre, slice(0, 4)), rounds=1
     )
     cost, before = (w.path + SECOND * w.arrival for w in (again, take(witnesses, slice(0, 4))))
     assert (cost <= before).all()
-    judged = classify(some, QUICK, SURROGATE)
+    judged = classify(sample, QUICK, SURROGATE)
     assert (judged.method == Method.SEARCH).all()
 
 
@@ -328,11 +333,11 @@ def test_witnesses_depend_on_neither_batch_nor_order(encounters: Encounter, witn
 
 
 def test_the_cost_hardly_knows_left_from_right(encounters: Encounter, witnesses):
-    here = witnesses.path[[0, 1, 4, 5]]
-    there = least_cost(reflect(take(encounters, [0, 1, 4, 5])), QUICK, SURROGATE, rounds=FEW)
-    ratio = there.path / here
-    known = ~np.isnan(here)
-    assert np.isnan(there.path[~known]).all()
+    original = witnesses.path[[0, 1, 4, 5]]
+    mirrored = least_cost(reflect(take(encounters, [0, 1, 4, 5])), QUICK, SURROGATE, rounds=FEW)
+    ratio = mirrored.path / original
+    solved = ~np.isnan(original)
+    assert np.isnan(mirrored.path[~solved]).all()
     # The refinement draws at random, so that both sides end a little apart.
-    np.testing.assert_allclose(ratio[known], 1.0, atol=0.02)
-    assert np.mean(np.abs(ratio[known] - 1.0)) < 0.003
+    np.testing.assert_allclose(ratio[solved], 1.0, atol=0.02)
+    assert np.mean(np.abs(ratio[solved] - 1.0)) < 0.003

@@ -42,44 +42,44 @@ def of_all(encounters: Encounter, separation: float) -> Encounter:
 @pytest.mark.slow
 def test_the_usual_separation_as_their_own_changes_nothing():
     for family in (CLOSE, CROWDED):
-        some = encounters_of_seed(family, 2, 0, 25)
-        here = classify(some, RULES, SURROGATE)
-        there = classify(of_all(some, RULES.separation), RULES, SURROGATE)
-        for ours, theirs in zip(here, there, strict=True):
+        sample = encounters_of_seed(family, 2, 0, 25)
+        usual = classify(sample, RULES, SURROGATE)
+        with_own = classify(of_all(sample, RULES.separation), RULES, SURROGATE)
+        for ours, theirs in zip(usual, with_own, strict=True):
             np.testing.assert_array_equal(ours, theirs)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("separation", [600.0, 2_000.0])
 def test_one_separation_of_all_is_that_of_the_rules(separation: float):
-    some = encounters_of_seed(CLOSE, 2, 0, 40)
+    sample = encounters_of_seed(CLOSE, 2, 0, 40)
     rules = RULES._replace(separation=separation)
-    here = classify(of_all(some, separation), RULES, SURROGATE).verdict
-    there = classify(some, rules, SURROGATE).verdict
-    differ = here != there
+    with_own = classify(of_all(sample, separation), RULES, SURROGATE).verdict
+    usual = classify(sample, rules, SURROGATE).verdict
+    differ = with_own != usual
     # Horizon and grid of a proof are guides that may differ: they decide how much is proven.
-    assert np.all((np.minimum(here, there) == Verdict.UNDECIDED)[differ])
+    assert np.all((np.minimum(with_own, usual) == Verdict.UNDECIDED)[differ])
     assert differ.sum() <= 1
-    assert len(set(here.tolist()) - {Verdict.UNDECIDED}) == 2
+    assert len(set(with_own.tolist()) - {Verdict.UNDECIDED}) == 2
 
 
 @pytest.mark.slow
 def test_witnesses_keep_every_separation_in_an_independent_simulation(
     encounters: Encounter, judged: Resolvability
 ):
-    found = np.flatnonzero(judged.method == Method.SEARCH)
-    assert found.size >= 20
-    hardest = found[np.argsort(judged.separation[found])[:4]]
+    solved = np.flatnonzero(judged.method == Method.SEARCH)
+    assert solved.size >= 20
+    hardest = solved[np.argsort(judged.separation[solved])[:4]]
     for number in hardest:
         encounter = take(encounters, number)
         flown = replay(encounter, take(judged.witness, number), RULES, SURROGATE)
         check_witness(encounter, flown)
         assert flown.separation.min() >= RULES.separation
         assert flown.separation.min() == pytest.approx(judged.separation[number], abs=1e-6)
-    few = take(encounters, hardest[:2])
-    cheapest = least_cost(few, RULES, SURROGATE, take(judged.witness, hardest[:2]), rounds=2)
+    sample = take(encounters, hardest[:2])
+    cheapest = least_cost(sample, RULES, SURROGATE, take(judged.witness, hardest[:2]), rounds=2)
     for number in range(2):
-        encounter = take(few, number)
+        encounter = take(sample, number)
         flown = replay(encounter, take(cheapest.manoeuvre, number), RULES, SURROGATE)
         check_witness(encounter, flown)
 
@@ -94,24 +94,24 @@ def test_nobody_solves_what_is_proven(encounters: Encounter, judged: Resolvabili
 @pytest.mark.slow
 def test_no_draw_of_many_solves_what_is_proven(encounters: Encounter, judged: Resolvability):
     proven = np.flatnonzero(judged.verdict == Verdict.UNRESOLVABLE)
-    few, draws = take(encounters, proven), np.random.default_rng(1)
-    which = np.repeat(np.arange(proven.size), 1_000)
+    sample, draws = take(encounters, proven), np.random.default_rng(1)
+    numbers = np.repeat(np.arange(proven.size), 1_000)
     low = np.array([-3.1, -1.0, 0.0, -3.1, -1.0, 0.0, -300.0, -1.0])
     high = np.array([3.1, 1.0, 60.0, 3.1, 1.0, 120.0, 300.0, 1.0])
-    drawn = draws.uniform(low[:, None], high[:, None], (8, which.size))
-    traffic = tracks(few, steps(RULES), RULES)
-    flown = fly_out(few, traffic, which, Manoeuvre(*drawn), RULES, SURROGATE, first=False)
+    drawn = draws.uniform(low[:, None], high[:, None], (8, numbers.size))
+    traffic = tracks(sample, steps(RULES), RULES)
+    flown = fly_out(sample, traffic, numbers, Manoeuvre(*drawn), RULES, SURROGATE, first=False)
     assert np.isnan(flown.arrival).all()
 
 
 @pytest.mark.slow
 def test_a_larger_separation_makes_nothing_resolvable(encounters: Encounter, judged: Resolvability):
-    some = take(encounters, slice(0, 30))
-    more = some._replace(separation=some.separation * np.array([1.5, 1.0, 1.2, 2.0]))
-    there = classify(more, RULES, SURROGATE).verdict
-    here = judged.verdict[:30]
-    assert not np.any((here == Verdict.UNRESOLVABLE) & (there == Verdict.RESOLVABLE))
-    assert np.sum(there == Verdict.UNRESOLVABLE) > np.sum(here == Verdict.UNRESOLVABLE)
+    sample = take(encounters, slice(0, 30))
+    more = sample._replace(separation=sample.separation * np.array([1.5, 1.0, 1.2, 2.0]))
+    with_larger = classify(more, RULES, SURROGATE).verdict
+    usual = judged.verdict[:30]
+    assert not np.any((usual == Verdict.UNRESOLVABLE) & (with_larger == Verdict.RESOLVABLE))
+    assert np.sum(with_larger == Verdict.UNRESOLVABLE) > np.sum(usual == Verdict.UNRESOLVABLE)
 
 
 @pytest.mark.slow
@@ -125,8 +125,8 @@ def test_verdicts_do_not_depend_on_the_others_separations(
 
 
 def test_a_start_inside_a_separation_is_lost_and_one_of_the_next_is_not():
-    here = duel([2_500.0, 2_500.0], course=0.0, speed=50.0, intruder_speed=75.0)
-    judged = classify(here._replace(separation=np.array([[2_600.0], [2_400.0]])), RULES, SURROGATE)
+    duels = duel([2_500.0, 2_500.0], course=0.0, speed=50.0, intruder_speed=75.0)
+    judged = classify(duels._replace(separation=np.array([[2_600.0], [2_400.0]])), RULES, SURROGATE)
     assert judged.method.tolist() == [Method.START, Method.SEARCH]
 
 
