@@ -12,8 +12,8 @@ NAMES = ("climb_max", "descent_max", "vertical_acceleration", "vertical_separati
 
 def test_an_aircraft_without_climbs_is_in_the_plane() -> None:
     assert new_aircraft(PAPER.limits, PAPER.separation).vertical is None
-    made = new_aircraft(PAPER.limits, PAPER.separation, vertical=CLIMBS)
-    assert made == new_aircraft(PAPER.limits, PAPER.separation)._replace(vertical=CLIMBS)
+    aircraft = new_aircraft(PAPER.limits, PAPER.separation, vertical=CLIMBS)
+    assert aircraft == new_aircraft(PAPER.limits, PAPER.separation)._replace(vertical=CLIMBS)
 
 
 @pytest.mark.parametrize("value", [0.0, -2.0, math.nan, math.inf])

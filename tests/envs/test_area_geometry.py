@@ -27,12 +27,12 @@ def star(rng: np.random.Generator, count: int, radius: float, x: float = 0.0) ->
 def shapes(seed: int, count: int) -> list[Any]:
     """Return polygons, with holes and without, and circles."""
     rng = np.random.default_rng(seed)
-    made: list[Any] = [Circle(300.0, -200.0, 1_700.0)]
+    drawn: list[Any] = [Circle(300.0, -200.0, 1_700.0)]
     for n in range(count):
         outer = star(rng, int(rng.integers(6, 40)), 5_000.0)
         holes = (star(rng, 5, 500.0), star(rng, 4, 200.0, 800.0)) if n % 2 else ()
-        made.append(Polygon(outer, holes))
-    return made
+        drawn.append(Polygon(outer, holes))
+    return drawn
 
 
 def truth(shape: Any, keep: Keep, x: Any, y: Any) -> Any:
@@ -56,9 +56,9 @@ def test_signed_distances_are_those_of_shapely(keep: Keep) -> None:
     rng = np.random.default_rng(1)
     for shape in shapes(2, 20):
         x, y = places(rng, 500)
-        found = signed_distance(Area(shape, keep), x, y)
-        assert found == pytest.approx(truth(shape, keep, x, y), abs=1e-7)
-        assert (found > 0.0).any() and (found < 0.0).any()
+        distances = signed_distance(Area(shape, keep), x, y)
+        assert distances == pytest.approx(truth(shape, keep, x, y), abs=1e-7)
+        assert (distances > 0.0).any() and (distances < 0.0).any()
 
 
 def test_a_distance_does_not_depend_on_the_batch() -> None:
@@ -93,11 +93,11 @@ def test_what_is_forbidden_of_a_growing_area_is_no_nearer(keep: Keep, growth: fl
         within = truth(shape, Keep.OUT, u, v) <= growth * time
         forbidden = within if keep is Keep.OUT else ~within
         apart = np.hypot(x[:, None] - u[forbidden], y[:, None] - v[forbidden]).min(axis=1)
-        found = signed_distance(area, x, y, time)
-        assert np.all(found <= apart + 1e-6)
+        distances = signed_distance(area, x, y, time)
+        assert np.all(distances <= apart + 1e-6)
         outside = keep is Keep.OUT and growth > 0.0
         # 40 000 samples of 256 km^2 are up to some 250 m apart.
-        assert not outside or np.all(found[found > 0.0] >= apart[found > 0.0] - 350.0)
+        assert not outside or np.all(distances[distances > 0.0] >= apart[distances > 0.0] - 350.0)
 
 
 def chords(rng: np.random.Generator, count: int) -> Parts:
@@ -111,19 +111,19 @@ def test_chord_distances_are_the_true_ones_and_never_more(keep: Keep) -> None:
     rng = np.random.default_rng(8)
     for shape in shapes(9, 20):
         parts, area = chords(rng, 300), Area(shape, keep)
-        found = chord_distances(area, parts)
+        distances = chord_distances(area, parts)
         share = np.linspace(0.0, 1.0, 201)[:, None]
         x, y = (a + share * (b - a) for a, b in ((parts.x0, parts.x1), (parts.y0, parts.y1)))
         every = truth(shape, keep, x.ravel(), y.ravel()).reshape(x.shape)
-        assert np.all(found.bound <= every.min(axis=0) + 1e-6)
-        assert found.begin == pytest.approx(every[0], abs=1e-6)
-        assert found.end == pytest.approx(every[-1], abs=1e-6)
+        assert np.all(distances.bound <= every.min(axis=0) + 1e-6)
+        assert distances.begin == pytest.approx(every[0], abs=1e-6)
+        assert distances.end == pytest.approx(every[-1], abs=1e-6)
         clear = every.min(axis=0) > 0.01 * parts.length
         assert clear.any()
         between = 0.5 * parts.length / 200.0
-        assert np.all(found.bound[clear] >= (every.min(axis=0) - between - 1e-6)[clear])
+        assert np.all(distances.bound[clear] >= (every.min(axis=0) - between - 1e-6)[clear])
         # Where flight is not allowed the bound tells how deep it is, to the chord's length.
-        assert np.all(found.bound >= every.min(axis=0) - parts.length - 1e-6)
+        assert np.all(distances.bound >= every.min(axis=0) - parts.length - 1e-6)
 
 
 def test_what_is_enough_is_not_computed_but_stays_a_bound() -> None:
@@ -146,8 +146,8 @@ def test_parts_that_follow_one_another_are_judged_as_each_alone(keep: Keep) -> N
         mixed, area = rng.permutation(399), Area(shape, keep)
         row = chord_distances(area, parts)
         alone = chord_distances(area, Parts(*(field[mixed] for field in parts)))
-        for one, other in zip(row, alone, strict=True):
-            np.testing.assert_array_equal(one[mixed], other)
+        for field_in_row, field_alone in zip(row, alone, strict=True):
+            np.testing.assert_array_equal(field_in_row[mixed], field_alone)
 
 
 def test_places_on_an_edge_or_a_corner_are_no_distance_away() -> None:
@@ -156,16 +156,16 @@ def test_places_on_an_edge_or_a_corner_are_no_distance_away() -> None:
     for x, y in on:
         for keep in Keep:
             parts = Parts(*np.array([[x], [y], [x + 30.0], [y - 40.0]]))
-            found = chord_distances(Area(square, keep), parts)
-            assert abs(found.begin[0]) == 0.0
-            assert found.bound[0] <= 0.0
+            distances = chord_distances(Area(square, keep), parts)
+            assert abs(distances.begin[0]) == 0.0
+            assert distances.bound[0] <= 0.0
 
 
 def test_a_long_chord_through_a_thin_wall_is_seen() -> None:
     wall = Area(Polygon(((0.0, -9e3), (1e-3, -9e3), (1e-3, 9e3), (0.0, 9e3))))
-    found = chord_distances(wall, Parts(*np.array([[-50.0], [0.0], [50.0], [1.0]])))
-    assert (found.begin[0], found.end[0]) == pytest.approx((50.0, 49.999))
-    assert found.bound[0] <= 0.0
+    distances = chord_distances(wall, Parts(*np.array([[-50.0], [0.0], [50.0], [1.0]])))
+    assert (distances.begin[0], distances.end[0]) == pytest.approx((50.0, 49.999))
+    assert distances.bound[0] <= 0.0
 
 
 def test_the_rectangle_is_never_farther_than_the_area() -> None:
@@ -182,5 +182,5 @@ def test_pieces_of_the_batch_make_no_difference(monkeypatch: pytest.MonkeyPatch)
     area, parts = Area(Polygon(star(rng, 50, 3_000.0))), chords(rng, 300)
     whole = chord_distances(area, parts)
     monkeypatch.setattr(area_geometry, "_CHUNK", 700)
-    for one, other in zip(whole, chord_distances(area, parts), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for field, field_in_pieces in zip(whole, chord_distances(area, parts), strict=True):
+        np.testing.assert_array_equal(field, field_in_pieces)

@@ -41,10 +41,10 @@ def move_ring(ring: Any, dx: float) -> Any:
 
 
 def test_rings_are_kept_with_the_inside_on_the_left() -> None:
-    one = Polygon(SQUARE[::-1] + SQUARE[-1:], (HOLE,))
-    assert signed_size(one.outer) == pytest.approx(4e6)
-    assert signed_size(one.holes[0]) == pytest.approx(-4.5e4)
-    assert set(one.outer) == set(SQUARE)
+    polygon = Polygon(SQUARE[::-1] + SQUARE[-1:], (HOLE,))
+    assert signed_size(polygon.outer) == pytest.approx(4e6)
+    assert signed_size(polygon.holes[0]) == pytest.approx(-4.5e4)
+    assert set(polygon.outer) == set(SQUARE)
 
 
 def test_repeated_points_are_one() -> None:
@@ -53,7 +53,7 @@ def test_repeated_points_are_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rings", "said"),
+    ("rings", "problem"),
     [
         ((SQUARE[:2],), r"outer has 2 different points, expected 3 or more"),
         ((SQUARE[:1] * 5,), r"outer has 1 different points"),
@@ -81,10 +81,10 @@ def test_repeated_points_are_one() -> None:
         ((SQUARE, (BOW_TIE,)), r"holes\[0\] crosses or touches itself"),
     ],
 )
-def test_a_polygon_that_is_none_is_refused(rings: Any, said: str) -> None:
+def test_a_polygon_that_is_none_is_refused(rings: Any, problem: str) -> None:
     outer, *holes = rings
-    with pytest.raises(AreaError, match=said) as refusal:
-        Polygon(outer, *(tuple(each) for each in holes))
+    with pytest.raises(AreaError, match=problem) as refusal:
+        Polygon(outer, *(tuple(hole) for hole in holes))
     assert "\n" not in str(refusal.value)
 
 
@@ -107,16 +107,16 @@ def test_exactly_the_simple_rings_are_taken(points: list[tuple[int, int]]) -> No
     # What shapely calls simple has an inside, but a line there and back it may call a ring.
     simple = simple and shapely.Polygon(ring).is_valid and shapely.Polygon(ring).area > 0.0
     try:
-        made = Polygon(tuple(ring))
+        polygon = Polygon(tuple(ring))
     except AreaError:
         assert not simple
     else:
         assert simple
-        assert signed_size(made.outer) == pytest.approx(shapely.Polygon(ring).area)
+        assert signed_size(polygon.outer) == pytest.approx(shapely.Polygon(ring).area)
 
 
 @pytest.mark.parametrize(
-    ("fields", "said"),
+    ("fields", "problem"),
     [
         ((0.0, 0.0, 0.0), r"radius is 0 m, expected more than 0 m"),
         ((0.0, 0.0, -1.0), r"radius is -1 m"),
@@ -125,13 +125,13 @@ def test_exactly_the_simple_rings_are_taken(points: list[tuple[int, int]]) -> No
         ((0.0, None, 1.0), r"y is None, expected a number"),
     ],
 )
-def test_a_circle_that_is_none_is_refused(fields: Any, said: str) -> None:
-    with pytest.raises(AreaError, match=said):
+def test_a_circle_that_is_none_is_refused(fields: Any, problem: str) -> None:
+    with pytest.raises(AreaError, match=problem):
         Circle(*fields)
 
 
 @pytest.mark.parametrize(
-    ("fields", "said"),
+    ("fields", "problem"),
     [
         ({"keep": "out"}, r"keep is 'out', expected Keep.OUT or Keep.IN"),
         ({"velocity": (1.0,)}, r"velocity is \(1.0,\), expected east and north"),
@@ -152,18 +152,18 @@ def test_a_circle_that_is_none_is_refused(fields: Any, said: str) -> None:
         ({"name": 7}, r"name is 7, expected a text"),
     ],
 )
-def test_an_area_that_is_none_is_refused(fields: dict[str, Any], said: str) -> None:
-    with pytest.raises(AreaError, match=said):
+def test_an_area_that_is_none_is_refused(fields: dict[str, Any], problem: str) -> None:
+    with pytest.raises(AreaError, match=problem):
         Area(Circle(0.0, 0.0, 1.0), **fields)
     with pytest.raises(AreaError, match=r"shape is tuple, expected a Polygon or a Circle"):
         Area((0.0, 0.0, 1.0))  # pyright: ignore[reportArgumentType]
 
 
 def test_levels_of_different_references_are_not_compared() -> None:
-    both = Area(Circle(0, 0, 1), floor=Level(300.0, "ground"), ceiling=Level(300.0, "msl"))
-    assert both.floor is not None
-    assert both.ceiling is not None
-    assert both.floor.value == both.ceiling.value
+    area = Area(Circle(0, 0, 1), floor=Level(300.0, "ground"), ceiling=Level(300.0, "msl"))
+    assert area.floor is not None
+    assert area.ceiling is not None
+    assert area.floor.value == area.ceiling.value
 
 
 @pytest.mark.parametrize("keep", Keep)
@@ -176,7 +176,7 @@ def test_an_area_some_seconds_later_asks_for_no_less(keep: Keep, growth: float, 
     x, y = np.random.default_rng(1).uniform(-3e3, 3e3, (2, 500))
     for seconds in (0.0, 100.0):
         spare = signed_distance(area, x, y, seconds + 30.0) - area.clearance
-        left = signed_distance(later, x, y, seconds) - later.clearance
-        assert left == pytest.approx(spare, abs=1e-7)
+        spare_later = signed_distance(later, x, y, seconds) - later.clearance
+        assert spare_later == pytest.approx(spare, abs=1e-7)
     shrunk = after(Area(Circle(0.0, 0.0, 9e2), growth=-1.0, clearance=20.0), 30.0)
     assert shrunk.clearance == 0.0

@@ -124,19 +124,19 @@ def test_without_displacement_everybody_meets_in_the_centre_at_once(name: str) -
 def test_displacement_moves_starts_and_nothing_else(name: str) -> None:
     chosen = scenario(name, PAPER)
     draws = np.random.default_rng(1).random((1, 5_000, chosen.dimensions))
-    there, _ = sample(chosen, draws, np)
+    displaced, _ = sample(chosen, draws, np)
     middle, _ = sample(replace(chosen, displacement=0.0), draws, np)
-    for moved, still in ((there.own, middle.own), (there.intruders, middle.intruders)):
-        np.testing.assert_array_equal(moved.heading, still.heading)
-        np.testing.assert_array_equal(moved.speed, still.speed)
-        for shift in (moved.x - still.x, moved.y - still.y):
+    for moved, unmoved in ((displaced.own, middle.own), (displaced.intruders, middle.intruders)):
+        np.testing.assert_array_equal(moved.heading, unmoved.heading)
+        np.testing.assert_array_equal(moved.speed, unmoved.speed)
+        for shift in (moved.x - unmoved.x, moved.y - unmoved.y):
             assert np.max(np.abs(shift)) <= 500.0 + 1e-9
             assert shift.std() == pytest.approx(1_000.0 / math.sqrt(12.0), rel=0.05)
             assert abs(shift.mean()) < 5.0 * 289.0 / math.sqrt(5_000)
-    np.testing.assert_array_equal(there.goal_x, middle.goal_x)
-    np.testing.assert_array_equal(there.goal_y, middle.goal_y)
+    np.testing.assert_array_equal(displaced.goal_x, middle.goal_x)
+    np.testing.assert_array_equal(displaced.goal_y, middle.goal_y)
     # The four shifts of a pair are independent of one another.
-    pairs = (there.own, middle.own), (there.intruders, middle.intruders)
+    pairs = (displaced.own, middle.own), (displaced.intruders, middle.intruders)
     shifts = np.stack(
         [
             (at - of).reshape(5_000, -1)[:, 0]
@@ -222,8 +222,8 @@ def test_unfiltered_circle_starts_in_violation_as_often_as_geometry_says() -> No
         unfiltered, np.random.default_rng(3).random((1, count, unfiltered.dimensions)), np
     )
     assert accepted.all()
-    found = np.mean(gaps(encounter) < 1_000.0)
-    assert found == pytest.approx(expected, abs=5.0 * math.sqrt(2.0 * expected / count))
+    share = np.mean(gaps(encounter) < 1_000.0)
+    assert share == pytest.approx(expected, abs=5.0 * math.sqrt(2.0 * expected / count))
 
 
 @each_scenario
@@ -244,10 +244,10 @@ def test_the_first_attempt_that_meets_the_conditions_is_taken() -> None:
     chosen = scenario("circle", PAPER, min_initial_separation=6_000.0)
     draws = np.random.default_rng(5).random((3, 500, chosen.dimensions))
     encounter, accepted = sample(chosen, draws, np)
-    each = [sample(chosen, draws[attempt : attempt + 1], np) for attempt in range(3)]
+    attempts = [sample(chosen, draws[attempt : attempt + 1], np) for attempt in range(3)]
     for row in range(500):
-        good = [attempt for attempt in range(3) if each[attempt][1][row]]
-        expected = each[good[0] if good else 2][0]
+        good = [attempt for attempt in range(3) if attempts[attempt][1][row]]
+        expected = attempts[good[0] if good else 2][0]
         assert accepted[row] == bool(good)
         assert encounter.own.x[row] == expected.own.x[row]
         assert encounter.intruders.heading[row, 0] == expected.intruders.heading[row, 0]
@@ -316,13 +316,13 @@ def test_numpy_and_jax_give_the_same_encounters_of_the_same_draws(name: str) -> 
     chosen = scenario(name, PAPER)
     draws = np.random.default_rng(6).random((1, 2_000, chosen.dimensions), np.float32)
     plain, plain_accepted = sample(chosen, draws.astype(np.float64), np)
-    jitted, jitted_accepted = jax.jit(lambda given: sample(chosen, given, jnp))(draws)
+    jitted, jitted_accepted = jax.jit(lambda drawn: sample(chosen, drawn, jnp))(draws)
     assert all(leaf.dtype in (np.float32, bool) for leaf in map(np.asarray, leaves(jitted)))
-    for found, expected in ((jitted.own, plain.own), (jitted.intruders, plain.intruders)):
-        np.testing.assert_allclose(found.x, expected.x, atol=0.1)
-        np.testing.assert_allclose(found.y, expected.y, atol=0.1)
-        assert np.max(angle_between(found.heading, expected.heading)) < 1e-6
-        np.testing.assert_allclose(found.speed, expected.speed, atol=1e-4)
+    for states, expected in ((jitted.own, plain.own), (jitted.intruders, plain.intruders)):
+        np.testing.assert_allclose(states.x, expected.x, atol=0.1)
+        np.testing.assert_allclose(states.y, expected.y, atol=0.1)
+        assert np.max(angle_between(states.heading, expected.heading)) < 1e-6
+        np.testing.assert_allclose(states.speed, expected.speed, atol=1e-4)
     np.testing.assert_allclose(jitted.goal_x, plain.goal_x, atol=0.1)
     np.testing.assert_array_equal(jitted.mask, plain.mask)
     np.testing.assert_allclose(jitted.intent.heading_change, plain.intent.heading_change, atol=1e-5)
@@ -368,9 +368,9 @@ def test_choose_takes_every_field_of_the_chosen_row(condition: list[bool], name:
     draws = np.random.default_rng(8).random((2, 1, count, chosen.dimensions))
     (yes, _), (no, _) = (sample(chosen, part, np) for part in draws)
     mixed = choose(np.array(condition), yes, no, np)
-    for found, a, b in zip(leaves(mixed), leaves(yes), leaves(no), strict=True):
+    for mixed_field, a, b in zip(leaves(mixed), leaves(yes), leaves(no), strict=True):
         for row, first in enumerate(condition):
-            np.testing.assert_array_equal(found[row], (a if first else b)[row])
+            np.testing.assert_array_equal(mixed_field[row], (a if first else b)[row])
 
 
 def test_scenario_changes_fields_and_refuses_unknown_names() -> None:
@@ -410,12 +410,12 @@ def test_any_split_of_a_range_gives_the_same_numbers(draw, seed, first, shape, c
 def test_one_seed_repeats_and_everything_else_differs(draw) -> None:
     base = draw(7, 100, 50, (3,), stream=2)
     np.testing.assert_array_equal(base, draw(7, 100, 50, (3,), stream=2))
-    for other in (
+    for drawn in (
         draw(8, 100, 50, (3,), stream=2),
         draw(7, 100, 50, (3,), stream=3),
         draw(7, 150, 50, (3,), stream=2),
     ):
-        assert np.intersect1d(base, other).size == 0
+        assert np.intersect1d(base, drawn).size == 0
     assert np.unique(base).size == base.size
 
 
@@ -488,9 +488,9 @@ def test_a_pool_mixes_its_scenarios_by_weight(pool: Encounter) -> None:
 
 
 def test_pools_of_different_keys_differ_and_of_the_same_repeat(pool: Encounter) -> None:
-    again, other = drawn_pool(0), drawn_pool(1)
+    again, of_other_key = drawn_pool(0), drawn_pool(1)
     for leaf, repeated in zip(jax.tree.leaves(pool), jax.tree.leaves(again), strict=True):
         np.testing.assert_array_equal(leaf, repeated)
-    assert np.intersect1d(pool.own.x, other.own.x).size < 5
+    assert np.intersect1d(pool.own.x, of_other_key.own.x).size < 5
     # A rejected start is replaced by a neighbour: only a few may repeat.
     assert np.unique(pool.own.x).size > 0.8 * pool.own.x.size

@@ -30,7 +30,9 @@ SHAPES = (
 def test_chords_are_as_far_as_by_arrays(keep: Keep, enough: float) -> None:
     rng, areas = np.random.default_rng(7), [Area(shape, keep) for shape in SHAPES]
     count, nothing = 400, [0.0] * len(areas)
-    made, lines = (table.view(np.recarray) for table in flat(areas, nothing, nothing, nothing))
+    flat_areas, lines = (
+        table.view(np.recarray) for table in flat(areas, nothing, nothing, nothing)
+    )
     x0, y0 = rng.uniform(-4_000.0, 4_000.0, (2, count))
     length, course = rng.choice([0.0, 40.0, 500.0, 5_000.0], count), rng.uniform(-3.0, 3.0, count)
     # A third of them begin where the one before ends.
@@ -39,14 +41,16 @@ def test_chords_are_as_far_as_by_arrays(keep: Keep, enough: float) -> None:
     parts = Parts(x0, y0, x1, y1)
     for a, area in enumerate(areas):
         expected = chord_distances(area, parts, np.full(count, enough))
-        bounds = [chord_bound(made[a], lines, *chord, enough) for chord in zip(*parts, strict=True)]
+        bounds = [
+            chord_bound(flat_areas[a], lines, *chord, enough) for chord in zip(*parts, strict=True)
+        ]
         np.testing.assert_allclose(bounds, expected.bound, atol=1e-9, rtol=0.0)
-        known = np.full(1, np.nan, SIDE).view(np.recarray)[0]
+        side = np.full(1, np.nan, SIDE).view(np.recarray)[0]
         distances = [
-            chord_distances_of_one(made[a], lines, *chord, enough, known)
+            chord_distances_of_one(flat_areas[a], lines, *chord, enough, side)
             for chord in zip(*parts, strict=True)
         ]
         np.testing.assert_allclose(np.transpose(distances), expected, atol=1e-9, rtol=0.0)
         if keep is Keep.OUT:
-            box = [box_distance_of_one(made[a], *place) for place in zip(x0, y0, strict=True)]
+            box = [box_distance_of_one(flat_areas[a], *place) for place in zip(x0, y0, strict=True)]
             assert np.all(np.array(box) <= np.maximum(expected.begin, 0.0) + 1e-9)

@@ -158,10 +158,10 @@ def test_no_intruder_ever_turns_back_of_its_own(backend: Backend) -> None:
 
 def test_intruders_are_mirror_symmetric() -> None:
     vehicle, intent = maneuvering(100, seed=5)
-    other_way = intent._replace(heading_change=-intent.heading_change)
+    mirrored_intent = intent._replace(heading_change=-intent.heading_change)
     left, right = (
         fly(vehicle, intent, steps=120)[-1],
-        fly(mirror_state(vehicle), other_way, steps=120)[-1],
+        fly(mirror_state(vehicle), mirrored_intent, steps=120)[-1],
     )
     expected = mirror_state(left.vehicle)
     np.testing.assert_allclose(right.vehicle.x, expected.x, atol=1e-3)
@@ -191,11 +191,11 @@ LIMITS = Limits(0.0, 150.0, -0.5, 0.5, math.radians(3.0))
 SILENCE = np.zeros((4, 1))
 
 
-def assert_same(found: VehicleState, expected: VehicleState) -> None:
-    np.testing.assert_allclose(found.x, expected.x, atol=1e-6)
-    np.testing.assert_allclose(found.y, expected.y, atol=1e-6)
-    np.testing.assert_allclose(found.speed, expected.speed, atol=1e-6)
-    assert np.max(angle_between(found.heading, expected.heading)) < 1e-6
+def assert_same(state: VehicleState, expected: VehicleState) -> None:
+    np.testing.assert_allclose(state.x, expected.x, atol=1e-6)
+    np.testing.assert_allclose(state.y, expected.y, atol=1e-6)
+    np.testing.assert_allclose(state.speed, expected.speed, atol=1e-6)
+    assert np.max(angle_between(state.heading, expected.heading)) < 1e-6
 
 
 @given(states(), states(), states())
@@ -228,9 +228,9 @@ def test_a_late_report_is_the_old_state_flown_straight_on(latency: float) -> Non
     older = advance(oldest, 0.0, turn, 1.0, LIMITS, np)
     now = advance(older, 0.0, turn, 1.0, LIMITS, np)
     reported = {1.0: older, 2.0: oldest}[latency]
-    found = perceive(now, older, oldest, Sensor(latency=latency), SILENCE, 1.0, np)
-    assert_same(found, advance(reported, 0.0, 0.0, latency, LIMITS, np))
-    assert np.min(angle_between(found.heading, now.heading)) > 0.9 * turn * latency
+    report = perceive(now, older, oldest, Sensor(latency=latency), SILENCE, 1.0, np)
+    assert_same(report, advance(reported, 0.0, 0.0, latency, LIMITS, np))
+    assert np.min(angle_between(report.heading, now.heading)) > 0.9 * turn * latency
 
 
 def errors(sensor: Sensor, count: int = 40_000) -> tuple[np.ndarray, np.ndarray]:
@@ -238,12 +238,12 @@ def errors(sensor: Sensor, count: int = 40_000) -> tuple[np.ndarray, np.ndarray]
     generator = np.random.default_rng(2)
     now = random_states(generator, count)
     history = carry_back(now, 1.0, np), carry_back(now, 2.0, np)
-    found = perceive(now, *history, sensor, generator.standard_normal((4, count)), 1.0, np)
+    report = perceive(now, *history, sensor, generator.standard_normal((4, count)), 1.0, np)
 
     def velocities(state: VehicleState) -> np.ndarray:
         return np.stack([state.speed * np.cos(state.heading), state.speed * np.sin(state.heading)])
 
-    return np.stack([found.x - now.x, found.y - now.y]), velocities(found) - velocities(now)
+    return np.stack([report.x - now.x, report.y - now.y]), velocities(report) - velocities(now)
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.5, 1.0, 2.0])
@@ -255,14 +255,14 @@ def test_noise_has_its_size_and_latency_lets_it_grow(
     are 5 sigma.
     """
     position, velocity = errors(Sensor(position_std, velocity_std, latency))
-    for found, expected in (
+    for error, expected in (
         (position, math.hypot(position_std, velocity_std * latency)),
         (velocity, velocity_std),
     ):
-        root = math.sqrt(found.shape[1])
-        np.testing.assert_allclose(found.mean(axis=1), 0.0, atol=5.0 * expected / root + 1e-6)
+        root = math.sqrt(error.shape[1])
+        np.testing.assert_allclose(error.mean(axis=1), 0.0, atol=5.0 * expected / root + 1e-6)
         np.testing.assert_allclose(
-            found.std(axis=1), expected, rtol=5.0 / (root * math.sqrt(2.0)), atol=1e-4
+            error.std(axis=1), expected, rtol=5.0 / (root * math.sqrt(2.0)), atol=1e-4
         )
 
 
@@ -272,9 +272,9 @@ def test_the_four_draws_act_on_their_own_component() -> None:
         noise = np.zeros((4, 1))
         noise[component] = 1.0
         history = carry_back(now, 1.0, np), carry_back(now, 2.0, np)
-        found = perceive(now, *history, Sensor(30.0, 3.0, 1.5), noise, 1.0, np)
+        report = perceive(now, *history, Sensor(30.0, 3.0, 1.5), noise, 1.0, np)
         np.testing.assert_allclose(
-            [found.x[0] - now.x[0], found.y[0] - now.y[0]], [east, north], atol=1e-6
+            [report.x[0] - now.x[0], report.y[0] - now.y[0]], [east, north], atol=1e-6
         )
 
 
@@ -315,10 +315,10 @@ def test_a_late_report_shows_the_intruder_where_it_would_be_had_it_not_turned(
     )
     own = VehicleState(*(np.asarray(field, np.float64) for field in state.own))
     expected = observation.observe(own, carried, starts.goal_x, starts.goal_y, PAPER, np)
-    found = np.asarray(observe(state, NO_NOISE))
-    difference = np.abs(found - expected)
+    late = np.asarray(observe(state, NO_NOISE))
+    difference = np.abs(late - expected)
     assert np.max(np.minimum(difference, 2.0 - difference)) < 2e-5
-    assert np.min(np.abs(found - np.asarray(observe(state)))[:, 3]) > 1e-3
+    assert np.min(np.abs(late - np.asarray(observe(state)))[:, 3]) > 1e-3
 
 
 def test_before_the_first_step_a_late_report_is_that_of_straight_flight() -> None:

@@ -102,31 +102,31 @@ def integrate(
 
 
 def assert_same(
-    found: VehicleState, expected: VehicleState, metres: float, radians: float = 1e-9
+    state: VehicleState, expected: VehicleState, metres: float, radians: float = 1e-9
 ) -> None:
-    assert np.max(np.hypot(found.x - expected.x, found.y - expected.y)) <= metres
-    assert np.max(angle_between(found.heading, expected.heading)) <= radians
-    np.testing.assert_allclose(found.speed, expected.speed, rtol=0.0, atol=metres)
+    assert np.max(np.hypot(state.x - expected.x, state.y - expected.y)) <= metres
+    assert np.max(angle_between(state.heading, expected.heading)) <= radians
+    np.testing.assert_allclose(state.speed, expected.speed, rtol=0.0, atol=metres)
 
 
 @EVERY_LIMIT
 def test_a_step_is_exact_whatever_the_command(limits: Limits) -> None:
     """Within 2 cm of a 1 ms integration, speed limits reached inside the step included."""
     state, acceleration, yaw_rate = some_motion(20_000, limits)
-    found = advance(state, acceleration, yaw_rate, 1.0, limits, np)
+    moved = advance(state, acceleration, yaw_rate, 1.0, limits, np)
     expected = integrate(state, acceleration, yaw_rate, 1.0, limits)
     # The integration itself stops at a limit up to 1 ms late, which is 5e-4 m/s; the step is far
     # better than 2 cm.
-    assert_same(found, expected, metres=2e-3)
+    assert_same(moved, expected, metres=2e-3)
 
 
 def test_a_limit_is_reached_inside_the_step() -> None:
     """By hand: 99.8 m/s at 0.5 m/s^2 takes 0.4 s to 100 m/s, then flies on at that speed."""
     state = VehicleState(np.zeros(1), np.zeros(1), np.zeros(1), np.array([99.8]))
-    found = advance(state, np.array([0.5]), np.zeros(1), 1.0, SURROGATE, np)
-    np.testing.assert_allclose(found.x, 99.8 * 0.4 + 0.5 * 0.5 * 0.4**2 + 100.0 * 0.6, atol=1e-9)
-    np.testing.assert_allclose(found.speed, 100.0, atol=1e-12)
-    np.testing.assert_allclose(found.y, 0.0, atol=1e-9)
+    moved = advance(state, np.array([0.5]), np.zeros(1), 1.0, SURROGATE, np)
+    np.testing.assert_allclose(moved.x, 99.8 * 0.4 + 0.5 * 0.5 * 0.4**2 + 100.0 * 0.6, atol=1e-9)
+    np.testing.assert_allclose(moved.speed, 100.0, atol=1e-12)
+    np.testing.assert_allclose(moved.y, 0.0, atol=1e-9)
 
 
 def test_a_turn_is_the_circle_of_its_radius() -> None:
@@ -169,13 +169,13 @@ def test_motion_does_not_depend_on_place_or_direction(
     east: float,
     north: float,
 ) -> None:
-    there = advance(
+    moved_elsewhere = advance(
         move_state(state, angle, east, north), acceleration, yaw_rate, 1.0, SURROGATE, np
     )
     expected = move_state(
         advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np), angle, east, north
     )
-    assert_same(there, expected, metres=1e-8)
+    assert_same(moved_elsewhere, expected, metres=1e-8)
 
 
 @given(states(), accelerations, yaw_rates)
@@ -199,8 +199,8 @@ def test_motion_inside_the_limits_can_be_flown_back(
             heading=np.remainder(vehicle.heading + 2.0 * math.pi, 2.0 * math.pi) - math.pi
         )
 
-    there = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
-    back = advance(turn_round(there), -acceleration, -yaw_rate, 1.0, SURROGATE, np)
+    moved = advance(state, acceleration, yaw_rate, 1.0, SURROGATE, np)
+    back = advance(turn_round(moved), -acceleration, -yaw_rate, 1.0, SURROGATE, np)
     assert_same(turn_round(back), state, metres=1e-8, radians=1e-9)
 
 
@@ -236,9 +236,9 @@ def test_a_speed_outside_the_limits_stays_until_commanded_inwards(
     speed: float, acceleration: float, expected: float
 ) -> None:
     state = VehicleState(*(np.array([value]) for value in (0.0, 0.0, 0.3, speed)))
-    found = advance(state, np.array([acceleration]), np.zeros(1), 1.0, SURROGATE, np)
-    np.testing.assert_allclose(found.speed, expected, atol=1e-12)
-    np.testing.assert_allclose(np.hypot(found.x, found.y), 0.5 * (speed + expected), atol=1e-9)
+    moved = advance(state, np.array([acceleration]), np.zeros(1), 1.0, SURROGATE, np)
+    np.testing.assert_allclose(moved.speed, expected, atol=1e-12)
+    np.testing.assert_allclose(np.hypot(moved.x, moved.y), 0.5 * (speed + expected), atol=1e-9)
 
 
 @pytest.mark.parametrize("backend", BACKENDS, ids=lambda backend: backend.name)
@@ -253,9 +253,9 @@ def test_backends_move_alike(backend: Backend) -> None:
     def step(x, y, heading, speed, a, omega):
         return advance(VehicleState(x, y, heading, speed), a, omega, 1.0, SURROGATE, backend.xp)
 
-    found = VehicleState(*backend.apply(step, *inputs))
+    moved = VehicleState(*backend.apply(step, *inputs))
     single = backend.dtype is np.float32
-    assert_same(found, expected, metres=5e-3 if single else 1e-8, radians=1e-6 if single else 1e-12)
+    assert_same(moved, expected, metres=5e-3 if single else 1e-8, radians=1e-6 if single else 1e-12)
 
 
 def test_commands_scale_each_side_by_its_own_limit_and_clip() -> None:
@@ -291,8 +291,8 @@ def test_limits_are_data_that_broadcast() -> None:
     count = 3
     state = VehicleState(np.zeros(count), np.zeros(count), np.zeros(count), np.full(count, 60.0))
     limits = SURROGATE._replace(speed_max=np.array([60.0, 60.2, 100.0]))
-    found = advance(state, np.full(count, 0.5), np.zeros(count), 1.0, limits, np)
-    np.testing.assert_allclose(found.speed, [60.0, 60.2, 60.5], atol=1e-12)
+    moved = advance(state, np.full(count, 0.5), np.zeros(count), 1.0, limits, np)
+    np.testing.assert_allclose(moved.speed, [60.0, 60.2, 60.5], atol=1e-12)
 
 
 # The rules: every clause of the end of an encounter, which outweighs which, and the paper's
@@ -397,21 +397,21 @@ def test_plain_floats_equal_numpy_to_the_last_bit(name: str, dt: float) -> None:
             rng.uniform(-1.2, 1.2, (COUNT, 2)),
             rng.normal(size=(4, *encounters.mask.shape)),
         )
-        seen = world.observe(batch, aircraft, noise, xp=np).astype(np.float32)
+        observations = world.observe(batch, aircraft, noise, xp=np).astype(np.float32)
         batch, result = world.step(batch, (action[:, 0], action[:, 1]), parameters, np)
         for i, mask in enumerate(encounters.mask):
             np.testing.assert_array_equal(
-                flight.observe(singles[i], aircraft, noise[:, i, mask]), seen[i]
+                flight.observe(singles[i], aircraft, noise[:, i, mask]), observations[i]
             )
-            singles[i], one = flight.step(singles[i], tuple(action[i].tolist()), parameters)
+            singles[i], single = flight.step(singles[i], tuple(action[i].tolist()), parameters)
             assert singles[i].own == tuple(field[i] for field in batch.own)
-            assert one.outcome == tuple(field[i] for field in result.outcome)
-            assert (one.reward, one.separation, one.goal_distance) == (
+            assert single.outcome == tuple(field[i] for field in result.outcome)
+            assert (single.reward, single.separation, single.goal_distance) == (
                 result.reward[i],
                 result.separation[i],
                 result.goal_distance[i],
             )
-            np.testing.assert_array_equal(one.separations, result.separations[i, mask])
+            np.testing.assert_array_equal(single.separations, result.separations[i, mask])
 
 
 def test_each_recorded_intruder_follows_its_own_clock() -> None:

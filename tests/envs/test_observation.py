@@ -59,11 +59,15 @@ def test_a_scene_by_hand() -> None:
         one(1_000.0, 2_000.0, 0.5 * math.pi, 75.0),
         one(6_000.0, 2_000.0, -math.pi, 60.0),
     )
-    seen = see(own, intruder, 1_000.0, -13_000.0)
-    np.testing.assert_allclose(seen[[OWN_SPEED, OWN_HEADING, SPEED]], [0.0, 0.5, -0.2], atol=1e-7)
-    np.testing.assert_allclose(seen[[HEADING, BEARING, DISTANCE]], [-1.0, -0.5, -0.5], atol=1e-7)
-    np.testing.assert_allclose(np.abs(seen[GOAL_BEARING]), 1.0, atol=1e-7)
-    np.testing.assert_allclose(seen[GOAL_DISTANCE], 0.5, atol=1e-7)
+    observation = see(own, intruder, 1_000.0, -13_000.0)
+    np.testing.assert_allclose(
+        observation[[OWN_SPEED, OWN_HEADING, SPEED]], [0.0, 0.5, -0.2], atol=1e-7
+    )
+    np.testing.assert_allclose(
+        observation[[HEADING, BEARING, DISTANCE]], [-1.0, -0.5, -0.5], atol=1e-7
+    )
+    np.testing.assert_allclose(np.abs(observation[GOAL_BEARING]), 1.0, atol=1e-7)
+    np.testing.assert_allclose(observation[GOAL_DISTANCE], 0.5, atol=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -88,17 +92,19 @@ def test_a_scene_by_hand() -> None:
 def test_scales_and_clipping(
     component: int, own_speed: float, intruder_speed: float, metres: float, expected: float
 ) -> None:
-    seen = see(one(0.0, 0.0, 0.0, own_speed), one(metres, 0.0, 0.0, intruder_speed), metres, 0.0)
-    assert seen[component] == pytest.approx(expected, abs=1e-12)
+    observation = see(
+        one(0.0, 0.0, 0.0, own_speed), one(metres, 0.0, 0.0, intruder_speed), metres, 0.0
+    )
+    assert observation[component] == pytest.approx(expected, abs=1e-12)
 
 
 @given(states(), states(), near, near)
 def test_every_component_lies_within_one(
     own: VehicleState, intruder: VehicleState, x: float, y: float
 ) -> None:
-    seen = observe(own, intruder, np.float64(x), np.float64(y), PAPER, np)
-    assert seen.shape == (8,)
-    assert np.all(np.abs(seen) <= 1.0)
+    components = observe(own, intruder, np.float64(x), np.float64(y), PAPER, np)
+    assert components.shape == (8,)
+    assert np.all(np.abs(components) <= 1.0)
 
 
 @given(states(), states(), near, near, st.floats(-math.pi, math.pi), near, near)
@@ -112,9 +118,9 @@ def test_only_the_headings_notice_that_the_scene_was_moved_and_turned(
     north: float,
 ) -> None:
     goal = VehicleState(np.float64(x), np.float64(y), own.heading, own.speed)
-    there = [move_state(vehicle, angle, east, north) for vehicle in (own, intruder, goal)]
+    moved = [move_state(vehicle, angle, east, north) for vehicle in (own, intruder, goal)]
     before = observe(own, intruder, goal.x, goal.y, PAPER, np)
-    after = observe(there[0], there[1], there[2].x, there[2].y, PAPER, np)
+    after = observe(moved[0], moved[1], moved[2].x, moved[2].y, PAPER, np)
     lengths = [OWN_SPEED, SPEED, DISTANCE, GOAL_DISTANCE]
     np.testing.assert_allclose(after[lengths], before[lengths], atol=1e-9)
     turned = np.where(np.isin(np.arange(8), [OWN_HEADING, HEADING]), angle / math.pi, 0.0)
@@ -144,8 +150,8 @@ def test_decode_recovers_what_was_not_clipped(
     """
     goal_x, goal_y = own.x + x, own.y + y
     intruder = intruder._replace(x=own.x + 0.7 * intruder.x, y=own.y + 0.7 * intruder.y)
-    seen = observe(own, intruder, goal_x, goal_y, PAPER, np)
-    found = decode(list(seen), PAPER, np)
+    components = observe(own, intruder, goal_x, goal_y, PAPER, np)
+    decoded = decode(list(components), PAPER, np)
     ahead = np.array(
         [[np.cos(own.heading), np.sin(own.heading)], [-np.sin(own.heading), np.cos(own.heading)]]
     )
@@ -156,17 +162,21 @@ def test_decode_recovers_what_was_not_clipped(
         *(ahead @ course * intruder.speed),
         *(ahead @ np.array([goal_x - own.x, goal_y - own.y])),
     ]
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=5e-3)
+    np.testing.assert_allclose(decoded, expected, rtol=0.0, atol=5e-3)
 
 
 def test_decode_takes_any_pair_of_courses() -> None:
     """Their difference runs from almost -2 pi to almost 2 pi; ends of the ranges included."""
     courses = np.concatenate([np.linspace(-1.0, 1.0, 41), [-0.999999, 0.999999]])
-    own, other = (grid.ravel() for grid in np.meshgrid(courses, courses))
+    own, intruder = (grid.ravel() for grid in np.meshgrid(courses, courses))
     zero = np.zeros_like(own)
-    found = decode([zero, own, zero, other, zero, zero, zero, zero], PAPER, np)
-    np.testing.assert_allclose(found.intruder_vx, 75.0 * np.cos(math.pi * (other - own)), atol=1e-6)
-    np.testing.assert_allclose(found.intruder_vy, 75.0 * np.sin(math.pi * (other - own)), atol=1e-6)
+    decoded = decode([zero, own, zero, intruder, zero, zero, zero, zero], PAPER, np)
+    np.testing.assert_allclose(
+        decoded.intruder_vx, 75.0 * np.cos(math.pi * (intruder - own)), atol=1e-6
+    )
+    np.testing.assert_allclose(
+        decoded.intruder_vy, 75.0 * np.sin(math.pi * (intruder - own)), atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("backend", BACKENDS, ids=lambda backend: backend.name)
@@ -180,7 +190,7 @@ def test_backends_observe_alike(backend: Backend) -> None:
     )
 
     def components(*fields):
-        seen = observe(
+        components_of = observe(
             VehicleState(*fields[:4]),
             VehicleState(*fields[4:8]),
             fields[8],
@@ -188,11 +198,15 @@ def test_backends_observe_alike(backend: Backend) -> None:
             PAPER,
             backend.xp,
         )
-        return seen if isinstance(seen, list) else tuple(seen[..., i] for i in range(SIZE))
+        return (
+            components_of
+            if isinstance(components_of, list)
+            else tuple(components_of[..., i] for i in range(SIZE))
+        )
 
-    found = np.stack(backend.apply(components, *inputs), axis=-1)
-    difference = np.abs(found - expected)
-    difference[:, ANGLES] = turns_apart(found, expected)[:, ANGLES]
+    observed = np.stack(backend.apply(components, *inputs), axis=-1)
+    difference = np.abs(observed - expected)
+    difference[:, ANGLES] = turns_apart(observed, expected)[:, ANGLES]
     # A bearing to what is near turns quickly with rounded positions: 1 mm of float32 at 100 m.
     far = (expected[:, DISTANCE] > -0.99) & (expected[:, GOAL_DISTANCE] > -0.99)
     assert np.max(difference[far]) < (1e-5 if backend.dtype is np.float32 else 1e-7)
@@ -219,24 +233,24 @@ INSIDE_BUT_LEAVING = one(-900.0, 0.0, -math.pi, 90.0)
 def choose_of(*intruders: VehicleState, mask: tuple[bool, ...] | None = None) -> int:
     group = stack_states(*intruders)
     mask = np.array([mask if mask is not None else (True,) * len(intruders)])
-    found = most_critical(CRUISE, group, mask, PAPER, np)
-    same = [
-        all(np.array_equal(a, b) for a, b in zip(found, intruder, strict=True))
+    chosen = most_critical(CRUISE, group, mask, PAPER, np)
+    is_chosen = [
+        all(np.array_equal(a, b) for a, b in zip(chosen, intruder, strict=True))
         for intruder in intruders
     ]
-    assert sum(same) == 1
-    return same.index(True)
+    assert sum(is_chosen) == 1
+    return is_chosen.index(True)
 
 
 def test_criticality_is_the_time_to_the_conflict() -> None:
     own = VehicleState(*(field[:, None] for field in CRUISE))
-    found = criticality(
+    criticalities = criticality(
         own, stack_states(SOON, LATER, INSIDE, INSIDE_BUT_LEAVING, PASSING_WIDE), PAPER, np
     )[0]
     soon = (4_000.0 - math.sqrt(1_500.0**2 - 200.0**2)) / 200.0
     later = (12_000.0 - math.sqrt(1_500.0**2 - 500.0**2)) / 200.0
     np.testing.assert_allclose(
-        found, [soon, later, -1_500.0, -600.0, 11_600.0], rtol=1e-6, atol=1e-3
+        criticalities, [soon, later, -1_500.0, -600.0, 11_600.0], rtol=1e-6, atol=1e-3
     )
 
 
@@ -274,12 +288,12 @@ def crowd(count: int, most: int, seed: int) -> tuple[VehicleState, VehicleState,
 def test_of_many_a_present_one_of_the_least_criticality_is_chosen() -> None:
     """Against a plain loop."""
     own, intruders, mask = crowd(500, 5, seed=1)
-    found = most_critical(own, intruders, mask, PAPER, np)
+    chosen = most_critical(own, intruders, mask, PAPER, np)
     rank = criticality(VehicleState(*(field[:, None] for field in own)), intruders, PAPER, np)
     for row in range(500):
         best = min(np.flatnonzero(mask[row]), key=lambda k, row=row: rank[row, k])
-        assert found.x[row] == intruders.x[row, best]
-        assert found.heading[row] == intruders.heading[row, best]
+        assert chosen.x[row] == intruders.x[row, best]
+        assert chosen.heading[row] == intruders.heading[row, best]
 
 
 def test_the_order_of_the_intruders_does_not_matter() -> None:

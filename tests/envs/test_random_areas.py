@@ -19,10 +19,10 @@ def draw_areas(number: int, count: int = MOST) -> tuple[Area, ...]:
 
 
 def test_they_keep_off_start_and_goal_and_lie_about_the_way() -> None:
-    kinds, moving, left = set[type](), 0, 0
+    kinds, moving, count = set[type](), 0, 0
     for number in range(60):
         areas = draw_areas(number)
-        left += len(areas)
+        count += len(areas)
         for area in areas:
             kinds.add(type(area.shape))
             moving += area.velocity != (0.0, 0.0)
@@ -31,16 +31,16 @@ def test_they_keep_off_start_and_goal_and_lie_about_the_way() -> None:
                 assert away >= area.clearance + 0.5 * PAPER.separation - 1e-6
             assert math.hypot(*area.velocity) <= 0.1 * PAPER.limits.speed_max
     assert len(kinds) == 2
-    assert 0.8 * 60 * MOST < left <= 60 * MOST
-    assert moving / left == pytest.approx(1.0 / 3.0, abs=0.08)
+    assert 0.8 * 60 * MOST < count <= 60 * MOST
+    assert moving / count == pytest.approx(1.0 / 3.0, abs=0.08)
 
 
 def test_more_areas_leave_those_before_as_they_are() -> None:
     for number in range(10):
-        whole = draw_areas(number)
-        assert draw_areas(number) == whole
+        areas = draw_areas(number)
+        assert draw_areas(number) == areas
         for count in range(MOST + 1):
-            assert set(draw_areas(number, count)) <= set(whole)
+            assert set(draw_areas(number, count)) <= set(areas)
     assert draw_areas(0) != draw_areas(1)
     assert draw_areas(3, 0) == ()
     with pytest.raises(ValueError, match="count is 9, expected 0 to 8"):
@@ -55,11 +55,11 @@ def test_they_scale_with_the_aircraft() -> None:
     goal = 2.0 * GOAL[0], 2.0 * GOAL[1]
     for number in range(10):
         large = random_areas(5, number, 4, twice, goal, scaled(PAPER))
-        for one, other in zip(draw_areas(number, 4), large, strict=True):
-            assert other.clearance == pytest.approx(2.0 * one.clearance)
-            if isinstance(one.shape, Circle):
-                assert isinstance(other.shape, Circle)
-                assert other.shape.radius == pytest.approx(2.0 * one.shape.radius)
+        for area, large_area in zip(draw_areas(number, 4), large, strict=True):
+            assert large_area.clearance == pytest.approx(2.0 * area.clearance)
+            if isinstance(area.shape, Circle):
+                assert isinstance(large_area.shape, Circle)
+                assert large_area.shape.radius == pytest.approx(2.0 * area.shape.radius)
             else:
-                assert not isinstance(other.shape, Circle)
-                np.testing.assert_allclose(other.shape.outer, 2.0 * np.array(one.shape.outer))
+                assert not isinstance(large_area.shape, Circle)
+                np.testing.assert_allclose(large_area.shape.outer, 2.0 * np.array(area.shape.outer))

@@ -53,20 +53,22 @@ def meeting(
         generator.uniform(-math.pi, math.pi, count),
         generator.uniform(*ranges, count),
     )
-    other = random_states(generator, count)._replace(
+    intruder = random_states(generator, count)._replace(
         x=own.x + apart * np.cos(direction), y=own.y + apart * np.sin(direction)
     )
     together = generator.random(count) < 1 / 3
-    heading = np.where(together, own.heading + generator.normal(0.0, 0.1, count), other.heading)
+    heading = np.where(together, own.heading + generator.normal(0.0, 0.1, count), intruder.heading)
     speed = np.where(
-        together, np.clip(own.speed + generator.normal(0.0, 2.0, count), 50.0, 100.0), other.speed
+        together,
+        np.clip(own.speed + generator.normal(0.0, 2.0, count), 50.0, 100.0),
+        intruder.speed,
     )
-    return own, other._replace(
+    return own, intruder._replace(
         heading=np.remainder(heading + math.pi, 2.0 * math.pi) - math.pi, speed=speed
     )
 
 
-def brute_force(own, other, turns, acceleration, steps: int = 1_000):
+def brute_force(own, intruder, turns, acceleration, steps: int = 1_000):
     """Sample both real arcs every millisecond and return the smallest distance and the two final
     states.
     """
@@ -74,7 +76,7 @@ def brute_force(own, other, turns, acceleration, steps: int = 1_000):
     for step in range(steps + 1):
         now = step / steps
         a = advance(own, acceleration, turns[0], now, SURROGATE, np)
-        b = advance(other, 0.0 * acceleration, turns[1], now, OTHER, np)
+        b = advance(intruder, 0.0 * acceleration, turns[1], now, OTHER, np)
         smallest = np.minimum(smallest, np.hypot(a.x - b.x, a.y - b.y))
     return smallest, a, b
 
@@ -88,31 +90,31 @@ def test_leg_separation_is_that_of_the_real_arcs(ranges: tuple[float, float]) ->
     """
     generator = np.random.default_rng(1)
     count = 4_000
-    own, other = meeting(generator, count, ranges)
+    own, intruder = meeting(generator, count, ranges)
     own = own._replace(speed=np.where(generator.random(count) < 0.3, 99.75, own.speed))
     turns = [generator.choice([-1.0, 0.0, 1.0, 0.3], count) * RATE for _ in range(2)]
     acceleration = generator.choice([-0.5, 0.0, 0.5], count)
-    expected, own_next, other_next = brute_force(own, other, turns, acceleration)
-    found = leg_separation(own, own_next, other, other_next, 1.0, np)
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=0.05)
+    expected, own_next, intruder_next = brute_force(own, intruder, turns, acceleration)
+    separation = leg_separation(own, own_next, intruder, intruder_next, 1.0, np)
+    np.testing.assert_allclose(separation, expected, rtol=0.0, atol=0.05)
 
 
 def test_leg_separation_sees_a_pass_between_the_ends_of_a_step() -> None:
     """By hand: head-on with 200 m/s of closure, 100 m before to 100 m after, 30 m aside."""
-    own, other = one(0.0, 0.0, 0.0, 100.0), one(100.0, 30.0, -math.pi, 100.0)
-    own_next, other_next = one(100.0, 0.0, 0.0, 100.0), one(0.0, 30.0, -math.pi, 100.0)
-    found = leg_separation(own, own_next, other, other_next, 1.0, np)
-    np.testing.assert_allclose(found, 30.0, atol=1e-9)
+    own, intruder = one(0.0, 0.0, 0.0, 100.0), one(100.0, 30.0, -math.pi, 100.0)
+    own_next, intruder_next = one(100.0, 0.0, 0.0, 100.0), one(0.0, 30.0, -math.pi, 100.0)
+    separation = leg_separation(own, own_next, intruder, intruder_next, 1.0, np)
+    np.testing.assert_allclose(separation, 30.0, atol=1e-9)
 
 
 def test_leg_separation_never_exceeds_either_end() -> None:
     generator = np.random.default_rng(2)
-    own, other = meeting(generator, 10_000, (0.0, 3_000.0))
+    own, intruder = meeting(generator, 10_000, (0.0, 3_000.0))
     own_next = advance(own, 0.5, RATE, 1.0, SURROGATE, np)
-    other_next = advance(other, 0.0, -RATE, 1.0, OTHER, np)
-    found = leg_separation(own, own_next, other, other_next, 1.0, np)
-    for a, b in ((own, other), (own_next, other_next)):
-        assert np.all(found <= np.hypot(a.x - b.x, a.y - b.y) + 1e-9)
+    intruder_next = advance(intruder, 0.0, -RATE, 1.0, OTHER, np)
+    separation = leg_separation(own, own_next, intruder, intruder_next, 1.0, np)
+    for a, b in ((own, intruder), (own_next, intruder_next)):
+        assert np.all(separation <= np.hypot(a.x - b.x, a.y - b.y) + 1e-9)
 
 
 @given(states(), states(), st.floats(-RATE, RATE), st.floats(-RATE, RATE))
@@ -121,9 +123,9 @@ def test_leg_separation_is_the_same_for_both_aircraft(
 ) -> None:
     own_next = advance(own, 0.3, turn, 1.0, SURROGATE, np)
     other_next = advance(other, 0.0, other_turn, 1.0, OTHER, np)
-    one_way = leg_separation(own, own_next, other, other_next, 1.0, np)
+    forth = leg_separation(own, own_next, other, other_next, 1.0, np)
     np.testing.assert_allclose(
-        one_way, leg_separation(other, other_next, own, own_next, 1.0, np), rtol=1e-12
+        forth, leg_separation(other, other_next, own, own_next, 1.0, np), rtol=1e-12
     )
 
 
@@ -132,10 +134,10 @@ def test_leg_separation_in_single_precision() -> None:
     float32 there.
     """
     generator = np.random.default_rng(4)
-    own, other = meeting(generator, 2_000, (500.0, 15_000.0))
+    own, intruder = meeting(generator, 2_000, (500.0, 15_000.0))
     own_next = advance(own, 0.5, RATE, 1.0, SURROGATE, np)
-    other_next = advance(other, 0.0, -RATE, 1.0, OTHER, np)
-    columns = (*own, *own_next, *other, *other_next)
+    intruder_next = advance(intruder, 0.0, -RATE, 1.0, OTHER, np)
+    columns = (*own, *own_next, *intruder, *intruder_next)
 
     def separation(*fields, xp):
         vehicles = [VehicleState(*fields[4 * i : 4 * i + 4]) for i in range(4)]
@@ -144,41 +146,45 @@ def test_leg_separation_in_single_precision() -> None:
     for backend in BACKENDS:
         inputs = [backend.round_values(column) for column in columns]
         (expected,) = separation(*inputs, xp=np)
-        (found,) = backend.apply(lambda *fields, xp=backend.xp: separation(*fields, xp=xp), *inputs)
+        (separations,) = backend.apply(
+            lambda *fields, xp=backend.xp: separation(*fields, xp=xp), *inputs
+        )
         tolerance = 2e-2 if backend.dtype is np.float32 else 1e-6
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=tolerance, err_msg=backend.name)
+        np.testing.assert_allclose(
+            separations, expected, rtol=0.0, atol=tolerance, err_msg=backend.name
+        )
 
 
 def test_straight_cpa_against_brute_force() -> None:
     generator = np.random.default_rng(5)
-    own, other = random_states(generator, 200), random_states(generator, 200)
+    own, intruder = random_states(generator, 200), random_states(generator, 200)
     times = np.linspace(0.0, 600.0, 60_001)[:, None]
     gap_x = (
-        other.x
-        + other.speed * np.cos(other.heading) * times
+        intruder.x
+        + intruder.speed * np.cos(intruder.heading) * times
         - own.x
         - own.speed * np.cos(own.heading) * times
     )
     gap_y = (
-        other.y
-        + other.speed * np.sin(other.heading) * times
+        intruder.y
+        + intruder.speed * np.sin(intruder.heading) * times
         - own.y
         - own.speed * np.sin(own.heading) * times
     )
     gaps = np.hypot(gap_x, gap_y)
-    found = straight_cpa(own, other, np)
-    within = found.time < 600.0
-    np.testing.assert_allclose(found.distance[within], gaps.min(axis=0)[within], atol=0.1)
+    cpa = straight_cpa(own, intruder, np)
+    within = cpa.time < 600.0
+    np.testing.assert_allclose(cpa.distance[within], gaps.min(axis=0)[within], atol=0.1)
     relative_speed = np.hypot(gap_x[1] - gap_x[0], gap_y[1] - gap_y[0]) / 0.01
     clear = within & (relative_speed > 5.0)
     assert clear.sum() > 100
-    np.testing.assert_allclose(found.time[clear], times[gaps.argmin(axis=0)[clear], 0], atol=0.02)
+    np.testing.assert_allclose(cpa.time[clear], times[gaps.argmin(axis=0)[clear], 0], atol=0.02)
 
 
 @given(states(), states())
 def test_straight_cpa_is_the_same_for_both_aircraft(own: VehicleState, other: VehicleState) -> None:
-    one_way, other_way = straight_cpa(own, other, np), straight_cpa(other, own, np)
-    np.testing.assert_allclose(one_way, other_way, rtol=1e-9, atol=1e-9)
+    forth, back = straight_cpa(own, other, np), straight_cpa(other, own, np)
+    np.testing.assert_allclose(forth, back, rtol=1e-9, atol=1e-9)
 
 
 def test_straight_cpa_of_diverging_and_of_parallel_aircraft_is_now() -> None:
@@ -212,10 +218,10 @@ def test_straight_cpa_by_hand() -> None:
 )
 def test_bearing_by_hand(heading: float, x: float, y: float, expected: float) -> None:
     """Left positive, and through the wrap at 180 degrees."""
-    found = math.degrees(
+    degrees = math.degrees(
         bearing(one(0.0, 0.0, math.radians(heading), 75.0), np.array([x]), np.array([y]), np)[0]
     )
-    assert (found - expected + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-4)
+    assert (degrees - expected + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-4)
 
 
 @given(states(), states(), st.floats(-math.pi, math.pi), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4))
@@ -239,10 +245,10 @@ def test_the_scene_may_be_moved_turned_and_mirrored(
 
 @pytest.mark.parametrize("backend", ARRAY_BACKENDS, ids=lambda backend: backend.name)
 def test_distance(backend: Backend) -> None:
-    (found,) = backend.apply(
+    (distances,) = backend.apply(
         lambda x, y: (distance(x, y, backend.xp),), [3.0, 0.0, -5e3], [4.0, 0.0, 12e3]
     )
-    np.testing.assert_allclose(found, [5.0, 0.0, 13e3], rtol=1e-6)
+    np.testing.assert_allclose(distances, [5.0, 0.0, 13e3], rtol=1e-6)
 
 
 # Angles: accuracy of the polynomials against libm, and the range of wrapped angles, in every
@@ -261,14 +267,14 @@ def tolerance(backend: Backend) -> float:
 
 def neighbours(dtype: type, *values: float, steps: int = 4) -> np.ndarray:
     """Return the values and the nearest representable numbers on both sides of each."""
-    found = []
+    values_near = []
     for value in values:
         down = up = dtype(value)
-        found.append(down)
+        values_near.append(down)
         for _ in range(steps):
             down, up = np.nextafter(down, dtype(-np.inf)), np.nextafter(up, dtype(np.inf))
-            found += [down, up]
-    return np.array(found, np.float64)
+            values_near += [down, up]
+    return np.array(values_near, np.float64)
 
 
 @each_backend
@@ -298,17 +304,17 @@ def test_atan2_agrees_with_libm_all_around_at_every_length(backend: Backend) -> 
         backend.round_values(length * np.sin(angle)).ravel(),
         backend.round_values(length * np.cos(angle)).ravel(),
     )
-    (found,) = backend.apply(lambda a, b: (atan2(a, b, backend.xp),), y, x)
-    assert np.max(angle_between(found, np.arctan2(y, x))) <= tolerance(backend)
+    (angles,) = backend.apply(lambda a, b: (atan2(a, b, backend.xp),), y, x)
+    assert np.max(angle_between(angles, np.arctan2(y, x))) <= tolerance(backend)
 
 
 @each_backend
 def test_atan2_on_the_axes_and_diagonals(backend: Backend) -> None:
     y = np.array([0.0, 1.0, 1.0, 1.0, 0.0, -1.0, -1.0, -1.0, 0.0])
     x = np.array([1.0, 1.0, 0.0, -1.0, -1.0, -1.0, 0.0, 1.0, 0.0])
-    (found,) = backend.apply(lambda a, b: (atan2(a, b, backend.xp),), y, x)
+    (angles,) = backend.apply(lambda a, b: (atan2(a, b, backend.xp),), y, x)
     np.testing.assert_allclose(
-        found, math.pi * np.array([0, 1, 2, 3, 4, -3, -2, -1, 0]) / 4, atol=tolerance(backend)
+        angles, math.pi * np.array([0, 1, 2, 3, 4, -3, -2, -1, 0]) / 4, atol=tolerance(backend)
     )
 
 
@@ -316,12 +322,12 @@ def test_atan2_on_the_axes_and_diagonals(backend: Backend) -> None:
 def test_atan2_of_any_vector(y: float, x: float) -> None:
     for backend in ARRAY_BACKENDS[:2]:
         rounded_y, rounded_x = backend.round_values([y]), backend.round_values([x])
-        (found,) = backend.apply(
+        (angle,) = backend.apply(
             lambda a, b, xp=backend.xp: (atan2(a, b, xp),), rounded_y, rounded_x
         )
-        assert abs(found[0]) <= math.pi + tolerance(backend)
+        assert abs(angle[0]) <= math.pi + tolerance(backend)
         if math.hypot(x, y) > 1e-20:
-            assert angle_between(found, np.arctan2(rounded_y, rounded_x))[0] <= tolerance(backend)
+            assert angle_between(angle, np.arctan2(rounded_y, rounded_x))[0] <= tolerance(backend)
 
 
 @each_backend
@@ -449,7 +455,7 @@ def test_alike_aircraft_fly_alike(name: str, changes: dict[str, bool]) -> None:
     assert ratios(small.limits, small.separation) == pytest.approx(
         ratios(PAPER.limits, PAPER.separation), rel=1e-12
     )
-    one, other = (
+    original, scaled = (
         fly_all(aircraft, draw_encounters(aircraft, name, changes)) for aircraft in (PAPER, small)
     )
     turning = name == "maneuvering" or "turn" in changes
@@ -457,37 +463,42 @@ def test_alike_aircraft_fly_alike(name: str, changes: dict[str, bool]) -> None:
         tolerance = 0.01 if turning else 1e-8
         # A bearing beyond half a turn comes back on the other side, and a rank may change between
         # two equals.
-        close = np.abs(one[key] - other[key]) < tolerance
+        close = np.abs(original[key] - scaled[key]) < tolerance
         assert close.mean() > (0.995 if key in ("seen", "set") else 1.0 - 1e-12), key
-    assert np.mean(one["outcome"] == other["outcome"]) > 0.9999
-    assert one["outcome"].any(axis=(0, 2)).all() or name != "circle"
+    assert np.mean(original["outcome"] == scaled["outcome"]) > 0.9999
+    assert original["outcome"].any(axis=(0, 2)).all() or name != "circle"
 
 
 @settings(max_examples=10)
 @given(st.floats(0.3, 10.0), st.floats(0.3, 2.3), st.integers(0, 2**32))
 def test_any_twin_draws_and_sees_alike(length: float, speed: float, seed: int) -> None:
-    other = twin(PAPER, length, speed)
+    scaled = twin(PAPER, length, speed)
     for name in ("multi", "noisy", "same_course"):
-        here, there = (
+        original_start, scaled_start = (
             starts.encounters_of_seed(scenario(name, aircraft), seed, 0, 4)
-            for aircraft in (PAPER, other)
+            for aircraft in (PAPER, scaled)
         )
         np.testing.assert_allclose(
-            scale_state(there.own, length, speed),
-            scale_state(here.own, 1.0, 1.0),
+            scale_state(scaled_start.own, length, speed),
+            scale_state(original_start.own, 1.0, 1.0),
             rtol=1e-9,
             atol=1e-6,
         )
         np.testing.assert_allclose(
-            there.intent.onset / (length / speed), here.intent.onset, rtol=1e-7, atol=1e-7
+            scaled_start.intent.onset / (length / speed),
+            original_start.intent.onset,
+            rtol=1e-7,
+            atol=1e-7,
         )
         np.testing.assert_allclose(
-            there.sensor.latency / (length / speed), here.sensor.latency, rtol=1e-12
+            scaled_start.sensor.latency / (length / speed),
+            original_start.sensor.latency,
+            rtol=1e-12,
         )
         sights = [
             observe_set(start.own, *rank_urgent(start.own, start.intruders, start.mask, 5, aircraft, np),
                         start.goal_x, start.goal_y, aircraft, np)
-            for start, aircraft in ((here, PAPER), (there, other))
+            for start, aircraft in ((original_start, PAPER), (scaled_start, scaled))
         ]  # fmt: skip
         for mine, yours in zip(*sights, strict=True):
             np.testing.assert_allclose(yours, mine, atol=1e-9)
@@ -538,9 +549,9 @@ def test_an_aircraft_that_can_hover_begins_with_some_speed() -> None:
     multirotor = load(
         AircraftConfig, None, ["speed_min_mps=0", "speed_max_mps=20", "separation_m=150"]
     ).aircraft()
-    found = scenario("circle", multirotor)
-    assert found.own_speed == (4.0, 20.0)
-    assert np.isfinite(starts.encounters_of_seed(found, 0, 0, 50).intruders.x).all()
+    circle = scenario("circle", multirotor)
+    assert circle.own_speed == (4.0, 20.0)
+    assert np.isfinite(starts.encounters_of_seed(circle, 0, 0, 50).intruders.x).all()
 
 
 def two_in_a_step(count: int) -> list[tuple[VehicleState, VehicleState]]:
@@ -558,39 +569,42 @@ _FREE = Limits(0.0, 1e3, -1e3, 1e3, 1e3)
 
 
 def test_the_separation_in_space_against_dense_samples() -> None:
-    (own, own_next), (other, other_next) = two_in_a_step(3_000)
+    (own, own_next), (intruder, intruder_next) = two_in_a_step(3_000)
     rng, flatness = np.random.default_rng(5), 7.3
     above = rng.uniform(-60.0, 60.0, 3_000)
     later = above + rng.uniform(-10.0, 10.0, 3_000)
-    found = leg_separation_in_space(
-        (own, own_next), (other, other_next), (above, later), flatness, 1.0
+    separation = leg_separation_in_space(
+        (own, own_next), (intruder, intruder_next), (above, later), flatness, 1.0
     )
     least = np.full(3_000, np.inf)
     for share in np.linspace(0.0, 1.0, 501):
-        here, there = (
+        own_place, intruder_place = (
             advance(before, 0.0 * above, wrap(after.heading - before.heading, np), share, _FREE, np)
-            for before, after in ((own, own_next), (other, other_next))
+            for before, after in ((own, own_next), (intruder, intruder_next))
         )
         height = flatness * np.abs(above + share * (later - above))
         least = np.minimum(
-            least, np.maximum(distance(there.x - here.x, there.y - here.y, np), height)
+            least,
+            np.maximum(
+                distance(intruder_place.x - own_place.x, intruder_place.y - own_place.y, np), height
+            ),
         )
     # Dense samples miss up to the way of half of one of them.
-    assert (found - least).max() < 0.05 and (found - least).min() > -0.5
+    assert (separation - least).max() < 0.05 and (separation - least).min() > -0.5
 
 
 def test_the_separation_in_space_is_the_same_mirrored_and_that_of_the_plane_at_one_level() -> None:
-    (own, own_next), (other, other_next) = two_in_a_step(1_000)
-    states = (own, own_next), (other, other_next)
-    plane = leg_separation(own, own_next, other, other_next, 1.0, np)
+    (own, own_next), (intruder, intruder_next) = two_in_a_step(1_000)
+    states = (own, own_next), (intruder, intruder_next)
+    plane = leg_separation(own, own_next, intruder, intruder_next, 1.0, np)
     nothing = np.zeros(1_000)
     np.testing.assert_array_equal(
         leg_separation_in_space(*states, (nothing, nothing), 7.0, 1.0), plane
     )
     above, later = np.random.default_rng(6).uniform(-80.0, 80.0, (2, 1_000))
-    found = leg_separation_in_space(*states, (above, later), 7.0, 1.0)
+    separation = leg_separation_in_space(*states, (above, later), 7.0, 1.0)
     mirrored = leg_separation_in_space(*states, (-above, -later), 7.0, 1.0)
-    np.testing.assert_array_equal(found, mirrored)
-    assert (found >= plane - 1e-6).all()  # both are searched for, by two ways
+    np.testing.assert_array_equal(separation, mirrored)
+    assert (separation >= plane - 1e-6).all()  # both are searched for, by two ways
     high = leg_separation_in_space(*states, (nothing + 1e4, nothing + 1e4), 7.0, 1.0)
     np.testing.assert_allclose(high, 7e4)

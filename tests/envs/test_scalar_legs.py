@@ -34,9 +34,9 @@ def test_compiled_legs_are_those_by_numpy(
     by_loops, by_numpy = both(monkeypatch, plan_states)
     closed = by_numpy.miss <= CLOSED
     np.testing.assert_array_equal(by_loops.miss <= CLOSED, closed)
-    for one, other in zip(by_loops, by_numpy, strict=True):
-        assert one.shape == other.shape
-        np.testing.assert_allclose(one[closed], other[closed], rtol=0.0, atol=1e-8)
+    for compiled_field, numpy_field in zip(by_loops, by_numpy, strict=True):
+        assert compiled_field.shape == numpy_field.shape
+        np.testing.assert_allclose(compiled_field[closed], numpy_field[closed], rtol=0.0, atol=1e-8)
     assert closed.any()
 
 
@@ -48,14 +48,14 @@ def test_plan_states_of_any_shape_are_taken(
     by_loops, by_numpy = both(
         monkeypatch, PlanStates(70.0 * time, 0.0 * time, 0.1 + 0.0 * time, 70.0 + 0.0 * time, time)
     )
-    for one, other in zip(by_loops, by_numpy, strict=True):
-        assert one.shape == other.shape
-        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-8)
+    for compiled_field, numpy_field in zip(by_loops, by_numpy, strict=True):
+        assert compiled_field.shape == numpy_field.shape
+        np.testing.assert_allclose(compiled_field, numpy_field, rtol=0.0, atol=1e-8)
 
 
 def test_what_is_not_a_number_shows_in_the_miss() -> None:
     time = np.array([0.0, 20.0, 20.0, 40.0])
     x = np.array([0.0, 1_500.0, 1_500.0, np.nan])
-    found = waypoints.legs(PlanStates(x, 0.0 * time, 0.0 * time, 75.0 + 0.0 * time, time))
-    assert found.miss[0] <= CLOSED
-    assert np.isnan(found.miss[1:]).all()
+    curves = waypoints.legs(PlanStates(x, 0.0 * time, 0.0 * time, 75.0 + 0.0 * time, time))
+    assert curves.miss[0] <= CLOSED
+    assert np.isnan(curves.miss[1:]).all()

@@ -50,8 +50,8 @@ def fly(state: State, actions: jax.Array) -> Record:
 
     def forward(now: State, action: jax.Array) -> tuple[State, Record]:
         after, result = surrogate.step(now, (action[:, 0], action[:, 1]), WORLD)
-        seen = surrogate.observe(after, PAPER)
-        return after, Record(after.own, after.intruders.vehicle, after.steps, seen, result)
+        observed = surrogate.observe(after, PAPER)
+        return after, Record(after.own, after.intruders.vehicle, after.steps, observed, result)
 
     return jax.lax.scan(forward, state, actions)[1]
 
@@ -70,12 +70,12 @@ def actions(count: int = COUNT, seed: int = 1) -> np.ndarray:
     """Return actions that are held for 10 s each, a third of them beyond the limits, ``[T,
     N, 2]``.
     """
-    held = np.random.default_rng(seed).uniform(-1.5, 1.5, (STEPS // 10, count, 2))
-    return np.repeat(held, 10, axis=0).astype(np.float32)
+    held_actions = np.random.default_rng(seed).uniform(-1.5, 1.5, (STEPS // 10, count, 2))
+    return np.repeat(held_actions, 10, axis=0).astype(np.float32)
 
 
 def one_on_one(
-    own: tuple[float, ...], other: tuple[float, ...], goal: tuple[float, float] = (2e4, 0.0)
+    own: tuple[float, ...], opponent: tuple[float, ...], goal: tuple[float, float] = (2e4, 0.0)
 ) -> Encounter:
     """Return FEW times the same encounter of two vehicles, given as (x, y, heading, speed)."""
 
@@ -86,7 +86,7 @@ def one_on_one(
         VehicleState(*(column(value) for value in own)),
         column(goal[0]),
         column(goal[1]),
-        VehicleState(*(column(value, 1) for value in other)),
+        VehicleState(*(column(value, 1) for value in opponent)),
         np.ones((FEW, 1), bool),
         Intent(column(0.0, 1), column(0.0, 1), column(math.radians(3.0), 1)),
         Sensor(*(column(0.0, 1) for _ in range(3))),
@@ -139,12 +139,12 @@ def test_a_whole_episode_equals_a_plain_loop_over_the_core(
         goal_distance = np.hypot(starts.goal_x - own.x, starts.goal_y - own.y)
         judged = outcome.judge(separation, goal_distance, time, RULES, np)
 
-        for name, found in (("own", flown.own), ("intruders", flown.intruders)):
+        for name, states in (("own", flown.own), ("intruders", flown.intruders)):
             expected = (
                 own if name == "own" else VehicleState(*(field[:, 0] for field in traffic.vehicle))
             )
             at = VehicleState(
-                *(np.asarray(field[index], np.float64).reshape(COUNT) for field in found)
+                *(np.asarray(field[index], np.float64).reshape(COUNT) for field in states)
             )
             assert np.max(np.hypot(at.x - expected.x, at.y - expected.y)) <= metres, (
                 f"{name}, step {index}"
@@ -208,10 +208,10 @@ def test_the_observation_shows_both_aircraft_after_they_moved(flights: dict[str,
     flown, starts = flights["alone"], flights["starts"]
     for index in (0, 1, 150):
         own = VehicleState(*(np.asarray(field[index], np.float64) for field in flown.own))
-        other = VehicleState(
+        opponent = VehicleState(
             *(np.asarray(field[index, :, 0], np.float64) for field in flown.intruders)
         )
-        expected = observation.observe(own, other, starts.goal_x, starts.goal_y, PAPER, np)
+        expected = observation.observe(own, opponent, starts.goal_x, starts.goal_y, PAPER, np)
         np.testing.assert_allclose(
             np.cos(np.pi * flown.observation[index]), np.cos(np.pi * expected), atol=1e-4
         )
@@ -245,9 +245,11 @@ def test_a_step_leaves_its_inputs_data_alone() -> None:
     state = reset(encounters("maneuvering", count=FEW))
     after, _ = step(state, (np.ones(FEW, np.float32), np.ones(FEW, np.float32)), WORLD)
     for name in ("goal_x", "goal_y", "mask", "intent", "sensor"):
-        pairs = zip(*(jax.tree.leaves(getattr(each, name)) for each in (after, state)), strict=True)
-        for kept, given in pairs:
-            np.testing.assert_array_equal(kept, given)
+        pairs = zip(
+            *(jax.tree.leaves(getattr(stepped, name)) for stepped in (after, state)), strict=True
+        )
+        for after_field, before_field in pairs:
+            np.testing.assert_array_equal(after_field, before_field)
 
 
 # Resets.
@@ -283,9 +285,9 @@ def test_restart_begins_afresh_only_where_an_encounter_ended() -> None:
 
 
 def test_restart_also_replaces_the_reports_history() -> None:
-    starts, others = encounters("noisy", count=FEW), encounters("noisy", count=FEW, seed=9)
+    starts, replacements = encounters("noisy", count=FEW), encounters("noisy", count=FEW, seed=9)
     state = reset(starts, history_dt=1.0)._replace(steps=np.float32([299.0, 20.0, 20.0, 20.0]))
-    fresh = reset(others, history_dt=1.0)
+    fresh = reset(replacements, history_dt=1.0)
     final, _ = step(state, STILL, WORLD)
     following = restart(final, fresh)
     for after, end, begin in zip(
@@ -316,10 +318,10 @@ def test_absent_intruders_do_not_matter(flights: dict[str, Any]) -> None:
 def test_an_absent_intruder_may_sit_on_top_of_the_ownship() -> None:
     starts = pad(one_on_one((0.0, 0.0, 0.0, 80.0), (6_000.0, 100.0, -math.pi, 80.0)), 8, np)
     for column in (0, 7):
-        there = starts.intruders._replace(x=starts.intruders.x.copy(), y=starts.intruders.y.copy())
-        there.x[:, column] = there.y[:, column] = 0.0
+        on_top = starts.intruders._replace(x=starts.intruders.x.copy(), y=starts.intruders.y.copy())
+        on_top.x[:, column] = on_top.y[:, column] = 0.0
         mask = np.tile(np.arange(8) != column, (FEW, 1))
-        state = reset(starts._replace(intruders=there, mask=mask))
+        state = reset(starts._replace(intruders=on_top, mask=mask))
         _, result = step(state, STILL, WORLD)
         assert not result.outcome.violation[0]
         assert float(result.separation[0]) > 5_800.0
@@ -347,30 +349,30 @@ def test_a_mirrored_episode_stays_mirrored(flights: dict[str, Any]) -> None:
     """
     starts = flights["starts"]
     intent = starts.intent._replace(heading_change=-starts.intent.heading_change)
-    other_side = starts._replace(
+    mirrored_starts = starts._replace(
         own=mirror_state(starts.own),
         goal_y=-starts.goal_y,
         intruders=mirror_state(starts.intruders),
         intent=intent,
     )
-    flown, other = (
+    flown, mirrored = (
         flights["alone"],
-        fly(reset(other_side), flights["actions"] * np.float32([1.0, -1.0])),
+        fly(reset(mirrored_starts), flights["actions"] * np.float32([1.0, -1.0])),
     )
-    for a, b in ((flown.own, other.own), (flown.intruders, other.intruders)):
+    for a, b in ((flown.own, mirrored.own), (flown.intruders, mirrored.intruders)):
         np.testing.assert_allclose(b.x, a.x, atol=0.25)
         np.testing.assert_allclose(b.y, -a.y, atol=0.25)
         assert np.max(angle_between(b.heading, -np.asarray(a.heading))) < 1e-5
     sign = np.float32([1, -1, 1, -1, 1, 1, 1, 1])
     turn = np.isin(np.arange(8), [1, 3, 4, 6])
     sign[[4, 6]] = -1
-    difference = np.abs(np.asarray(other.observation) - sign * np.asarray(flown.observation))
+    difference = np.abs(np.asarray(mirrored.observation) - sign * np.asarray(flown.observation))
     difference = np.where(turn, np.minimum(difference, 2.0 - difference), difference)
     # Within 100 m a bearing turns by more than 1e-3 half turns with those 25 cm.
     near = np.min(np.asarray(flown.observation)[..., [5, 7]], axis=-1) < -0.99
     assert np.max(difference[~near]) < 1e-3
     clear = np.abs(np.asarray(flown.result.separation) - 1_000.0) > 0.5
     np.testing.assert_array_equal(
-        np.asarray(other.result.outcome.violation)[clear],
+        np.asarray(mirrored.result.outcome.violation)[clear],
         np.asarray(flown.result.outcome.violation)[clear],
     )

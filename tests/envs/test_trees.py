@@ -11,9 +11,9 @@ def test_the_first_row_of_each_owner_is_the_least_by_the_last_key_then_the_other
         owners, minor, major = random.integers(0, 7, (3, count))
         best: dict[int, int] = {}
         for row in range(count):
-            held = best.get(owners[row])
-            if held is None or (major[row], minor[row]) < (major[held], minor[held]):
+            best_row = best.get(owners[row])
+            if best_row is None or (major[row], minor[row]) < (major[best_row], minor[best_row]):
                 best[owners[row]] = row
-        found, rows = first_rows(owners, minor, major)
-        assert found.tolist() == sorted(best)
-        assert rows.tolist() == [best[owner] for owner in found.tolist()]
+        first_owners, rows = first_rows(owners, minor, major)
+        assert first_owners.tolist() == sorted(best)
+        assert rows.tolist() == [best[owner] for owner in first_owners.tolist()]

@@ -271,17 +271,17 @@ def test_errors_are_kept_apart(across: float, late: float, number: int) -> None:
     place = at(plan, time - late)
     sine, cosine = math.sin(place.heading), math.cos(place.heading)
     state = place._replace(x=place.x - across * sine, y=place.y + across * cosine)
-    found = deviation(plan, state, time)
+    errors = deviation(plan, state, time)
     # Far inside a turn the abeam point is found by three steps only to a part of what is left.
-    assert float(found.cross_track) == pytest.approx(across, abs=0.5)
-    assert float(found.time) == pytest.approx(late, abs=0.2)
-    assert float(found.along_track) == pytest.approx(
+    assert float(errors.cross_track) == pytest.approx(across, abs=0.5)
+    assert float(errors.time) == pytest.approx(late, abs=0.2)
+    assert float(errors.along_track) == pytest.approx(
         -late * 0.5 * (place.speed + at(plan, time).speed), abs=15.0
     )
 
 
 def test_on_the_plan_there_is_no_error() -> None:
     _, plan = flown_plans(10, 3)
-    found = deviation(plan, at(plan, 33.3), 33.3)
+    errors = deviation(plan, at(plan, 33.3), 33.3)
     for name in ("cross_track", "along_track", "time", "heading", "speed"):
-        np.testing.assert_allclose(getattr(found, name), 0.0, atol=1e-9)
+        np.testing.assert_allclose(getattr(errors, name), 0.0, atol=1e-9)

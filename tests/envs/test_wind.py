@@ -40,8 +40,8 @@ def test_there_and_back(state: VehicleState, wind: Wind, time: float) -> None:
 def test_distances_do_not_see_the_wind(
     a: VehicleState, b: VehicleState, wind: Wind, time: float
 ) -> None:
-    there, other = (through_air(state, wind, time) for state in (a, b))
-    assert math.hypot(there.x - other.x, there.y - other.y) == pytest.approx(
+    first, second = (through_air(state, wind, time) for state in (a, b))
+    assert math.hypot(first.x - second.x, first.y - second.y) == pytest.approx(
         math.hypot(a.x - b.x, a.y - b.y)
     )
 
@@ -63,14 +63,14 @@ def test_a_leg_over_the_ground_is_a_leg_in_the_air_that_is_carried(
     assert curve.miss < 1e-3
     legs = type(curve)(*(np.asarray(field)[None] for field in curve))
     for point in (first, last):
-        there = at(legs, point.time, wind)
-        assert math.hypot(there.x - point.x, there.y - point.y) < 2e-3
-        assert there.speed == pytest.approx(point.speed, abs=1e-6)
+        flown = at(legs, point.time, wind)
+        assert math.hypot(flown.x - point.x, flown.y - point.y) < 2e-3
+        assert flown.speed == pytest.approx(point.speed, abs=1e-6)
     # The velocity over the ground is what the places over the ground change by.
-    here, later = (at(legs, 11.0 + s, wind) for s in (-1e-3, 1e-3))
+    before, later = (at(legs, 11.0 + s, wind) for s in (-1e-3, 1e-3))
     now = at(legs, 11.0, wind)
-    assert (later.x - here.x) / 2e-3 == pytest.approx(now.speed * np.cos(now.heading), abs=1e-3)
-    assert (later.y - here.y) / 2e-3 == pytest.approx(now.speed * np.sin(now.heading), abs=1e-3)
+    assert (later.x - before.x) / 2e-3 == pytest.approx(now.speed * np.cos(now.heading), abs=1e-3)
+    assert (later.y - before.y) / 2e-3 == pytest.approx(now.speed * np.sin(now.heading), abs=1e-3)
 
 
 @given(st.lists(STATES, min_size=2, max_size=5), WINDS)
@@ -148,9 +148,9 @@ def test_a_turn_in_another_wind_leads_to_a_velocity_within_the_error(
     turn: float, error: float, side: float
 ) -> None:
     ground, wind = complex(20.0, 5.0), complex(3.0, -6.0)
-    other = wind + error * complex(math.cos(side), math.sin(side))
+    true_wind = wind + error * complex(math.cos(side), math.sin(side))
     turned = complex(math.cos(turn), math.sin(turn))
-    after, instead = ((ground - blows) * turned + blows for blows in (wind, other))
+    after, instead = ((ground - blows) * turned + blows for blows in (wind, true_wind))
     assert abs(after - instead) <= turned_error(turn, error) + 1e-9
 
 

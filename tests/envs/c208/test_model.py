@@ -96,18 +96,18 @@ def test_jsbsim_gives_the_thrust_of_the_propulsion_model() -> None:
     fdm = Fdm()
     for speed, altitude in ((52.0, 2500.0), (83.0, 2500.0), (66.0, 500.0), (90.0, 5000.0)):
         for throttle, curve in ((0.0, idle_thrust), (1.0, maximum_thrust)):
-            found = solve(fdm, speed, altitude, throttle=throttle)
+            equilibrium = solve(fdm, speed, altitude, throttle=throttle)
             density = fdm.get("atmosphere/rho-slugs_ft3") * 515.378819
             expected = float(curve(fdm.variant, speed, density))
             # Linear interpolation between the tables' points.
-            assert found.thrust == pytest.approx(expected, rel=0.015, abs=15.0)
+            assert equilibrium.thrust == pytest.approx(expected, rel=0.015, abs=15.0)
 
 
 def test_the_stored_equilibria_are_the_aircrafts() -> None:
-    for name, found in level_table(Fdm()).items():
+    for name, equilibrium in level_table(Fdm()).items():
         np.testing.assert_allclose(
             load_stored()[name],
-            found,
+            equilibrium,
             rtol=1e-5,
             atol=1e-7,
             err_msg=f"{name}: python -m envs.c208.trim",
@@ -116,12 +116,12 @@ def test_the_stored_equilibria_are_the_aircrafts() -> None:
 
 def test_an_equilibrium_lasts_when_flown_open_loop() -> None:
     fdm = Fdm()
-    found = solve(fdm, 70.0)
+    equilibrium = solve(fdm, 70.0)
     for _ in range(600):
         fdm.exec.run()
     # Ten seconds in which nobody steers: the phugoid has nothing to start from.
     assert fdm.get("velocities/vt-fps") * 0.3048 == pytest.approx(70.0, abs=0.05)
-    assert fdm.get("aero/alpha-rad") == pytest.approx(found.alpha, abs=2e-4)
+    assert fdm.get("aero/alpha-rad") == pytest.approx(equilibrium.alpha, abs=2e-4)
     assert abs(fdm.get("velocities/h-dot-fps")) < 0.5
 
 
@@ -265,8 +265,8 @@ def test_a_profile_is_flown_closest_with_the_lookahead_of_the_climb(speed: float
     usual = validate.profile_error(speed)
     assert usual < 0.5
     for more in (-0.6, 0.6):
-        other = LOOKAHEAD._replace(climb=LOOKAHEAD.climb + more)
-        assert validate.profile_error(speed, gains=other) > usual
+        gains = LOOKAHEAD._replace(climb=LOOKAHEAD.climb + more)
+        assert validate.profile_error(speed, gains=gains) > usual
     # In the sharpest turn, which the aircraft enters at the same time.
     assert validate.profile_error(speed, CLIMBS.limits.yaw_rate_max) < 1.0
 
@@ -306,17 +306,17 @@ PATHS = [Track(plan) for _, plan in PLANS]
 
 @given(st.floats(-5.0, 130.0), st.integers(0, 2))
 def test_a_path_is_the_legs(time: float, number: int) -> None:
-    expected, found = at(PLANS[number][1], time), PATHS[number].at(time)
-    np.testing.assert_allclose(found[:2], [float(expected.x), float(expected.y)], atol=1e-3)
-    assert math.cos(found.heading - float(expected.heading)) == pytest.approx(1.0, abs=1e-9)
-    assert found.speed == pytest.approx(float(expected.speed), abs=1e-9)
+    expected, place = at(PLANS[number][1], time), PATHS[number].at(time)
+    np.testing.assert_allclose(place[:2], [float(expected.x), float(expected.y)], atol=1e-3)
+    assert math.cos(place.heading - float(expected.heading)) == pytest.approx(1.0, abs=1e-9)
+    assert place.speed == pytest.approx(float(expected.speed), abs=1e-9)
 
 
 def errors(plan: Legs, states: list[VehicleState]) -> tuple[np.ndarray, np.ndarray]:
     clock = PERIOD * np.arange(1, len(states) + 1)
     flight = VehicleState(*(np.array(field) for field in zip(*states, strict=True)))
-    found = deviation(repeat(plan, clock.size), flight, clock)
-    return np.abs(found.cross_track), np.abs(found.time)
+    off = deviation(repeat(plan, clock.size), flight, clock)
+    return np.abs(off.cross_track), np.abs(off.time)
 
 
 @pytest.mark.parametrize("number", range(3))

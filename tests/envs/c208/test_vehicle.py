@@ -41,12 +41,12 @@ def both(state: VehicleState) -> list[Vehicle]:
 
 def test_the_flight_begins_where_it_was_to() -> None:
     for wind in (CALM, Conditions(wind_east=-6.0, wind_north=7.0)):
-        asked = VehicleState(1234.5, -777.0, 2.1, 78.0)
-        vehicle = C208Vehicle(asked, conditions=wind)
-        assert vehicle.state.x == pytest.approx(asked.x, abs=1e-6)
-        assert vehicle.state.y == pytest.approx(asked.y, abs=1e-6)
-        assert vehicle.state.heading == pytest.approx(asked.heading, abs=1e-3)
-        assert vehicle.state.speed == pytest.approx(asked.speed, abs=0.05)
+        start = VehicleState(1234.5, -777.0, 2.1, 78.0)
+        vehicle = C208Vehicle(start, conditions=wind)
+        assert vehicle.state.x == pytest.approx(start.x, abs=1e-6)
+        assert vehicle.state.y == pytest.approx(start.y, abs=1e-6)
+        assert vehicle.state.heading == pytest.approx(start.heading, abs=1e-3)
+        assert vehicle.state.speed == pytest.approx(start.speed, abs=0.05)
         assert vehicle.time == 0.0
 
 
@@ -238,9 +238,9 @@ def test_commands_are_the_same_acceleration(
     free = SURROGATE._replace(speed_min=0.0, speed_max=1e3)
     later = advance(state, *command, 0.01, free, np)
     drifted = advance(air, *air_commands(state, *command, wind), 0.01, free, np)
-    there = over_ground(VehicleState(*(float(field) for field in drifted)), wind, 0.01)
-    assert math.hypot(there.x - later.x, there.y - later.y) < 1e-4
-    assert there.speed == pytest.approx(float(later.speed), abs=2e-3)
+    carried = over_ground(VehicleState(*(float(field) for field in drifted)), wind, 0.01)
+    assert math.hypot(carried.x - later.x, carried.y - later.y) < 1e-4
+    assert carried.speed == pytest.approx(float(later.speed), abs=2e-3)
 
 
 # The true aircraft's environment keeps Gymnasium's contract and the surrogate's observation, action
@@ -258,18 +258,18 @@ def test_it_is_the_surrogates_task_flown_with_the_aircrafts_lags() -> None:
     true, surrogate = gymnasium.make(ENV_ID), DeconflictionEnv()
     assert true.observation_space == surrogate.observation_space
     assert true.action_space == surrogate.action_space
-    seen, _ = true.reset(seed=3)
+    observation, _ = true.reset(seed=3)
     expected, _ = surrogate.reset(seed=3)
-    np.testing.assert_allclose(seen, expected, atol=1e-6)
+    np.testing.assert_allclose(observation, expected, atol=1e-6)
     for number in range(40):
         action = np.array([0.3, 0.8 * np.sin(number / 8.0)], np.float32)
-        seen, reward, *_, info = true.step(action)
-        expected, wanted, *_, other = surrogate.step(action)
-        assert reward == wanted
+        observation, reward, *_, info = true.step(action)
+        expected, expected_reward, *_, expected_info = surrogate.step(action)
+        assert reward == expected_reward
         # A roll's lag of most of a second at 3 deg/s is two degrees of heading at most.
-        assert info["goal_distance"] == pytest.approx(other["goal_distance"], abs=60.0)
+        assert info["goal_distance"] == pytest.approx(expected_info["goal_distance"], abs=60.0)
         assert abs(info["altitude"] - 2500.0) < 5.0
-    assert not np.allclose(seen, expected, atol=1e-6)
+    assert not np.allclose(observation, expected, atol=1e-6)
 
 
 def test_episodes_repeat_and_end() -> None:

@@ -60,20 +60,22 @@ def tracks(path: Path, **options) -> tuple[list[Track], Repairs]:
     read = list(order_flights(path, math.inf, **options))
     rows = {name: max(flights, key=len) for name, flights, _ in read}
     reference = place_of(next(iter(rows.values()))[0])
-    return [track_of(name, each, reference) for name, each in rows.items()], sum_of_repairs(
-        [done for *_, done in read]
-    )
+    return [
+        track_of(name, aircraft_rows, reference) for name, aircraft_rows in rows.items()
+    ], sum_of_repairs([repairs for *_, repairs in read])
 
 
 @pytest.mark.parametrize("packed", [False, True])
 def test_reports_by_hand(tmp_path: Path, packed: bool) -> None:
-    (own, other), repairs = tracks(write_reports(tmp_path, [*REPORTS[:2], *REPORTS[3:5]], packed))
+    (own, intruder), repairs = tracks(
+        write_reports(tmp_path, [*REPORTS[:2], *REPORTS[3:5]], packed)
+    )
     assert repairs == Repairs()
     assert own.time.tolist() == [100.0, 101.0]
     assert (own.x[0], own.y[0]) == (0.0, 0.0)
     # 0.000555 degrees of latitude in a second are 120 knots.
     assert own.y[1] == pytest.approx(own.vy[0], rel=0.01)
-    assert other.vy == pytest.approx([-120.0 * KNOT] * 2)
+    assert intruder.vy == pytest.approx([-120.0 * KNOT] * 2)
     assert own.altitude[0] == pytest.approx(304.8)
     assert own.vertical_rate[0] == pytest.approx(3.048)
 
@@ -129,20 +131,20 @@ def test_a_recorded_pair_comes_as_close_as_published(tmp_path: Path) -> None:
     # ones included.
     reports = json.loads(gzip.decompress(recorded_path("adsb/quickstart.json.gz").read_bytes()))
     pairs = recorded_path("adsb/real_pairs.csv").read_text().splitlines()
-    line = next(each for each in pairs if ",4d02be,a560f3," in each).split(",")
-    when = float(line[3])
+    line = next(entry for entry in pairs if ",4d02be,a560f3," in entry).split(",")
+    meeting_time = float(line[3])
     path = write_reports(
-        tmp_path, [one for one in reports if abs(one["timestamp"] / 1e3 - when) <= 60.0]
+        tmp_path, [item for item in reports if abs(item["timestamp"] / 1e3 - meeting_time) <= 60.0]
     )
-    met = {one.name: one for one in tracks(path, repair=True)[0] if one.name in line[1:3]}
-    own, other = met[line[2]], met[line[1]]
-    times = np.arange(max(own.time[0], other.time[0]), min(own.time[-1], other.time[-1]))
-    first, second = at_times(own, times), at_times(other, times)
+    met = {item.name: item for item in tracks(path, repair=True)[0] if item.name in line[1:3]}
+    own, intruder = met[line[2]], met[line[1]]
+    times = np.arange(max(own.time[0], intruder.time[0]), min(own.time[-1], intruder.time[-1]))
+    first, second = at_times(own, times), at_times(intruder, times)
     assert np.hypot(first.x - second.x, first.y - second.y).min() == pytest.approx(
         float(line[4]), abs=5.0
     )
-    made = replay([("pair", own, [other])], PAPER, 220.0)
-    assert np.isfinite(made.starts.intent.x).all()
+    replayed = replay([("pair", own, [intruder])], PAPER, 220.0)
+    assert np.isfinite(replayed.starts.intent.x).all()
 
 
 # Pairs of aircraft in ADS-B reports: found wherever on the Earth, and never made by faults of the
@@ -162,7 +164,7 @@ def pairs_of(path: Path, **options):
 
 
 def find_pairs(path: Path, **options) -> list[tuple[str, Track, Track]]:
-    return [(name, own, others[0]) for name, own, others in pairs_of(path, **options)[0]]
+    return [(name, own, intruders[0]) for name, own, intruders in pairs_of(path, **options)[0]]
 
 
 @pytest.mark.parametrize(
@@ -178,28 +180,30 @@ def find_pairs(path: Path, **options) -> list[tuple[str, Track, Track]]:
 def test_a_head_on_pair_is_the_same_anywhere_on_earth(
     tmp_path: Path, latitude: float, longitude: float, track: float
 ) -> None:
-    ((name, own, other),) = find_pairs(reports_file(tmp_path, *meeting(latitude, longitude, track)))
+    ((name, own, intruder),) = find_pairs(
+        reports_file(tmp_path, *meeting(latitude, longitude, track))
+    )
     assert name == "aaa001-bbb002-1600000060"
     assert (own.x[0], own.y[0]) == pytest.approx((0.0, 0.0), abs=1e-6)
-    assert np.hypot(other.x[0], other.y[0]) == pytest.approx(9_600.0, abs=0.1)
+    assert np.hypot(intruder.x[0], intruder.y[0]) == pytest.approx(9_600.0, abs=0.1)
     # Head-on: both fly along the line between them.
     ahead = np.radians(track)
     assert (own.vx[0], own.vy[0]) == pytest.approx(
         (80 * np.sin(ahead), 80 * np.cos(ahead)), abs=1e-3
     )
-    assert (other.vx[0], other.vy[0]) == pytest.approx(
+    assert (intruder.vx[0], intruder.vy[0]) == pytest.approx(
         (-80 * np.sin(ahead), -80 * np.cos(ahead)), abs=0.05
     )
-    assert np.hypot(own.x[60] - other.x[60], own.y[60] - other.y[60]) < 0.5
+    assert np.hypot(own.x[60] - intruder.x[60], own.y[60] - intruder.y[60]) < 0.5
 
 
 def test_times_between_whole_seconds_cross_the_antimeridian(tmp_path: Path) -> None:
-    one, two = meeting(-17.0, 179.9996)
-    for report in (*one, *two):
+    first, second = meeting(-17.0, 179.9996)
+    for report in (*first, *second):
         report["timestamp"] += 500.0
-    ((_, own, other),) = find_pairs(reports_file(tmp_path, one, two))
+    ((_, own, intruder),) = find_pairs(reports_file(tmp_path, first, second))
     assert (own.x[0], own.y[0]) == pytest.approx((0.0, 0.0), abs=1e-6)
-    assert np.hypot(other.x[0], other.y[0]) == pytest.approx(9_520.0, abs=0.1)
+    assert np.hypot(intruder.x[0], intruder.y[0]) == pytest.approx(9_520.0, abs=0.1)
 
 
 def test_aircraft_far_apart_are_no_pair_in_either_order(tmp_path: Path) -> None:
@@ -225,13 +229,16 @@ def test_the_closest_approach_at_one_level_counts(tmp_path: Path) -> None:
         x, y, _ = WGS84.fwd(
             report["longitude"], report["latitude"], report["track"] + 90.0, 100.0 + 2.0 * second
         )
-        there = {**report, "icao24": "bbb002", "latitude": y, "longitude": x}
+        displaced = {**report, "icao24": "bbb002", "latitude": y, "longitude": x}
         rate = 60.0 * (altitude(second + 0.5) - altitude(second - 0.5))
-        above.append({**there, "altitude": altitude(0.0)})
-        descending.append({**there, "altitude": altitude(second), "vertical_rate": rate})
+        above.append({**displaced, "altitude": altitude(0.0)})
+        descending.append({**displaced, "altitude": altitude(second), "vertical_rate": rate})
     assert find_pairs(reports_file(tmp_path, own, above)) == []
-    ((_, mine, other),) = find_pairs(reports_file(tmp_path, own, descending))
-    apart, higher = np.hypot(mine.x - other.x, mine.y - other.y), other.altitude - mine.altitude
+    ((_, mine, intruder),) = find_pairs(reports_file(tmp_path, own, descending))
+    apart, higher = (
+        np.hypot(mine.x - intruder.x, mine.y - intruder.y),
+        intruder.altitude - mine.altitude,
+    )
     level = np.flatnonzero(abs(higher) <= 300.0)
     assert apart[level].min() == pytest.approx(
         100.0 + 2.0 * (180.0 - 300.0 / (120.0 * FOOT)), abs=3.0
@@ -240,18 +247,20 @@ def test_the_closest_approach_at_one_level_counts(tmp_path: Path) -> None:
 
 def test_an_early_approach_does_not_hide_a_later_one(tmp_path: Path) -> None:
     """Two aircraft begin beside each other, part, and meet again."""
-    one = flight("aaa001", 47.0, 8.0, 90.0, seconds=400)
-    two = []
-    for second, report in enumerate(one):
+    first = flight("aaa001", 47.0, 8.0, 90.0, seconds=400)
+    second_flight = []
+    for second, report in enumerate(first):
         off = 7_000.0 * np.sin(np.pi * second / 350.0) + 200.0
         x, y, _ = WGS84.fwd(report["longitude"], report["latitude"], report["track"] + 90.0, off)
-        two.append({**report, "icao24": "bbb002", "latitude": y, "longitude": x})
-    for report, (before, after) in zip(two[1:-1], zip(two[:-2], two[2:], strict=True), strict=True):
-        out, _, length = WGS84.inv(
-            *(each[key] for each in (before, after) for key in ("longitude", "latitude"))
+        second_flight.append({**report, "icao24": "bbb002", "latitude": y, "longitude": x})
+    for report, (before, after) in zip(
+        second_flight[1:-1], zip(second_flight[:-2], second_flight[2:], strict=True), strict=True
+    ):
+        azimuth, _, length = WGS84.inv(
+            *(place[key] for place in (before, after) for key in ("longitude", "latitude"))
         )
-        report |= {"track": out % 360.0, "groundspeed": 0.5 * length / (1_852.0 / 3_600.0)}
-    ((name, *_),) = find_pairs(reports_file(tmp_path, one, two[1:-1]))
+        report |= {"track": azimuth % 360.0, "groundspeed": 0.5 * length / (1_852.0 / 3_600.0)}
+    ((name, *_),) = find_pairs(reports_file(tmp_path, first, second_flight[1:-1]))
     assert 1_600_000_340 <= int(name.split("-")[-1]) <= 1_600_000_400
 
 
@@ -266,10 +275,10 @@ OUTLIERS = {
 @pytest.mark.parametrize("kind", OUTLIERS)
 @pytest.mark.parametrize("row", [0, 1, 60, 240])
 def test_one_impossible_report_is_refused_or_dropped(tmp_path: Path, kind: str, row: int) -> None:
-    one, two = meeting(47.0, 8.0, after=100.0)
-    usual = find_pairs(reports_file(tmp_path, one, two))
-    two[row] |= OUTLIERS[kind]
-    path = reports_file(tmp_path, one, two)
+    first, second = meeting(47.0, 8.0, after=100.0)
+    usual = find_pairs(reports_file(tmp_path, first, second))
+    second[row] |= OUTLIERS[kind]
+    path = reports_file(tmp_path, first, second)
     with pytest.raises(TrackError, match=rf"report 24[2-4]|report {242 + row}"):
         pairs_of(path)
     pairs, repairs = pairs_of(path, repair=True)
@@ -279,14 +288,17 @@ def test_one_impossible_report_is_refused_or_dropped(tmp_path: Path, kind: str, 
 
 
 def test_two_aircraft_under_one_address_are_kept_apart(tmp_path: Path) -> None:
-    one, two = meeting(47.0, 8.0)
-    twin = [{**report, "icao24": "BBB002", "latitude": report["latitude"] + 0.5} for report in two]
-    mixed = [report for pair in zip(two, twin, strict=True) for report in pair]
+    first, other_flight = meeting(47.0, 8.0)
+    twin = [
+        {**report, "icao24": "BBB002", "latitude": report["latitude"] + 0.5}
+        for report in other_flight
+    ]
+    mixed = [report for pair in zip(other_flight, twin, strict=True) for report in pair]
     for reports in (
         mixed,
-        [pair[second % 2] for second, pair in enumerate(zip(two, twin, strict=True))],
+        [pair[second % 2] for second, pair in enumerate(zip(other_flight, twin, strict=True))],
     ):
-        path = reports_file(tmp_path, one, reports)
+        path = reports_file(tmp_path, first, reports)
         with pytest.raises(TrackError, match="report 243"):
             pairs_of(path)
         pairs, repairs = pairs_of(path, repair=True)
@@ -296,25 +308,25 @@ def test_two_aircraft_under_one_address_are_kept_apart(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("back", [20.0, 90.0])
 def test_a_clock_that_goes_back_is_refused_or_counted(tmp_path: Path, back: float) -> None:
-    one, two = meeting(47.0, 8.0)
-    for report in two[100:]:
+    first, second = meeting(47.0, 8.0)
+    for report in second[100:]:
         report["timestamp"] -= 1_000.0 * back
-    path = reports_file(tmp_path, one, two)
+    path = reports_file(tmp_path, first, second)
     with pytest.raises(TrackError, match="report 342, field timestamp"):
         pairs_of(path)
     assert pairs_of(path, repair=True)[1] == Repairs(split=1)
 
 
 def test_a_frozen_position_with_jitter_is_refused(tmp_path: Path) -> None:
-    one, two = meeting(47.0, 8.0)
+    first, other_flight = meeting(47.0, 8.0)
     for second in range(100, 126):
-        two[second] |= {
-            "latitude": two[100]["latitude"] + 1e-6 * second,
-            "longitude": two[100]["longitude"],
+        other_flight[second] |= {
+            "latitude": other_flight[100]["latitude"] + 1e-6 * second,
+            "longitude": other_flight[100]["longitude"],
         }
     with pytest.raises(TrackError, match=r"report 3\d\d, field latitude"):
-        pairs_of(reports_file(tmp_path, one, two))
-    assert pairs_of(reports_file(tmp_path, one, two), repair=True)[1] != Repairs()
+        pairs_of(reports_file(tmp_path, first, other_flight))
+    assert pairs_of(reports_file(tmp_path, first, other_flight), repair=True)[1] != Repairs()
 
 
 def test_flights_in_any_order_of_a_file_are_no_fault(tmp_path: Path) -> None:
@@ -328,20 +340,20 @@ def test_flights_in_any_order_of_a_file_are_no_fault(tmp_path: Path) -> None:
 
 
 def test_an_address_in_upper_and_lower_case_is_one(tmp_path: Path) -> None:
-    one = flight("4b0001", 47.0, 8.0, 90.0)
-    twice = [{**report, "icao24": " 4B0001"} for report in one]
+    reports = flight("4b0001", 47.0, 8.0, 90.0)
+    twice = [{**report, "icao24": " 4B0001"} for report in reports]
     with pytest.raises(TrackError, match="of '4b0001'"):
-        pairs_of(reports_file(tmp_path, one, twice))
-    pairs, repairs = pairs_of(reports_file(tmp_path, one, twice), repair=True)
+        pairs_of(reports_file(tmp_path, reports, twice))
+    pairs, repairs = pairs_of(reports_file(tmp_path, reports, twice), repair=True)
     assert (pairs, repairs) == ([], Repairs(out_of_order=241))
-    path = reports_file(tmp_path, one[::2], twice[1::2])
+    path = reports_file(tmp_path, reports[::2], twice[1::2])
     assert [track.name for track in tracks(path, repair=True)[0]] == ["4b0001"]
 
 
 @pytest.mark.parametrize("value", [True, 1, 1.0, "true", "True"])
 def test_aircraft_on_the_ground_do_not_fly(tmp_path: Path, value: object) -> None:
-    one, two = meeting(47.0, 8.0)
-    path = reports_file(tmp_path, one, [{**report, "onground": value} for report in two])
+    first, second = meeting(47.0, 8.0)
+    path = reports_file(tmp_path, first, [{**report, "onground": value} for report in second])
     assert find_pairs(path) == []
     assert [track.name for track in tracks(path)[0]] == ["aaa001"]
 
@@ -352,28 +364,30 @@ def test_aircraft_on_the_ground_do_not_fly(tmp_path: Path, value: object) -> Non
 def test_a_flag_that_speed_climb_or_height_contradicts_removes_no_report(
     tmp_path: Path, changes: dict[str, float]
 ) -> None:
-    one, two = meeting(47.0, 8.0)
-    rolling = [{**report, "onground": 1} for report in two]
+    first, second = meeting(47.0, 8.0)
+    rolling = [{**report, "onground": 1} for report in second]
     rolling[7] |= changes
     grounded: Counter[str] = Counter()
-    path = reports_file(tmp_path, one, rolling)
+    path = reports_file(tmp_path, first, rolling)
     rows = {name: flights for name, flights, _ in order_flights(path, 60.0, grounded=grounded)}
     assert (len(rows["bbb002"][0]), grounded) == (1, {"bbb002": 240})
 
 
 @pytest.mark.parametrize("name", ["on_ground", "onGround"])
 def test_other_spellings_of_onground_are_read(tmp_path: Path, name: str) -> None:
-    one, two = meeting(47.0, 8.0)
-    assert find_pairs(reports_file(tmp_path, one, [{**report, name: 1} for report in two])) == []
+    first, second = meeting(47.0, 8.0)
+    assert (
+        find_pairs(reports_file(tmp_path, first, [{**report, name: 1} for report in second])) == []
+    )
 
 
 @pytest.mark.parametrize("value", [False, 0, 0.0, "false", None])
 def test_aircraft_not_on_the_ground_fly(tmp_path: Path, value: object) -> None:
-    one, two = meeting(47.0, 8.0)
+    first, second = meeting(47.0, 8.0)
     assert (
         len(
             find_pairs(
-                reports_file(tmp_path, one, [{**report, "onground": value} for report in two])
+                reports_file(tmp_path, first, [{**report, "onground": value} for report in second])
             )
         )
         == 1
@@ -382,10 +396,10 @@ def test_aircraft_not_on_the_ground_fly(tmp_path: Path, value: object) -> None:
 
 @pytest.mark.parametrize("value", [2, -1, 0.5, "yes", "1", "", [], {}, float("nan")])
 def test_what_is_neither_true_nor_false_is_refused(tmp_path: Path, value: object) -> None:
-    one, two = meeting(47.0, 8.0)
-    two[7]["onground"] = value
+    first, second = meeting(47.0, 8.0)
+    second[7]["onground"] = value
     with pytest.raises(TrackError, match="report 249, field onground"):
-        pairs_of(reports_file(tmp_path, one, two))
+        pairs_of(reports_file(tmp_path, first, second))
 
 
 @pytest.mark.parametrize("latitude", [0.0, 47.0, -80.0])
@@ -432,10 +446,10 @@ def test_wrong_velocities_of_a_whole_flight_are_refused_or_taken_from_positions(
 
 
 def test_wrong_velocities_of_a_few_seconds_are_no_wrong_unit(tmp_path: Path) -> None:
-    one, two = meeting(47.0, 8.0)
-    for report in two[30:75]:
+    first, second = meeting(47.0, 8.0)
+    for report in second[30:75]:
         report["groundspeed"] /= 1.5
-    assert tracks(reports_file(tmp_path, one, two))[1] == Repairs()
+    assert tracks(reports_file(tmp_path, first, second))[1] == Repairs()
 
 
 HEAD_ON = ("aaa001-bbb002-1600000060",)

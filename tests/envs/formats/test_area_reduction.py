@@ -39,17 +39,21 @@ def test_what_is_clipped_is_the_intersection() -> None:
     for _ in range(200):
         outer = star(rng, int(rng.integers(3, 60)), 10.0, 0.9)
         hole = star(rng, 7, 1.0) * 0.5 + rng.uniform(-3.0, 3.0, 2)
-        whole = shapely.Polygon(outer, [hole])
-        whole = whole if whole.is_valid else shapely.Polygon(outer)
-        turned = shapely.orient_polygons(whole)
-        rings = [np.array(each.coords)[:-1] for each in (turned.exterior, *turned.interiors)]
+        polygon = shapely.Polygon(outer, [hole])
+        polygon = polygon if polygon.is_valid else shapely.Polygon(outer)
+        turned = shapely.orient_polygons(polygon)
+        rings = [
+            np.array(rings_of.coords)[:-1] for rings_of in (turned.exterior, *turned.interiors)
+        ]
         low, size = rng.uniform(-8.0, 2.0, 2), rng.uniform(0.5, 6.0, 2)
         box = [(a, a + b) for a, b in zip(low.tolist(), size.tolist(), strict=True)]
         (west, east), (south, north) = box
         clipped = clip(rings, (box[0], box[1]))
-        made = shapely.union_all([shapely.Polygon(each[0], each[1:]) for each in clipped])
-        expected = shapely.intersection(whole, shapely.box(west, south, east, north))
-        assert shapely.symmetric_difference(made, expected).area < 1e-6
+        union = shapely.union_all(
+            [shapely.Polygon(rings_of[0], rings_of[1:]) for rings_of in clipped]
+        )
+        expected = shapely.intersection(polygon, shapely.box(west, south, east, north))
+        assert shapely.symmetric_difference(union, expected).area < 1e-6
         pieces = max(pieces, len(clipped))
     assert pieces > 2  # among them are some that fall apart
 
@@ -136,14 +140,14 @@ def test_of_a_wide_area_all_counts_that_lies_near(
         outer[:, 0] = np.unwrap(outer[:, 0], period=360.0)
     beyond = outer[:, 0].max() > 180.0
     holes = [[(x + 360.0 * (beyond and x < 0.0), y) for x, y in hole] for hole in rings[1:]]
-    whole = shapely.Polygon(outer, holes)
+    polygon = shapely.Polygon(outer, holes)
     longitude = at.longitude + 360.0 * ((at.longitude < 0.0) & (outer[:, 0].max() > 180.0))
     places = shapely.points(longitude, at.latitude)
-    inside = shapely.contains(whole, places)
-    clear = shapely.distance(shapely.boundary(whole), places) > 2e-5  # 0.5 m from straight edges
+    inside = shapely.contains(polygon, places)
+    clear = shapely.distance(shapely.boundary(polygon), places) > 2e-5  # 0.5 m from straight edges
     # Among the parts of the world, the line at 180 degrees is an edge of both.
-    each = [np.asarray(signed_distance(area, x, y)) < 0.0 for area in areas]
-    forbidden = np.any(each, axis=0) if each else np.zeros(len(x), bool)
+    within = [np.asarray(signed_distance(area, x, y)) < 0.0 for area in areas]
+    forbidden = np.any(within, axis=0) if within else np.zeros(len(x), bool)
     assert (forbidden == (inside == (keep is Keep.OUT)))[clear].all()
 
 

@@ -185,14 +185,14 @@ def stored(tmp_path: Path) -> Callable[[Any], Path]:
 
 
 def corners(ring: Any = RING[:4]) -> np.ndarray:
-    here = HERE.place(*np.array(ring)[:, ::-1].T)
-    return np.stack([here.x, here.y], axis=1)
+    places = HERE.place(*np.array(ring)[:, ::-1].T)
+    return np.stack([places.x, places.y], axis=1)
 
 
-def same_ring(found: Any, expected: np.ndarray) -> bool:
+def same_ring(ring: Any, expected: np.ndarray) -> bool:
     """Whether two rings have the same corners, wherever they begin and whichever way round."""
-    one = sorted(map(tuple, np.round(found, 4).tolist()))
-    return one == sorted(map(tuple, np.round(expected, 4).tolist()))
+    points = sorted(map(tuple, np.round(ring, 4).tolist()))
+    return points == sorted(map(tuple, np.round(expected, 4).tolist()))
 
 
 def test_geojson(stored: Callable[[Any], Path]) -> None:
@@ -268,11 +268,11 @@ def test_qgroundcontrol(stored: Callable[[Any], Path]) -> None:
 
 
 def test_icarous(stored: Callable[[Any], Path]) -> None:
-    fence, out = read_areas(stored(ICAROUS), HERE, reference="msl")
+    fence, obstacle = read_areas(stored(ICAROUS), HERE, reference="msl")
     assert isinstance(fence.shape, Polygon)
     assert same_ring(fence.shape.outer, corners())
-    assert (fence.keep, out.keep, out.name) == (Keep.IN, Keep.OUT, "fence 1")
-    assert (out.floor, out.ceiling) == (Level(-10.0, "msl"), Level(100.0, "msl"))
+    assert (fence.keep, obstacle.keep, obstacle.name) == (Keep.IN, Keep.OUT, "fence 1")
+    assert (obstacle.floor, obstacle.ceiling) == (Level(-10.0, "msl"), Level(100.0, "msl"))
     _, unknown = read_areas(stored(ICAROUS), HERE)
     assert (unknown.floor, unknown.ceiling) == (None, None)
 
@@ -296,17 +296,22 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
         Area(Circle(2_500.0, -700.0, 321.5), Keep.IN),
     ]
     write_areas(tmp_path / "a.geojson", areas, HERE)
-    found = read_areas(tmp_path / "a.geojson", HERE)
-    for one, other in zip(areas, found, strict=True):
-        if isinstance(one.shape, Circle) and isinstance(other.shape, Circle):
-            assert (other.shape.x, other.shape.y) == pytest.approx((2_500.0, -700.0), abs=1e-6)
-            assert other.shape.radius == 321.5
-        elif isinstance(one.shape, Polygon) and isinstance(other.shape, Polygon):
-            for ring, again in zip(one.shape.rings, other.shape.rings, strict=True):
+    read_again = read_areas(tmp_path / "a.geojson", HERE)
+    for area, area_again in zip(areas, read_again, strict=True):
+        if isinstance(area.shape, Circle) and isinstance(area_again.shape, Circle):
+            assert (area_again.shape.x, area_again.shape.y) == pytest.approx(
+                (2_500.0, -700.0), abs=1e-6
+            )
+            assert area_again.shape.radius == 321.5
+        elif isinstance(area.shape, Polygon) and isinstance(area_again.shape, Polygon):
+            for ring, again in zip(area.shape.rings, area_again.shape.rings, strict=True):
                 assert same_ring(ring, np.array(again))
         for name in ("keep", "velocity", "growth", "floor", "ceiling", "clearance", "name"):
-            assert getattr(one, name) == getattr(other, name)
-        assert (one.valid_from, one.valid_until) == (other.valid_from, other.valid_until)
+            assert getattr(area, name) == getattr(area_again, name)
+        assert (area.valid_from, area.valid_until) == (
+            area_again.valid_from,
+            area_again.valid_until,
+        )
 
 
 def test_what_is_written_over_the_antimeridian_is_in_one_piece(tmp_path: Path) -> None:
@@ -319,22 +324,22 @@ def test_what_is_written_over_the_antimeridian_is_in_one_piece(tmp_path: Path) -
         rings = written["features"][0]["geometry"]["coordinates"]
         east = np.concatenate([np.array(ring)[:, 0] for ring in rings])
         assert np.ptp(east) < 0.1
-        (found,) = read_areas(tmp_path / "a.geojson", frame)
-        assert isinstance(found.shape, Polygon)
-        assert same_ring(outer, np.array(found.shape.outer))
+        (area,) = read_areas(tmp_path / "a.geojson", frame)
+        assert isinstance(area.shape, Polygon)
+        assert same_ring(outer, np.array(area.shape.outer))
 
 
 def test_long_edges_stay_where_they_are(tmp_path: Path) -> None:
     ring = ((-25e3, -9e3), (25e3, -9e3), (20e3, 30e3), (-20e3, 25e3))
     write_areas(tmp_path / "a.geojson", [Area(Polygon(ring))], HERE)
-    (found,) = read_areas(tmp_path / "a.geojson", HERE)
-    assert isinstance(found.shape, Polygon)
-    one, other = shapely.LinearRing(ring), shapely.LinearRing(found.shape.outer)
-    assert shapely.hausdorff_distance(one, other) < 1e-3
-    write_areas(tmp_path / "b.geojson", [found], HERE)
+    (area,) = read_areas(tmp_path / "a.geojson", HERE)
+    assert isinstance(area.shape, Polygon)
+    written, read_ring = shapely.LinearRing(ring), shapely.LinearRing(area.shape.outer)
+    assert shapely.hausdorff_distance(written, read_ring) < 1e-3
+    write_areas(tmp_path / "b.geojson", [area], HERE)
     (again,) = read_areas(tmp_path / "b.geojson", HERE)
     assert isinstance(again.shape, Polygon)
-    assert len(again.shape.outer) == len(found.shape.outer) > 8
+    assert len(again.shape.outer) == len(area.shape.outer) > 8
 
 
 def test_an_edge_that_is_straight_in_degrees_is_followed(stored: Callable[[Any], Path]) -> None:
@@ -386,17 +391,17 @@ def named(crs: str) -> dict[str, Any]:
 
 
 def change(content: Any, path: str, value: Any) -> Any:
-    made = copy.deepcopy(content)
+    changed = copy.deepcopy(content)
     *keys, last = (int(key) if key.isdigit() else key for key in path.split("/"))
-    inner = made
+    inner = changed
     for key in keys:
         inner = inner[key]
     inner[last] = value
-    return made
+    return changed
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "problem"),
     [
         ("{", r"not JSON"),
         ('{"type": "Feature", "type": "Feature"}', r"'type' stands twice"),
@@ -520,10 +525,10 @@ def change(content: Any, path: str, value: Any) -> Any:
     ],
 )
 def test_what_cannot_be_used_is_refused(
-    stored: Callable[[Any], Path], content: Any, said: str
+    stored: Callable[[Any], Path], content: Any, problem: str
 ) -> None:
     path = stored(content)
-    with pytest.raises(AreaError, match=said) as refusal:
+    with pytest.raises(AreaError, match=problem) as refusal:
         read_areas(path, HERE, time=NOON)
     assert str(path) in str(refusal.value)
     assert "\n" not in str(refusal.value)
@@ -585,22 +590,22 @@ def _ed269(left_out: frozenset[str]) -> Any:
 def _ed318(left_out: frozenset[str]) -> Any:
     zone: Any = copy.deepcopy(ED318["features"][0])
     shape = zone["geometry"]["geometries"][0]
-    shape["layer"] = {key: each for key, each in shape["layer"].items() if key not in left_out}
-    zone["geometry"] = {key: each for key, each in shape.items() if key not in left_out}
-    stated = {key: each for key, each in zone["properties"].items() if key not in left_out}
+    shape["layer"] = {key: value for key, value in shape["layer"].items() if key not in left_out}
+    zone["geometry"] = {key: value for key, value in shape.items() if key not in left_out}
+    stated = {key: value for key, value in zone["properties"].items() if key not in left_out}
     [period] = zone["properties"]["limitedApplicability"]
     period["startDateTime"] = "2026-11-27T12:10:00Z"
     if "limitedApplicability" in stated:
         stated["limitedApplicability"] = [
-            {key: each for key, each in period.items() if key not in left_out}
+            {key: value for key, value in period.items() if key not in left_out}
         ]
     return {"type": "FeatureCollection", "features": [zone | {"properties": stated}]}
 
 
 def _icarous(left_out: frozenset[str]) -> Any:
     lines = ICAROUS.split("- id: 1")[1].splitlines()
-    kept = [line for line in lines if line.strip().partition(":")[0] not in left_out]
-    return "\n".join(["- id: 1", *kept])
+    lines_kept = [line for line in lines if line.strip().partition(":")[0] not in left_out]
+    return "\n".join(["- id: 1", *lines_kept])
 
 
 LEFT_OUT: dict[Callable[[frozenset[str]], Any], tuple[str, ...]] = {
@@ -620,9 +625,12 @@ LEFT_OUT: dict[Callable[[frozenset[str]], Any], tuple[str, ...]] = {
 }
 
 
-def counts_within(one: GeodeticArea, other: GeodeticArea) -> bool:
+def counts_within(inner: GeodeticArea, outer: GeodeticArea) -> bool:
     """Return whether an area counts only where and when another does."""
-    limits = (one.floor, one.ceiling, *one.period), (other.floor, other.ceiling, *other.period)
+    limits = (
+        (inner.floor, inner.ceiling, *inner.period),
+        (outer.floor, outer.ceiling, *outer.period),
+    )
     return all(wide is None or wide == narrow for narrow, wide in zip(*limits, strict=True))
 
 
@@ -632,23 +640,23 @@ def test_an_area_counts_always_and_everywhere_in_what_its_file_leaves_open(
 ) -> None:
     def read(*left_out: str) -> GeodeticArea:
         reading = geodetic_areas(str(stored(form(frozenset(left_out)))), reference="msl")
-        [found] = reading.areas
-        return found
+        [incomplete] = reading.areas
+        return incomplete
 
-    whole, names = read(), LEFT_OUT[form]
-    assert whole.floor is not None and whole.ceiling is not None
-    kept = 0
+    complete, names = read(), LEFT_OUT[form]
+    assert complete.floor is not None and complete.ceiling is not None
+    count_read = 0
     for count in range(len(names) + 1):
         for left_out in itertools.combinations(names, count):
             try:
-                found = read(*left_out)
+                incomplete = read(*left_out)
             except AreaError:  # a height above nothing, or in no unit
                 assert re.search("[Rr]eference|uom", " ".join(left_out))
                 continue
-            kept += 1
-            assert (found.rings, found.keep) == (whole.rings, whole.keep)
-            assert counts_within(whole, found)
-    assert kept >= 2 ** (len(names) // 2)
+            count_read += 1
+            assert (incomplete.rings, incomplete.keep) == (complete.rings, complete.keep)
+            assert counts_within(complete, incomplete)
+    assert count_read >= 2 ** (len(names) // 2)
     nothing = read(*(name for name in names if name != "uomDimensions"))
     assert (nothing.floor, nothing.ceiling, *nothing.period) == (None, None, None, None)
 
@@ -689,9 +697,9 @@ def test_what_is_left_out_is_counted(stored: Callable[[Any], Path]) -> None:
         feature_of(restriction="CONDITIONAL"),
     ]
     path = stored({"type": "FeatureCollection", "features": features})
-    found = read_near_areas(path, HERE, permitted=["CONDITIONAL"])
-    assert [area.name for area in found.areas] == ["near"]
-    free, far = found.remarks
+    reading = read_near_areas(path, HERE, permitted=["CONDITIONAL"])
+    assert [area.name for area in reading.areas] == ["near"]
+    free, far = reading.remarks
     assert "2 UAS zones that are no obstacle are left out" in free
     assert re.search(r"1 area lies more than 100 km .*, the nearest 152 km; left out", far)
     assert len(read_areas(path, HERE)) == 2

@@ -54,14 +54,14 @@ def build(values) -> Encounter:
     own = np.array([v[0] for v in values]).T
     sensor = np.array([v[1] for v in values]).T[:, :, None]
     absent = (math.nan,) * 7
-    others = np.moveaxis(np.array([v[2] + [absent] * (most - len(v[2])) for v in values]), -1, 0)
+    intruders = np.moveaxis(np.array([v[2] + [absent] * (most - len(v[2])) for v in values]), -1, 0)
     return Encounter(
         VehicleState(*own[:4]),
         own[4],
         own[5],
-        VehicleState(*others[:4]),
-        ~np.isnan(others[0]),
-        Intent(*others[4:]),
+        VehicleState(*intruders[:4]),
+        ~np.isnan(intruders[0]),
+        Intent(*intruders[4:]),
         Sensor(*sensor),
     )
 
@@ -79,23 +79,23 @@ def test_round_trip(values, tmp_path: Path) -> None:
     np.testing.assert_array_equal(after.mask, before.mask)
     members = before.mask
 
-    def same(a: np.ndarray, b: np.ndarray, *, angle: bool = False) -> None:
+    def assert_same(a: np.ndarray, b: np.ndarray, *, angle: bool = False) -> None:
         difference = np.abs(a - b)
         if angle:
             difference = np.minimum(difference, 2 * math.pi - difference)
         assert np.all(difference <= 1e-14 * np.maximum(np.abs(a), 1.0))
 
-    same(before.goal_x, after.goal_x)
-    same(before.goal_y, after.goal_y)
+    assert_same(before.goal_x, after.goal_x)
+    assert_same(before.goal_y, after.goal_y)
     for field in VehicleState._fields:
-        same(getattr(before.own, field), getattr(after.own, field), angle=field == "heading")
+        assert_same(getattr(before.own, field), getattr(after.own, field), angle=field == "heading")
         pair = (getattr(e.intruders, field)[members] for e in (before, after))
-        same(*pair, angle=field == "heading")
+        assert_same(*pair, angle=field == "heading")
     for field in Intent._fields:
         pair = (getattr(e.intent, field)[members] for e in (before, after))
-        same(*pair, angle=field == "heading_change")
+        assert_same(*pair, angle=field == "heading_change")
     for field in Sensor._fields:
-        same(getattr(before.sensor, field), getattr(after.sensor, field))
+        assert_same(getattr(before.sensor, field), getattr(after.sensor, field))
     assert all(np.isfinite(field).all() for field in (*after.intruders, *after.intent))
 
 

@@ -86,8 +86,8 @@ def mutate(rows: list[Row], rng: np.random.Generator, time: str, name: str) -> I
         elif kind == "unit" and abs(number) < 1e100:
             row[key] = number * FACTORS[rng.integers(len(FACTORS))]
         elif kind == "order":
-            other = int(rng.integers(len(rows)))
-            rows[at], rows[other] = rows[other], rows[at]
+            swapped = int(rng.integers(len(rows)))
+            rows[at], rows[swapped] = rows[swapped], rows[at]
         elif kind == "duplicate":
             rows.insert(int(rng.integers(len(rows) + 1)), copy.deepcopy(row))
         elif kind == "gap" and len(rows) > 8:
@@ -96,9 +96,9 @@ def mutate(rows: list[Row], rng: np.random.Generator, time: str, name: str) -> I
             shift = float(rng.choice([-90.0, -5.0, -0.5, 0.5, 5.0, 90.0])) * (
                 1e3 if time == "timestamp" else 1.0
             )
-            for each in rows[at:]:
-                if isinstance(each[time], (int, float)) and abs(each[time]) < 1e15:
-                    each[time] += shift
+            for later_row in rows[at:]:
+                if isinstance(later_row[time], (int, float)) and abs(later_row[time]) < 1e15:
+                    later_row[time] += shift
         elif kind == "id" and name in row:
             row[name] = str(rows[rng.integers(len(rows))].get(name)).upper()
         else:
@@ -146,9 +146,9 @@ def check_track(track: Track) -> None:
 
 def meeting(seconds: int, step: float = 1.0) -> list[Row]:
     x, y, _ = WGS84.fwd(179.99, 47.0, 90.0, 6_000.0)
-    one = flight("aaa001", 47.0, 179.99, 90.0, seconds=seconds, step=step, climb=3.0)
-    two = flight("bbb002", y, x, 270.0, seconds=seconds, step=step)
-    return [row for pair in zip(one, two, strict=True) for row in pair]
+    first = flight("aaa001", 47.0, 179.99, 90.0, seconds=seconds, step=step, climb=3.0)
+    second = flight("bbb002", y, x, 270.0, seconds=seconds, step=step)
+    return [row for pair in zip(first, second, strict=True) for row in pair]
 
 
 class Reports:
@@ -163,8 +163,8 @@ class Reports:
         return json.dumps(rows)
 
     def read(self, path: Path, repair: bool) -> list[Track]:
-        found, _ = pairs_of(path, repair=repair)
-        return [track for _, own, others in found for track in (own, *others)]
+        pairs, _ = pairs_of(path, repair=repair)
+        return [track for _, own, intruders in pairs for track in (own, *intruders)]
 
 
 class Daidalus:
@@ -174,32 +174,32 @@ class Daidalus:
 
     def __init__(self, local: bool) -> None:
         self.rows = []
-        for each in meeting(20):
+        for report in meeting(20):
             track, speed, time = (
-                math.radians(each["track"]),
-                each["groundspeed"] * KNOT,
-                each["timestamp"] / 1e3 - 1.6e9,
+                math.radians(report["track"]),
+                report["groundspeed"] * KNOT,
+                report["timestamp"] / 1e3 - 1.6e9,
             )
             vx, vy = speed * math.sin(track), speed * math.cos(track)
             row = {
-                "NAME": each["icao24"],
-                "alt": each["altitude"],
-                "vs": each["vertical_rate"],
+                "NAME": report["icao24"],
+                "alt": report["altitude"],
+                "vs": report["vertical_rate"],
                 "time": time,
             }
             where = {
-                "lat": each["latitude"],
-                "lon": each["longitude"],
-                "trk": each["track"],
-                "gs": each["groundspeed"],
+                "lat": report["latitude"],
+                "lon": report["longitude"],
+                "trk": report["track"],
+                "gs": report["groundspeed"],
             }
-            there = {
+            position = {
                 "sx": vx * time + (0.0 if vx > 0 else 6e3),
                 "sy": vy * time,
                 "vx": vx,
                 "vy": vy,
             }
-            self.rows.append({**row, **(there if local else where)})
+            self.rows.append({**row, **(position if local else where)})
         units = {
             "lat": "deg",
             "lon": "deg",
@@ -243,14 +243,18 @@ class Lincoln:
         starts = [row for row in rows if "n_ft" in row][:2]
         events = [[row.get(key) for key in self.fields] for row in rows if "rate" in row]
         half = len(events) // 2
-        made = {
+        fields = {
             key: [row[key] for row in starts]
             for key in ("n_ft", "e_ft", "h_ft", "v_ftps", "heading_rad")
         }
-        return json.dumps([ONE | made | {EVENTS: [events[:half], events[half:]]}])
+        return json.dumps([ONE | fields | {EVENTS: [events[:half], events[half:]]}])
 
     def read(self, path: Path, repair: bool) -> list[Track]:
-        return [track for one in read_lincoln(path, repair=repair) for track in tracks_of(one)]
+        return [
+            track
+            for encounter in read_lincoln(path, repair=repair)
+            for track in tracks_of(encounter)
+        ]
 
 
 class Own:
@@ -343,13 +347,16 @@ def run(reader: Any, path: Path, count: int) -> dict[str, int]:
     """Read files with mutated rows, until there were as many rows, and return what became of the
     files.
     """
-    rng, found = np.random.default_rng(count), {"rows": 0, "accepted": 0, "refused": 0, "tracks": 0}
-    while found["rows"] < count:
+    rng, counts = (
+        np.random.default_rng(count),
+        {"rows": 0, "accepted": 0, "refused": 0, "tracks": 0},
+    )
+    while counts["rows"] < count:
         rows = copy.deepcopy(reader.rows)
         mutating = mutate(rows, rng, reader.time, reader.name)
         for _ in range(int(rng.choice([1, 1, 2, 5, 20]))):
             next(mutating)
-            found["rows"] += 1
+            counts["rows"] += 1
         path.write_text(reader.text(rows))
         for repair in (False, True):
             try:
@@ -357,33 +364,33 @@ def run(reader: Any, path: Path, count: int) -> dict[str, int]:
             except (TrackError, EncounterError) as problem:
                 assert str(path) in str(problem)
                 assert "\n" not in str(problem)
-                found["refused"] += 1
+                counts["refused"] += 1
                 continue
-            found["accepted"] += 1
-            found["tracks"] += len(tracks)
+            counts["accepted"] += 1
+            counts["tracks"] += len(tracks)
             for track in tracks:
                 check_track(track)
-    return found
+    return counts
 
 
 @pytest.mark.parametrize("reader", READERS)
 def test_a_mutated_file_is_refused_or_consistent(reader: str, tmp_path: Path) -> None:
-    made = READERS[reader]()
-    path = tmp_path / f"file.{made.suffix}"
-    path.write_text(made.text(made.rows))
-    for track in made.read(path, False):
+    tested_reader = READERS[reader]()
+    path = tmp_path / f"file.{tested_reader.suffix}"
+    path.write_text(tested_reader.text(tested_reader.rows))
+    for track in tested_reader.read(path, False):
         check_track(track)
-    found = run(made, path, 300)
-    assert min(found.values()) > 0
+    counts = run(tested_reader, path, 300)
+    assert min(counts.values()) > 0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("reader", READERS)
 def test_many_mutated_rows_are_refused_or_consistent(reader: str, tmp_path: Path) -> None:
-    made = READERS[reader]()
-    found = run(made, tmp_path / f"file.{made.suffix}", MANY)
-    print(f"{reader}: {found}")
-    assert found["tracks"] > MANY / 100
+    tested_reader = READERS[reader]()
+    counts = run(tested_reader, tmp_path / f"file.{tested_reader.suffix}", MANY)
+    print(f"{reader}: {counts}")
+    assert counts["tracks"] > MANY / 100
 
 
 def test_the_check_finds_a_contradiction(tmp_path: Path) -> None:

@@ -49,32 +49,32 @@ def write_file(tmp_path: Path, text: str, name: str = "tracks.daa") -> Path:
 
 
 def test_local_tracks_by_hand(tmp_path: Path) -> None:
-    (own, other), repairs = read_daidalus(write_file(tmp_path, LOCAL))
+    (own, intruder), repairs = read_daidalus(write_file(tmp_path, LOCAL))
     assert repairs == Repairs()
-    assert (own.name, other.name) == ("own", "other")
+    assert (own.name, intruder.name) == ("own", "other")
     assert own.time.tolist() == [1.0, 2.0]
-    assert other.x == pytest.approx([1852.0, 1852.0])
-    assert other.y == pytest.approx([2000.0, 1897.0])
+    assert intruder.x == pytest.approx([1852.0, 1852.0])
+    assert intruder.y == pytest.approx([2000.0, 1897.0])
     assert own.altitude == pytest.approx([304.8, 307.848])
     assert own.vx == pytest.approx([100 * KNOT] * 2)
     assert own.vy == pytest.approx([0.0, 0.0], abs=1e-9)
-    assert other.vy == pytest.approx([-200 * KNOT] * 2)
-    assert other.vertical_rate == pytest.approx([-3.048] * 2)
+    assert intruder.vy == pytest.approx([-200 * KNOT] * 2)
+    assert intruder.vertical_rate == pytest.approx([-3.048] * 2)
 
 
 def test_geographic_tracks_are_local_to_the_ownship(tmp_path: Path) -> None:
-    own, other = read_daidalus(write_file(tmp_path, GEOGRAPHIC)).tracks
+    own, intruder = read_daidalus(write_file(tmp_path, GEOGRAPHIC)).tracks
     assert (own.x[0], own.y[0]) == (0.0, 0.0)
     # A degree of latitude is 111 035 m here, one of longitude 85 394 m (Clarke's series for WGS
     # 84).
-    assert other.y[0] == pytest.approx(1_110.35, abs=0.05)
+    assert intruder.y[0] == pytest.approx(1_110.35, abs=0.05)
     assert own.x[1] == pytest.approx(50.0, abs=0.02)
 
 
 def test_units_scale_and_nothing_else(tmp_path: Path) -> None:
     feet = LOCAL.replace("[km]", "[ft]").replace("[ms]", "[s]").replace(", 2000\n", ", 1001\n")
-    own, other = read_daidalus(write_file(tmp_path, feet)).tracks
-    assert other.y == pytest.approx(np.array([2.0, 1.897]) * 0.3048)
+    own, intruder = read_daidalus(write_file(tmp_path, feet)).tracks
+    assert intruder.y == pytest.approx(np.array([2.0, 1.897]) * 0.3048)
     assert own.time.tolist() == [1000.0, 1001.0]
     assert si("KNOT", "speed") == si("kts", "speed") == KNOT
     assert si("knot", "length") is None
@@ -186,11 +186,11 @@ def test_velocities_are_turned_into_the_local_frame(tmp_path: Path, latitude: fl
     ]
     polar = ["NAME lat lon alt trk gs vs time", "unitless [deg] [deg] [ft] [deg] [kt] [fpm] [s]"]
     parts = ["NAME lat lon alt vx vy vs time", "unitless [deg] [deg] [ft] [kt] [kt] [fpm] [s]"]
-    for one in reports:
-        track, speed = math.radians(one["track"]), one["groundspeed"]
-        start = f"{one['icao24']} {one['latitude']:.12f} {one['longitude']:.12f} 3000"
-        end = f"0 {one['timestamp'] / 1e3:.3f}"
-        polar.append(f"{start} {one['track']:.12f} {speed:.12f} {end}")
+    for report in reports:
+        track, speed = math.radians(report["track"]), report["groundspeed"]
+        start = f"{report['icao24']} {report['latitude']:.12f} {report['longitude']:.12f} 3000"
+        end = f"0 {report['timestamp'] / 1e3:.3f}"
+        polar.append(f"{start} {report['track']:.12f} {speed:.12f} {end}")
         parts.append(f"{start} {speed * math.sin(track):.12f} {speed * math.cos(track):.12f} {end}")
     for lines in (polar, parts):
         for track in read_daidalus(write_file(tmp_path, "\n".join(lines))).tracks:
@@ -237,10 +237,10 @@ def test_repairs_are_made_on_request_and_counted(tmp_path: Path) -> None:
     assert middle.vy == pytest.approx(100 * KNOT, rel=0.01)
     with pytest.raises(TrackError, match="no row of 'own' is left"):
         read_daidalus(write_file(tmp_path, text.replace("100, 0", "nan, 0")), repair=True)
-    whole = read_daidalus(
+    reading = read_daidalus(
         write_file(tmp_path, text.replace("nan", "0")), repair=True, max_gap=100.0
     )
-    assert whole.repairs == Repairs(out_of_order=1)
+    assert reading.repairs == Repairs(out_of_order=1)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
@@ -250,9 +250,9 @@ def test_repairs_are_made_on_request_and_counted(tmp_path: Path) -> None:
     st.booleans(),
 )
 def test_a_damaged_file_is_read_or_refused_with_a_sentence(
-    tmp_path: Path, at: int, put: str, cut: bool
+    tmp_path: Path, at: int, inserted: str, cut: bool
 ) -> None:
-    text = LOCAL[:at] + put + ("" if cut else LOCAL[at + 1 :])
+    text = LOCAL[:at] + inserted + ("" if cut else LOCAL[at + 1 :])
     try:
         tracks, _ = read_daidalus(write_file(tmp_path, text))
     except TrackError as problem:
@@ -378,10 +378,10 @@ def write_lincoln(tmp_path: Path, content) -> Path:
 
 
 def test_an_encounter_by_hand(tmp_path: Path) -> None:
-    (one,) = read_lincoln(write_lincoln(tmp_path, [ONE]))
-    assert (one.number, one.weight, one.time) == (7, 2.5, pytest.approx(10.0))
-    assert one.miss == pytest.approx(500.0 * FOOT)
-    own, other = tracks_of(one)
+    (encounter,) = read_lincoln(write_lincoln(tmp_path, [ONE]))
+    assert (encounter.number, encounter.weight, encounter.time) == (7, 2.5, pytest.approx(10.0))
+    assert encounter.miss == pytest.approx(500.0 * FOOT)
+    own, intruder = tracks_of(encounter)
     assert own.time[[0, -1]] == pytest.approx([0.0, 60.0])
     # Straight north for 10 s, then a right turn of radius v / w.
     assert (own.x[100], own.y[100]) == pytest.approx((0.0, 2_000.0 * FOOT))
@@ -392,24 +392,26 @@ def test_an_encounter_by_hand(tmp_path: Path) -> None:
         (200 * FOOT * math.sin(turned), 200 * FOOT * math.cos(turned))
     )
     # South, climbing at 20 ft/s, 1 ft/s faster each second along the path.
-    assert other.altitude[600] == pytest.approx((3_000.0 + 20.0 * 60.0) * FOOT)
-    assert other.vy[600] == pytest.approx(-math.sqrt(310.0**2 - 20.0**2) * FOOT)
-    assert other.y[600] == pytest.approx((10_000.0 - (250.0 * 60 + 0.5 * 60**2)) * FOOT, rel=0.02)
+    assert intruder.altitude[600] == pytest.approx((3_000.0 + 20.0 * 60.0) * FOOT)
+    assert intruder.vy[600] == pytest.approx(-math.sqrt(310.0**2 - 20.0**2) * FOOT)
+    assert intruder.y[600] == pytest.approx(
+        (10_000.0 - (250.0 * 60 + 0.5 * 60**2)) * FOOT, rel=0.02
+    )
 
 
-def miss(one: LincolnEncounter) -> float:
+def miss(encounter: LincolnEncounter) -> float:
     """Return the horizontal distance of the flown tracks at the published time of closest approach,
     m.
     """
-    own, other = tracks_of(one)
-    row = min(round(10.0 * one.time), len(own.time) - 1)
-    return math.hypot(other.x[row] - own.x[row], other.y[row] - own.y[row])
+    own, intruder = tracks_of(encounter)
+    row = min(round(10.0 * encounter.time), len(own.time) - 1)
+    return math.hypot(intruder.x[row] - own.x[row], intruder.y[row] - own.y[row])
 
 
 def test_flights_meet_the_published_miss_distances() -> None:
-    found = read_lincoln(recorded_path("lincoln_lab/encounters.json"))
-    assert len(found) == 50
-    errors_ft = [abs(miss(one) - one.miss) / FOOT for one in found]
+    encounters = read_lincoln(recorded_path("lincoln_lab/encounters.json"))
+    assert len(encounters) == 50
+    errors_ft = [abs(miss(encounter) - encounter.miss) / FOOT for encounter in encounters]
     # Some tracks exceed what the models' own vehicle could fly: the median is what can be judged.
     assert np.median(errors_ft) <= 30.0
 
@@ -422,8 +424,8 @@ def test_speeds_that_miss_the_published_distances_are_refused(
 ) -> None:
     content = json.loads(recorded_path("lincoln_lab/encounters.json").read_text())
     factor = 2.7 if unit is None else FOOT / UNITS[unit]
-    for one in content:
-        one["v_ftps"] = [factor * speed for speed in one["v_ftps"]]
+    for encounter in content:
+        encounter["v_ftps"] = [factor * speed for speed in encounter["v_ftps"]]
     with pytest.raises(TrackError, match=rf"field v_ftps: .* of 50 encounters .*{question}"):
         read_lincoln(write_lincoln(tmp_path, content))
     assert len(read_lincoln(write_lincoln(tmp_path, content[:4]))) == 4
@@ -485,10 +487,10 @@ def test_speeds_that_miss_the_published_distances_are_refused(
     ],
 )
 def test_a_malformed_encounter_is_refused_by_field(tmp_path: Path, change, sentence: str) -> None:
-    one = copy.deepcopy(ONE)
-    change(one)
+    encounter = copy.deepcopy(ONE)
+    change(encounter)
     with pytest.raises(TrackError, match=r"encounters\.json") as refused:
-        read_lincoln(write_lincoln(tmp_path, [one]))
+        read_lincoln(write_lincoln(tmp_path, [encounter]))
     assert sentence in str(refused.value)
 
 
@@ -513,20 +515,24 @@ def test_what_is_no_file_of_encounters(tmp_path: Path) -> None:
 
 
 def test_a_replay_is_the_track_and_straight_on_after_it(tmp_path: Path) -> None:
-    (one,) = read_lincoln(write_lincoln(tmp_path, [ONE]))
-    own, other = tracks_of(one)
-    made = replay([("seven", own, [other])], PAPER, 100.0)
-    assert made.names == ("seven",)
-    assert made.left_out == ()
-    starts, recorded_states = made.starts, made.starts.intent
+    (encounter,) = read_lincoln(write_lincoln(tmp_path, [ONE]))
+    own, intruder = tracks_of(encounter)
+    replayed = replay([("seven", own, [intruder])], PAPER, 100.0)
+    assert replayed.names == ("seven",)
+    assert replayed.left_out == ()
+    starts, recorded_states = replayed.starts, replayed.starts.intent
     assert starts.goal_y[0] == pytest.approx(100.0 * 200.0 * FOOT)
     assert starts.own.heading[0] == pytest.approx(math.pi / 2)
     seconds = np.arange(61)
-    assert recorded_states.x[0, 0, :61] == pytest.approx(other.x[10 * seconds])
-    assert recorded_states.y[0, 0, :61] == pytest.approx(other.y[10 * seconds])
+    assert recorded_states.x[0, 0, :61] == pytest.approx(intruder.x[10 * seconds])
+    assert recorded_states.y[0, 0, :61] == pytest.approx(intruder.y[10 * seconds])
     beyond = np.arange(1, 41)
-    assert recorded_states.y[0, 0, 61:101] == pytest.approx(other.y[-1] + other.vy[-1] * beyond)
-    assert recorded_states.speed[0, 0, 100] == pytest.approx(np.hypot(other.vx[-1], other.vy[-1]))
+    assert recorded_states.y[0, 0, 61:101] == pytest.approx(
+        intruder.y[-1] + intruder.vy[-1] * beyond
+    )
+    assert recorded_states.speed[0, 0, 100] == pytest.approx(
+        np.hypot(intruder.vx[-1], intruder.vy[-1])
+    )
 
 
 def test_what_cannot_be_flown_is_left_out_with_the_reason(tmp_path: Path) -> None:
@@ -534,17 +540,17 @@ def test_what_cannot_be_flown_is_left_out_with_the_reason(tmp_path: Path) -> Non
     slow["v_ftps"][0] = 100.0
     fast["v_ftps"][1] = 600.0
     slow["id"], fast["id"] = 8, 9
-    found = read_lincoln(write_lincoln(tmp_path, [ONE, slow, fast]))
+    read_encounters = read_lincoln(write_lincoln(tmp_path, [ONE, slow, fast]))
     encounters = [
-        (name, *((own, [other]) for own, other in [tracks_of(one)]))
-        for name, one in zip("abc", found, strict=True)
+        (name, *((own, [intruder]) for own, intruder in [tracks_of(encounter)]))
+        for name, encounter in zip("abc", read_encounters, strict=True)
     ]
-    made = replay([(name, *pair) for name, pair in encounters], PAPER, 220.0)
-    assert made.names == ("a",)
+    replayed = replay([(name, *pair) for name, pair in encounters], PAPER, 220.0)
+    assert replayed.names == ("a",)
     assert (
         "b: the ownship begins with 30.5 m/s over the ground, expected 50 to 100 m/s"
-        in made.left_out[0]
+        in replayed.left_out[0]
     )
-    assert "c: 'intruder' flies at" in made.left_out[1]
+    assert "c: 'intruder' flies at" in replayed.left_out[1]
     with pytest.raises(TrackError, match="no encounter can be flown; the first: b"):
         replay([(name, *pair) for name, pair in encounters[1:]], PAPER, 220.0)

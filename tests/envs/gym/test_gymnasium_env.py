@@ -49,8 +49,8 @@ def encounter(
 
 
 def batch(row: Encounter, count: int) -> Encounter:
-    one = starts.check_encounter(row, PAPER)
-    return jax.tree.map(lambda field: np.repeat(field[None], count, axis=0), one)
+    single = starts.check_encounter(row, PAPER)
+    return jax.tree.map(lambda field: np.repeat(field[None], count, axis=0), single)
 
 
 def actions(steps: int, *batch_shape: int) -> np.ndarray:
@@ -64,11 +64,11 @@ def actions(steps: int, *batch_shape: int) -> np.ndarray:
 
 
 def vector(count: int, **options) -> DeconflictionVectorEnv:
-    made = gymnasium.make_vec(
+    env = gymnasium.make_vec(
         ENV_ID, num_envs=count, vectorization_mode="vector_entry_point", **options
     )
-    assert isinstance(made, DeconflictionVectorEnv)
-    return made
+    assert isinstance(env, DeconflictionVectorEnv)
+    return env
 
 
 @pytest.mark.parametrize("render_mode", [None, "rgb_array"])
@@ -116,11 +116,11 @@ def surrogate_flight(drawn, commands, noise, late):
 
     def step(state, now):
         action, draws = now
-        seen = surrogate.observe(state, PAPER, draws if late else None)
+        observed = surrogate.observe(state, PAPER, draws if late else None)
         state, result = surrogate.step(
             state, (action[:, 0], action[:, 1]), surrogate.World(RULES, PAPER)
         )
-        return state, (seen, state.own, state.intruders.vehicle, result)
+        return state, (observed, state.own, state.intruders.vehicle, result)
 
     return jax.lax.scan(
         step, surrogate.reset(drawn, history_dt=1.0 if late else None), (commands, noise)
@@ -141,16 +141,16 @@ def test_flight_in_floats_is_the_surrogate_within_a_micrometre(scenario):
     for i in range(count):
         flown = flight.begin(take(drawn, i), 1.0)
         for step in range(steps):
-            seen, own, traffic, result = jax.tree.map(
+            observed, own, traffic, result = jax.tree.map(
                 lambda field, at=(step, i): field[at], history
             )
             mine = flight.observe(flown, PAPER, noise[step, :, i] if late else None)
-            np.testing.assert_allclose(mine, seen, atol=1e-7)
-            flown, one = flight.step(
+            np.testing.assert_allclose(mine, observed, atol=1e-7)
+            flown, mine_result = flight.step(
                 flown, tuple(commands[step, i].tolist()), surrogate.World(RULES, PAPER)
             )
-            assert abs(one.separation - result.separation) < 1e-6
-            assert one.reward == result.reward
+            assert abs(mine_result.separation - result.separation) < 1e-6
+            assert mine_result.reward == result.reward
             assert math.hypot(flown.own.x - own.x, flown.own.y - own.y) < 1e-6
             for k, state in enumerate(flown.intruders):
                 assert (
@@ -162,24 +162,29 @@ def test_flight_in_floats_is_the_surrogate_within_a_micrometre(scenario):
 @pytest.mark.parametrize("scenario", ["circle", "multi"])
 def test_vector_and_single_environment_agree_step_by_step(scenario):
     count, steps = 5, 120
-    both = vector(count, scenario=scenario), [DeconflictionEnv(scenario) for _ in range(count)]
-    many, singles = both
-    seen, infos = many.reset(seed=21)
+    environments = (
+        vector(count, scenario=scenario),
+        [DeconflictionEnv(scenario) for _ in range(count)],
+    )
+    together, singles = environments
+    observations, infos = together.reset(seed=21)
     for i, env in enumerate(singles):
-        one, info = env.reset(seed=21, options={"encounter": i})
-        np.testing.assert_allclose(one, seen[i], atol=2e-6)
+        observation, info = env.reset(seed=21, options={"encounter": i})
+        np.testing.assert_allclose(observation, observations[i], atol=2e-6)
         assert info["separation"] == pytest.approx(infos["separation"][i], abs=0.05)
     commands = actions(steps, count)
     going = np.ones(count, bool)
     for step in range(steps):
-        seen, reward, terminated, truncated, infos = many.step(commands[step])
+        observations, reward, terminated, truncated, infos = together.step(commands[step])
         for i in np.flatnonzero(going):
-            one, gain, end, limit, info = singles[i].step(commands[step, i])
+            observation, gain, end, limit, info = singles[i].step(commands[step, i])
             assert (gain, end, limit) == (reward[i], terminated[i], truncated[i])
             over = end or limit
             theirs = infos["final_info"] if over else infos
             # Single precision at 10 km, over the steps flown.
-            np.testing.assert_allclose(one, infos["final_obs"][i] if over else seen[i], atol=2e-5)
+            np.testing.assert_allclose(
+                observation, infos["final_obs"][i] if over else observations[i], atol=2e-5
+            )
             for key in ("separation", "min_separation", "goal_distance"):
                 assert theirs[key][i] == pytest.approx(info[key], abs=0.1)
             assert (theirs["time"][i], theirs["outcome"][i]) == (info["time"], info["outcome"])
@@ -220,11 +225,11 @@ def test_infos_have_the_form_of_gymnasiums_own_vector_environment():
 def test_an_encounter_that_ends_begins_anew_in_the_same_step():
     count, seed = 700, 3
     rules = SHORT._replace(separation=0.0, goal_radius=0.0)
-    many = vector(count, rules=rules)
-    many.reset(seed=seed)
+    env = vector(count, rules=rules)
+    env.reset(seed=seed)
     single = DeconflictionEnv(rules=rules)
     for step in range(1, 13):
-        seen, reward, terminated, truncated, infos = many.step(np.full((count, 2), 0.5))
+        observations, reward, terminated, truncated, infos = env.step(np.full((count, 2), 0.5))
         assert not terminated.any()
         assert truncated.all() == truncated.any() == (step % 3 == 0)
         np.testing.assert_array_equal(reward, -10.0 * truncated)
@@ -241,7 +246,7 @@ def test_an_encounter_that_ends_begins_anew_in_the_same_step():
         np.testing.assert_array_equal(infos["final_info"]["time"], 3.0)
         for index in (0, 350, count - 1):
             first, _ = single.reset(seed=seed, options={"encounter": begun + index})
-            np.testing.assert_allclose(seen[index], first, atol=2e-6)
+            np.testing.assert_allclose(observations[index], first, atol=2e-6)
             single.reset(seed=seed, options={"encounter": begun - count + index})
             for _ in range(3):
                 last, *_ = single.step(np.full(2, 0.5))
@@ -254,10 +259,10 @@ def test_only_what_has_ended_begins_anew():
         lambda a, b: np.stack([a, b]),
         *(starts.check_encounter(e, PAPER) for e in (close, encounter())),
     )
-    many = vector(2)
-    many.reset(seed=0, options={"encounter": rows})
+    env = vector(2)
+    env.reset(seed=0, options={"encounter": rows})
     for _ in range(7):
-        _, reward, terminated, _, infos = many.step(np.zeros((2, 2)))
+        _, reward, terminated, _, infos = env.step(np.zeros((2, 2)))
         if terminated.any():
             break
     assert terminated.tolist() == [True, False]
@@ -267,17 +272,19 @@ def test_only_what_has_ended_begins_anew():
     assert infos["final_obs"][1] is None
     assert infos["final_info"]["outcome"].tolist() == ["violation", None]
     assert infos["final_info"]["separation"][0] < 1000.0 < infos["separation"][0]
-    _, after, *_ = many.step(np.zeros((2, 2)))
+    _, after, *_ = env.step(np.zeros((2, 2)))
     assert after.tolist() == [0.0, 0.0]
 
 
 def test_seeds_repeat_and_differ():
     def fly_both(seed, name):
-        many, single = vector(4, scenario=name), DeconflictionEnv(name)
-        rows = [many.reset(seed=seed)[0], single.reset(seed=seed)[0]]
+        together, single = vector(4, scenario=name), DeconflictionEnv(name)
+        rows = [together.reset(seed=seed)[0], single.reset(seed=seed)[0]]
         for command in actions(5, 4):
-            rows += [many.step(command)[0], single.step(command[0])[0]]
-        return np.concatenate([row.ravel() for row in [*rows, many.reset()[0], single.reset()[0]]])
+            rows += [together.step(command)[0], single.step(command[0])[0]]
+        return np.concatenate(
+            [row.ravel() for row in [*rows, together.reset()[0], single.reset()[0]]]
+        )
 
     for name in ("circle", "noisy"):
         np.testing.assert_array_equal(fly_both(7, name), fly_both(7, name))
@@ -288,12 +295,12 @@ def test_seeds_repeat_and_differ():
 
 
 def test_noise_differs_from_step_to_step_and_goes_on_after_a_reset():
-    still = batch(encounter(), 4)._replace(
+    standing = batch(encounter(), 4)._replace(
         sensor=Sensor(*(np.full((4, 1), value) for value in (30.0, 3.0, 1.0)))
     )
-    many = vector(4, scenario="noisy")
-    first, _ = many.reset(seed=0, options={"encounter": still})
-    again, _ = many.reset(options={"encounter": still})
+    env = vector(4, scenario="noisy")
+    first, _ = env.reset(seed=0, options={"encounter": standing})
+    again, _ = env.reset(options={"encounter": standing})
     rows = np.concatenate([first, again])[:, 5]
     assert len(np.unique(rows)) == 8
     assert np.all(np.abs(rows - rows.mean()) < 0.02)
@@ -317,14 +324,14 @@ def test_noise_differs_from_step_to_step_and_goes_on_after_a_reset():
     ],
 )
 def test_how_an_encounter_ends(name, start, rules, reward, terminated):
-    env, many = DeconflictionEnv(rules=rules), vector(2, rules=rules)
+    env, together = DeconflictionEnv(rules=rules), vector(2, rules=rules)
     env.reset(seed=0, options={"encounter": start})
-    many.reset(seed=0, options={"encounter": batch(start, 2)})
+    together.reset(seed=0, options={"encounter": batch(start, 2)})
     total, over, info = 0.0, False, {}
     while not over:
         assert info.get("outcome", "flying") == "flying"
         _, gain, end, limit, info = env.step(STRAIGHT)
-        _, gains, ends, limits, infos = many.step(np.zeros((2, 2)))
+        _, gains, ends, limits, infos = together.step(np.zeros((2, 2)))
         assert (gain, end, limit) == (gains[0], ends[0], limits[0])
         total, over = total + gain, end or limit
     assert (info["outcome"], total, end, limit) == (name, reward, terminated, not terminated)
@@ -348,9 +355,11 @@ def test_a_violation_within_a_step_counts():
 
 def test_scenario_and_number_can_be_chosen_at_reset():
     for env in (DeconflictionEnv(), vector(2)):
-        seen, info = env.reset(seed=4, options={"scenario": "head_on", "encounter": np.int64(9)})
+        observation, info = env.reset(
+            seed=4, options={"scenario": "head_on", "encounter": np.int64(9)}
+        )
         expected = starts.encounters_of_seed(scenarios.scenario("head_on", PAPER), 4, 9, 1)
-        own = np.ravel(seen)[1] * math.pi
+        own = np.ravel(observation)[1] * math.pi
         assert own == pytest.approx(expected.own.heading[0], abs=1e-5)
         assert np.ravel(info["encounter"])[0] == 9
         assert np.ravel(env.reset()[1]["encounter"])[0] == 9 + np.size(info["encounter"])
@@ -360,10 +369,10 @@ def test_scenario_and_number_can_be_chosen_at_reset():
 def test_one_row_of_drawn_encounters_can_be_given():
     drawn = starts.encounters_of_seed(scenarios.scenario("multi", PAPER), 2, 0, 4)
     env = DeconflictionEnv("multi")
-    given, _ = env.reset(seed=1, options={"encounter": take(drawn, 3)})
+    observation, _ = env.reset(seed=1, options={"encounter": take(drawn, 3)})
     again, _ = env.reset(options={"encounter": take(drawn, slice(3, 4))})
     own, _ = env.reset(seed=2, options={"encounter": 3})
-    np.testing.assert_array_equal(given, own)
+    np.testing.assert_array_equal(observation, own)
     np.testing.assert_array_equal(again, own)
 
 
@@ -390,48 +399,57 @@ def test_the_set_environment_passes_gymnasiums_own_check(
 def test_the_most_critical_come_first_and_absent_ones_last() -> None:
     env = DeconflictionEnv("multi", intruders=10)
     for number in range(6):
-        seen, _ = env.reset(seed=3, options={"encounter": number})
+        observation, _ = env.reset(seed=3, options={"encounter": number})
         start = starts.encounters_of_seed(scenario("multi", PAPER), 3, number, 1)
         rank = criticality(
             type(start.own)(*(field[:, None] for field in start.own)), start.intruders, PAPER, np
         )[0]
         order = np.argsort(rank[start.mask[0]])
         count = len(order)
-        assert seen["mask"].tolist() == [1] * count + [0] * (10 - count)
+        assert observation["mask"].tolist() == [1] * count + [0] * (10 - count)
         np.testing.assert_allclose(
-            seen["traffic"][:count, 0], start.intruders.speed[0, order] / 75.0 - 1.0, atol=1e-6
+            observation["traffic"][:count, 0],
+            start.intruders.speed[0, order] / 75.0 - 1.0,
+            atol=1e-6,
         )
-        assert not seen["traffic"][count:].any()
-        few, _ = DeconflictionEnv("multi", intruders=2).reset(seed=3, options={"encounter": number})
-        np.testing.assert_array_equal(few["traffic"], seen["traffic"][:2])
-        one, _ = DeconflictionEnv("multi").reset(seed=3, options={"encounter": number})
-        np.testing.assert_array_equal(one[[2, 3, 4, 5]], seen["traffic"][0])
-        np.testing.assert_array_equal(one[[0, 1, 6, 7]], seen["own"])
+        assert not observation["traffic"][count:].any()
+        of_two, _ = DeconflictionEnv("multi", intruders=2).reset(
+            seed=3, options={"encounter": number}
+        )
+        np.testing.assert_array_equal(of_two["traffic"], observation["traffic"][:2])
+        paper_observation, _ = DeconflictionEnv("multi").reset(
+            seed=3, options={"encounter": number}
+        )
+        np.testing.assert_array_equal(paper_observation[[2, 3, 4, 5]], observation["traffic"][0])
+        np.testing.assert_array_equal(paper_observation[[0, 1, 6, 7]], observation["own"])
 
 
 def test_vector_and_single_environment_agree() -> None:
-    how: dict[str, Any] = {"scenario": "multi", "aircraft": UAS, "intruders": 3}
-    many, singles = DeconflictionVectorEnv(3, **how), [DeconflictionEnv(**how) for _ in range(3)]
-    assert many.single_observation_space == singles[0].observation_space
-    seen, _ = many.reset(seed=5)
+    settings: dict[str, Any] = {"scenario": "multi", "aircraft": UAS, "intruders": 3}
+    together, singles = (
+        DeconflictionVectorEnv(3, **settings),
+        [DeconflictionEnv(**settings) for _ in range(3)],
+    )
+    assert together.single_observation_space == singles[0].observation_space
+    observations, _ = together.reset(seed=5)
     alone = [env.reset(seed=5, options={"encounter": i})[0] for i, env in enumerate(singles)]
     action = np.float32([0.3, -0.8])
     for _ in range(4):
-        assert many.observation_space.contains(seen)
-        for i, one in enumerate(alone):
-            for key, value in one.items():
-                np.testing.assert_allclose(seen[key][i], value, atol=5e-5)
-        seen, _, ended, *_ = many.step(np.stack([action] * 3))
+        assert together.observation_space.contains(observations)
+        for i, observation in enumerate(alone):
+            for key, value in observation.items():
+                np.testing.assert_allclose(observations[key][i], value, atol=5e-5)
+        observations, _, ended, *_ = together.step(np.stack([action] * 3))
         alone = [env.step(action)[0] for env in singles]
         assert not ended.any()
 
 
 def test_the_last_observation_of_an_encounter_is_a_dict() -> None:
-    many = DeconflictionVectorEnv(2, intruders=2, rules=PAPER.rules()._replace(t_max=1.0))
-    many.reset(seed=0)
-    *_, truncated, infos = many.step(np.zeros((2, 2)))
+    env = DeconflictionVectorEnv(2, intruders=2, rules=PAPER.rules()._replace(t_max=1.0))
+    env.reset(seed=0)
+    *_, truncated, infos = env.step(np.zeros((2, 2)))
     assert truncated.all()
-    assert many.single_observation_space.contains(infos["final_obs"][0])
+    assert env.single_observation_space.contains(infos["final_obs"][0])
 
 
 @BOTH

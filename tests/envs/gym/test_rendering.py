@@ -42,16 +42,16 @@ def scene(steps=40, intruders=1, miss=2500.0, **changes) -> Picture:
         axis=1,
     )
     separations = np.hypot(*np.moveaxis(traffic[..., :2] - own[:, None, :2], -1, 0))
-    made = Picture(
+    picture = Picture(
         own, traffic, separations, (4000.0, 0.0), 500.0, 1000.0, float(steps), "flying", "made up"
     )
-    return made._replace(**changes)
+    return picture._replace(**changes)
 
 
 def pixels(picture: np.ndarray, colour: str) -> int:
     """Pixels of exactly a colour."""
-    wanted = np.round(np.array(matplotlib.colors.to_rgb(colour)) * 255.0).astype(np.uint8)
-    return int(np.count_nonzero(np.all(picture == wanted, axis=-1)))
+    expected = np.round(np.array(matplotlib.colors.to_rgb(colour)) * 255.0).astype(np.uint8)
+    return int(np.count_nonzero(np.all(picture == expected, axis=-1)))
 
 
 @pytest.mark.parametrize("size", [512, 800])
@@ -101,18 +101,18 @@ def test_a_drawing_used_again_draws_what_a_new_one_draws():
         scene(steps=90, outcome="reached"),
         scene(intruders=2, miss=0.0),
     ]
-    pictures = [drawing.frame(one) for one in scenes]
-    for one, picture in zip(scenes, pictures, strict=True):
-        np.testing.assert_array_equal(picture, Drawing(SIZE).frame(one))
+    pictures = [drawing.frame(drawn) for drawn in scenes]
+    for drawn, picture in zip(scenes, pictures, strict=True):
+        np.testing.assert_array_equal(picture, Drawing(SIZE).frame(drawn))
     assert not np.array_equal(pictures[0], pictures[1])
 
 
 def test_the_view_holds_what_matters_and_only_grows():
-    whole = scene(steps=300)
+    complete = scene(steps=300)
     sides = []
     for steps in range(0, 301, 20):
         part = Picture(
-            *(field[: steps + 1] if isinstance(field, np.ndarray) else field for field in whole)
+            *(field[: steps + 1] if isinstance(field, np.ndarray) else field for field in complete)
         )
         west, south, side = view(part)
         sides.append(side)
@@ -305,24 +305,24 @@ class TestBadInput:
 def test_bad_input_of_the_vector_environment_alone():
     with pytest.raises(ValueError, match="num_envs is 0; expected 1 or more"):
         DeconflictionVectorEnv(0)
-    many = vector(2)
+    env = vector(2)
     with pytest.raises(EncounterError, match=r"seed is \[1, 2\]; expected one integer"):
-        many.reset(seed=[1, 2])
+        env.reset(seed=[1, 2])
     with pytest.raises(
         EncounterError, match="have 1 intruder columns; expected 8, as scenario 'multi'"
     ):
-        many.reset(seed=0, options={"encounter": batch(encounter(), 2), "scenario": "multi"})
-    many.close()
+        env.reset(seed=0, options={"encounter": batch(encounter(), 2), "scenario": "multi"})
+    env.close()
     with pytest.raises(error.ClosedEnvironmentError, match="closed; make a new one"):
-        many.step(np.zeros((2, 2)))
+        env.step(np.zeros((2, 2)))
 
 
 def test_what_is_returned_belongs_to_the_caller():
-    many = vector(2)
-    seen, infos = many.reset(seed=0)
-    kept = seen.copy()
-    following, *_ = many.step(np.zeros((2, 2)))
-    np.testing.assert_array_equal(seen, kept)
+    env = vector(2)
+    observations, infos = env.reset(seed=0)
+    copied = observations.copy()
+    following, *_ = env.step(np.zeros((2, 2)))
+    np.testing.assert_array_equal(observations, copied)
     following[:] = 0.0
     infos["min_separation"][:] = 0.0
-    assert many.step(np.zeros((2, 2)))[4]["min_separation"].min() > 0.0
+    assert env.step(np.zeros((2, 2)))[4]["min_separation"].min() > 0.0

@@ -134,36 +134,38 @@ def test_two_modifiers_do_together_what_each_does_alone(pair: tuple[str, str]):
     names = "multi", f"multi + {pair[0]}", f"multi + {pair[1]}", f"multi + {pair[0]} + {pair[1]}"
     drawn = [draw(name) for name in names]
     check_encounter(drawn[-1], PAPER, drawn[-1].goal_x.shape)
-    kept = np.all([some.own.x == drawn[0].own.x for some in drawn], axis=0)
-    assert kept.mean() > 0.4
+    unchanged = np.all([encounters.own.x == drawn[0].own.x for encounters in drawn], axis=0)
+    assert unchanged.mean() > 0.4
     for field in FIELDS:
-        plain, first, second, both = (part(some, field, kept) for some in drawn)
+        plain, first, second, together = (
+            part(encounters, field, unchanged) for encounters in drawn
+        )
         if field == "intent" and pair == ("turns", "standing"):
             continue  # a turn begins before the closest approach to where an intruder flies
         assert same(first, plain) or same(second, plain)
-        assert same(both, second if same(first, plain) else first)
+        assert same(together, second if same(first, plain) else first)
 
 
 def part(drawn: Encounter, field: str, rows: np.ndarray) -> Any:
     return map_leaves(lambda values: values[rows], getattr(drawn, field))
 
 
-def same(one: Any, other: Any) -> bool:
+def same(first: Any, second: Any) -> bool:
     """Return whether two fields of encounters are equal, bit for bit."""
-    if one is None or other is None:
-        return one is other
-    return all(map(np.array_equal, jax.tree.leaves(one), jax.tree.leaves(other)))
+    if first is None or second is None:
+        return first is second
+    return all(map(np.array_equal, jax.tree.leaves(first), jax.tree.leaves(second)))
 
 
 def test_a_modifier_changes_nothing_else_of_an_encounter():
     """What flies flies as without those that stand, unless the encounter is drawn again."""
     plain, modified = draw("circle", 400), draw("circle + standing + partly_seen + noise", 400)
     flies = (modified.intruders.speed > 0.1 * PAPER.limits.speed_max)[:, 0]
-    kept = flies & (modified.own.x == plain.own.x)
-    assert 0.4 < kept.mean() < 0.6
-    assert kept.sum() > 0.9 * flies.sum()
-    np.testing.assert_array_equal(modified.intruders.x[kept], plain.intruders.x[kept])
-    np.testing.assert_array_equal(modified.goal_x[kept], plain.goal_x[kept])
+    unchanged = flies & (modified.own.x == plain.own.x)
+    assert 0.4 < unchanged.mean() < 0.6
+    assert unchanged.sum() > 0.9 * flies.sum()
+    np.testing.assert_array_equal(modified.intruders.x[unchanged], plain.intruders.x[unchanged])
+    np.testing.assert_array_equal(modified.goal_x[unchanged], plain.goal_x[unchanged])
 
 
 def test_turns_and_noise_are_those_of_the_names_that_ship():
@@ -173,18 +175,18 @@ def test_turns_and_noise_are_those_of_the_names_that_ship():
 
 def test_an_encounter_is_the_same_in_any_company():
     name = "multi + standing + own_separations + partly_seen"
-    many, alone = (
+    together, alone = (
         draw(name, 50),
         encounters_of_seed(scenario(name, PAPER), 3, 17, 1, heeds=EVERY_FIELD),
     )
-    map_leaves(lambda a, b: np.testing.assert_array_equal(a[17:18], b), many, alone)
+    map_leaves(lambda a, b: np.testing.assert_array_equal(a[17:18], b), together, alone)
 
 
 def test_numpy_and_jax_draw_the_same():
     chosen = scenario("circle + standing + own_separations + partly_seen + turns", PAPER)
     draws = np.random.default_rng(1).random((2, 200, chosen.dimensions)).astype(np.float32)
     ours, accepted = sample(chosen, draws, np)
-    theirs, also = jax.jit(lambda given: sample(chosen, given, jnp))(draws)
+    theirs, also = jax.jit(lambda drawn: sample(chosen, drawn, jnp))(draws)
     alike = accepted == also
     assert alike.mean() > 0.98  # a condition that rounding decides
     map_leaves(
@@ -212,14 +214,16 @@ def test_a_sampler_of_the_users_own_takes_modifiers(own: None):
 
 def conflict_point_of_mine(chosen, draws, xp):
     """Return encounters of the toolkit's geometry that never turn."""
-    made, accepted = conflict_point(chosen, draws, xp)
-    return made._replace(intent=made.intent._replace(heading_change=0.0 * made.mask)), accepted
+    encounter, accepted = conflict_point(chosen, draws, xp)
+    return encounter._replace(
+        intent=encounter.intent._replace(heading_change=0.0 * encounter.mask)
+    ), accepted
 
 
 def test_a_modifier_does_not_replace_what_a_sampler_says_itself(own: None):
     def encounters(chosen, draws, xp):
-        made, accepted = conflict_point(chosen, draws, xp)
-        return made._replace(separation=2e3 + 0.0 * made.mask), accepted
+        encounter, accepted = conflict_point(chosen, draws, xp)
+        return encounter._replace(separation=2e3 + 0.0 * encounter.mask), accepted
 
     register("mine", Sampler(encounters, 7, 7))
     with pytest.raises(

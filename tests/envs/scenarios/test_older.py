@@ -38,11 +38,11 @@ DIGESTS = {
 
 def digest(name: str) -> str:
     """Return the digest of some encounters of two aircraft and two seeds."""
-    whole = hashlib.sha256()
+    hash_of_all = hashlib.sha256()
 
     def add(field: np.ndarray) -> np.ndarray:
         # Adding 0 makes -0 a 0.
-        whole.update((np.round(field.astype(float), 3) + 0.0).tobytes())
+        hash_of_all.update((np.round(field.astype(float), 3) + 0.0).tobytes())
         return field
 
     for aircraft in (PAPER, SMALL):
@@ -51,7 +51,7 @@ def digest(name: str) -> str:
                 scenario(name, aircraft), seed, 100, 20, heeds=EVERY_FIELD
             )
             map_leaves(add, drawn)
-    return whole.hexdigest()[:16]
+    return hash_of_all.hexdigest()[:16]
 
 
 @pytest.mark.parametrize("name", SHIPPED)

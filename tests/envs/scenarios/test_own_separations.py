@@ -39,13 +39,13 @@ def fly_all(start: Encounter, xp: Any, steps: int = 40) -> tuple[np.ndarray, np.
     """Return the separations of each step ``[T, N, K]`` and whether it was lost, ``[T, N]``."""
     state = world.begin(map_leaves(xp.asarray, start), xp)
     nothing = xp.zeros_like(start.goal_x)
-    kept, lost = [], []
+    separations, lost = [], []
     step: Any = jax.jit(surrogate.step) if xp is jnp else partial(world.step, xp=np)
     for _ in range(steps):
         state, result = step(state, (nothing, nothing), WORLD)
-        kept.append(np.asarray(result.separations))
+        separations.append(np.asarray(result.separations))
         lost.append(np.asarray(result.outcome.violation))
-    return np.array(kept), np.array(lost)
+    return np.array(separations), np.array(lost)
 
 
 def test_separations_are_within_their_range_and_kept_at_the_start(drawn: Encounter):
@@ -71,8 +71,8 @@ def test_an_encounter_is_lost_where_any_intruder_comes_nearer_than_its_own(drawn
 
 def test_the_usual_separation_of_each_changes_nothing(drawn: Encounter):
     usual = drawn._replace(separation=np.full_like(drawn.separation, PAPER.separation))
-    same = [fly_all(one, np) for one in (usual, drawn._replace(separation=None))]
-    (separations, lost), (plain, plain_lost) = same
+    flights = [fly_all(encounter, np) for encounter in (usual, drawn._replace(separation=None))]
+    (separations, lost), (plain, plain_lost) = flights
     np.testing.assert_array_equal(separations, plain)
     np.testing.assert_array_equal(lost, plain_lost)
 
@@ -94,9 +94,9 @@ def test_distances_count_in_the_separation_of_each(drawn: Encounter):
 def test_eight_numbers_hold_an_intruder_at_its_distance_in_its_own_separation(drawn: Encounter):
     state = world.begin(drawn, np)
     own, true = drawn.own, drawn.intruders
-    there = (true.x - own.x[:, None]) + 1j * (true.y - own.y[:, None])
-    shown = own.x[:, None] + 1j * own.y[:, None] + there * PAPER.separation / drawn.separation
-    moved = true._replace(x=shown.real, y=shown.imag)
+    direction = (true.x - own.x[:, None]) + 1j * (true.y - own.y[:, None])
+    place = own.x[:, None] + 1j * own.y[:, None] + direction * PAPER.separation / drawn.separation
+    moved = true._replace(x=place.real, y=place.imag)
     plain = world.begin(drawn._replace(intruders=moved, separation=None), np)
     np.testing.assert_allclose(
         world.observe(state, PAPER, xp=np), world.observe(plain, PAPER, xp=np), atol=1e-6
@@ -106,9 +106,9 @@ def test_eight_numbers_hold_an_intruder_at_its_distance_in_its_own_separation(dr
 def test_a_pool_fills_in_the_usual_separation(chosen: Scenario):
     mixture = [scenario("circle", PAPER), chosen]
     pool = pool_of(mixture, [0.5, 0.5], 2, 200)
-    found = np.asarray(pool.separation)
-    usual = (found == PAPER.separation).all(axis=-1)
-    assert found.shape == pool.mask.shape
+    separations = np.asarray(pool.separation)
+    usual = (separations == PAPER.separation).all(axis=-1)
+    assert separations.shape == pool.mask.shape
     assert usual.mean() == pytest.approx(0.5, abs=0.1)
     assert pool_of(mixture[:1], [1.0], 2, 8).separation is None
 

@@ -41,13 +41,13 @@ def test_what_is_far_abaft_or_silent_is_not_reported():
     own = VehicleState(*np.array([[0.0], [0.0], [math.pi / 2], [80.0]]))  # northwards
     north = np.array([5000.0, 5000.0, -2000.0, -2000.0])
     east = np.array([0.0, 4000.0, 0.0, 3000.0])
-    others = VehicleState(east, north, 0.0 * east, 0.0 * east)
+    intruders = VehicleState(east, north, 0.0 * east, 0.0 * east)
     coverage = Coverage(6000.0, math.radians(130.0), 10.0, 5.0)
     # Ahead; farther than the range; abaft; 124 degrees to the right.
-    for time, seen in ((9.0, True), (10.0, False), (14.9, False), (15.0, True)):
-        found = report(own, others, coverage, time, np)
-        assert found.tolist() == [seen, False, False, seen]
-    assert report(own, others, EVERYTHING, 0.0, np).all()
+    for time, is_seen in ((9.0, True), (10.0, False), (14.9, False), (15.0, True)):
+        reported = report(own, intruders, coverage, time, np)
+        assert reported.tolist() == [is_seen, False, False, is_seen]
+    assert report(own, intruders, EVERYTHING, 0.0, np).all()
 
 
 def known_over_time(start: Encounter, xp: Any, steps: int = 25) -> np.ndarray:
@@ -59,11 +59,11 @@ def known_over_time(start: Encounter, xp: Any, steps: int = 25) -> np.ndarray:
         return after, world.known_intruders(state, PAPER, xp)
 
     step = jax.jit(advance) if xp is jnp else advance
-    found = []
+    known = []
     for _ in range(steps):
-        state, seen = step(state)
-        found.append(np.asarray(seen))
-    return np.array(found)
+        state, known_now = step(state)
+        known.append(np.asarray(known_now))
+    return np.array(known)
 
 
 def test_numpy_and_jax_know_of_the_same(drawn: Encounter):
@@ -79,7 +79,8 @@ def test_coverage_changes_nothing_but_what_is_known(drawn: Encounter):
     nothing = np.zeros_like(drawn.goal_x)
     plain = drawn._replace(coverage=None)
     results = [
-        world.step(world.begin(one, np), (nothing, nothing), WORLD, np)[1] for one in (drawn, plain)
+        world.step(world.begin(encounter, np), (nothing, nothing), WORLD, np)[1]
+        for encounter in (drawn, plain)
     ]
     map_leaves(np.testing.assert_array_equal, *results)
     np.testing.assert_array_equal(known_over_time(plain, np)[0], drawn.mask)
@@ -90,13 +91,14 @@ def test_what_is_not_known_changes_no_decision(drawn: Encounter):
     """The shipped policy decides alike wherever an intruder of which it knows nothing is."""
     state, policy = world.begin(drawn, np), Policy.load()
     mask = world.known_intruders(state, PAPER, np)
-    seen = world.perceive_intruders(state, None, PAPER.dt, np)
-    moved = seen._replace(x=np.where(mask, seen.x, seen.x + 777.0))
-    action, other = (
-        policy.command(drawn.own, one, mask, drawn.goal_x, drawn.goal_y) for one in (seen, moved)
+    perceived = world.perceive_intruders(state, None, PAPER.dt, np)
+    moved = perceived._replace(x=np.where(mask, perceived.x, perceived.x + 777.0))
+    action, moved_action = (
+        policy.command(drawn.own, intruders, mask, drawn.goal_x, drawn.goal_y)
+        for intruders in (perceived, moved)
     )
     assert (drawn.mask & ~mask).any()
-    np.testing.assert_array_equal(action, other)
+    np.testing.assert_array_equal(action, moved_action)
 
 
 def test_a_pool_covers_the_others_wholly(chosen: Scenario):
@@ -106,8 +108,8 @@ def test_a_pool_covers_the_others_wholly(chosen: Scenario):
     assert everything.mean() == pytest.approx(0.5, abs=0.1)
     state = jax.jit(jax.vmap(surrogate.reset))(pool)
     first = map_leaves(lambda field: field[0], state)
-    known = np.asarray(world.known_intruders(first, PAPER, jnp))
-    np.testing.assert_array_equal(known[everything[0]], np.asarray(pool.mask)[0][everything[0]])
+    is_known = np.asarray(world.known_intruders(first, PAPER, jnp))
+    np.testing.assert_array_equal(is_known[everything[0]], np.asarray(pool.mask)[0][everything[0]])
 
 
 def test_who_would_know_of_all_is_refused(chosen: Scenario):
@@ -126,9 +128,9 @@ def test_late_reports_of_what_turns_are_where_it_was_headed():
     for _ in range(60):
         before = state.intruders.vehicle.heading
         state, _ = world.step(state, (nothing, nothing), WORLD, np)
-        seen = world.perceive_intruders(state, noise, PAPER.dt, np)
+        perceived = world.perceive_intruders(state, noise, PAPER.dt, np)
         now = state.intruders.vehicle
-        off.append(np.hypot(seen.x - now.x, seen.y - now.y)[:, 0])
+        off.append(np.hypot(perceived.x - now.x, perceived.y - now.y)[:, 0])
         turned.append(np.abs(now.heading - before)[:, 0] > 1e-3)
     lately = np.array(turned[2:]) | np.array(turned[1:-1])
     # What turns by less than 1e-3 rad a step at 100 m/s is 0.4 m off in two steps at most.

@@ -80,10 +80,10 @@ def answer_to(own_at: complex, own_heading: float, manner: float) -> Any:
 def test_who_has_to_give_way_to_what_it_would_meet_turns_to_the_right(
     own_at: complex, own_heading: float, turns: bool
 ):
-    found = answer_to(own_at, own_heading, GIVES_WAY)
-    assert found.reacts.item() == turns
+    reaction = answer_to(own_at, own_heading, GIVES_WAY)
+    assert reaction.reacts.item() == turns
     if turns:
-        assert found.yaw_rate.item() == -0.05
+        assert reaction.yaw_rate.item() == -0.05
 
 
 def test_an_ownship_that_overtakes_is_left_to_keep_clear():
@@ -117,8 +117,12 @@ def test_the_line_of_sight_turns_as_its_direction_does():
 
     def direction(time: float) -> np.ndarray:
         x, y = (
-            np.array([one.x + time * one.speed * np.cos(one.heading) for one in (own, vehicle)]),
-            np.array([one.y + time * one.speed * np.sin(one.heading) for one in (own, vehicle)]),
+            np.array(
+                [state.x + time * state.speed * np.cos(state.heading) for state in (own, vehicle)]
+            ),
+            np.array(
+                [state.y + time * state.speed * np.sin(state.heading) for state in (own, vehicle)]
+            ),
         )
         return np.arctan2(y[0] - y[1], x[0] - x[1])
 
@@ -152,9 +156,9 @@ def test_numpy_and_jax_fly_the_same(drawn: dict[str, Encounter]):
     single = cast(drawn["reacting"], np.float32)
     (ours, near), (theirs, theirs_near) = (fly(single, xp, steps=60) for xp in (np, jnp))
     # An answer may begin a step earlier by rounding, and what follows differs.
-    same = np.abs(near - theirs_near).max(axis=(0, 2)) < 5.0
-    assert same.mean() > 0.97
-    np.testing.assert_allclose(ours[:, same], theirs[:, same], atol=0.06)
+    alike = np.abs(near - theirs_near).max(axis=(0, 2)) < 5.0
+    assert alike.mean() > 0.97
+    np.testing.assert_allclose(ours[:, alike], theirs[:, alike], atol=0.06)
 
 
 def test_the_shares_are_those_said_and_the_encounters_are_whole(drawn: dict[str, Encounter]):
@@ -167,8 +171,8 @@ def test_the_shares_are_those_said_and_the_encounters_are_whole(drawn: dict[str,
         assert start.reaction is not None
         check_encounter(start, PAPER, start.goal_x.shape)
         manner = start.reaction.manner
-        found = ((manner == GIVES_WAY).mean(), (manner == TURNS_INTO).mean())
-        assert found == pytest.approx(shares, abs=0.06)
+        drawn_shares = ((manner == GIVES_WAY).mean(), (manner == TURNS_INTO).mean())
+        assert drawn_shares == pytest.approx(shares, abs=0.06)
 
 
 def test_a_pool_keeps_the_others_without_an_answer(drawn: dict[str, Encounter]):

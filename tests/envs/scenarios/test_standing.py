@@ -36,15 +36,15 @@ def test_half_of_the_intruders_stand_or_drift_and_half_of_those_stand(drawn: Enc
     assert set(drawn.mask.sum(axis=1)) == set(range(2, 17))
     # Those that would stand too near to a start or a goal are drawn again, with their encounter.
     assert stands.sum() / drawn.mask.sum() == pytest.approx(0.5, abs=0.08)
-    still = drawn.intruders.speed[stands] == 0.0
-    assert still.mean() == pytest.approx(0.5, abs=0.05)
+    motionless = drawn.intruders.speed[stands] == 0.0
+    assert motionless.mean() == pytest.approx(0.5, abs=0.05)
 
 
 def test_they_stand_beside_the_way_and_leave_start_and_goal_free(drawn: Encounter):
-    own, others, stands = drawn.own, drawn.intruders, standing(drawn)
+    own, intruders, stands = drawn.own, drawn.intruders, standing(drawn)
     start = (own.x + 1j * own.y)[:, None]
     goal = (drawn.goal_x + 1j * drawn.goal_y)[:, None]
-    place = others.x + 1j * others.y
+    place = intruders.x + 1j * intruders.y
     turned = (place - start) / (goal - start)  # 0 at the start, 1 at the goal
     assert ((turned.real >= -1e-9) & (turned.real <= 1.0 + 1e-9))[stands].all()
     aside = np.abs(turned.imag) * np.abs(goal - start)
@@ -58,10 +58,12 @@ def test_numpy_and_jax_draw_the_same():
     draws = np.random.default_rng(1).random((2, 200, chosen.dimensions)).astype(np.float32)
     ours, accepted = sample(chosen, draws, np)
     theirs, theirs_accepted = jax.jit(lambda d: sample(chosen, d, jnp))(draws)
-    same = accepted == theirs_accepted
-    assert same.mean() > 0.99  # a condition that rounding decides
+    alike = accepted == theirs_accepted
+    assert alike.mean() > 0.99  # a condition that rounding decides
     map_leaves(
-        lambda a, b: np.testing.assert_allclose(a[same], np.asarray(b)[same], rtol=1e-4, atol=0.1),
+        lambda a, b: np.testing.assert_allclose(
+            a[alike], np.asarray(b)[alike], rtol=1e-4, atol=0.1
+        ),
         ours,
         theirs,
     )
@@ -91,15 +93,16 @@ def replace_size(factor: float) -> Aircraft:
 
 def test_what_stands_stays_and_what_drifts_flies_straight(drawn: Encounter):
     """In the surrogate, from the start for 30 s."""
-    few = map_leaves(lambda field: field[:32], drawn)
-    state = surrogate.reset(map_leaves(jnp.asarray, few))
+    encounters = map_leaves(lambda field: field[:32], drawn)
+    state = surrogate.reset(map_leaves(jnp.asarray, encounters))
     step = jax.jit(
         lambda now: surrogate.step(now, (jnp.zeros(32), jnp.zeros(32)), World(RULES, PAPER))[0]
     )
     for _ in range(30):
         state = step(state)
-    stands = standing(few)
+    stands = standing(encounters)
     moved = np.hypot(
-        state.intruders.vehicle.x - few.intruders.x, state.intruders.vehicle.y - few.intruders.y
+        state.intruders.vehicle.x - encounters.intruders.x,
+        state.intruders.vehicle.y - encounters.intruders.y,
     )
-    np.testing.assert_allclose(moved[stands], 30.0 * few.intruders.speed[stands], atol=0.1)
+    np.testing.assert_allclose(moved[stands], 30.0 * encounters.intruders.speed[stands], atol=0.1)

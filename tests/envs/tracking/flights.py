@@ -50,7 +50,9 @@ def state_of(x: np.ndarray, y: np.ndarray, vx: np.ndarray, vy: np.ndarray) -> Ve
 def take_in(tracks: Tracks, reports: Reports, dt: float) -> Tracks:
     """Return tracks with one more report; what does not follow from its past begins anew."""
     extended, jumps = extend(tracks, reports, np.float64(dt))
-    return map_leaves(lambda anew, kept: np.where(jumps, anew, kept), restart(extended), extended)
+    return map_leaves(
+        lambda anew, continued: np.where(jumps, anew, continued), restart(extended), extended
+    )
 
 
 def track(

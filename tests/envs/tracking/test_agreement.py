@@ -23,17 +23,17 @@ def compare(
     lack: complex = 0.0,
 ) -> list[Agreement]:
     """Return the agreement after each report; the velocities lack something of the true ones, m/s."""
-    said = tuple(map(np.float64, declared))
+    errors_declared = tuple(map(np.float64, declared))
     history: list[Agreement] = []
     for number, state in enumerate(reports):
         vx, vy = velocity(state, np)
         vx, vy = vx - lack.real, vy - lack.imag
         if not history:
-            history.append(begin((vx, vy), said, np))
+            history.append(begin((vx, vy), errors_declared, np))
             continue
         before = reports[number - 1]
         moved = state.x - before.x, state.y - before.y
-        history.append(extend(history[-1], moved, (vx, vy), said, np.float64(dt), np))
+        history.append(extend(history[-1], moved, (vx, vy), errors_declared, np.float64(dt), np))
     return history
 
 
@@ -46,8 +46,8 @@ def noisy(states: States, position_std: float, velocity_std: float) -> States:
 def test_exact_reports_agree_whatever_is_flown(turns: list[float], dt: float) -> None:
     for agreement in compare(fly(turns, rows=3, dt=dt), dt=dt):
         assert not agreement.biased.any()
-        for shown in (agreement.position_std, agreement.velocity_std):
-            np.testing.assert_array_equal(shown, 0.0)
+        for std in (agreement.position_std, agreement.velocity_std):
+            np.testing.assert_array_equal(std, 0.0)
 
 
 @given(
@@ -140,8 +140,8 @@ def test_a_report_that_declares_more_makes_those_before_no_worse(
 
 def test_a_report_that_stands_still_lacks_the_way() -> None:
     states = fly([0.0] * 20, rows=4)
-    still = [state._replace(x=states[0].x, y=states[0].y) for state in states]
-    agreement = compare(still)[-1]
+    standing = [state._replace(x=states[0].x, y=states[0].y) for state in states]
+    agreement = compare(standing)[-1]
     x, y, _ = bias(agreement, np)
     vx, vy = velocity(VehicleState(*states[-1]), np)
     np.testing.assert_allclose(np.hypot(x + vx, y + vy), 0.0, atol=0.1)

@@ -56,10 +56,10 @@ def test_a_turn_is_that_of_the_world(heading: float, speed: float, rate: float, 
     turning = Estimate(start.x, start.y, vx, vy, -rate * vy, rate * vx, NOTHING)
     limits = AGILE._replace(speed_min=0.0, speed_max=400.0)
     flown = advance(start, np.float64(0.0), np.float64(rate), np.float64(dt), limits, np)
-    there = predict(turning, np.float64(rate), NOTHING, np.float64(dt), np)
-    assert math.hypot(there.x - flown.x, there.y - flown.y) < 1e-6 * (1.0 + speed * dt)
-    assert math.hypot(there.vx, there.vy) == pytest.approx(speed, rel=1e-9)
-    assert angle_between(math.atan2(there.vy, there.vx), flown.heading) < 1e-6
+    predicted = predict(turning, np.float64(rate), NOTHING, np.float64(dt), np)
+    assert math.hypot(predicted.x - flown.x, predicted.y - flown.y) < 1e-6 * (1.0 + speed * dt)
+    assert math.hypot(predicted.vx, predicted.vy) == pytest.approx(speed, rel=1e-9)
+    assert angle_between(math.atan2(predicted.vy, predicted.vx), flown.heading) < 1e-6
 
 
 @given(estimates(), rates, st.floats(0.1, 10.0), st.floats(0.1, 10.0))
@@ -73,8 +73,8 @@ def test_two_steps_are_one(estimate: Estimate, rate: float, first: float, second
 @given(st.floats(0.1, 10.0), st.floats(0.1, 10.0))
 def test_noise_of_two_steps_is_that_of_one(first: float, second: float) -> None:
     for noise in (white_acceleration, white_jerk):
-        still = Estimate(*[0.0] * 6, noise(0.3, first))
-        twice = predict(still, 0.0, noise(0.3, second), second, FLOATS)
+        estimate = Estimate(*[0.0] * 6, noise(0.3, first))
+        twice = predict(estimate, 0.0, noise(0.3, second), second, FLOATS)
         np.testing.assert_allclose(twice.covariance, noise(0.3, first + second), rtol=1e-9)
 
 
@@ -85,9 +85,9 @@ def test_noise_of_two_steps_is_that_of_one(first: float, second: float) -> None:
     st.floats(0.1, 1e2),
 )
 def test_a_report_is_taken_in_as_by_matrices(
-    estimate: Estimate, said: tuple[float, float, float, float], position: float, speed: float
+    estimate: Estimate, report: tuple[float, float, float, float], position: float, speed: float
 ) -> None:
-    corrected, unlike, off = correct(estimate, Measurement(*said, position, speed), FLOATS)
+    corrected, unlike, off = correct(estimate, Measurement(*report, position, speed), FLOATS)
     before, selects = matrix(estimate.covariance), np.eye(3)[:2]
     total = selects @ before @ selects.T + np.diag([position, speed])
     gain = before @ selects.T @ np.linalg.inv(total)
@@ -96,7 +96,7 @@ def test_a_report_is_taken_in_as_by_matrices(
     squared = 0.0
     for axis in range(2):
         mean = np.array(estimate[axis:6:2])
-        innovation = np.array(said[axis::2]) - mean[:2]
+        innovation = np.array(report[axis::2]) - mean[:2]
         np.testing.assert_allclose(
             corrected[axis:6:2], mean + gain @ innovation, rtol=1e-6, atol=1e-6
         )
@@ -113,7 +113,10 @@ def test_a_mixture_has_the_moments_of_its_parts(
     shares, parts = (1.0 - share, share), (first, second)
     scatter = np.zeros((3, 3))
     for axis in range(2):
-        mean = sum(part * np.array(one[axis:6:2]) for part, one in zip(shares, parts, strict=True))
+        mean = sum(
+            part * np.array(component[axis:6:2])
+            for part, component in zip(shares, parts, strict=True)
+        )
         np.testing.assert_allclose(mixture[axis:6:2], mean, rtol=1e-9, atol=1e-9)
         for part, estimate in zip(shares, parts, strict=True):
             apart = np.array(estimate[axis:6:2]) - mean
@@ -142,19 +145,19 @@ def consistency(
     prior = np.diag([report[0], report[1], 3.0 if states == 3 else 0.0])
     spread = np.diag(prior) ** 2
     zero = np.zeros(RUNS)
-    known = Covariance(*(zero + value for value in (spread[0], 0, 0, spread[1], 0, spread[2])))
+    initial = Covariance(*(zero + value for value in (spread[0], 0, 0, spread[1], 0, spread[2])))
     true = np.zeros((2, 3, RUNS)) + np.array([[0.0, 80.0, 0.0], [0.0, 0.0, 0.0]])[..., None]
     mean = true + np.einsum("ij,ajn->ain", prior, rng.normal(size=true.shape))
-    estimate = Estimate(*mean.transpose(1, 0, 2).reshape(6, RUNS), known)
+    estimate = Estimate(*mean.transpose(1, 0, 2).reshape(6, RUNS), initial)
     nees, nis = [], []
     for _ in range(steps):
         flown = predict(
-            Estimate(*true.transpose(1, 0, 2).reshape(6, RUNS), known), rate, NOTHING, dt, np
+            Estimate(*true.transpose(1, 0, 2).reshape(6, RUNS), initial), rate, NOTHING, dt, np
         )
         true = np.stack(flown[:6]).reshape(3, 2, RUNS).transpose(1, 0, 2)
         true = true + np.einsum("ij,ajn->ain", root, rng.normal(size=true.shape))
-        said = true[:, :2] + np.array(report)[:, None] * rng.normal(size=(2, 2, RUNS))
-        measured = Measurement(*said.transpose(1, 0, 2).reshape(4, RUNS), *np.square(report))
+        reports = true[:, :2] + np.array(report)[:, None] * rng.normal(size=(2, 2, RUNS))
+        measured = Measurement(*reports.transpose(1, 0, 2).reshape(4, RUNS), *np.square(report))
         estimate, _, off = correct(predict(estimate, rate, noise, dt, np), measured, np)
         nis.append(np.mean(off))
         inverse = np.linalg.inv(matrix(estimate.covariance)[:, :states, :states])

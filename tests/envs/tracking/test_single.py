@@ -25,11 +25,11 @@ def flights(errors: tuple[float, float]) -> list[list[VehicleState[Ground]]]:
     rng, kind, rows = np.random.default_rng(2), np.arange(FLIGHTS) % 3, []
     states = fly(TURN, rows=FLIGHTS)
     for second, state in enumerate(states):
-        said = reported(state, rng, *errors)
-        x = np.where(kind == 2, states[0].x + second % 2, said.x)
-        y = np.where(kind == 2, states[0].y, said.y)
-        speed = np.where(kind == 1, 1.944, 1.0) * said.speed
-        rows.append(np.stack([x + 3_000.0 * (second > 45), y, said.heading, speed]))
+        report = reported(state, rng, *errors)
+        x = np.where(kind == 2, states[0].x + second % 2, report.x)
+        y = np.where(kind == 2, states[0].y, report.y)
+        speed = np.where(kind == 1, 1.944, 1.0) * report.speed
+        rows.append(np.stack([x + 3_000.0 * (second > 45), y, report.heading, speed]))
     return [[VehicleState(*row[:, number].tolist()) for row in rows] for number in range(FLIGHTS)]
 
 
@@ -44,18 +44,18 @@ def numbers(tree: tuple[object, ...]) -> Iterator[object]:
 
 @pytest.mark.parametrize("declared", [(0.0, 0.0), (10.0, 1.0), (30.0, 3.0)])
 @pytest.mark.parametrize("errors", [(0.0, 0.0), (30.0, 3.0)])
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("declares", [True, False])
 def test_compiled_code_believes_what_python_does(
-    errors: tuple[float, float], declared: tuple[float, float], known: bool
+    errors: tuple[float, float], declared: tuple[float, float], declares: bool
 ) -> None:
     assert single.FOLLOW.ready
     jumps = doubts = 0
     for states in flights(errors):
         start = states[0]._replace(x=0.0, y=0.0)
-        tracks: Tracks[Ground] = begin(Reports(start, *declared, known), FLOATS)
+        tracks: Tracks[Ground] = begin(Reports(start, *declared, declares), FLOATS)
         for before, state in pairwise(states):
-            here = state._replace(x=state.x - before.x, y=state.y - before.y)
-            reports = Reports(here, *declared, known)
+            shifted = state._replace(x=state.x - before.x, y=state.y - before.y)
+            reports = Reports(shifted, *declared, declares)
             expected = single.FOLLOW.function(tracks, reports, 1.0)
             followed = single.follow(tracks, reports, 1.0)
             assert isinstance(followed[0], Tracks) and isinstance(followed[1], Belief)

@@ -69,8 +69,8 @@ def run_floats(rows: list[tuple]) -> list[Belief]:
     """Return what is believed after each report of one aircraft, by plain floats."""
     tracks: Tracks | None = None
     beliefs = []
-    for *state, far, fast, known, dt in rows:
-        report = Reports(VehicleState(*state), far, fast, known)
+    for *state, far, fast, declares, dt in rows:
+        report = Reports(VehicleState(*state), far, fast, declares)
         if tracks is None:
             tracks = begin(report, FLOATS)
         else:
@@ -85,8 +85,8 @@ def run_arrays(rows: list[tuple]) -> list[Belief]:
     tracks: Tracks | None = None
     beliefs = []
     for *values, dt in rows:
-        *state, far, fast, known = (np.array([value]) for value in values)
-        report = Reports(VehicleState(*state), far, fast, known)
+        *state, far, fast, declares = (np.array([value]) for value in values)
+        report = Reports(VehicleState(*state), far, fast, declares)
         tracks = begin(report) if tracks is None else take_in(tracks, report, dt)
         beliefs.append(belief(tracks))
     return beliefs
@@ -94,15 +94,15 @@ def run_arrays(rows: list[tuple]) -> list[Belief]:
 
 def assert_equal(believed: Belief, of_arrays: Belief, tolerance: float) -> None:
     """Check that what plain floats make equals what arrays make, in m, m/s and rad/s."""
-    state, others = believed.state, take(of_arrays.state, 0)
+    state, array_state = believed.state, take(of_arrays.state, 0)
     for value, array in zip(
         (state.x, state.y, state.speed, *believed[1:]),
-        (others.x, others.y, others.speed, *of_arrays[1:]),
+        (array_state.x, array_state.y, array_state.speed, *of_arrays[1:]),
         strict=True,
     ):
         assert float(np.ravel(array)[0]) == pytest.approx(float(value), rel=1e-6, abs=tolerance)
     # The arc tangents differ by 4e-8.
-    assert state.speed < 1e-3 or angle_between(state.heading, others.heading) < 1e-6
+    assert state.speed < 1e-3 or angle_between(state.heading, array_state.heading) < 1e-6
 
 
 @given(
@@ -116,12 +116,12 @@ def test_arrays_equal_floats_on_flights(
     rates: list[float],
     errors: tuple[float, float],
     declared: tuple[float, float],
-    known: bool,
+    declares: bool,
     dt: float,
 ) -> None:
     rng = np.random.default_rng(6)
-    said = [reported(state, rng, *errors) for state in fly(rates, dt=dt)]
-    rows = [(*(float(field[0]) for field in state), *declared, known, dt) for state in said]
+    received = [reported(state, rng, *errors) for state in fly(rates, dt=dt)]
+    rows = [(*(float(field[0]) for field in state), *declared, declares, dt) for state in received]
     for believed, of_arrays in zip(run_floats(rows), run_arrays(rows), strict=True):
         assert_equal(believed, of_arrays, 1e-6)
 
@@ -163,11 +163,14 @@ def test_extreme_numbers_and_long_gaps_make_finite_ones(rows: list[tuple]) -> No
 def test_rows_do_not_know_of_each_other() -> None:
     states = fly(TURN, rows=7)
     rng = np.random.default_rng(2)
-    said = [reported(state, rng, *COARSE) for state in states]
+    received = [reported(state, rng, *COARSE) for state in states]
 
     def run(rows: slice) -> Tracks:
         declared = np.linspace(0.0, 30.0, 7)[rows], np.linspace(0.0, 3.0, 7)[rows]
-        parts = [Reports(map_leaves(lambda field: field[rows], one), *declared) for one in said]
+        parts = [
+            Reports(map_leaves(lambda field: field[rows], states_then), *declared)
+            for states_then in received
+        ]
         tracks = begin(parts[0])
         for part in parts[1:]:
             tracks = take_in(tracks, part, 1.0)
@@ -193,12 +196,12 @@ def moved(believed: Belief, angle: float, east: float, north: float) -> Belief:
 
 def assert_same(first: Belief, second: Belief) -> None:
     (vx, vy), (wx, wy) = velocity(first.state, np), velocity(second.state, np)
-    for one, other in zip(
+    for field, expected in zip(
         (first.state.x, first.state.y, vx, vy, *first[1:]),
         (second.state.x, second.state.y, wx, wy, *second[1:]),
         strict=True,
     ):
-        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-5)
+        np.testing.assert_allclose(field, expected, rtol=1e-6, atol=1e-5)
 
 
 @pytest.mark.parametrize("declared", [COARSE, (0.0, 0.0), ADSB])
@@ -217,8 +220,8 @@ def test_what_is_believed_turns_shifts_and_mirrors_with_the_reports(
     states = fly(TURN, rows=20)
     plain = track(states, COARSE, declared)
     changed = track(states, COARSE, declared, change=apply[0])
-    for one, other in zip(plain, changed, strict=True):
-        assert_same(apply[1](one), other)
+    for believed, expected in zip(plain, changed, strict=True):
+        assert_same(apply[1](believed), expected)
 
 
 def test_the_time_of_day_does_not_matter() -> None:
@@ -227,8 +230,8 @@ def test_the_time_of_day_does_not_matter() -> None:
     for began in (0.0, 86_400.0):
         rng, sightings = np.random.default_rng(1), None
         for second, state in enumerate(states):
-            said = Reports(reported(state, rng, *COARSE), *COARSE)
-            sightings = observe(sightings, said, began + second, np.ones(20, bool))
+            received = Reports(reported(state, rng, *COARSE), *COARSE)
+            sightings = observe(sightings, received, began + second, np.ones(20, bool))
         assert sightings is not None
         ends.append(belief(sightings.tracks))
     assert_same(*ends)
@@ -239,8 +242,8 @@ def test_a_map_is_shifted_with_all_that_is_known() -> None:
     tracks = begin(Reports(reported(states[0], rng, *COARSE), *COARSE))
     for state in states[1:]:
         tracks = take_in(tracks, Reports(reported(state, rng, *COARSE), *COARSE), 1.0)
-    there = belief(shift(tracks, np.float64(100.0), np.float64(-50.0)))
-    assert_same(moved(belief(tracks), 0.0, -100.0, 50.0), there)
+    shifted = belief(shift(tracks, np.float64(100.0), np.float64(-50.0)))
+    assert_same(moved(belief(tracks), 0.0, -100.0, 50.0), shifted)
 
 
 # Reports that are right.
@@ -261,8 +264,8 @@ def test_reports_without_errors_that_agree_pass_to_the_bit(
     rates = [rate for rate, steps in legs for _ in range(steps)]
     states = fly(rates, rows=3, dt=dt)
     beliefs = track(states, (0.0, 0.0), (0.0, 0.0), known=known, dt=dt, change=lambda state: state)
-    said = [reported(state, np.random.default_rng(0), 0.0, 0.0) for state in states]
-    for state, believed in zip(said, beliefs, strict=True):
+    received = [reported(state, np.random.default_rng(0), 0.0, 0.0) for state in states]
+    for state, believed in zip(received, beliefs, strict=True):
         for field, value in zip(state, believed.state, strict=True):
             np.testing.assert_array_equal(value, field)
         for value in (believed.position_std, believed.velocity_std):
@@ -281,7 +284,7 @@ def test_reports_without_errors_that_agree_pass_to_the_bit(
 def test_what_reports_do_not_declare_is_no_turn(errors: tuple[float, float], dt: float) -> None:
     states = fly(STRAIGHT, rows=200, dt=dt)
     beliefs = track(states, errors, (0.0, 0.0), known=False, dt=dt)
-    assert np.mean([one.turn_rate != 0.0 for one in beliefs]) < 0.005
+    assert np.mean([estimate.turn_rate != 0.0 for estimate in beliefs]) < 0.005
 
 
 def test_a_bias_that_is_not_significant_is_covered() -> None:
@@ -295,7 +298,7 @@ def test_a_bias_that_is_not_significant_is_covered() -> None:
         beliefs = track(states, ADSB, ADSB, change=change)
         late = [errors_of(*pair) for pair in zip(beliefs, states, strict=True)][20:]
         for covered in ("position_covered", "velocity_covered"):
-            assert np.mean([getattr(one, covered) for one in late]) > 0.98
+            assert np.mean([getattr(error, covered) for error in late]) > 0.98
 
 
 @pytest.mark.parametrize("errors", [COARSE, ADSB])
@@ -303,14 +306,14 @@ def test_right_reports_are_known_better_than_they_are(errors: tuple[float, float
     states = fly(STRAIGHT, rows=1_000)
     beliefs = track(states, errors, errors)
     last = [errors_of(*pair) for pair in zip(beliefs, states, strict=True)][20:]
-    position = math.sqrt(np.mean([np.square(one.position) for one in last]))
-    speed = math.sqrt(np.mean([np.square(one.velocity) for one in last]))
+    position = math.sqrt(np.mean([np.square(error.position) for error in last]))
+    speed = math.sqrt(np.mean([np.square(error.velocity) for error in last]))
     assert position < 0.31 * math.sqrt(2.0) * errors[0]
     assert speed < 0.6 * math.sqrt(2.0) * errors[1]
     if errors == COARSE:
         assert position < 12.5 and speed < 0.95
-    for one in last:
-        assert one.position_covered.mean() > 0.97 and one.velocity_covered.mean() > 0.99
+    for error in last:
+        assert error.position_covered.mean() > 0.97 and error.velocity_covered.mean() > 0.99
 
 
 @pytest.mark.parametrize("errors", [COARSE, ADSB])
@@ -319,11 +322,11 @@ def test_a_turn_misleads_for_seconds_at_most(errors: tuple[float, float]) -> Non
         rates = [0.0] * 20 + [math.radians(rate)] * 30 + [0.0] * 20
         states = fly(rates, rows=500)
         beliefs = track(states, errors, errors)
-        found = [errors_of(*pair) for pair in zip(beliefs, states, strict=True)]
+        all_errors = [errors_of(*pair) for pair in zip(beliefs, states, strict=True)]
         raw = math.sqrt(2.0) * np.array(errors)
-        for one in found:
-            assert math.sqrt(np.mean(one.position**2)) < 1.1 * raw[0]
-            assert math.sqrt(np.mean(one.velocity**2)) < 1.6 * raw[1]
+        for error in all_errors:
+            assert math.sqrt(np.mean(error.position**2)) < 1.1 * raw[0]
+            assert math.sqrt(np.mean(error.velocity**2)) < 1.6 * raw[1]
 
 
 def test_the_rate_of_a_turn_is_known_within_its_sigmas() -> None:
@@ -341,7 +344,7 @@ def test_the_rate_of_a_turn_is_known_within_its_sigmas() -> None:
 def test_straight_flight_rarely_turns() -> None:
     for errors in (COARSE, ADSB):
         beliefs = track(fly(STRAIGHT, rows=1_000), errors, errors)
-        assert np.mean([one.turn_rate != 0.0 for one in beliefs]) < 0.01
+        assert np.mean([estimate.turn_rate != 0.0 for estimate in beliefs]) < 0.01
 
 
 # Consistency of both filters together (Bar-Shalom, Li and Kirubarajan 2001, section 5.4).
@@ -389,13 +392,16 @@ def nees(states: States, errors: tuple[float, float]) -> np.ndarray:
     for state in states:
         report = Reports(reported(state, rng, *errors), *map(np.float64, errors))
         tracks = begin(report) if tracks is None else take_in(tracks, report, 1.0)
-        both = tracker.mix(tracks.straight, tracks.turning, tracks.turns)
-        c, (vx, vy) = both.covariance, velocity(state, np)
+        mixture = tracker.mix(tracks.straight, tracks.turning, tracks.turns)
+        c, (vx, vy) = mixture.covariance, velocity(state, np)
         determinant = c.pp * c.vv - c.pv**2
         values.append(
             sum(
                 (c.vv * p * p - 2.0 * c.pv * p * v + c.pp * v * v) / determinant
-                for p, v in ((both.x - state.x, both.vx - vx), (both.y - state.y, both.vy - vy))
+                for p, v in (
+                    (mixture.x - state.x, mixture.vx - vx),
+                    (mixture.y - state.y, mixture.vy - vy),
+                )
             )
         )
     return np.array(values)
@@ -455,21 +461,21 @@ def test_a_wrong_field_is_found_within_20_s(wrong: str) -> None:
     states = fly(STRAIGHT, rows=1_000)
     beliefs = track(states, ADSB, ADSB, change=WRONG[wrong])
     for second in (20, 30, 40, 50, 60):
-        found = errors_of(beliefs[second], states[second])
+        error = errors_of(beliefs[second], states[second])
         assert np.mean(beliefs[second].bias > 0.0) >= 0.99
         assert not beliefs[second].doubtful.any()
-        assert found.velocity_covered.mean() >= 0.99
-        assert np.mean(found.velocity < 5.0) >= 0.99
-        assert found.position_covered.mean() > 0.95
+        assert error.velocity_covered.mean() >= 0.99
+        assert np.mean(error.velocity < 5.0) >= 0.99
+        assert error.position_covered.mean() > 0.95
 
 
 @pytest.mark.parametrize("wrong", WRONG)
 def test_a_wrong_field_is_covered_in_turns(wrong: str) -> None:
     states = fly([*TURN, *TURN], rows=500)
     beliefs = track(states, ADSB, ADSB, change=WRONG[wrong])
-    found = [errors_of(*pair) for pair in zip(beliefs, states, strict=True)][20:]
-    assert np.mean([one.velocity_covered for one in found]) > 0.95
-    assert np.mean([one.position_covered for one in found]) > 0.9
+    all_errors = [errors_of(*pair) for pair in zip(beliefs, states, strict=True)][20:]
+    assert np.mean([error.velocity_covered for error in all_errors]) > 0.95
+    assert np.mean([error.position_covered for error in all_errors]) > 0.9
 
 
 def test_a_field_that_is_right_again_is_believed_again() -> None:
@@ -491,10 +497,10 @@ def test_noise_that_nobody_declares_is_covered_after_20_s(declared: tuple[float,
     states = fly(STRAIGHT, rows=1_000)
     beliefs = track(states, COARSE, declared)
     for second in (20, 30, 45, 60):
-        found = errors_of(beliefs[second], states[second])
-        assert found.velocity_covered.mean() > 0.98
-        assert found.position_covered.mean() > 0.96
-        assert math.sqrt(np.mean(found.velocity**2)) < 1.5
+        error = errors_of(beliefs[second], states[second])
+        assert error.velocity_covered.mean() > 0.98
+        assert error.position_covered.mean() > 0.96
+        assert math.sqrt(np.mean(error.velocity**2)) < 1.5
 
 
 @given(st.floats(0.0, 100.0), st.floats(0.0, 10.0), st.floats(0.0, 500.0), st.floats(0.0, 10.0))
@@ -528,15 +534,15 @@ def test_a_place_that_jitters_where_its_aircraft_flies_is_doubtful() -> None:
 
 
 def sight(sightings: Sightings | None, state: VehicleState, time: float) -> Sightings:
-    there = np.ones(np.shape(state.x), bool)
-    return observe(sightings, Reports(state, *map(np.float64, ADSB)), time, there)
+    present = np.ones(np.shape(state.x), bool)
+    return observe(sightings, Reports(state, *map(np.float64, ADSB)), time, present)
 
 
 def test_a_position_that_is_held_is_as_old_as_it_is() -> None:
     states, sightings = fly(STRAIGHT, rows=20), None
     for second, state in enumerate(states):
-        held = states[second // 3 * 3]
-        sightings = sight(sightings, state._replace(x=held.x, y=held.y), float(second))
+        old_state = states[second // 3 * 3]
+        sightings = sight(sightings, state._replace(x=old_state.x, y=old_state.y), float(second))
         np.testing.assert_array_equal(sightings.time, second // 3 * 3)
     assert sightings is not None
     assert not (belief(sightings.tracks).bias > 0.0).any()
@@ -563,10 +569,10 @@ def test_an_aircraft_that_is_silent_for_long_is_new() -> None:
 def test_what_is_not_there_stays_as_it_was() -> None:
     states, sightings = fly([0.0] * 20, rows=2), None
     for second, state in enumerate(states):
-        there = np.array([True, second < 10])
+        present = np.array([True, second < 10])
         missing = VehicleState(*[np.full(2, np.nan)] * 4)
-        said = Reports(map_leaves(partial(np.where, there), state, missing), *ADSB)
-        sightings = observe(sightings, said, float(second), there)
+        received = Reports(map_leaves(partial(np.where, present), state, missing), *ADSB)
+        sightings = observe(sightings, received, float(second), present)
     assert sightings is not None
     np.testing.assert_array_equal(sightings.time, [20.0, 9.0])
     np.testing.assert_array_equal(sightings.tracks.newest.state.x[1], states[9].x[1])

@@ -193,11 +193,11 @@ def test_initial_variables_come_as_often_as_the_tables_say(tmp_path: Path) -> No
         table = variable.counts / variable.counts.sum(axis=1, keepdims=True)
         parent = chances[variable.parents[0]] if variable.parents else np.ones(1)
         chances[place] = parent @ table
-        seen = np.bincount(sampled.bins[:, place], minlength=variable.bins)
+        counts = np.bincount(sampled.bins[:, place], minlength=variable.bins)
         # A true sampler fails this once in 10 000 seeds.
         possible = chances[place] > 0
-        assert stats.chisquare(seen[possible], 20_000 * chances[place][possible]).pvalue > 1e-4
-        assert (seen[~possible] == 0).all()
+        assert stats.chisquare(counts[possible], 20_000 * chances[place][possible]).pvalue > 1e-4
+        assert (counts[~possible] == 0).all()
 
 
 def test_a_public_model_s_joint_frequencies() -> None:
@@ -207,11 +207,13 @@ def test_a_public_model_s_joint_frequencies() -> None:
     variable = model.initial[3]
     expected = variable.counts.ravel() / variable.counts.sum() * 20_000
     g, a, layer, speed = sampled.bins[:, :4].T
-    seen = np.bincount((g + 4 * a + 16 * layer) * variable.bins + speed, minlength=expected.size)
+    counts = np.bincount((g + 4 * a + 16 * layer) * variable.bins + speed, minlength=expected.size)
     common = expected >= 5.0
-    rest = [expected[~common].sum()], [seen[~common].sum()]
-    found = stats.chisquare(np.append(seen[common], rest[1]), np.append(expected[common], rest[0]))
-    assert found.pvalue > 1e-4
+    rare = [expected[~common].sum()], [counts[~common].sum()]
+    test_result = stats.chisquare(
+        np.append(counts[common], rare[1]), np.append(expected[common], rare[0])
+    )
+    assert test_result.pvalue > 1e-4
 
 
 def test_transitions_come_as_often_as_the_tables_say(tmp_path: Path) -> None:
@@ -222,10 +224,10 @@ def test_transitions_come_as_often_as_the_tables_say(tmp_path: Path) -> None:
     before, after = turn[:, :-1].ravel(), turn[:, 1:].ravel()
     table = model.transition[2].counts
     for bin_ in (0, 1):
-        seen = np.bincount(after[before == bin_], minlength=3)
-        expected = table[bin_] / table[bin_].sum() * seen.sum()
-        assert stats.chisquare(seen[expected > 0], expected[expected > 0]).pvalue > 1e-4
-        assert (seen[expected == 0] == 0).all()
+        counts = np.bincount(after[before == bin_], minlength=3)
+        expected = table[bin_] / table[bin_].sum() * counts.sum()
+        assert stats.chisquare(counts[expected > 0], expected[expected > 0]).pvalue > 1e-4
+        assert (counts[expected == 0] == 0).all()
     # What was never seen keeps its bin.
     assert (after[before == 2] == 2).all()
 
@@ -282,36 +284,40 @@ def traffic(tmp_path_factory: pytest.TempPathFactory) -> ModelTraffic:
 def test_recordings_have_a_row_a_time_step_of_the_aircraft(traffic: ModelTraffic) -> None:
     usual, _ = encounters_with(traffic, 7, 0, 10)
     halved, _ = encounters_with(replace(traffic, aircraft=PAPER._replace(dt=0.5)), 7, 0, 10)
-    for one, other in zip(usual.intent, halved.intent, strict=True):
-        assert other.shape[-1] == 2 * DURATION + 1
-        np.testing.assert_allclose(np.cos(other[..., ::2]), np.cos(one), atol=1e-5)
+    for usual_field, halved_field in zip(usual.intent, halved.intent, strict=True):
+        assert halved_field.shape[-1] == 2 * DURATION + 1
+        np.testing.assert_allclose(np.cos(halved_field[..., ::2]), np.cos(usual_field), atol=1e-5)
     assert off_arcs(halved.intent, halved.mask, 0.5).max() < 0.75
 
 
 def test_encounters_follow_from_seed_and_number_alone(traffic: ModelTraffic) -> None:
-    whole, weights = encounters_with(traffic, 7, 0, 40)
-    part, some = encounters_with(traffic, 7, 25, 6)
-    np.testing.assert_array_equal(weights[25:31], some)
+    encounters, weights = encounters_with(traffic, 7, 0, 40)
+    part, part_weights = encounters_with(traffic, 7, 25, 6)
+    np.testing.assert_array_equal(weights[25:31], part_weights)
     for a, b in zip(
-        (*whole.own, *recording_of(whole)), (*part.own, *recording_of(part)), strict=True
+        (*encounters.own, *recording_of(encounters)), (*part.own, *recording_of(part)), strict=True
     ):
         np.testing.assert_array_equal(a[25:31], b)
-    other, _ = encounters_with(traffic, 8, 25, 6)
-    assert not np.array_equal(other.own.speed, part.own.speed)
+    of_other_seed, _ = encounters_with(traffic, 8, 25, 6)
+    assert not np.array_equal(of_other_seed.own.speed, part.own.speed)
 
 
 def test_every_encounter_meets_its_conditions(traffic: ModelTraffic) -> None:
-    found, weights = encounters_with(traffic, 2, 0, 300)
+    encounters, weights = encounters_with(traffic, 2, 0, 300)
     assert (weights > 0.0).all()
-    recording = recording_of(found)
-    assert off_arcs(recording, found.mask, 1.0).max() < 0.75
-    start = np.hypot(recording.x[:, 0, 0] - found.own.x, recording.y[:, 0, 0] - found.own.y)
+    recording = recording_of(encounters)
+    assert off_arcs(recording, encounters.mask, 1.0).max() < 0.75
+    start = np.hypot(
+        recording.x[:, 0, 0] - encounters.own.x, recording.y[:, 0, 0] - encounters.own.y
+    )
     assert start.min() >= 1_000.0
     # Without a resolver, on a fine grid: the closest approach is below the miss distance and inside the window.
     times = np.arange(0, 221)
     gap = np.hypot(
-        recording.x[:, 0, :221] - (found.own.speed * np.cos(found.own.heading))[:, None] * times,
-        recording.y[:, 0, :221] - (found.own.speed * np.sin(found.own.heading))[:, None] * times,
+        recording.x[:, 0, :221]
+        - (encounters.own.speed * np.cos(encounters.own.heading))[:, None] * times,
+        recording.y[:, 0, :221]
+        - (encounters.own.speed * np.sin(encounters.own.heading))[:, None] * times,
     )
     closest = gap.argmin(axis=1)
     assert (gap.min(axis=1) <= 1_000.0 + 150.0).all()
@@ -321,18 +327,18 @@ def test_every_encounter_meets_its_conditions(traffic: ModelTraffic) -> None:
     assert stats.kstest((closest - 30.0) / 150.0, "uniform").statistic < 0.12
 
 
-def recording_of(found: Any) -> Any:
+def recording_of(encounters: Any) -> Any:
     """Return the intruders' recording, which stands in the place of an intent."""
-    return found.intent
+    return encounters.intent
 
 
 def straight(speed_kt: float) -> EncounterModel:
     """Return a model of traffic that flies straight and level at one speed, nearly."""
-    one, zero = np.ones((1, 1)), np.array([-0.1, 0.1])
+    certain, zero = np.ones((1, 1)), np.array([-0.1, 0.1])
     names = ("v", r"\dot v", r"\dot \psi", LAYER)
-    initial = tuple(Variable(name, 1, (), one) for name in names)
+    initial = tuple(Variable(name, 1, (), certain) for name in names)
     edges = (np.array([speed_kt, speed_kt + 1e-6]), zero, zero, np.array([1_000.0, 2_000.0]))
-    moving = tuple(Variable(name, 1, (), one) for name in names[1:3])
+    moving = tuple(Variable(name, 1, (), certain) for name in names[1:3])
     return EncounterModel(initial, moving, (1, 2), edges, np.zeros(4))
 
 
@@ -340,8 +346,8 @@ def test_weights_make_the_traffic_even() -> None:
     """Against the definition: intruders thrown evenly over the plane, and kept where they meet the conditions."""
     knots, seed, size = 120.0, 11, 1_500
     traffic = family(straight(knots), own_speed=(60.0, 60.0), cpa_time=(60.0, 120.0))
-    found, weights = encounters_with(traffic, seed, 0, size)
-    relative = _relative_course(found.own.heading, found.intruders.heading[:, 0])
+    encounters, weights = encounters_with(traffic, seed, 0, size)
+    relative = _relative_course(encounters.own.heading, encounters.intruders.heading[:, 0])
 
     rng = np.random.default_rng(seed)
     speed, count = knots * KNOT, 400_000
@@ -366,10 +372,10 @@ def test_strata_come_as_often_as_asked_and_weights_undo_them() -> None:
     strata = Stratum(200.0, 30.0, shares[0]), Stratum(600.0, 30.0, shares[1])
     drawn_so = {"vertical_miss": 90.0, "min_initial_separation": 0.0, "strata": strata}
     traffic = family(straight(120.0), own_speed=(60.0, 60.0), **drawn_so)
-    found, weights = encounters_with(traffic, 5, 0, size)
-    other, _ = encounters_with(traffic, 5, 700, 3)
-    map_leaves(np.testing.assert_array_equal, take(found, np.s_[700:703]), other)
-    miss, above = closest_approach(found)
+    encounters, weights = encounters_with(traffic, 5, 0, size)
+    later_part, _ = encounters_with(traffic, 5, 700, 3)
+    map_leaves(np.testing.assert_array_equal, take(encounters, np.s_[700:703]), later_part)
+    miss, above = closest_approach(encounters)
     inner = [(miss <= s.miss) & (above <= s.vertical_miss) for s in strata]
     outer = inner[1] & ~inner[0]
     for drawn, share in zip((inner[0], outer), shares, strict=True):
@@ -384,12 +390,12 @@ def test_strata_come_as_often_as_asked_and_weights_undo_them() -> None:
     assert inner[0].mean() > 3.0 * even[0, 0]
 
 
-def closest_approach(found: Any) -> tuple[np.ndarray, np.ndarray]:
+def closest_approach(encounters: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return the horizontal and the vertical distance at the closest approach without a resolver,
     m, ``[N]``, from rows a second apart.
     """
-    own, times = found.own, np.arange(200)
-    x, y = (recording_of(found)[place][:, 0, :200] for place in (0, 1))
+    own, times = encounters.own, np.arange(200)
+    x, y = (recording_of(encounters)[place][:, 0, :200] for place in (0, 1))
     x = x - (own.x[:, None] + (own.speed * np.cos(own.heading))[:, None] * times)
     y = y - (own.y[:, None] + (own.speed * np.sin(own.heading))[:, None] * times)
     near = np.hypot(x, y).argmin(axis=1)
@@ -397,25 +403,25 @@ def closest_approach(found: Any) -> tuple[np.ndarray, np.ndarray]:
     # On the chord through the row before and the row after.
     dx, dy = (np.gradient(field, axis=1)[rows, near] for field in (x, y))
     miss = np.abs(x[rows, near] * dy - y[rows, near] * dx) / np.hypot(dx, dy)
-    above = found.altitudes.intruders[rows, 0, near] - found.altitudes.own
+    above = encounters.altitudes.intruders[rows, 0, near] - encounters.altitudes.own
     return miss, np.abs(above)
 
 
-def _relative_course(own: np.ndarray, other: np.ndarray) -> np.ndarray:
-    return np.abs(np.angle(np.exp(1j * (other - own))))
+def _relative_course(own: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    return np.abs(np.angle(np.exp(1j * (heading - own))))
 
 
 def test_the_weight_is_the_area_that_the_closest_approach_sweeps(traffic: ModelTraffic) -> None:
     """By differences: shifting an intruder by a small vector moves time and miss of its closest approach."""
-    found, weights = encounters_with(traffic, 3, 0, 14)
-    recording = VehicleState(*(field[:, 0] for field in recording_of(found)))
+    encounters, weights = encounters_with(traffic, 3, 0, 14)
+    recording = VehicleState(*(field[:, 0] for field in recording_of(encounters)))
 
     def approach(dx: float, dy: float) -> tuple[np.ndarray, np.ndarray]:
         times = np.linspace(25.0, 185.0, 40_001)
         moments, misses = [], []
         for i in range(14):
-            row, speed = np.minimum(times.astype(int), DURATION - 1), found.own.speed[i]
-            part, heading = times - row, found.own.heading[i]
+            row, speed = np.minimum(times.astype(int), DURATION - 1), encounters.own.speed[i]
+            part, heading = times - row, encounters.own.heading[i]
             turn = np.angle(
                 np.exp(1j * (recording.heading[i][row + 1] - recording.heading[i][row]))
             )
@@ -445,17 +451,19 @@ def test_the_weight_is_the_area_that_the_closest_approach_sweeps(traffic: ModelT
 
 
 def test_a_recording_is_flown_row_by_row_and_straight_on_after_it(traffic: ModelTraffic) -> None:
-    found, _ = encounters_with(traffic, 2, 0, 3)
-    flying = intruder.start(found.intruders, np)
+    encounters, _ = encounters_with(traffic, 2, 0, 3)
+    flying = intruder.start(encounters.intruders, np)
     for second in range(DURATION + 10):
-        flying = intruder.step(flying, found.intent, second * 1.0, 1.0, np)
+        flying = intruder.step(flying, encounters.intent, second * 1.0, 1.0, np)
         if second + 1 <= DURATION:
-            np.testing.assert_array_equal(flying.vehicle.x, recording_of(found).x[..., second + 1])
+            np.testing.assert_array_equal(
+                flying.vehicle.x, recording_of(encounters).x[..., second + 1]
+            )
     travelled = np.hypot(
-        flying.vehicle.x - recording_of(found).x[..., -1],
-        flying.vehicle.y - recording_of(found).y[..., -1],
+        flying.vehicle.x - recording_of(encounters).x[..., -1],
+        flying.vehicle.y - recording_of(encounters).y[..., -1],
     )
-    np.testing.assert_allclose(travelled, 10.0 * recording_of(found).speed[..., -1])
+    np.testing.assert_allclose(travelled, 10.0 * recording_of(encounters).speed[..., -1])
 
 
 def test_conditions_that_are_never_met_are_refused(traffic: ModelTraffic) -> None:

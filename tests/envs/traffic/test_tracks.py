@@ -41,19 +41,21 @@ def test_a_turn_between_rows_far_apart_is_flown_as_a_turn() -> None:
 
 
 def test_rows_stay_as_they_are() -> None:
-    given = turn(20.0)
-    same = at_times(given, given.time)
+    flown = turn(20.0)
+    interpolated = at_times(flown, flown.time)
     for name in ("x", "y", "vx", "vy"):
-        assert (getattr(same, name) == getattr(given, name)).all()
+        assert (getattr(interpolated, name) == getattr(flown, name)).all()
     only = track(np.array([5.0]), np.array([3.0 + 4.0j]), np.array([1.0 + 0.0j]))
     assert at_times(only, np.array([5.0, 5.0])).x.tolist() == [3.0, 3.0]
 
 
 def test_a_track_that_begins_between_rows_flies_the_same_curve() -> None:
-    given, times = turn(20.0), np.arange(33.0, 60.0)
-    later = at_times(given, np.concatenate([[33.0], given.time[given.time > 33.0]]))
-    for one, other in zip(at_times(given, times)[2:8], at_times(later, times)[2:8], strict=True):
-        assert one == pytest.approx(other, abs=1e-6)
+    flown, times = turn(20.0), np.arange(33.0, 60.0)
+    later = at_times(flown, np.concatenate([[33.0], flown.time[flown.time > 33.0]]))
+    for field, later_field in zip(
+        at_times(flown, times)[2:8], at_times(later, times)[2:8], strict=True
+    ):
+        assert field == pytest.approx(later_field, abs=1e-6)
 
 
 def test_what_nothing_could_fly_changes_along_straight_lines() -> None:
