@@ -220,7 +220,7 @@ print(json.dumps({"free": free, "drift": float(np.mean(drift)), "wrong": float(w
 
 
 def run(program: str, folder: Path) -> dict:
-    done = subprocess.run(
+    process = subprocess.run(
         [
             PYTHON,
             "-c",
@@ -233,8 +233,8 @@ def run(program: str, folder: Path) -> dict:
         check=False,
         env=os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"},
     )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
+    assert process.returncode == 0, process.stderr
+    return json.loads(process.stdout.splitlines()[-1])
 
 
 def from_lake(path: list[list[float]], lake: list[float]) -> float:
@@ -243,9 +243,9 @@ def from_lake(path: list[list[float]], lake: list[float]) -> float:
 
 
 def test_aircraft_in_bluesky_keep_the_separation_by_the_policy(tmp_path: Path):
-    found = run(PLUGIN, tmp_path)
-    assert found["OFF"]["least"] < 1.0
-    flown = found["RLCAS"]
+    results = run(PLUGIN, tmp_path)
+    assert results["OFF"]["least"] < 1.0
+    flown = results["RLCAS"]
     assert flown["least"] >= 5.0
     assert flown["climb"] == 0.0
     assert flown["turned_below"] < 1.0, "an aircraft 9000 ft below is in no conflict"
@@ -253,41 +253,41 @@ def test_aircraft_in_bluesky_keep_the_separation_by_the_policy(tmp_path: Path):
         "past the conflict the aircraft flies its course again"
     )
     assert not [text for text in flown["said"] if text.startswith("RLCAS")]
-    assert found["off_for_all"]["least"] < 1.0, "RESOOFF holds"
+    assert results["off_for_all"]["least"] < 1.0, "RESOOFF holds"
 
     assert flown["planned"] == 0
-    by_plan = found["plans"]
+    by_plan = results["plans"]
     assert by_plan["planned"] >= 2
     assert by_plan["least"] >= 5.0
     assert abs(by_plan["course"] - 90.0) < 5.0
 
-    amid, lake = found["areas"], found["areas"]["lake"]
+    amid, lake = results["areas"], results["areas"]["lake"]
     assert from_lake(by_plan["path"], lake) < 0.1, "without the command plans take no account"
     assert from_lake(amid["path"], lake) >= 4.0
     assert amid["least"] >= 5.0
     assert not [text for text in amid["said"] if text.startswith("RLCAS:")]
-    says = [text for text in found["wide area"]["said"] if text.startswith("RLCAS:")]
+    says = [text for text in results["wide area"]["said"] if text.startswith("RLCAS:")]
     assert len(says) == 1
     assert "has 1 of its 2 points where areas or their clearances forbid flight" in says[0]
 
     for method in ("policy in wind", "plans in wind"):
-        flown = found[method]
+        flown = results[method]
         assert flown["blown"] > 40.0
         assert flown["least"] >= 5.0, method
         assert abs(flown["course"] - 90.0) < 5.0
         assert abs(flown["course"] - flown["track"]) > 5.0, "the wind carries it"
-    assert found["plans in wind"]["planned"] >= 2
+    assert results["plans in wind"]["planned"] >= 2
 
-    unknown = [text for text in found["unknown"]["said"] if text.startswith("RLCAS")]
+    unknown = [text for text in results["unknown"]["said"] if text.startswith("RLCAS")]
     assert len(unknown) == 1
     assert "XQ99" in unknown[0]
     assert "B744" in unknown[0]
 
-    outside = [text for text in found["outside"]["said"] if text.startswith("RLCAS")]
+    outside = [text for text in results["outside"]["said"] if text.startswith("RLCAS")]
     assert len(outside) == 1, "what is not flown is said once"
     assert "outside_domain" in outside[0], "for a zone of 1 NM an A320 is too sluggish"
-    assert found["outside"]["resolving"] == 0
-    assert found["allowed"]["resolving"] == 2
+    assert results["outside"]["resolving"] == 0
+    assert results["allowed"]["resolving"] == 2
 
 
 def both_lost(rows: list[list[float]]) -> list[list[float]]:
@@ -296,23 +296,23 @@ def both_lost(rows: list[list[float]]) -> list[list[float]]:
 
 
 def test_aircraft_in_bluesky_climb_and_descend_out_of_a_conflict(tmp_path: Path):
-    found = run(CLIMBS, tmp_path)
+    results = run(CLIMBS, tmp_path)
     for name in ("both", "levels", "climber"):
-        rows = found[name]["rows"]
+        rows = results[name]["rows"]
         assert not both_lost(rows), name
-        assert not [text for text in found[name]["said"] if text.startswith("RLCAS:")]
+        assert not [text for text in results[name]["said"] if text.startswith("RLCAS:")]
         # They come back to their altitudes and courses.
         assert abs(rows[-1][1] - 30_000.0) < 1.0
-        assert found[name]["course"] == pytest.approx([90.0, 270.0], abs=1.0)
-    both = found["both"]["rows"]
-    assert max(abs(row[3]) + abs(row[4]) for row in both) < 0.1, "they stay on their routes"
-    assert min(row[0] for row in both) < 0.1
-    assert 1_000.0 < max(abs(row[1] - row[2]) for row in both) < 5_000.0
-    assert max(row[1] for row in both) > 30_300.0, "of two the first one climbs"
-    assert max(row[1] for row in found["levels"]["rows"]) <= 30_200.0, "not above the ceiling"
-    assert abs(found["climber"]["rows"][-1][2] - 33_000.0) < 1.0, "it does not avoid anybody"
+        assert results[name]["course"] == pytest.approx([90.0, 270.0], abs=1.0)
+    rows_of_both = results["both"]["rows"]
+    assert max(abs(row[3]) + abs(row[4]) for row in rows_of_both) < 0.1, "they stay on their routes"
+    assert min(row[0] for row in rows_of_both) < 0.1
+    assert 1_000.0 < max(abs(row[1] - row[2]) for row in rows_of_both) < 5_000.0
+    assert max(row[1] for row in rows_of_both) > 30_300.0, "of two the first one climbs"
+    assert max(row[1] for row in results["levels"]["rows"]) <= 30_200.0, "not above the ceiling"
+    assert abs(results["climber"]["rows"][-1][2] - 33_000.0) < 1.0, "it does not avoid anybody"
 
-    by_line = {line: (text, state) for line, text, state in found["switches"]}
+    by_line = {line: (text, state) for line, text, state in results["switches"]}
     assert by_line["RLCASMANEUVERS"] == ("RLCASMANEUVERS is BOTH", "BOTH")
     text, state = by_line["RLCASMANEUVERS UP"]
     assert "expected HORIZONTAL, VERTICAL, BOTH" in text and state == "BOTH"
@@ -322,17 +322,17 @@ def test_aircraft_in_bluesky_climb_and_descend_out_of_a_conflict(tmp_path: Path)
 
 
 def test_the_pilot_flies_the_environment_of_bluesky_gym(tmp_path: Path):
-    found = run(GYM, tmp_path)
-    assert found["wrong"] < 0.02, "what is read from an observation is the state of the simulator"
-    assert sum(found["free"]) >= 3
-    assert found["drift"] < 0.36, "less than in the environment's authors' log of their DDPG, rad"
+    results = run(GYM, tmp_path)
+    assert results["wrong"] < 0.02, "what is read from an observation is the state of the simulator"
+    assert sum(results["free"]) >= 3
+    assert results["drift"] < 0.36, "less than in the environment's authors' log of their DDPG, rad"
 
 
 def test_rotorcraft_and_switches_in_bluesky(tmp_path: Path):
-    found = run(ROTORCRAFT, tmp_path)
+    results = run(ROTORCRAFT, tmp_path)
     separation = 1.05 * 1852.0
     for kind, fastest in (("EC35", 71.95), ("M600", 18.0)):
-        refused, allowed = found[kind]
+        refused, allowed = results[kind]
         reasons = [text for text in refused["said"] if "flies on without" in text]
         assert reasons and f"({kind})" in reasons[0]
         assert "outside_domain: " in reasons[0], "the reason is the family, not limits of 0 m/s"
@@ -341,7 +341,7 @@ def test_rotorcraft_and_switches_in_bluesky(tmp_path: Path):
         assert allowed["fastest"] <= fastest + 0.01 and allowed["slowest"] >= 0.0
 
     by_line = [
-        (line, texts[0] if texts else "", *state) for line, texts, *state in found["switches"]
+        (line, texts[0] if texts else "", *state) for line, texts, *state in results["switches"]
     ]
     assert by_line == [
         ("RLCASPLAN", by_line[0][1], False, "refuse"),
@@ -359,10 +359,10 @@ def test_rotorcraft_and_switches_in_bluesky(tmp_path: Path):
     assert "RLCASOUTSIDE is OFF" in by_line[7][1]
     assert "RLCASPLAN is" not in by_line[4][1], "a wrong word is refused"
 
-    said, states = zip(*found["areas"], strict=True)
+    echoed, states = zip(*results["areas"], strict=True)
     assert states == (False, True, True, True, False, False)
-    assert "RLCASAREAS is OFF" in said[0] and "RLCASAREAS is ON" in said[2]
-    assert "RLCASAREAS is" not in said[3], "a wrong word is refused"
+    assert "RLCASAREAS is OFF" in echoed[0] and "RLCASAREAS is ON" in echoed[2]
+    assert "RLCASAREAS is" not in echoed[3], "a wrong word is refused"
 
 
 def test_the_window_s_scenario_is_the_encounter_of_the_headless_one():
@@ -370,9 +370,9 @@ def test_the_window_s_scenario_is_the_encounter_of_the_headless_one():
         lines = (ROOT / "eval" / "bluesky" / name).read_text(encoding="utf-8").splitlines()
         return [line for line in lines if line.startswith("00:00:00.00>")][:7]
 
-    both = encounter("head_on.scn"), encounter("head_on_headless.scn")
-    assert both[0] == both[1]
-    assert sum(">CRE " in line for line in both[0]) == 3
+    scenarios = encounter("head_on.scn"), encounter("head_on_headless.scn")
+    assert scenarios[0] == scenarios[1]
+    assert sum(">CRE " in line for line in scenarios[0]) == 3
 
 
 def test_the_page_s_scenario_flies_in_a_new_home(tmp_path: Path):
@@ -380,7 +380,7 @@ def test_the_page_s_scenario_flies_in_a_new_home(tmp_path: Path):
     page = (ROOT / "docs" / "howto" / "bluesky.md").read_text(encoding="utf-8")
     block = page.split("```sh\n")[1].split("```")[0]
     commands = "\n".join(line for line in block.splitlines() if "make bluesky" not in line)
-    done = subprocess.run(
+    process = subprocess.run(
         ["bash", "-ec", commands],
         cwd=ROOT,
         capture_output=True,
@@ -389,7 +389,7 @@ def test_the_page_s_scenario_flies_in_a_new_home(tmp_path: Path):
         check=False,
         env=os.environ | {"HOME": str(tmp_path), "PYTHONPATH": str(ROOT)},
     )
-    assert done.returncode == 0, done.stderr
+    assert process.returncode == 0, process.stderr
     (log,) = (tmp_path / "bluesky" / "output").glob("PLACES_*.log")
     rows = [line.split(",") for line in log.read_text().splitlines() if not line.startswith("#")]
     names = {row[1].strip() for row in rows}

@@ -32,8 +32,8 @@ def test_a_shape_over_the_antimeridian_is_in_one_piece(
     assert abs(x.mean()) == pytest.approx(away * 111_195.0, abs=12_000.0)
 
 
-@pytest.mark.parametrize(("own", "there"), [(179.99, -179.99), (-179.99, 179.99), (8.0, 8.02)])
-def test_a_circle_is_beside_the_ownship(own: float, there: float) -> None:
-    area = area_of(shape("CIRCLE", 0.0, there, 1.0), 0.0, own)
+@pytest.mark.parametrize(("own", "centre"), [(179.99, -179.99), (-179.99, 179.99), (8.0, 8.02)])
+def test_a_circle_is_beside_the_ownship(own: float, centre: float) -> None:
+    area = area_of(shape("CIRCLE", 0.0, centre, 1.0), 0.0, own)
     assert isinstance(area.shape, Circle)
     assert abs(area.shape.x) == pytest.approx(0.02 * 111_195.0, rel=1e-2)

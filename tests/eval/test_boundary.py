@@ -198,29 +198,29 @@ def test_an_interrupted_check_goes_on_from_its_slices(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     whole, out = tmp_path / "whole", tmp_path / "out"
-    asked = ["--slice", "100", "0", "45", "--slice", "60", "0", "0", "--spacing", "500"]
-    asked += ["--grid", "coarse"]
-    assert boundary.main([*asked, "--out", str(whole)]) == 0
+    arguments = ["--slice", "100", "0", "45", "--slice", "60", "0", "0", "--spacing", "500"]
+    arguments += ["--grid", "coarse"]
+    assert boundary.main([*arguments, "--out", str(whole)]) == 0
     judged: list[float] = []
 
-    def stop_at_the_second(cut: Slice, *given: Any) -> Answers:
+    def stop_at_the_second(cut: Slice, *rest_of_arguments: Any) -> Answers:
         if len(judged) == 1:
             raise KeyboardInterrupt
         judged.append(cut.own_speed)
-        return judge(cut, *given)
+        return judge(cut, *rest_of_arguments)
 
     monkeypatch.setattr(boundary, "judge", stop_at_the_second)
     with pytest.raises(KeyboardInterrupt):
-        boundary.main([*asked, "--out", str(out)])
+        boundary.main([*arguments, "--out", str(out)])
     assert f"Go on with: python -m eval.boundary --resume --out {out}" in capsys.readouterr().err
     judged.append(0.0)  # nothing stops it now
     assert boundary.main(["--resume", "--out", str(out)]) == 0
     assert judged == [100.0, 0.0, 60.0]
     for name in ("boundary.svg", "boundary.png", "config.yaml"):
         assert (out / name).read_bytes() == (whole / name).read_bytes()
-    written = [json.loads((one / "boundary.json").read_text("utf-8")) for one in (out, whole)]
-    for one in written:
-        del one["wall_s"]
+    written = [json.loads((item / "boundary.json").read_text("utf-8")) for item in (out, whole)]
+    for item in written:
+        del item["wall_s"]
     assert written[0] == written[1]
     assert {path.name for path in out.iterdir()} == {path.name for path in whole.iterdir()}
 

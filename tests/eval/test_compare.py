@@ -62,7 +62,7 @@ def make(
     policy_path: Path | None, name: str, baselines: tuple[str, ...] = ("none", "mvp")
 ) -> Comparison:
     entries = policy_entries(policy_path, "ours", PAPER)
-    entries += tuple(baseline_entry(each, PAPER) for each in baselines)
+    entries += tuple(baseline_entry(baseline, PAPER) for baseline in baselines)
     return Comparison(entries, Evaluation(policy_path, scenario(name, PAPER), None, 4, PAPER))
 
 
@@ -77,9 +77,9 @@ SMALL = ("--set", "resamples=100", "--workers", "1")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["circle", "noisy"])
 def test_a_policy_flies_here_as_in_the_evaluation(policy_path: Path, name: str) -> None:
-    made = make(policy_path, name, ("none",))
-    ours = comparison.columns(made, 10, 60)
-    theirs = chunks.columns(ReadyEvaluation.load(made.evaluation), 10, 60)
+    compared = make(policy_path, name, ("none",))
+    ours = comparison.columns(compared, 10, 60)
+    theirs = chunks.columns(ReadyEvaluation.load(compared.evaluation), 10, 60)
     np.testing.assert_array_equal(ours["ours.outcome"], theirs["outcome"])
     reached = theirs["outcome"] == "reached"
     assert 0 < reached.sum() < 60
@@ -100,10 +100,10 @@ def test_a_policy_flies_here_as_in_the_evaluation(policy_path: Path, name: str) 
 
 @pytest.mark.slow
 def test_a_row_does_not_depend_on_its_company() -> None:
-    made = make(None, "multi", tuple(BASELINES))
-    few = scenario("multi", PAPER, intruders=(2, 3), radius=(3_000.0, 4_000.0))
-    made = made._replace(evaluation=made.evaluation._replace(source=few))
-    together, apart = comparison.columns(made, 0, 6), comparison.columns(made, 3, 2)
+    compared = make(None, "multi", tuple(BASELINES))
+    source = scenario("multi", PAPER, intruders=(2, 3), radius=(3_000.0, 4_000.0))
+    compared = compared._replace(evaluation=compared.evaluation._replace(source=source))
+    together, apart = comparison.columns(compared, 0, 6), comparison.columns(compared, 3, 2)
     for name, values in apart.items():
         np.testing.assert_array_equal(values, together[name][3:5], err_msg=name)
 
@@ -130,8 +130,8 @@ def test_replayed_intruders_fly_their_recording() -> None:
     starts = encounters_of_seed(scenario("maneuvering", PAPER), 2, 0, 6)
     plain, paths = fly_recorded(starts, simulate.Unmitigated(PAPER), PAPER)
     # What was flown, flown again as a recording, up to where an encounter ended.
-    known = [np.where(np.isnan(field), 0.0, field) for field in paths.intruders]
-    recording = KnownFlight(*(np.moveaxis(field, 0, -1) for field in known))
+    fields = [np.where(np.isnan(field), 0.0, field) for field in paths.intruders]
+    recording = KnownFlight(*(np.moveaxis(field, 0, -1) for field in fields))
     replayed: Any = recording
     again = simulate.fly(starts._replace(intent=replayed), simulate.Unmitigated(PAPER), PAPER)
     for field in simulate.Flights._fields:
@@ -194,21 +194,21 @@ def test_the_command_and_its_files(
 def test_an_interrupted_comparison_goes_on_from_its_chunks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    asked = ["--baseline", "mvp", "--encounters", "30", "--workers", "1"]
-    asked += ["--set", "resamples=100", "--set", "chunk=10"]
+    arguments = ["--baseline", "mvp", "--encounters", "30", "--workers", "1"]
+    arguments += ["--set", "resamples=100", "--set", "chunk=10"]
     whole, out = tmp_path / "whole", tmp_path / "out"
-    assert compare.main([*asked, "--out", str(whole)]) == 0
+    assert compare.main([*arguments, "--out", str(whole)]) == 0
     flown: list[int] = []
 
-    def stop_in_the_second(made: Comparison, first: int, count: int) -> dict[str, np.ndarray]:
+    def stop_in_the_second(compared: Comparison, first: int, count: int) -> dict[str, np.ndarray]:
         if first == 10:
             signal.raise_signal(signal.SIGINT)
         flown.append(first)
-        return comparison.columns(made, first, count)
+        return comparison.columns(compared, first, count)
 
     command = compare._COMMAND._replace(columns=stop_in_the_second)
     monkeypatch.setattr(compare, "_COMMAND", command)
-    assert compare.main([*asked, "--out", str(out)]) == 130
+    assert compare.main([*arguments, "--out", str(out)]) == 130
     assert f"Go on with: python -m eval.compare --resume --out {out}" in capfd.readouterr().err
     with pytest.raises(ConfigError, match="--resume: seed is 1, expected 0"):
         compare.main(["--resume", "--seed", "1", "--out", str(out)])
@@ -227,11 +227,11 @@ def test_an_interrupted_comparison_goes_on_from_its_chunks(
 
 @pytest.mark.slow
 def test_a_comparison_does_not_depend_on_its_workers(tmp_path: Path) -> None:
-    asked = ["--mode", "plan", "--baseline", "rules", "--encounters", "12"]
-    asked += ["--set", "resamples=100", "--set", "chunk=5"]
+    arguments = ["--mode", "plan", "--baseline", "rules", "--encounters", "12"]
+    arguments += ["--set", "resamples=100", "--set", "chunk=5"]
     for workers in ("1", "2"):
         out = str(tmp_path / workers)
-        assert compare.main([*asked, "--workers", workers, "--out", out]) == 0
+        assert compare.main([*arguments, "--workers", workers, "--out", out]) == 0
     for name in ("encounters.parquet", "compare.svg"):
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
 
@@ -311,14 +311,14 @@ def test_what_only_wider_limits_solve_is_resolvable_for_them_alone() -> None:
 
 
 def test_a_request_without_any_trajectory_is_a_time_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    def hopeless(*given: Any, **more: Any) -> Any:
-        plans = made(*given, **more)
+    def hopeless(*arguments: Any, **more: Any) -> Any:
+        plans = plan_really(*arguments, **more)
         candidates = plans.candidates._replace(
             last=np.full_like(plans.candidates.last, -1), findings=Findings.empty(len(plans.source))
         )
         return plans._replace(candidates=candidates)
 
-    made = recorded_flights.plan_at_start
+    plan_really = recorded_flights.plan_at_start
     monkeypatch.setattr(recorded_flights, "plan_at_start", hopeless)
     entries = policy_entries(None, "ours", PAPER, modes("plan"))
     evaluation = Evaluation(None, scenario("circle", PAPER), None, 4, PAPER)
@@ -352,8 +352,8 @@ def test_numbers_of_a_scenario_can_be_changed(tmp_path: Path) -> None:
 def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = recorded_path("lincoln_lab/encounters.json")
     out = tmp_path / "run"
-    asked = ["--scenario", f"tracks:{path}", *SMALL]
-    compare.main([*asked, "--baseline", "mvp_speed", "--out", str(out)])
+    arguments = ["--scenario", f"tracks:{path}", *SMALL]
+    compare.main([*arguments, "--baseline", "mvp_speed", "--out", str(out)])
     summary = json.loads((out / "summary.json").read_text())
     assert summary["encounters"] + len(summary["left_out"]) == 50
     assert summary["entries"][0]["resolvable_rate"]["total"] == summary["encounters"]
@@ -362,9 +362,9 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert rates["none"] < 0.5
     assert rates["mvp_speed"] > 0.8
     assert "left out: 7: the ownship begins with" in capsys.readouterr().err
-    few = tmp_path / "few"
-    compare.main([*asked, "--baseline", "none", "--encounters", "3", "--out", str(few)])
-    assert json.loads((few / "summary.json").read_text())["encounters"] == 3
+    three_run = tmp_path / "few"
+    compare.main([*arguments, "--baseline", "none", "--encounters", "3", "--out", str(three_run)])
+    assert json.loads((three_run / "summary.json").read_text())["encounters"] == 3
 
 
 @pytest.mark.parametrize(
@@ -450,11 +450,20 @@ def test_policies_have_names_unlike_each_other_and_baselines() -> None:
 def test_the_aircraft_is_the_policies_and_one(tmp_path: Path, policy_path: Path) -> None:
     slower = policy_file.read(policy_path)
     limits = {**slower.metadata["limits"], "speed_max": 90.0}
-    other = tmp_path / "other.safetensors"
-    policy_file.write(other, replace(slower, metadata={**slower.metadata, "limits": limits}))
+    slower_policy = tmp_path / "other.safetensors"
+    policy_file.write(
+        slower_policy, replace(slower, metadata={**slower.metadata, "limits": limits})
+    )
     with pytest.raises(ConfigError, match=r"--policy: .*other\.safetensors"):
         compare.main(
-            ["--policy", str(policy_path), "--policy", str(other), "--out", str(tmp_path / "run")]
+            [
+                "--policy",
+                str(policy_path),
+                "--policy",
+                str(slower_policy),
+                "--out",
+                str(tmp_path / "run"),
+            ]
         )
 
 
@@ -501,21 +510,21 @@ def comparison_of(source: Any, *names: str, search: WitnessSearch = FEW) -> Comp
 @pytest.mark.slow
 def test_what_is_flown_is_the_witness(starts: Encounter, best: Escapes, flown: Any) -> None:
     flights, paths = flown
-    known = np.flatnonzero(np.isfinite(best.arrival))
-    assert known.size >= 7
-    for row in known:
+    resolved = np.flatnonzero(np.isfinite(best.arrival))
+    assert resolved.size >= 7
+    for row in resolved:
         alone = replay(take(starts, row), take(best.manoeuvre, row), QUICK.rules(), SURROGATE)
         end = len(alone.time)
-        for here, there in zip(paths.own, alone.own, strict=True):
-            np.testing.assert_array_equal(here[:end, row], there)
-            assert np.isnan(here[end:, row]).all()
+        for field, field_alone in zip(paths.own, alone.own, strict=True):
+            np.testing.assert_array_equal(field[:end, row], field_alone)
+            assert np.isnan(field[end:, row]).all()
         np.testing.assert_array_equal(paths.separation[: end - 1, row], alone.separation)
-    assert (flights.outcome[known] == OUTCOMES.index("reached")).all()
-    np.testing.assert_array_equal(flights.duration[known], best.arrival[known])
-    np.testing.assert_array_equal(flights.min_separation[known], best.separation[known])
-    assert flights.min_separation[known].min() >= QUICK.separation
+    assert (flights.outcome[resolved] == OUTCOMES.index("reached")).all()
+    np.testing.assert_array_equal(flights.duration[resolved], best.arrival[resolved])
+    np.testing.assert_array_equal(flights.min_separation[resolved], best.separation[resolved])
+    assert flights.min_separation[resolved].min() >= QUICK.separation
     # The whole last step counts for a flight, for a witness what lies before the goal's circle.
-    beyond = flights.path_length[known] - best.path[known]
+    beyond = flights.path_length[resolved] - best.path[resolved]
     assert (beyond >= -1e-6).all()
     assert (beyond <= SURROGATE.speed_max).all()
 
@@ -526,14 +535,14 @@ def test_without_a_witness_the_flight_is_that_of_none(
     lost = np.flatnonzero(np.isnan(best.arrival))
     assert {1, 5} <= set(lost)
     none = baseline_entry(REFERENCE, QUICK).resolver
-    straight, seen = fly_recorded(take(starts, lost), none, QUICK, endless=True)
+    straight, straight_paths = fly_recorded(take(starts, lost), none, QUICK, endless=True)
     flights, paths = flown
     for field, ours, theirs in zip(flights._fields, flights, straight, strict=True):
         np.testing.assert_array_equal(ours[lost], theirs, err_msg=field)
     np.testing.assert_array_equal(
-        paths.intruders.x[: len(seen.intruders.x), lost], seen.intruders.x
+        paths.intruders.x[: len(straight_paths.intruders.x), lost], straight_paths.intruders.x
     )
-    assert np.isnan(paths.own.x[len(seen.own.x) :, lost]).all()
+    assert np.isnan(paths.own.x[len(straight_paths.own.x) :, lost]).all()
 
 
 def test_a_batch_without_any_witness_flies_too(starts: Encounter, flown: Any) -> None:
@@ -543,20 +552,20 @@ def test_a_batch_without_any_witness_flies_too(starts: Encounter, flown: Any) ->
 
 
 def test_a_witness_row_does_not_depend_on_its_company() -> None:
-    made = comparison_of(
+    compared = comparison_of(
         scenario("multi", PAPER, intruders=(2, 3), radius=(3_000.0, 4_000.0)), REFERENCE
     )
-    together, apart = comparison.columns(made, 0, 6), comparison.columns(made, 4, 1)
+    together, apart = comparison.columns(compared, 0, 6), comparison.columns(compared, 4, 1)
     for name, values in apart.items():
         np.testing.assert_array_equal(values, together[name][4:5], err_msg=name)
 
 
 def test_the_witness_hears_no_noise() -> None:
     loud = scenario("noisy", PAPER, **SHORT)
-    still = scenario("noisy", PAPER, **SHORT, position_std=0.0, velocity_std=0.0)
+    noiseless = scenario("noisy", PAPER, **SHORT, position_std=0.0, velocity_std=0.0)
     table, quiet = (
         comparison.columns(comparison_of(source, "mvp", REFERENCE), 0, 5)
-        for source in (loud, still)
+        for source in (loud, noiseless)
     )
     assert (table["mvp.path_excess"] != quiet["mvp.path_excess"]).any()
     for name in (name for name in table if name.startswith("witness.")):
@@ -609,9 +618,14 @@ def test_the_command_says_how_much_longer_than_the_witness(
     assert rows["witness"]["path_excess_over_witness_mean"] is None
     columns = pq.read_table(tmp_path / "run" / "encounters.parquet").to_pydict()
     table = {name: np.array(values) for name, values in columns.items()}
-    both = (table["mvp_speed.outcome"] == "reached") & (table["witness.outcome"] == "reached")
-    assert both.sum() > 5
-    longer = table["mvp_speed.path_excess"][both] - table["witness.path_excess"][both]
+    reached_by_both = (table["mvp_speed.outcome"] == "reached") & (
+        table["witness.outcome"] == "reached"
+    )
+    assert reached_by_both.sum() > 5
+    longer = (
+        table["mvp_speed.path_excess"][reached_by_both]
+        - table["witness.path_excess"][reached_by_both]
+    )
     recounted = rows["mvp_speed"]["path_excess_over_witness_mean"]
     assert recounted["value"] == pytest.approx(longer.mean())
     assert recounted["low"] <= recounted["value"] <= recounted["high"]

@@ -40,23 +40,23 @@ def own(tmp_path: Path) -> Path:
 
 
 def test_there_and_back_by_lincoln_s_form(own: Path, tmp_path: Path) -> None:
-    there, back = tmp_path / "there.json", tmp_path / "back.csv"
-    assert convert.main([str(own), str(there), "--altitude-ft", "5000", "--lossy"]) == 0
-    assert convert.main([str(there), str(back), "--lossy"]) == 0
+    lincoln, back = tmp_path / "there.json", tmp_path / "back.csv"
+    assert convert.main([str(own), str(lincoln), "--altitude-ft", "5000", "--lossy"]) == 0
+    assert convert.main([str(lincoln), str(back), "--lossy"]) == 0
     (before, _), (after, names) = encounter_file.read(own), encounter_file.read(back)
     assert names == ["0", "1", "2"]
-    for one, other in zip(
+    for track, track_back in zip(
         (*before.own, *before.intruders), (*after.own, *after.intruders), strict=True
     ):
-        np.testing.assert_allclose(other, one, atol=1e-6)
+        np.testing.assert_allclose(track_back, track, atol=1e-6)
 
 
 @pytest.mark.parametrize("end", [".daa", ".xyz"])
 def test_there_and_back_by_daidalus_form(own: Path, tmp_path: Path, end: str) -> None:
-    there, back = tmp_path / f"there{end}", tmp_path / "back.csv"
-    one = ["--encounter", "1", "--altitude-ft", "5000", "--lossy"]
-    assert convert.main([str(own), str(there), *one]) == 0
-    assert convert.main([str(there), str(back), "--lossy"]) == 0
+    daidalus, back = tmp_path / f"there{end}", tmp_path / "back.csv"
+    arguments = ["--encounter", "1", "--altitude-ft", "5000", "--lossy"]
+    assert convert.main([str(own), str(daidalus), *arguments]) == 0
+    assert convert.main([str(daidalus), str(back), "--lossy"]) == 0
     (before, _), (after, _) = encounter_file.read(own), encounter_file.read(back)
     for first, second in zip(
         (*before.own, *before.intruders), (*after.own, *after.intruders), strict=True
@@ -74,9 +74,9 @@ def test_a_turn_becomes_events_and_rows(tmp_path: Path) -> None:
         )
         == 0
     )
-    found = read_lincoln(tmp_path / "turning.json")
-    for i, each in enumerate(found):
-        turned = np.abs(each.events[1][:, 2]).max()
+    encounters = read_lincoln(tmp_path / "turning.json")
+    for i, encounter in enumerate(encounters):
+        turned = np.abs(encounter.events[1][:, 2]).max()
         change = turning.intent.heading_change[i, 0]
         begins = turning.intent.onset[i, 0] < 295.0
         assert (turned > 0.0) == (abs(change) > 0.0 and begins)
@@ -88,18 +88,18 @@ def test_a_turn_becomes_events_and_rows(tmp_path: Path) -> None:
 def test_recorded_encounters_keep_their_tracks(tmp_path: Path) -> None:
     source = recorded_path("lincoln_lab/encounters.json")
     assert convert.main([str(source), str(tmp_path / "again.json")]) == 0
-    one, again = read_lincoln(source)[1], read_lincoln(tmp_path / "again.json")[1]
-    assert (again.number, again.weight) == (one.number, one.weight)
-    for first, second in zip(tracks_of(one), tracks_of(again), strict=True):
+    encounter, again = read_lincoln(source)[1], read_lincoln(tmp_path / "again.json")[1]
+    assert (again.number, again.weight) == (encounter.number, encounter.weight)
+    for first, second in zip(tracks_of(encounter), tracks_of(again), strict=True):
         assert np.hypot(first.x - second.x, first.y - second.y).max() < 1.0
-    name = str(one.number)
+    name = str(encounter.number)
     assert (
         convert.main([str(source), str(tmp_path / "one.xyz"), "--encounter", name, "--lossy"]) == 0
     )
-    own, other = read_daidalus(tmp_path / "one.xyz").tracks
-    known = tracks_of(one)[1]
-    np.testing.assert_allclose(other.x, known.x[::10], atol=1e-9)
-    np.testing.assert_allclose(other.altitude, known.altitude[::10], atol=1e-9)
+    own, intruder = read_daidalus(tmp_path / "one.xyz").tracks
+    recorded = tracks_of(encounter)[1]
+    np.testing.assert_allclose(intruder.x, recorded.x[::10], atol=1e-9)
+    np.testing.assert_allclose(intruder.altitude, recorded.altitude[::10], atol=1e-9)
     assert own.name == "ownship"
 
 
@@ -169,8 +169,8 @@ def test_several_intruders_do_not_fit_into_a_pair(tmp_path: Path) -> None:
         convert.main(
             [str(tmp_path / "multi.csv"), str(tmp_path / "a.json"), "--lossy", "--altitude-ft", "1"]
         )
-    one = ["--encounter", "0", "--lossy", "--altitude-ft", "1"]
-    assert convert.main([str(tmp_path / "multi.csv"), str(tmp_path / "a.xyz"), *one]) == 0
+    arguments = ["--encounter", "0", "--lossy", "--altitude-ft", "1"]
+    assert convert.main([str(tmp_path / "multi.csv"), str(tmp_path / "a.xyz"), *arguments]) == 0
     assert len(read_daidalus(tmp_path / "a.xyz").tracks) >= 3
 
 
@@ -205,7 +205,7 @@ def test_what_is_written_can_be_read(tmp_path: Path, flown, form: str) -> None:
     """From our form by any other to Lincoln Laboratory's and to DAIDALUS', the tracks stay the
     same.
     """
-    own, other, turns = flown
+    own, intruder, turns = flown
     for old in tmp_path.iterdir():
         old.unlink()
     paths = [
@@ -215,9 +215,9 @@ def test_what_is_written_can_be_read(tmp_path: Path, flown, form: str) -> None:
         tmp_path / "three.xyz",
     ]
     encounter_file.write(
-        paths[0], build([((*own, 0.0, 0.0), (0.0, 0.0, 0.0), [(*other, *turns)])]), ["0"]
+        paths[0], build([((*own, 0.0, 0.0), (0.0, 0.0, 0.0), [(*intruder, *turns)])]), ["0"]
     )
-    known = []
+    places = []
     for source, target in pairwise(paths):
         assert (
             convert.main(
@@ -227,13 +227,13 @@ def test_what_is_written_can_be_read(tmp_path: Path, flown, form: str) -> None:
         )
         if target.suffix == ".json":
             # A row each tenth of a second.
-            known.append(
+            places.append(
                 [(track.x[::10], track.y[::10]) for track in tracks_of(read_lincoln(target)[0])]
             )
         elif target.suffix != ".csv":
-            known.append([(track.x, track.y) for track in read_daidalus(target).tracks])
-    for again in known[1:]:
-        np.testing.assert_allclose(again, known[0], atol=3.0)
+            places.append([(track.x, track.y) for track in read_daidalus(target).tracks])
+    for again in places[1:]:
+        np.testing.assert_allclose(again, places[0], atol=3.0)
 
 
 def test_an_intruder_at_rest_is_written_and_read(tmp_path: Path) -> None:
@@ -260,17 +260,17 @@ def test_an_intruder_at_rest_is_written_and_read(tmp_path: Path) -> None:
 
 def test_what_the_reader_would_refuse_is_not_written(tmp_path: Path) -> None:
     fast = [450.0, 60.0]
-    one = {
+    encounter = {
         "id": 1,
         "n_ft": [0.0, 900.0],
         "e_ft": [0.0, 9_000.0],
         "h_ft": [0.0, 0.0],
         "heading_rad": [0.0, 1.0],
-        "v_ftps": [each / 0.3048 for each in fast],
+        "v_ftps": [speed / 0.3048 for speed in fast],
         "runTime_s": 20.0,
         "events_time_s_vrate_fps_turn_radps_accel_ftpss": [[], []],
     }
-    (tmp_path / "fast.json").write_text(json.dumps([one]))
+    (tmp_path / "fast.json").write_text(json.dumps([encounter]))
     with pytest.raises(
         EncounterError, match=r"a\.csv, as it would be: .*column own_speed_m_s: '450"
     ):
@@ -312,8 +312,8 @@ def test_every_key_has_its_row() -> None:
     text = "".join(*tables().values()) + (DOCS / "configuration.md").read_text(encoding="utf-8")
     names = [
         key.name.replace("planner.vehicle.", "aircraft.")
-        for each in (MonteCarloConfig, HifiConfig)
-        for key in keys(each)
+        for model in (MonteCarloConfig, HifiConfig)
+        for key in keys(model)
     ]
     assert not [name for name in names if f"\n| `{name}` | " not in text]
 

@@ -28,7 +28,7 @@ def test_aircraft_follow_from_their_numbers_and_fill_the_family(seed: int) -> No
     aircraft = [draw_aircraft(seed, number) for number in range(200)]
     assert aircraft[11] == draw_aircraft(seed, 11)
     assert aircraft[:20] != [draw_aircraft(seed + 1, number) for number in range(20)]
-    unlike = np.array([ratios(one.limits(), one.separation_m) for one in aircraft])
+    unlike = np.array([ratios(drawn.limits(), drawn.separation_m) for drawn in aircraft])
     for values, name in zip(np.abs(unlike.T), Ratios._fields, strict=True):
         low, high = FAMILY[name]
         assert values.min() >= 0.999 * low
@@ -89,7 +89,7 @@ def test_aircraft_of_the_same_ratios_fly_the_same_flights(
 
 def test_a_family_is_judged_and_its_aircraft_can_be_flown_again(tmp_path: Path) -> None:
     out = tmp_path / "family"
-    how = [
+    arguments = [
         "--count",
         "2",
         "--encounters",
@@ -101,14 +101,14 @@ def test_a_family_is_judged_and_its_aircraft_can_be_flown_again(tmp_path: Path) 
         "--workers",
         "1",
     ]
-    assert family.main([*how, "--allow-outside-domain", "--out", str(out)]) == 0
-    found = json.loads((out / "family.json").read_text(encoding="utf-8"))
-    rates = [row["success_rate"] for row in found["rows"]]
-    assert found["success_rate"]["count"] == sum(rate["count"] for rate in rates)
-    assert found["success_rate"]["mean"] == pytest.approx(
+    assert family.main([*arguments, "--allow-outside-domain", "--out", str(out)]) == 0
+    results = json.loads((out / "family.json").read_text(encoding="utf-8"))
+    rates = [row["success_rate"] for row in results["rows"]]
+    assert results["success_rate"]["count"] == sum(rate["count"] for rate in rates)
+    assert results["success_rate"]["mean"] == pytest.approx(
         np.mean([rate["value"] for rate in rates])
     )
-    assert found["success_rate"]["worst"]["value"] == min(rate["value"] for rate in rates)
+    assert results["success_rate"]["worst"]["value"] == min(rate["value"] for rate in rates)
     path = out / "aircraft_01.yaml"
     assert load(AircraftConfig, path) == draw_aircraft(4, 1)
     fast = draw_aircraft(4, 1).speed_max_mps
@@ -132,9 +132,9 @@ def test_a_family_is_judged_and_its_aircraft_can_be_flown_again(tmp_path: Path) 
 
 
 def read_family(folder: Path) -> dict[str, Any]:
-    found = json.loads((folder / "family.json").read_text(encoding="utf-8"))
-    del found["out"]
-    return found
+    results = json.loads((folder / "family.json").read_text(encoding="utf-8"))
+    del results["out"]
+    return results
 
 
 @pytest.mark.slow
@@ -142,8 +142,8 @@ def test_the_configuration_of_a_family_repeats_it_and_an_interrupted_one_goes_on
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, again = tmp_path / "family", tmp_path / "again"
-    how = ["--count", "2", "--encounters", "8", "--intruders", "1", "2", "--workers", "1"]
-    how += ["--confidence", "0.9", "--turning", "--allow-outside-domain"]
+    arguments = ["--count", "2", "--encounters", "8", "--intruders", "1", "2", "--workers", "1"]
+    arguments += ["--confidence", "0.9", "--turning", "--allow-outside-domain"]
     evaluate = family.evaluate
 
     def fly_the_first(keys: Any, folder: Path, **more: Any) -> Any:
@@ -152,7 +152,7 @@ def test_the_configuration_of_a_family_repeats_it_and_an_interrupted_one_goes_on
         return evaluate(keys, folder, **more)
 
     monkeypatch.setattr(family, "evaluate", fly_the_first)
-    assert family.main([*how, "--out", str(out)]) == 130
+    assert family.main([*arguments, "--out", str(out)]) == 130
     assert f"Go on with: python -m eval.family --resume --out {out}" in capsys.readouterr().err
     monkeypatch.undo()
     stamp = (out / "aircraft_00" / "encounters.parquet").stat().st_mtime_ns

@@ -55,28 +55,28 @@ class EvenHanded:
         self, own: VehicleState, intruders: VehicleState, mask: Any, goal_x: Any, goal_y: Any
     ) -> np.ndarray:
         x, y = intruders.x[:, 0] - own.x, intruders.y[:, 0] - own.y
-        left = y * np.cos(own.heading) - x * np.sin(own.heading)
+        to_the_left = y * np.cos(own.heading) - x * np.sin(own.heading)
         far = np.minimum(np.hypot(x, y) / 10_000.0, 2.0) - 1.0
-        return np.stack([far, np.clip(self.bias - 1e-4 * left, -1.0, 1.0)], axis=-1)
+        return np.stack([far, np.clip(self.bias - 1e-4 * to_the_left, -1.0, 1.0)], axis=-1)
 
 
 POLICY: Any = EvenHanded()
 
 
 def test_a_map_is_what_the_policy_commands_at_each_place():
-    asked = []
+    queries = []
 
     class Spy(EvenHanded):
         def command(
             self, own: Any, intruders: Any, mask: Any, goal_x: Any, goal_y: Any
         ) -> np.ndarray:
-            asked.append((own, intruders, goal_x, goal_y))
+            queries.append((own, intruders, goal_x, goal_y))
             return super().command(own, intruders, mask, goal_x, goal_y)
 
     spy: Any = Spy()
     advisory = advise(spy, SCENE, 6_000.0, 5, PAPER)
     assert advisory.place == pytest.approx([-4_800.0, -2_400.0, 0.0, 2_400.0, 4_800.0])
-    ((own, intruders, goal_x, goal_y),) = asked
+    ((own, intruders, goal_x, goal_y),) = queries
     ahead_left = 4 * 5 + 1  # row 4: 4800 m ahead, column 1: 2400 m to the left
     assert (own.speed[ahead_left], intruders.speed[ahead_left, 0]) == (75.0, 90.0)
     assert (intruders.x[ahead_left, 0], intruders.y[ahead_left, 0]) == pytest.approx(
@@ -111,13 +111,13 @@ def test_chatter_by_hand():
     throttle = np.array([[0.5, 0.0], [0.5, 0.4], [0.5, nan]])
     action = np.stack([throttle, steering], axis=-1)
     ended: Any = SimpleNamespace(reversals=np.array([1, 0]), outcome=np.array([1, 0]))
-    found = scores(action, ended, PAPER)
+    chatter = scores(action, ended, PAPER)
     # Changes of 3, 6 and 0 deg/s; of 0, 0 and 0.2 m/s^2.
-    assert found["yaw_rate_change_deg_s_per_s"] == pytest.approx(3.0)
-    assert found["acceleration_change_m_s2_per_s"] == pytest.approx(0.2 / 3.0)
-    assert found["mean_yaw_rate_deg_s"] == pytest.approx(3.0 * 4.0 / 5.0)
-    assert found["reversals_per_flight"]["mean"] == 0.5
-    assert (found["flights"], found["violation"], found["reached"], found["timeout"]) == (
+    assert chatter["yaw_rate_change_deg_s_per_s"] == pytest.approx(3.0)
+    assert chatter["acceleration_change_m_s2_per_s"] == pytest.approx(0.2 / 3.0)
+    assert chatter["mean_yaw_rate_deg_s"] == pytest.approx(3.0 * 4.0 / 5.0)
+    assert chatter["reversals_per_flight"]["mean"] == 0.5
+    assert (chatter["flights"], chatter["violation"], chatter["reached"], chatter["timeout"]) == (
         2,
         1,
         1,
@@ -140,17 +140,17 @@ def test_a_run_writes_its_files_and_repeats_itself(
     first, again = tmp_path / "one", tmp_path / "two"
     assert policy_map.main([*arguments, "--goal-distance", "3000", "--out", str(first)]) == 0
     assert policy_map.main(["--config", str(first / "config.yaml"), "--out", str(again)]) == 0
-    said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith("chatter, 4 circle flights: yaw rate")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("chatter, 4 circle flights: yaw rate")
     names = {path.name for path in (tmp_path / "one").iterdir()}
     assert names == {"config.yaml", "policy_map.json", "policy_map.png", "policy_map.svg"}
     for name in names:
         assert (first / name).read_bytes() == (again / name).read_bytes()
-    found = json.loads((first / "policy_map.json").read_text(encoding="utf-8"))
-    assert found["policy_sha256"] == policy.sha256
-    assert found["relative_headings_deg"] == [-90.0, 20.0]
-    assert found["settings"]["cells"] == 31
-    assert found["chatter"]["flights"] == 4
+    written = json.loads((first / "policy_map.json").read_text(encoding="utf-8"))
+    assert written["policy_sha256"] == policy.sha256
+    assert written["relative_headings_deg"] == [-90.0, 20.0]
+    assert written["settings"]["cells"] == 31
+    assert written["chatter"]["flights"] == 4
 
 
 @pytest.mark.parametrize(
@@ -232,12 +232,12 @@ def test_every_failure_is_in_one_group(count: int, seed: int) -> None:
 
 
 @given(st.integers(1, 200), st.integers(0, 2**32 - 1), st.integers(0, 30))
-def test_cases_are_different_failures_of_the_groups(count: int, seed: int, wanted: int) -> None:
+def test_cases_are_different_failures_of_the_groups(count: int, seed: int, most: int) -> None:
     table = tables(count, seed)
-    chosen = representatives(group_failures(table, 1_000.0), wanted)
-    assert len(set(chosen)) == len(chosen) <= wanted
+    chosen = representatives(group_failures(table, 1_000.0), most)
+    assert len(set(chosen)) == len(chosen) <= most
     assert failures(table)[chosen].all()
-    if wanted and failures(table).any():
+    if most and failures(table).any():
         assert chosen
 
 
@@ -261,15 +261,15 @@ def test_a_run_s_failures_are_listed_and_drawn(
         )
         == 0
     )
-    found = json.loads((out / "failures.json").read_text())
+    written = json.loads((out / "failures.json").read_text())
     summary = json.loads((report_run / "summary.json").read_text())
     resolved, resolvable = (summary["success_given_resolvable"][key] for key in ("count", "total"))
-    assert found["encounters"] == COUNT
-    assert found["failures"] == resolvable - resolved > 0
+    assert written["encounters"] == COUNT
+    assert written["failures"] == resolvable - resolved > 0
     with (out / "failures.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == found["failures"]
-    assert {int(row["encounter"]) for row in rows} >= set(found["cases"])
+    assert len(rows) == written["failures"]
+    assert {int(row["encounter"]) for row in rows} >= set(written["cases"])
     assert (out / "failures.png").stat().st_size > 10_000
     repeated = tmp_path / "repeated"
     assert main(["--config", str(out / "config.yaml"), "--out", str(repeated)]) == 0
@@ -290,17 +290,17 @@ def test_a_run_s_failures_are_listed_and_drawn(
         == 0
     )
     counts = json.loads((again / "summary.json").read_text())["counts"]
-    assert (counts["success"], counts["violation"] + counts["timeout"]) == (0, found["failures"])
+    assert (counts["success"], counts["violation"] + counts["timeout"]) == (0, written["failures"])
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "problem"),
     [(["--cases", "500"], "--cases: '500'"), (["--cases", "-1"], "--cases: '-1'")],
 )
 def test_bad_input_is_a_sentence(
-    arguments: list[str], said: str, report_run: Path, tmp_path: Path
+    arguments: list[str], problem: str, report_run: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError, match=problem):
         main(["--run", str(report_run), "--out", str(tmp_path / "x"), *arguments])
 
 
@@ -350,7 +350,7 @@ def move_scenes(shifts: np.ndarray, half: np.ndarray = ERROR) -> Scenes:
 def shifts(count: int) -> list[np.ndarray]:
     random = np.random.default_rng(5)
     drawn = random.uniform(-1.0, 1.0, (count, len(scenes().pace), 4))
-    return [np.sign(each) if number % 2 else each for number, each in enumerate(drawn)]
+    return [np.sign(shift) if number % 2 else shift for number, shift in enumerate(drawn)]
 
 
 @pytest.mark.parametrize("part", [1.0, 0.2])
@@ -359,21 +359,23 @@ def test_bounds_hold_for_what_the_policy_commands_in_the_box(part: float):
     inputs, sign = box_of(policy(), scenes(), half)
     turn, _ = turns_of(layers(policy()), inputs)
     low, high = turn.ends
-    known = np.isfinite(
+    is_bounded = np.isfinite(
         turn.width
     )  # of a relative speed near 0 nothing is known until the box is cut
-    assert known.mean() > 0.8
-    for each in shifts(20):
-        inner, other = box_of(policy(), move_scenes(each, half), 0.0 * half)
-        same = (sign == other) & known
-        to_line = each * np.stack([np.ones_like(sign), sign, np.ones_like(sign), sign], axis=-1)
+    assert is_bounded.mean() > 0.8
+    for shift in shifts(20):
+        inner, sign_there = box_of(policy(), move_scenes(shift, half), 0.0 * half)
+        comparable = (sign == sign_there) & is_bounded
+        to_line = shift * np.stack([np.ones_like(sign), sign, np.ones_like(sign), sign], axis=-1)
         line = inputs.middle + (inputs.slopes * to_line[:, None]).sum(-1)
-        assert (np.abs(inner.middle - line) <= inputs.remainder + inner.width + 1e-9)[same].all()
-        command = sign * answers(policy(), move_scenes(each, half))
+        assert (np.abs(inner.middle - line) <= inputs.remainder + inner.width + 1e-9)[
+            comparable
+        ].all()
+        command = sign * answers(policy(), move_scenes(shift, half))
         assert (
             (np.clip(low, -1.0, 1.0) - 1e-6 <= command)
             & (command <= np.clip(high, -1.0, 1.0) + 1e-6)
-        )[same].all()
+        )[comparable].all()
 
 
 def test_a_box_of_no_size_has_the_bounds_of_the_command():
@@ -414,16 +416,16 @@ def test_an_intruder_dead_ahead_is_a_known_counterexample(side: float):
 
 def test_what_is_verified_has_no_counterexample_and_the_mirror_image_is_verified_too():
     side = -np.sign(answers(policy(), scenes()))
-    found = decide(policy(), scenes(), ERROR, side, **SEARCH)
-    assert 0 < np.sum(found == VERIFIED) < len(found)
-    for each in shifts(100):
-        assert (side * answers(policy(), move_scenes(each)) <= SEARCH["allowed"])[
-            found == VERIFIED
+    verdicts = decide(policy(), scenes(), ERROR, side, **SEARCH)
+    assert 0 < np.sum(verdicts == VERIFIED) < len(verdicts)
+    for shift in shifts(100):
+        assert (side * answers(policy(), move_scenes(shift)) <= SEARCH["allowed"])[
+            verdicts == VERIFIED
         ].all()
     pace, goal, state = scenes()
     image = Scenes(pace, goal * [1.0, -1.0], state * [1.0, -1.0, 1.0, -1.0])
     assert np.array_equal(
-        decide(policy(), image, ERROR, -side, **SEARCH) == VERIFIED, found == VERIFIED
+        decide(policy(), image, ERROR, -side, **SEARCH) == VERIFIED, verdicts == VERIFIED
     )
     assert np.array_equal(local.passing_side(image), -local.passing_side(scenes()))
 
@@ -448,10 +450,12 @@ def test_the_network_part_in_onnx_decides_as_the_policy():
     runtime = pytest.importorskip("onnxruntime")
     from agents.learning.onnx import network_part
 
-    made = network_part(Policy.load())
-    assert {node.op_type for node in made.graph.node} == {"Gemm", "Tanh", "Add"}
+    onnx_model = network_part(Policy.load())
+    assert {node.op_type for node in onnx_model.graph.node} == {"Gemm", "Tanh", "Add"}
     inputs, sign = box_of(policy(), scenes(), 0.0 * ERROR)
-    session = runtime.InferenceSession(made.SerializeToString(), providers=["CPUExecutionProvider"])
+    session = runtime.InferenceSession(
+        onnx_model.SerializeToString(), providers=["CPUExecutionProvider"]
+    )
     turn = session.run(None, {"inputs": inputs.middle.astype(np.float32)})[0][:, 1]
     np.testing.assert_allclose(
         sign * np.clip(turn, -1.0, 1.0), answers(policy(), scenes()), atol=0.02
@@ -465,11 +469,11 @@ def test_the_command_writes_the_map_and_boxes_for_other_verifiers(
     options = "--boxes 2 --depth 1 --course 135 180 --vnnlib 1 --out"
     arguments = [*options.split(), str(tmp_path / "out")]
     assert local.main(arguments) == 0
-    found = json.loads((tmp_path / "out/local.json").read_text())
-    assert found["policy_sha256"] == policy().sha256
-    assert len(found["cells"]) == 5
+    written = json.loads((tmp_path / "out/local.json").read_text())
+    assert written["policy_sha256"] == policy().sha256
+    assert len(written["cells"]) == 5
     for name in local.QUESTIONS:
-        assert sum(found[name][verdict]["count"] for verdict in local.ANSWERS) == 2
+        assert sum(written[name][verdict]["count"] for verdict in local.ANSWERS) == 2
     assert "side: " in capsys.readouterr().out
     box = (tmp_path / "out/box_000.vnnlib").read_text()
     assert (box.count("declare-const X_"), box.count("assert")) == (53, 107)

@@ -57,8 +57,8 @@ class Miss:
 
     def miss(self, uniform: np.ndarray) -> np.ndarray:
         encounter, supported = sample(CIRCLE, uniform[None], np)
-        found = straight_cpa(column(encounter.own), encounter.intruders, np).distance[:, 0]
-        return np.where(supported, found, np.nan)
+        distance = straight_cpa(column(encounter.own), encounter.intruders, np).distance[:, 0]
+        return np.where(supported, distance, np.nan)
 
 
 class Flat:
@@ -74,7 +74,8 @@ def estimates(
     problem, threshold: float, repetitions: int, particles: int = 400, moves: int = 4, seed: int = 0
 ):
     rngs = [
-        np.random.default_rng(one) for one in np.random.SeedSequence(seed).spawn(repetitions + 1)
+        np.random.default_rng(sequence)
+        for sequence in np.random.SeedSequence(seed).spawn(repetitions + 1)
     ]
     plan = pilot(problem, threshold, particles, moves, 0.2, rngs[0])
     return plan, [repetition(problem, plan, particles, moves, rng) for rng in rngs[1:]]
@@ -82,27 +83,27 @@ def estimates(
 
 def test_an_exact_tail_is_met_without_bias_and_at_a_fraction_of_the_cost() -> None:
     exact = float(ndtr(-4.5))  # 3.4e-6
-    plan, made = estimates(Tail(), -4.5, 30)
+    plan, repeated = estimates(Tail(), -4.5, 30)
     assert plan.levels[-1] == -4.5
     assert list(plan.levels) == sorted(plan.levels, reverse=True)
-    values = np.array([one.probability[-1] for one in made])
+    values = np.array([estimate.probability[-1] for estimate in repeated])
     error = values.std(ddof=1) / np.sqrt(values.size)
     assert abs(values.mean() - exact) < 3.5 * error
     assert error < 0.15 * exact
     # Plain sampling of as many evaluations would have this error.
-    evaluations = sum(one.evaluations for one in made)
+    evaluations = sum(estimate.evaluations for estimate in repeated)
     assert error < 0.1 * np.sqrt(exact / evaluations)
 
 
 def test_an_extreme_value_fit_meets_a_known_tail() -> None:
     values = genpareto.rvs(-0.3, scale=500.0, size=20_000, random_state=np.random.default_rng(1))
-    made = fits(-values, float(-genpareto.ppf(0.9995, -0.3, scale=500.0)))
-    assert len(made) == 7
-    for one in made:
+    fitted = fits(-values, float(-genpareto.ppf(0.9995, -0.3, scale=500.0)))
+    assert len(fitted) == 7
+    for fit in fitted:
         # A shape's standard error is (1 + shape) / sqrt(n) (Smith, Biometrika 72 (1985) 67).
-        assert one["shape"] == pytest.approx(-0.3, abs=4.0 * 0.7 / np.sqrt(one["below"]))
-        assert 2e-4 < one["rate"] < 1.2e-3  # the truth: 5e-4
-        assert np.allclose(one["quantiles_m"], one["fitted_quantiles_m"], rtol=0.3, atol=5.0)
+        assert fit["shape"] == pytest.approx(-0.3, abs=4.0 * 0.7 / np.sqrt(fit["below"]))
+        assert 2e-4 < fit["rate"] < 1.2e-3  # the truth: 5e-4
+        assert np.allclose(fit["quantiles_m"], fit["fitted_quantiles_m"], rtol=0.3, atol=5.0)
     assert not fits(np.arange(50.0), 1.0)  # too few below every threshold
 
 
@@ -115,12 +116,12 @@ def test_straight_courses_agree_with_a_million_plain_samples() -> None:
         ]
     )
     plain = plain[np.isfinite(plain)]
-    _, made = estimates(Miss(), threshold, 12, particles=600)
+    _, repeated = estimates(Miss(), threshold, 12, particles=600)
     for level in (50.0, threshold):
         if level == threshold:
-            values = np.array([one.probability[-1] for one in made])
+            values = np.array([estimate.probability[-1] for estimate in repeated])
         else:
-            values = np.array([np.mean(one.first < level) for one in made])
+            values = np.array([np.mean(estimate.first < level) for estimate in repeated])
         share = np.mean(plain < level)
         error = np.hypot(values.std(ddof=1) / np.sqrt(values.size), np.sqrt(share / plain.size))
         assert abs(values.mean() - share) < 3.5 * error
@@ -130,20 +131,20 @@ def test_straight_courses_agree_with_a_million_plain_samples() -> None:
 
 def test_an_estimate_says_where_plain_sampling_is_cheaper() -> None:
     rate = {"repetitions": [0.4, 0.5], "relative_error": 0.1}
-    found = {"rate": rate, "ancestors": [99, 99], "levels": [], "flights": 3000}
-    cheap = rare._warnings(found | {"plain_flights_for_the_same_error": 880.0})
+    estimate = {"rate": rate, "ancestors": [99, 99], "levels": [], "flights": 3000}
+    cheap = rare._warnings(estimate | {"plain_flights_for_the_same_error": 880.0})
     assert cheap == [
         "plain sampling needs only 8.8e+02 flights for this error, instead of 3000: this loss is "
         "not rare, use eval.monte_carlo"
     ]
-    assert rare._warnings(found | {"plain_flights_for_the_same_error": 1e6}) == []
+    assert rare._warnings(estimate | {"plain_flights_for_the_same_error": 1e6}) == []
 
 
 def test_levels_that_nobody_passes_give_zero_and_not_an_error() -> None:
-    made = repetition(Tail(), Plan((-50.0,), (), 0), 20, 1, np.random.default_rng(0))
-    assert made.probability.tolist() == [0.0]
-    assert made.ancestors == 0
-    assert len(made.last) == 0
+    estimate = repetition(Tail(), Plan((-50.0,), (), 0), 20, 1, np.random.default_rng(0))
+    assert estimate.probability.tolist() == [0.0]
+    assert estimate.ancestors == 0
+    assert len(estimate.last) == 0
     deep = repetition(
         Tail(), Plan((0.0, -50.0, -60.0), (0.5, 0.5), 0), 20, 1, np.random.default_rng(0)
     )
@@ -152,9 +153,11 @@ def test_levels_that_nobody_passes_give_zero_and_not_an_error() -> None:
 
 
 def test_a_threshold_that_is_common_needs_no_levels() -> None:
-    plan, made = estimates(Tail(), 0.0, 3)
+    plan, repeated = estimates(Tail(), 0.0, 3)
     assert plan.levels == (0.0,)
-    assert np.mean([one.probability[-1] for one in made]) == pytest.approx(0.5, abs=0.08)
+    assert np.mean([estimate.probability[-1] for estimate in repeated]) == pytest.approx(
+        0.5, abs=0.08
+    )
 
 
 def test_a_plateau_is_said_and_not_climbed_for_ever() -> None:
@@ -204,7 +207,7 @@ def test_noise_is_part_of_the_draws(policy) -> None:
     before, after = problem.value(draws), problem.value(again)
     assert np.isfinite(before[3])
     np.testing.assert_array_equal(
-        before != after, [np.isnan(one) or row == 3 for row, one in enumerate(before)]
+        before != after, [np.isnan(value) or row == 3 for row, value in enumerate(before)]
     )
     assert problem_of(policy, "plan", "noisy").dimensions == noisy + 4
 
@@ -218,10 +221,13 @@ def test_proven_unresolvable_encounters_can_be_left_out(policy) -> None:
         np.hypot(near.intruders.x[:, 0] - near.own.x, near.intruders.y[:, 0] - near.own.y) < 1_150.0
     )
     draws = draws[inside & close]
-    values, kept = every.value(draws), problem_of(policy, "none", resolvable_only=True).value(draws)
-    excluded = np.isinf(kept)
-    assert 0 < np.count_nonzero(excluded) < len(kept)
-    np.testing.assert_array_equal(kept[~excluded], values[~excluded])
+    values, values_of_resolvable = (
+        every.value(draws),
+        problem_of(policy, "none", resolvable_only=True).value(draws),
+    )
+    excluded = np.isinf(values_of_resolvable)
+    assert 0 < np.count_nonzero(excluded) < len(values_of_resolvable)
+    np.testing.assert_array_equal(values_of_resolvable[~excluded], values[~excluded])
     assert np.all(values[excluded] < RULES.separation)
 
 
@@ -230,7 +236,7 @@ def test_files_of_an_estimate(tmp_path: Path, policy_path: Path) -> None:
     out = tmp_path / "rare"
     arguments = ["--policy", str(policy_path), "--mode", "none", "--closer-than", "30", *SMALL]
     assert rare.main([*arguments, "--encounters-per-hour", "0.5", "--out", str(out)]) == 0
-    found = json.loads((out / "rare.json").read_text(encoding="utf-8"))
+    written = json.loads((out / "rare.json").read_text(encoding="utf-8"))
     assert {path.name for path in out.iterdir()} >= {
         "rare.json",
         "rare.png",
@@ -239,14 +245,14 @@ def test_files_of_an_estimate(tmp_path: Path, policy_path: Path) -> None:
         "worst.csv",
     }
     assert (out / "tail.png").stat().st_size > 10_000
-    assert found["losses_per_hour"]["high"] == 0.5 * found["rate"]["high"]
-    assert found["tail"][0]["threshold_m"] > 30.0
-    assert 0.01 < found["tail"][0]["rate"] < 0.2
-    levels = [each["level_m"] for each in found["levels"]]
+    assert written["losses_per_hour"]["high"] == 0.5 * written["rate"]["high"]
+    assert written["tail"][0]["threshold_m"] > 30.0
+    assert 0.01 < written["tail"][0]["rate"] < 0.2
+    levels = [level["level_m"] for level in written["levels"]]
     assert levels == sorted(levels, reverse=True)
     assert levels[-1] == 30.0
-    assert 0.02 < found["rate"]["value"] < 0.15
-    assert found["rate"]["low"] <= found["rate"]["value"] <= found["rate"]["high"]
+    assert 0.02 < written["rate"]["value"] < 0.15
+    assert written["rate"]["low"] <= written["rate"]["value"] <= written["rate"]["high"]
     with (out / "worst.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.reader(file))
     assert len(rows) > 2
@@ -289,10 +295,12 @@ def test_the_configuration_of_an_estimate_repeats_it(tmp_path: Path, policy_path
     arguments += ["--confidence", "0.9", "--encounters-per-hour", "0.5", "--resolvable-only"]
     assert rare.main([*arguments, "--out", str(first)]) == 0
     assert rare.main(["--config", str(first / "config.yaml"), "--out", str(again)]) == 0
-    said = [json.loads((out / "rare.json").read_text(encoding="utf-8")) for out in (first, again)]
-    for one in said:
-        del one["wall_s"]
-    assert said[0] == said[1]
+    written = [
+        json.loads((out / "rare.json").read_text(encoding="utf-8")) for out in (first, again)
+    ]
+    for estimate in written:
+        del estimate["wall_s"]
+    assert written[0] == written[1]
     for name in ("config.yaml", "worst.csv"):
         assert (first / name).read_bytes() == (again / name).read_bytes()
 
@@ -302,35 +310,37 @@ def test_an_interrupted_estimate_goes_on_from_its_repetitions(
     tmp_path: Path, policy_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
     whole, out = tmp_path / "whole", tmp_path / "out"
-    asked = ["--policy", str(policy_path), "--mode", "none", "--closer-than", "400"]
-    asked += ["--particles", "12", "--moves", "2", "--repetitions", "3", "--seed", "4"]
-    assert rare.main([*asked, "--out", str(whole)]) == 0
-    made: list[int] = []
+    arguments = ["--policy", str(policy_path), "--mode", "none", "--closer-than", "400"]
+    arguments += ["--particles", "12", "--moves", "2", "--repetitions", "3", "--seed", "4"]
+    assert rare.main([*arguments, "--out", str(whole)]) == 0
+    calls_made: list[int] = []
 
-    def stop_at_the_second(problem, plan, *given):
-        if len(made) == 1:
+    def stop_at_the_second(problem, plan, *rest_of_arguments):
+        if len(calls_made) == 1:
             raise KeyboardInterrupt
-        made.append(1)
-        return repetition(problem, plan, *given)
+        calls_made.append(1)
+        return repetition(problem, plan, *rest_of_arguments)
 
     monkeypatch.setattr(rare, "repetition", stop_at_the_second)
     with pytest.raises(KeyboardInterrupt):
-        rare.main([*asked, "--out", str(out)])
+        rare.main([*arguments, "--out", str(out)])
     assert f"Go on with: python -m eval.rare --resume --out {out}" in capsys.readouterr().err
-    made.append(0)  # nothing stops it now
+    calls_made.append(0)  # nothing stops it now
     monkeypatch.setattr(rare, "pilot", lambda *_: pytest.fail("the pilot is stored"))
     # The level of the intervals decides no flight.
     assert rare.main(["--resume", "--confidence", "0.95", "--out", str(out)]) == 0
-    assert made == [1, 0, 1, 1]
-    said = [json.loads((one / "rare.json").read_text(encoding="utf-8")) for one in (out, whole)]
-    for one in said:
-        del one["wall_s"]
-    assert said[0] == said[1]
+    assert calls_made == [1, 0, 1, 1]
+    written = [
+        json.loads((item / "rare.json").read_text(encoding="utf-8")) for item in (out, whole)
+    ]
+    for item in written:
+        del item["wall_s"]
+    assert written[0] == written[1]
     assert {path.name for path in out.iterdir()} == {path.name for path in whole.iterdir()}
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "problem"),
     [
         (["--confidence", "1"], "--confidence: 1"),
         (["--scenario", "file:nothing.csv"], "cannot be flown here; expected a sampled scenario"),
@@ -340,12 +350,14 @@ def test_an_interrupted_estimate_goes_on_from_its_repetitions(
         (["--set", "changes.radius=[5, 1]"], "changes"),
     ],
 )
-def test_bad_input_is_one_sentence(tmp_path: Path, capsys, arguments: list[str], said: str) -> None:
+def test_bad_input_is_one_sentence(
+    tmp_path: Path, capsys, arguments: list[str], problem: str
+) -> None:
     with pytest.raises(SystemExit) as ended:
         run_cli(lambda: rare.main([*arguments, "--out", str(tmp_path / "x")]))
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert said in line
+    assert problem in line
     assert not (tmp_path / "x").exists()
 
 

@@ -65,14 +65,14 @@ def numbers(values: list[float]) -> tuple[Run, Quantity]:
 @given(st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(float("nan"))), min_size=1, max_size=40))
 def test_every_value_falls_into_one_bin(values: list[float]) -> None:
     run, quantity = numbers(values)
-    found = bins_of(run, quantity, 0.95)
-    if found is None:  # all in one bin
+    binned = bins_of(run, quantity, 0.95)
+    if binned is None:  # all in one bin
         return
-    assert sum(one["encounters"] for one in found["bins"]) == np.count_nonzero(~np.isnan(values))
-    for one in found["bins"]:
-        inside = [value for value in values if one["low"] <= value < one["high"]]
-        assert one["encounters"] >= len(inside)
-    edges = [one["low"] for one in found["bins"]]
+    assert sum(row["encounters"] for row in binned["bins"]) == np.count_nonzero(~np.isnan(values))
+    for row in binned["bins"]:
+        inside = [value for value in values if row["low"] <= value < row["high"]]
+        assert row["encounters"] >= len(inside)
+    edges = [row["low"] for row in binned["bins"]]
     assert edges == sorted(edges)
 
 
@@ -89,14 +89,14 @@ def test_rates_are_counted_by_hand() -> None:
             ["violation", "violation", "reached", "reached", "violation"], object
         ),
     }
-    found = rates(
+    counted = rates(
         Run(Path("run"), "plan", table, PAPER), np.array([True, True, True, True, False]), 0.95
     )
-    assert found["encounters"] == 4
-    assert (found["unresolvable_rate"]["count"], found["unresolvable_rate"]["total"]) == (1, 4)
-    assert found["violation_rate"]["count"] == 1
-    assert found["baseline_violation_rate"]["count"] == 2
-    plan, policy = found["success"]["plan"], found["success"]["policy"]
+    assert counted["encounters"] == 4
+    assert (counted["unresolvable_rate"]["count"], counted["unresolvable_rate"]["total"]) == (1, 4)
+    assert counted["violation_rate"]["count"] == 1
+    assert counted["baseline_violation_rate"]["count"] == 2
+    plan, policy = counted["success"]["plan"], counted["success"]["policy"]
     assert (plan["success_rate"]["count"], plan["success_rate"]["total"]) == (2, 4)
     # The undecided count with the resolvable.
     assert (
@@ -114,16 +114,16 @@ def test_rates_are_counted_by_hand() -> None:
 def test_files_of_a_run_cut_into_bins(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert sensitivity.main(["--run", str(make_run(tmp_path / "run")), "--out", str(out)]) == 0
-    found = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
+    written = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
     # The own speed never changes, and the rest is not recorded.
-    assert [one["name"] for one in found["quantities"]] == ["relative_heading", "distance"]
-    distance = found["quantities"][1]["bins"]
+    assert [row["name"] for row in written["quantities"]] == ["relative_heading", "distance"]
+    distance = written["quantities"][1]["bins"]
     assert (distance[0]["low"], distance[-1]["low"]) == (1_000.0, 20_000.0)
     assert distance[0]["unresolvable_rate"]["count"] > 0
-    for one in distance:
+    for row in distance:
         success, bound = (
-            one["success"]["policy"]["success_rate"]["value"],
-            1.0 - one["unresolvable_rate"]["value"],
+            row["success"]["policy"]["success_rate"]["value"],
+            1.0 - row["unresolvable_rate"]["value"],
         )
         assert success <= bound + 1e-12
     names = {"relative_heading", "distance", "overview"}
@@ -142,10 +142,10 @@ def test_flights_of_the_true_aircraft_show_wind_and_turbulence(tmp_path: Path) -
     run = make_run(tmp_path / "run", "closed", "flights.parquet", **columns)
     out = tmp_path / "out"
     assert sensitivity.main(["--run", str(run), "--out", str(out)]) == 0
-    found = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
-    by_name = {one["name"]: one for one in found["quantities"]}
-    assert [one["word"] for one in by_name["turbulence"]["bins"]] == ["none", "light", "moderate"]
-    assert [one["encounters"] for one in by_name["turbulence"]["bins"]] == [
+    written = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
+    by_name = {row["name"]: row for row in written["quantities"]}
+    assert [row["word"] for row in by_name["turbulence"]["bins"]] == ["none", "light", "moderate"]
+    assert [row["encounters"] for row in by_name["turbulence"]["bins"]] == [
         int(np.count_nonzero(words == word)) for word in ("none", "light", "moderate")
     ]
     assert by_name["wind"]["bins"][-1]["high"] == 15.0
@@ -155,13 +155,22 @@ def test_flights_of_the_true_aircraft_show_wind_and_turbulence(tmp_path: Path) -
 @pytest.mark.slow
 def test_a_sweep_flies_the_same_encounters_and_goes_on(tmp_path: Path, policy_path: Path) -> None:
     out = tmp_path / "out"
-    asked = ["--vary", "position_std=0,200", "--encounters", "12", "--seed", "3", "--workers", "1"]
-    asked += ["--policy", str(policy_path), "--set", "resamples=100", "--out", str(out)]
-    assert sensitivity.main(asked) == 0
-    found = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
-    (sweep,) = found["sweeps"]
-    assert [one["value"] for one in sweep["values"]] == [0.0, 200.0]
-    first, second = (out / "sweeps" / one["run"] for one in sweep["values"])
+    arguments = [
+        "--vary",
+        "position_std=0,200",
+        "--encounters",
+        "12",
+        "--seed",
+        "3",
+        "--workers",
+        "1",
+    ]
+    arguments += ["--policy", str(policy_path), "--set", "resamples=100", "--out", str(out)]
+    assert sensitivity.main(arguments) == 0
+    written = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
+    (sweep,) = written["sweeps"]
+    assert [row["value"] for row in sweep["values"]] == [0.0, 200.0]
+    first, second = (out / "sweeps" / row["run"] for row in sweep["values"])
     before, after = (pq.read_table(path / "encounters.parquet") for path in (first, second))
     for column in ("own_speed_m_s", "distance_m", "bearing_deg", "intruder_speed_m_s"):
         assert before[column].equals(after[column])
@@ -172,24 +181,24 @@ def test_a_sweep_flies_the_same_encounters_and_goes_on(tmp_path: Path, policy_pa
         path.unlink()
     second.rmdir()
     stamp = (first / "encounters.parquet").stat().st_mtime_ns
-    assert sensitivity.main([*asked, "--resume"]) == 0
+    assert sensitivity.main([*arguments, "--resume"]) == 0
     assert (first / "encounters.parquet").stat().st_mtime_ns == stamp
     again = json.loads((out / "sensitivity.json").read_text(encoding="utf-8"))
-    assert again["sweeps"] == found["sweeps"]
+    assert again["sweeps"] == written["sweeps"]
 
 
 @pytest.mark.slow
 def test_the_configuration_of_a_study_repeats_it(tmp_path: Path, policy_path: Path) -> None:
     out, again = tmp_path / "out", tmp_path / "again"
-    asked = ["--run", str(make_run(tmp_path / "run")), "--vary", "latency=0,2"]
-    asked += ["--encounters", "6", "--seed", "3", "--workers", "1", "--confidence", "0.9"]
-    asked += ["--policy", str(policy_path), "--set", "resamples=100", "--scenario", "head_on"]
-    assert sensitivity.main([*asked, "--out", str(out)]) == 0
+    arguments = ["--run", str(make_run(tmp_path / "run")), "--vary", "latency=0,2"]
+    arguments += ["--encounters", "6", "--seed", "3", "--workers", "1", "--confidence", "0.9"]
+    arguments += ["--policy", str(policy_path), "--set", "resamples=100", "--scenario", "head_on"]
+    assert sensitivity.main([*arguments, "--out", str(out)]) == 0
     assert sensitivity.main(["--config", str(out / "config.yaml"), "--out", str(again)]) == 0
-    said = [json.loads((one / "sensitivity.json").read_text("utf-8")) for one in (out, again)]
-    for one in said:
-        del one["wall_s"]
-    assert said[0] == said[1]
+    written = [json.loads((item / "sensitivity.json").read_text("utf-8")) for item in (out, again)]
+    for item in written:
+        del item["wall_s"]
+    assert written[0] == written[1]
     for path in out.glob("*.*"):
         if path.name != "sensitivity.json":
             assert (again / path.name).read_bytes() == path.read_bytes()
@@ -226,8 +235,8 @@ def test_edges_of_bins_scale_with_the_aircraft() -> None:
         ("own_speed", 2.0),
     ):
         assert theirs[name].edges == pytest.approx([factor * edge for edge in ours[name].edges])
-    for one in ours.values():
-        assert list(one.edges) == sorted(set(one.edges))
+    for quantity in ours.values():
+        assert list(quantity.edges) == sorted(set(quantity.edges))
 
 
 def test_sweeps_are_read() -> None:
@@ -236,7 +245,7 @@ def test_sweeps_are_read() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "problem"),
     [
         ([], "expected at least one of them"),
         (["--run", "nowhere"], "nowhere holds no encounters.parquet or flights.parquet"),
@@ -255,17 +264,19 @@ def test_sweeps_are_read() -> None:
         (["--run", "nowhere", "--resume"], "holds no run (no config.yaml)"),
     ],
 )
-def test_bad_input_is_one_sentence(tmp_path: Path, capsys, arguments: list[str], said: str) -> None:
+def test_bad_input_is_one_sentence(
+    tmp_path: Path, capsys, arguments: list[str], problem: str
+) -> None:
     with pytest.raises(SystemExit) as ended:
         run_cli(lambda: sensitivity.main([*arguments, "--out", str(tmp_path / "x")]))
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert said in line
+    assert problem in line
     assert not (tmp_path / "x").exists()
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "problem"),
     [
         (lambda run: (run / "summary.json").unlink(), "summary.json cannot be read"),
         (lambda run: (run / "encounters.parquet").write_bytes(b"PAR1 no"), "cannot be read"),
@@ -280,11 +291,11 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys, arguments: list[str],
         ),
     ],
 )
-def test_a_damaged_run_is_one_sentence(tmp_path: Path, capsys, spoil, said: str) -> None:
+def test_a_damaged_run_is_one_sentence(tmp_path: Path, capsys, spoil, problem: str) -> None:
     run = make_run(tmp_path / "run")
     spoil(run)
     with pytest.raises(SystemExit) as ended:
         run_cli(lambda: sensitivity.main(["--run", str(run), "--out", str(tmp_path / "x")]))
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert said in line
+    assert problem in line

@@ -81,8 +81,8 @@ def test_every_table_is_published() -> None:
 
 
 def result(command: str, n: int = 24, policy: str = "a" * 64, **figures: Any) -> dict[str, Any]:
-    made = {"policy": policy, "commit": "c", "machine": "m", "seconds": 1.0}
-    return made | {"command": command.format(n=n), "n": n, "figures": figures}
+    fields = {"policy": policy, "commit": "c", "machine": "m", "seconds": 1.0}
+    return fields | {"command": command.format(n=n), "n": n, "figures": figures}
 
 
 def load_list(folder: Path) -> Evidence:
@@ -91,40 +91,45 @@ def load_list(folder: Path) -> Evidence:
 
 
 def test_results_of_another_policy_or_command_are_dropped(tmp_path: Path) -> None:
-    some = load_list(tmp_path)
-    command = some.results["one"].command
+    listed = load_list(tmp_path)
+    command = listed.results["one"].command
     good = result(command)
-    assert published_results(some, "a" * 64, {"one": good}, tmp_path) == {"one": good}
+    assert published_results(listed, "a" * 64, {"one": good}, tmp_path) == {"one": good}
     for stale in (result(command, policy="b" * 64), result(command + " --seed 2"), None):
-        assert not published_results(some, "a" * 64, {"one": stale} if stale else {}, tmp_path)
+        assert not published_results(listed, "a" * 64, {"one": stale} if stale else {}, tmp_path)
     larger = result(command, 48)
     (tmp_path / "one.json").write_text(json.dumps({"one": larger}), encoding="utf-8")
-    assert published_results(some, "a" * 64, {"one": good}, tmp_path) == {"one": larger}
+    assert published_results(listed, "a" * 64, {"one": good}, tmp_path) == {"one": larger}
     assert (
         published_results(
-            some, "a" * 64, {"one": larger | {"n": 96, "command": command.format(n=96)}}, tmp_path
+            listed, "a" * 64, {"one": larger | {"n": 96, "command": command.format(n=96)}}, tmp_path
         )["one"]["n"]
         == 96
     )
 
 
 def test_a_table_says_rate_interval_and_what_is_missing(tmp_path: Path) -> None:
-    some = load_list(tmp_path)
+    listed = load_list(tmp_path)
     rate = {"value": 0.995, "low": 0.9876, "high": 1.0, "count": 199, "total": 200}
     text = "a\n<!-- evidence: first -->\nold\n<!-- /evidence -->\nb\n"
-    made = fill_in(
+    filled = fill_in(
         tmp_path,
         tmp_path / "README.md",
         text,
-        some,
+        listed,
         {"one": result("", success_given_resolvable=rate)},
     )
-    assert "| one | 99.50 % [98.76, 100] |" in made and "`aaaaaaaa`" in made and "old" not in made
     assert (
-        fill_in(tmp_path, tmp_path / "README.md", made, some, {}).count("Not measured: one.") == 1
+        "| one | 99.50 % [98.76, 100] |" in filled
+        and "`aaaaaaaa`" in filled
+        and "old" not in filled
+    )
+    assert (
+        fill_in(tmp_path, tmp_path / "README.md", filled, listed, {}).count("Not measured: one.")
+        == 1
     )
     with pytest.raises(ConfigError, match="'second'"):
-        fill_in(tmp_path, tmp_path / "README.md", text.replace("first", "second"), some, {})
+        fill_in(tmp_path, tmp_path / "README.md", text.replace("first", "second"), listed, {})
 
 
 def test_parts_of_several_results_say_whose_they_are(tmp_path: Path) -> None:
@@ -134,12 +139,12 @@ def test_parts_of_several_results_say_whose_they_are(tmp_path: Path) -> None:
         ),
         encoding="utf-8",
     )
-    some = load(Evidence, tmp_path / "list.yaml")
+    listed = load(Evidence, tmp_path / "list.yaml")
     figures = {f"group/{part}/success_given_resolvable": 0.5 for part in "xy"}
     results = {name: result("", n, **figures) for name, n in (("one", 24), ("two", 999))}
     text = "<!-- evidence: first -->\n<!-- /evidence -->\n"
-    made = fill_in(tmp_path, tmp_path / "README.md", text, some, results)
-    rows = [line for line in made.splitlines() if line.startswith("| ")]
+    filled = fill_in(tmp_path, tmp_path / "README.md", text, listed, results)
+    rows = [line for line in filled.splitlines() if line.startswith("| ")]
     assert rows == [
         "|  |  | resolved |",
         "| one; 24 | x | 0.5 |",
@@ -163,12 +168,12 @@ def test_a_result_without_its_program_is_not_run(
 
 
 def test_figures_are_found_by_path_and_name() -> None:
-    said = {
+    figures = {
         "a": {"value": 1.0, "low": 0.0},
         "b": [{"name": "x", "c": {"d": 2}}, {"name": "y", "c": {"d": 3}}],
         "e": [4],
     }
-    assert find_figures(said, ("a", "b/*/d")) == {
+    assert find_figures(figures, ("a", "b/*/d")) == {
         "a": {"value": 1.0, "low": 0.0},
         "b/x/c/d": 2,
         "b/y/c/d": 3,
@@ -185,23 +190,23 @@ def test_cells_count_trials_and_failures(tmp_path: Path) -> None:
         "verdict": ["resolvable"] * 105 + ["unresolvable"] * 15,
     }
     pq.write_table(pa.table(table), tmp_path / "encounters.parquet")
-    found = cells(tmp_path)
-    cell = found["cells/135 to 180 deg/0.9 to 1.1"]
+    figures = cells(tmp_path)
+    cell = figures["cells/135 to 180 deg/0.9 to 1.1"]
     assert (cell["count"], cell["total"]) == (100, 105)
-    assert sum(one["total"] for one in found.values()) == 105
+    assert sum(interval["total"] for interval in figures.values()) == 105
     # One-sided: the share at which 100 or more of 105 succeed with a chance of 5 %.
     from scipy.stats import binom
 
     assert binom.sf(99, 105, cell["low"]) == pytest.approx(0.05, rel=1e-6)
-    shown = rows_of_cells(LISTED, {"domain_1": {"figures": found}}, ["domain_1"])
-    assert shown[4][4].startswith("5/105; 9") and shown[1][2] == "0/0; too few"
+    table_rows = rows_of_cells(LISTED, {"domain_1": {"figures": figures}}, ["domain_1"])
+    assert table_rows[4][4].startswith("5/105; 9") and table_rows[1][2] == "0/0; too few"
 
 
 def test_a_finished_result_is_not_made_again(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     load_list(tmp_path)
-    asked = [
+    arguments = [
         "--list",
         str(tmp_path / "list.yaml"),
         "--out",
@@ -209,14 +214,14 @@ def test_a_finished_result_is_not_made_again(
         "--only",
         "first",
     ]
-    assert main(asked) == 0
-    made = read_results(tmp_path / "out/one.json")["one"]
+    assert main(arguments) == 0
+    stored = read_results(tmp_path / "out/one.json")["one"]
     folder = next((tmp_path / "out").glob("one-*"))
     summary = json.loads((folder / "summary.json").read_text())
-    assert made["figures"]["success_given_resolvable"] == summary["success_given_resolvable"]
-    assert made["policy"] == Policy.load().sha256 == summary["policy_sha256"]
+    assert stored["figures"]["success_given_resolvable"] == summary["success_given_resolvable"]
+    assert stored["policy"] == Policy.load().sha256 == summary["policy_sha256"]
     capfd.readouterr()
-    assert main(asked) == 0
+    assert main(arguments) == 0
     assert "one: there already" in capfd.readouterr().out
 
 
@@ -236,8 +241,8 @@ def test_a_run_ends_with_what_was_met_missed_and_left_open(
     # Without the sequences that make a terminal's letters slanted or bold.
     lines = re.sub(r"\x1b\[\d*m", "", capsys.readouterr().out).splitlines()
     assert lines[0].startswith(f"{len(names)} results: ")
-    told = re.findall(r"(\d+) ([a-z ]+[a-z])", lines[0].partition(":")[2])
-    counts = {state: int(count) for count, state in told}
+    counts_told = re.findall(r"(\d+) ([a-z ]+[a-z])", lines[0].partition(":")[2])
+    counts = {state: int(count) for count, state in counts_told}
     assert sum(counts.values()) == len(names)
     missing = sum(name not in results for name in claimed)
     judged = sum(counts.get(state, 0) for state in ("missed", "undecided", "met"))
@@ -251,7 +256,7 @@ def test_a_run_ends_with_what_was_met_missed_and_left_open(
 
 
 @pytest.mark.parametrize(
-    ("figures", "met", "found"),
+    ("figures", "met", "cell"),
     [
         ({"broken": 0}, "yes", "0"),
         ({"broken": 2}, "no", "2"),
@@ -260,21 +265,21 @@ def test_a_run_ends_with_what_was_met_missed_and_left_open(
     ],
 )
 def test_a_claim_whose_figure_is_not_there_is_open(
-    figures: dict[str, Any], met: str, found: str, tmp_path: Path, capsys: Any
+    figures: dict[str, Any], met: str, cell: str, tmp_path: Path, capsys: Any
 ) -> None:
-    some = load_list(tmp_path)
-    entry = some.results["one"].model_copy(update={"claim": ("broken", "<=", 0.0)})
-    some = some.model_copy(update={"results": {"one": entry}})
-    made = {"one": result(entry.command, **figures)}
-    assert row_of(entry, made["one"], {"met": "{met}", "found": "{found}"})[1:] == [met, found]
-    show_closing(some, made, ["one"], tmp_path)
+    listed = load_list(tmp_path)
+    entry = listed.results["one"].model_copy(update={"claim": ("broken", "<=", 0.0)})
+    listed = listed.model_copy(update={"results": {"one": entry}})
+    results = {"one": result(entry.command, **figures)}
+    assert row_of(entry, results["one"], {"met": "{met}", "found": "{found}"})[1:] == [met, cell]
+    show_closing(listed, results, ["one"], tmp_path)
     state = {"yes": "met", "no": "missed", "open": "not measured"}[met]
     assert capsys.readouterr().out.startswith(f"1 results: 1 {state}\n")
     small_checkout(tmp_path, CASE.replace("tests: [tests/test_a.py], ", ""))
     about = {"policy": "a" * 64, "commit": "c"}
-    said = write(tmp_path, tmp_path / "d.html", some, made, about, tmp_path)
+    line = write(tmp_path, tmp_path / "d.html", listed, results, about, tmp_path)
     judged = {"yes": "shown", "no": "not met", "open": "open"}[met]
-    assert f"the claim is {judged};" in said
+    assert f"the claim is {judged};" in line
 
 
 @pytest.mark.parametrize(
@@ -321,7 +326,7 @@ def test_no_plan_breaks_its_promise_is_claimed_where_intruders_turn() -> None:
 
 @pytest.mark.slow
 def test_an_attack_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
-    some, command = (
+    list_file, command = (
         (tmp_path / "list.yaml"),
         "benchmarks.safety --workers 1 --single 0 --block 100 --requests {n}",
     )
@@ -332,19 +337,19 @@ def test_an_attack_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
         "results": {"attack": entry},
         "tables": {},
     }
-    some.write_text(json.dumps(listed), encoding="utf-8")
-    asked = ["--list", str(some), "--out", str(tmp_path), "--only", "attack"]
-    assert main(asked) == 0
-    whole = read_results(tmp_path / "attack.json")["attack"]["figures"]
-    done = next(tmp_path.glob("attack-*/batches.jsonl"))
-    lines = done.read_text(encoding="utf-8").splitlines(keepends=True)
-    done.write_text("".join(lines[:-1]), encoding="utf-8")  # as if stopped before the last batch
+    list_file.write_text(json.dumps(listed), encoding="utf-8")
+    arguments = ["--list", str(list_file), "--out", str(tmp_path), "--only", "attack"]
+    assert main(arguments) == 0
+    uninterrupted = read_results(tmp_path / "attack.json")["attack"]["figures"]
+    batches = next(tmp_path.glob("attack-*/batches.jsonl"))
+    lines = batches.read_text(encoding="utf-8").splitlines(keepends=True)
+    batches.write_text("".join(lines[:-1]), encoding="utf-8")  # as if stopped before the last batch
     (tmp_path / "attack.json").unlink()
-    assert main(asked) == 0
-    assert done.read_text(encoding="utf-8").startswith("".join(lines[:-1]))
+    assert main(arguments) == 0
+    assert batches.read_text(encoding="utf-8").startswith("".join(lines[:-1]))
     assert (
         read_results(tmp_path / "attack.json")["attack"]["figures"]
-        == whole
+        == uninterrupted
         == {"requests": 200, "violations": 0}
     )
 
@@ -370,25 +375,25 @@ def small_checkout(folder: Path, case: str = CASE) -> Evidence:
     (folder / "tests/test_b.py").write_text("def test_three(): ...\n")
     (folder / "configs/dossier.yaml").write_text(case, encoding="utf-8")
     claim = {"claim": ("success_given_resolvable", ">=", 0.9)}
-    some = load_list(folder)
-    return some.model_copy(
-        update={"results": {"one": some.results["one"].model_copy(update=claim)}}
+    listed = load_list(folder)
+    return listed.model_copy(
+        update={"results": {"one": listed.results["one"].model_copy(update=claim)}}
     )
 
 
 def test_a_goal_of_the_dossier_is_as_good_as_its_worst_evidence(tmp_path: Path) -> None:
     # Results alone: what a requirement's tests decide has a test of its own.
-    some = small_checkout(tmp_path, CASE.replace("tests: [tests/test_a.py], ", ""))
+    listed = small_checkout(tmp_path, CASE.replace("tests: [tests/test_a.py], ", ""))
     about = {"policy": "a" * 64, "commit": "c"}
     assert names_of_tests(tmp_path) == [
-        f"tests/test_{one}"
-        for one in ("a.py::test_one", "a.py::TestB::test_two", "b.py::test_three")
+        f"tests/test_{name}"
+        for name in ("a.py::test_one", "a.py::TestB::test_two", "b.py::test_three")
     ]
 
     def state(results: dict[str, Any]) -> str:
-        said = write(tmp_path, tmp_path / "d.html", some, results, about, tmp_path)
-        assert said.endswith("names 3 tests and 0 results")
-        return said.partition("the claim is ")[2].partition(";")[0]
+        line = write(tmp_path, tmp_path / "d.html", listed, results, about, tmp_path)
+        assert line.endswith("names 3 tests and 0 results")
+        return line.partition("the claim is ")[2].partition(";")[0]
 
     def make_results(value: float, low: float, high: float, n: int = 24) -> dict[str, Any]:
         rate = {"value": value, "low": low, "high": high, "count": round(value * n), "total": n}
@@ -405,7 +410,7 @@ def test_a_goal_of_the_dossier_is_as_good_as_its_worst_evidence(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_a_requirement_of_the_dossier_is_as_good_as_its_tests(tmp_path: Path) -> None:
-    some, about = (
+    listed, about = (
         small_checkout(tmp_path, CASE.replace(", results: [one]", "")),
         {"policy": "a", "commit": "c"},
     )
@@ -431,10 +436,10 @@ def test_a_requirement_of_the_dossier_is_as_good_as_its_tests(tmp_path: Path) ->
         return tmp_path / name
 
     def state_of_claim(*reports: Path) -> str:
-        state = write(tmp_path, tmp_path / "d.html", some, {}, about, tmp_path, reports)
+        state = write(tmp_path, tmp_path / "d.html", listed, {}, about, tmp_path, reports)
         return state.partition("claim is ")[2].partition(";")[0]
 
-    one, two = report("1.xml", good, "one"), report("2.xml", good, "two")
+    first, second = report("1.xml", good, "one"), report("2.xml", good, "two")
     bad = report(
         "bad.xml",
         good.replace("in (0, 1)\n", "\n").replace("class", "@pytest.mark.skip\nclass"),
@@ -442,12 +447,12 @@ def test_a_requirement_of_the_dossier_is_as_good_as_its_tests(tmp_path: Path) ->
     )
     assert state_of_claim() == "open"  # nothing was run
     assert "2 not run" in (tmp_path / "d.html").read_text(encoding="utf-8")
-    assert state_of_claim(one, two) == "shown"
-    assert state_of_claim(one) == "open"
+    assert state_of_claim(first, second) == "shown"
+    assert state_of_claim(first) == "open"
     assert "tests/<wbr>test_<wbr>a.py: 1 not run" in (tmp_path / "d.html").read_text(
         encoding="utf-8"
     )
-    assert state_of_claim(bad) == state_of_claim(two, bad, one) == "not met"
+    assert state_of_claim(bad) == state_of_claim(second, bad, first) == "not met"
     page = (tmp_path / "d.html").read_text(encoding="utf-8")
     assert "test_<wbr>one (failed)" in page and "test_<wbr>two (passed)" in page
     bad.write_text("<testsuites/>")
@@ -471,28 +476,28 @@ def test_a_dossier_that_names_what_is_not_there_is_refused(
     tmp_path: Path, old: str, new: str, wrong: str
 ) -> None:
     assert old in CASE
-    some = small_checkout(tmp_path, CASE.replace(old, new))
+    listed = small_checkout(tmp_path, CASE.replace(old, new))
     with pytest.raises(ConfigError, match=wrong):
-        write(tmp_path, tmp_path / "d.html", some, {}, {"policy": "a", "commit": "c"}, tmp_path)
+        write(tmp_path, tmp_path / "d.html", listed, {}, {"policy": "a", "commit": "c"}, tmp_path)
     assert not (tmp_path / "d.html").exists()
 
 
 def test_where_nothing_was_run_a_missed_result_leaves_the_claim_open(tmp_path: Path) -> None:
-    some, about = small_checkout(tmp_path), {"policy": "a", "commit": "c"}
+    listed, about = small_checkout(tmp_path), {"policy": "a", "commit": "c"}
     rate = {"value": 0.5, "low": 0.4, "high": 0.6, "count": 12, "total": 24}
     missed = {"one": result("x", 24, success_given_resolvable=rate)}
     page, report = tmp_path / "d.html", tmp_path / "r.xml"
-    said = write(tmp_path, page, some, missed, about, tmp_path)
+    line = write(tmp_path, page, listed, missed, about, tmp_path)
     assert (
-        "the claim is open; 3 of 3 tests were not run; results that miss their claim: one" in said
+        "the claim is open; 3 of 3 tests were not run; results that miss their claim: one" in line
     )
     assert "not met: one" in page.read_text(encoding="utf-8")
     report.write_text(
         '<testsuites><testsuite><testcase classname="tests.test_a" name="test_one"/>'
         "</testsuite></testsuites>"
     )
-    said = write(tmp_path, page, some, missed, about, tmp_path, [report])
-    assert "the claim is not met; 2 of 3 tests were not run" in said
+    line = write(tmp_path, page, listed, missed, about, tmp_path, [report])
+    assert "the claim is not met; 2 of 3 tests were not run" in line
 
 
 def test_every_name_of_the_dossier_that_ships_resolves(
@@ -502,7 +507,9 @@ def test_every_name_of_the_dossier_that_ships_resolves(
     items = resolve(ROOT, case, LISTED, names_of_tests(ROOT))
     assert {name for item in items.values() for name in item.results} == set(LISTED.results)
     assert all(item.where for item in case.assumptions.values())
-    assert {one for goal in case.goals.values() for one in goal.assumes} == set(case.assumptions)
+    assert {assumption for goal in case.goals.values() for assumption in goal.assumes} == set(
+        case.assumptions
+    )
     assert main(["--dossier", str(tmp_path / "d.html"), "--out", str(tmp_path / "none")]) == 0
     assert "the claim is open; " in capsys.readouterr().out  # of a fresh clone
     page = (tmp_path / "d.html").read_text(encoding="utf-8")
@@ -547,8 +554,8 @@ def test_an_interrupt_keeps_what_is_finished_and_goes_on(tmp_path: Path) -> None
         while not list(out.glob("two-*/parts/*.parquet")) and time.monotonic() < end:
             time.sleep(0.2)
         child.send_signal(signal.SIGINT)
-        _, said = child.communicate(timeout=1_200)
-    assert child.returncode == 130, said
+        _, errors = child.communicate(timeout=1_200)
+    assert child.returncode == 130, errors
     assert read_results(out / "one.json") and not (out / "two.json").exists()
     assert list(out.glob("two-*/config.yaml"))
 

@@ -71,8 +71,8 @@ def shift_flights(name: str) -> Flights:
 
 
 def judge(flights: Flights, aircraft: Any = PAPER) -> np.ndarray:
-    found = flag(flights, policy(), aircraft)
-    return np.stack([found[name] for name in ("range", "consistency", "novelty")])
+    flags = flag(flights, policy(), aircraft)
+    return np.stack([flags[name] for name in ("range", "consistency", "novelty")])
 
 
 @pytest.mark.parametrize("name", ["maneuvering", "noisy"])
@@ -114,10 +114,10 @@ def test_a_scene_and_its_image_in_other_units_get_the_same_verdict(name: str) ->
         return state._replace(x=length * state.x, y=length * state.y)
 
     goal = length * flights.goal[0], -length * flights.goal[1]
-    other_flights = flights._replace(
+    scaled_flights = flights._replace(
         own=image(flights.own), reported=image(flights.reported), goal=goal
     )
-    np.testing.assert_array_equal(judge(other_flights, twice), judge(flights))
+    np.testing.assert_array_equal(judge(scaled_flights, twice), judge(flights))
 
 
 def test_nothing_that_is_no_number_passes() -> None:
@@ -126,9 +126,9 @@ def test_nothing_that_is_no_number_passes() -> None:
         "the box is of the policy that ships: python -m eval.evidence.outside --box"
     )
     own = VehicleState(*(np.array([value]) for value in (0.0, 0.0, 0.0, NAN)))
-    seen = other(5_000.0, 0.0, math.pi)
+    reported = other(5_000.0, 0.0, math.pi)
     inputs = novelty.inputs_of(
-        own, seen, np.ones((1, 1), bool), (np.array([9e3]), np.zeros(1)), PAPER
+        own, reported, np.ones((1, 1), bool), (np.array([9e3]), np.zeros(1)), PAPER
     )
     assert np.isinf(novelty.excess(box, inputs)[0]).any()
     monitor, _ = tell(flying(), 0.0)
@@ -145,17 +145,17 @@ def tell_reports(reports: list[VehicleState]) -> tuple[list[State], list[bool]]:
     for second, report in enumerate(reports):
         sightings = observe(sightings, Reports(report, 0.0, 0.0), float(second), mask)
         time, own = float(second), on_plan(float(second))
-        given = believed(time, own, sightings, mask, THRESHOLDS.turn_time)
-        monitor, decision = step(monitor, given, THRESHOLDS)
+        monitor_inputs = believed(time, own, sightings, mask, THRESHOLDS.turn_time)
+        monitor, decision = step(monitor, monitor_inputs, THRESHOLDS)
         states.append(state_of(monitor))
         asks.append(bool(decision.replan[0]))
     return states, asks
 
 
 def test_places_that_stand_still_deny_assurance_until_they_move_again() -> None:
-    held = 10
-    states, _ = tell_reports([far(float(max(0, time - held))) for time in range(60)])
-    assert State.DENIED in states[:held] and states[-1] is State.MONITORING
+    hold_time = 10
+    states, _ = tell_reports([far(float(max(0, time - hold_time))) for time in range(60)])
+    assert State.DENIED in states[:hold_time] and states[-1] is State.MONITORING
 
 
 def test_reports_that_nobody_can_believe_deny_assurance() -> None:
@@ -188,15 +188,20 @@ def test_traffic_out_of_range_is_said_and_changes_nothing_else() -> None:
 
 
 def test_a_plan_says_what_training_has_not_seen() -> None:
-    own, seen = VehicleState(0.0, 0.0, 0.0, SPEED), VehicleState(6_000.0, 1_500.0, math.pi, 75.0)
-    calm = plan(own, [seen], ROUTE, policy(), PATIENT)
+    own, intruder = (
+        VehicleState(0.0, 0.0, 0.0, SPEED),
+        VehicleState(6_000.0, 1_500.0, math.pi, 75.0),
+    )
+    calm = plan(own, [intruder], ROUTE, policy(), PATIENT)
     assert calm.advisories == ()
-    answer = plan(own, [seen._replace(speed=200.0)], ROUTE, policy(), PATIENT)
-    assert any(str(one.field).startswith("novelty: ") for one in answer.advisories)
+    answer = plan(own, [intruder._replace(speed=200.0)], ROUTE, policy(), PATIENT)
+    assert any(str(advisory.field).startswith("novelty: ") for advisory in answer.advisories)
     slow = new_aircraft(PAPER.limits._replace(speed_min=30.0), PAPER.separation)
     options = Options.for_aircraft(slow, exhaustive=False, deadline_s=math.inf)
-    outside = plan(own, [seen], ROUTE, policy().for_aircraft(slow, outside="allow"), options)
-    assert (AdvisoryCode.OUTSIDE_DOMAIN, "speed_min") in [one[:2] for one in outside.advisories]
+    outside = plan(own, [intruder], ROUTE, policy().for_aircraft(slow, outside="allow"), options)
+    assert (AdvisoryCode.OUTSIDE_DOMAIN, "speed_min") in [
+        advisory[:2] for advisory in outside.advisories
+    ]
 
 
 @pytest.mark.slow
@@ -204,6 +209,6 @@ def test_the_command_prints_a_rate_for_every_kind_of_traffic(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["--encounters", "2", "--seed", "1"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert set(found["shifts"]) == set(SHIFTS)
-    assert all(one["flagged"]["total"] for one in found["shifts"].values())
+    printed = json.loads(capsys.readouterr().out)
+    assert set(printed["shifts"]) == set(SHIFTS)
+    assert all(rates["flagged"]["total"] for rates in printed["shifts"].values())

@@ -63,15 +63,15 @@ def test_safe_plans_keep_out_of_areas_over_the_ground(mode: str, wind: tuple[flo
     assert safe.sum() >= COUNT - 2 and table["areas"].sum() >= COUNT
     assert (table["outcome"][safe] == "reached").sum() >= COUNT - 2
     if mode == "plan":
-        kept = table["min_area_clearance_m"][safe & (table["areas"] > 0)]
-        assert kept.min() > 0.0 and np.isnan(table["area_breach_s"][safe]).all()
+        clearances = table["min_area_clearance_m"][safe & (table["areas"] > 0)]
+        assert clearances.min() > 0.0 and np.isnan(table["area_breach_s"][safe]).all()
     flown = fly_recorded(flying, [4, 1])
     for row, number in enumerate((4, 1)):
         assert ENDS[flown.flights.outcome[row]] == table["outcome"][number]
         clearance = max((area.clearance for area in flown.track(row).areas), default=0.0)
-        found = dense_distance(flown, row) - clearance
+        distance = dense_distance(flown, row) - clearance
         # Circles are drawn as polygons, and places are those of whole steps.
-        assert found == pytest.approx(table["min_area_clearance_m"][number], abs=8.0)
+        assert distance == pytest.approx(table["min_area_clearance_m"][number], abs=8.0)
 
 
 def straight(*speeds: float) -> Trajectories[Air]:
@@ -91,15 +91,15 @@ def test_a_breach_is_timed_and_ends_a_flight() -> None:
         (Area(Circle(4_000.0, 2_000.0, 500.0), velocity=(0.0, -20.0)),),
         (),
     ]
-    found = judge(straight(50.0, 50.0, 50.0), areas, None, 1.0)
-    assert found.breach[0] == pytest.approx((2_000.0 - 100.0) / 50.0, abs=0.01)
-    assert found.distance[0] == pytest.approx(-600.0, abs=1.0)  # in its middle
+    judged = judge(straight(50.0, 50.0, 50.0), areas, None, 1.0)
+    assert judged.breach[0] == pytest.approx((2_000.0 - 100.0) / 50.0, abs=0.01)
+    assert judged.distance[0] == pytest.approx(-600.0, abs=1.0)  # in its middle
     # The disc has moved by 20 m/s when the aircraft passes.
     time = np.arange(0.0, 100.0, 0.01)
     away = np.hypot(4_000.0 - 50.0 * time, 2_000.0 - 20.0 * time) - 500.0
-    assert found.distance[1] == pytest.approx(away.min(), abs=0.5)
-    assert found.breach[1] == pytest.approx(time[np.argmax(away < 0.0)], abs=0.02)
-    assert found.distance[2] == np.inf and np.isnan(found.breach[2])
+    assert judged.distance[1] == pytest.approx(away.min(), abs=0.5)
+    assert judged.breach[1] == pytest.approx(time[np.argmax(away < 0.0)], abs=0.02)
+    assert judged.distance[2] == np.inf and np.isnan(judged.breach[2])
 
 
 def spike(depth: float) -> Polygon:
@@ -110,11 +110,11 @@ def spike(depth: float) -> Polygon:
 def test_a_breach_between_the_ends_of_arcs_is_one() -> None:
     areas = np.empty(2, dtype=object)
     areas[:] = [(Area(spike(50.0)),), (Area(spike(-0.5)),)]
-    found = judge(straight(50.0, 50.0), areas, None, 1.0)
-    assert found.breach[0] == pytest.approx(2_002.5 / 50.0, abs=0.04)
-    assert -2.0 < found.distance[0] < 0.0  # across the middle of it, between two places 5 m apart
-    assert np.isnan(found.breach[1])
-    assert found.distance[1] == pytest.approx(0.5, abs=0.01)
+    judged = judge(straight(50.0, 50.0), areas, None, 1.0)
+    assert judged.breach[0] == pytest.approx(2_002.5 / 50.0, abs=0.04)
+    assert -2.0 < judged.distance[0] < 0.0  # across the middle of it, between two places 5 m apart
+    assert np.isnan(judged.breach[1])
+    assert judged.distance[1] == pytest.approx(0.5, abs=0.01)
 
 
 def test_an_area_counts_while_it_is_valid() -> None:
@@ -122,12 +122,12 @@ def test_an_area_counts_while_it_is_valid() -> None:
     areas = np.empty(4, dtype=object)
     wall = Polygon(((1_900.0, -500.0), (3_000.0, -500.0), (3_000.0, 500.0), (1_900.0, 500.0)))
     areas[:] = [(Area(wall, valid_from=begin, valid_until=end),) for begin, end in valid]
-    found = judge(straight(50.0, 50.0, 50.0, 50.0), areas, None, 1.0)
-    assert found.breach[0] == pytest.approx(38.0, abs=0.01)
-    assert np.isnan(found.breach[1:]).all()
-    assert found.distance[1] == pytest.approx(400.0, abs=0.2)
-    assert found.distance[2] <= 1_900.0 - 50.0 * 35.045  # between two ends of arcs
-    assert found.distance[3] == np.inf
+    judged = judge(straight(50.0, 50.0, 50.0, 50.0), areas, None, 1.0)
+    assert judged.breach[0] == pytest.approx(38.0, abs=0.01)
+    assert np.isnan(judged.breach[1:]).all()
+    assert judged.distance[1] == pytest.approx(400.0, abs=0.2)
+    assert judged.distance[2] <= 1_900.0 - 50.0 * 35.045  # between two ends of arcs
+    assert judged.distance[3] == np.inf
 
 
 def test_a_flight_is_judged_in_its_wind() -> None:
@@ -135,8 +135,8 @@ def test_a_flight_is_judged_in_its_wind() -> None:
     areas = np.empty(1, dtype=object)
     wall = Polygon(((3_000.0, -500.0), (4_000.0, -500.0), (4_000.0, 500.0), (3_000.0, 500.0)))
     areas[0] = (Area(wall),)
-    found = judge(straight(50.0), areas, wind, 1.0)
-    assert found.breach[0] == pytest.approx(3_000.0 / 60.0, abs=0.01)
+    judged = judge(straight(50.0), areas, wind, 1.0)
+    assert judged.breach[0] == pytest.approx(3_000.0 / 60.0, abs=0.01)
 
 
 @pytest.mark.slow
@@ -177,8 +177,8 @@ def test_areas_follow_from_the_number_alone_and_are_none_where_none_are_asked_fo
     evaluation = pilot().evaluation
     starts = pick(evaluation, range(5))
     every = evaluation.areas_of(starts, np.arange(5))
-    some = evaluation.areas_of(take(starts, np.array([3])), np.array([3]))
-    assert every is not None and some is not None and some[0] == every[3]
+    part = evaluation.areas_of(take(starts, np.array([3])), np.array([3]))
+    assert every is not None and part is not None and part[0] == every[3]
     assert pilot(areas=0).evaluation.areas_of(starts, np.arange(5)) is None
 
 

@@ -25,14 +25,14 @@ SOURCE = scenario("circle", PAPER)
 
 @pytest.fixture(scope="module")
 def flying() -> ReadyEvaluation:
-    given = Evaluation(None, SOURCE, None, 3, PAPER, "policy", areas=2)
-    return ReadyEvaluation(given, Policy.load())
+    evaluation = Evaluation(None, SOURCE, None, 3, PAPER, "policy", areas=2)
+    return ReadyEvaluation(evaluation, Policy.load())
 
 
-def areas_of(*each: tuple[Area, ...]) -> np.ndarray:
-    found = np.empty(len(each), dtype=object)
-    found[:] = each
-    return found
+def areas_of(*area_tuples: tuple[Area, ...]) -> np.ndarray:
+    areas = np.empty(len(area_tuples), dtype=object)
+    areas[:] = area_tuples
+    return areas
 
 
 def still(count: int) -> Encounter:
@@ -76,31 +76,36 @@ def test_a_flight_among_areas_does_not_depend_on_those_of_others() -> None:
     resolver, starts = ByPolicy(Policy.load()), still(2)
     disc = Area(Circle(float(starts.goal_x[0]) * 0.5, float(starts.goal_y[0]) * 0.5, 900.0))
     far = [Area(Circle(90_000.0, 90_000.0 + n, 900.0)) for n in range(4)]
-    few, many = (
-        fly(starts, resolver, PAPER, standing=what_stands_in_each(areas_of((disc,), rest), PAPER))
-        for rest in ((), tuple(far))
+    near_flights, all_flights = (
+        fly(
+            starts,
+            resolver,
+            PAPER,
+            standing=what_stands_in_each(areas_of((disc,), other_areas), PAPER),
+        )
+        for other_areas in ((), tuple(far))
     )
-    assert few.path_length[0] == many.path_length[0]
-    assert few.min_separation[0] == many.min_separation[0]
+    assert near_flights.path_length[0] == all_flights.path_length[0]
+    assert near_flights.min_separation[0] == all_flights.min_separation[0]
 
 
 def test_a_disc_gives_the_actions_of_an_intruder_that_stands_there_with_its_separation() -> None:
     policy, starts = Policy.load(), still(3)
-    own, others, nan = starts.own, starts.intruders, np.nan
-    alone = Observation(own, others, starts.mask, starts.goal_x, starts.goal_y, 300.0)
+    own, traffic, nan = starts.own, starts.intruders, np.nan
+    alone = Observation(own, traffic, starts.mask, starts.goal_x, starts.goal_y, 300.0)
     places = [(float(x) + 5_000.0, float(y)) for x, y in zip(own.x, own.y, strict=True)]
     areas = areas_of(*((Area(Circle(*place, 1_300.0), clearance=200.0),) for place in places))
-    seen = add_to_observation(alone, what_stands_in_each(areas, PAPER), 10.0, PAPER)
+    with_areas = add_to_observation(alone, what_stands_in_each(areas, PAPER), 10.0, PAPER)
     column = np.array(places)
     zero = np.zeros((3, 1))
     stands = VehicleState(column[:, :1], column[:, 1:], zero, zero)
-    both = map_leaves(lambda *two: np.concatenate(two, axis=1), others, stands)
+    intruders = map_leaves(lambda *two: np.concatenate(two, axis=1), traffic, stands)
     share = np.concatenate([np.ones(starts.mask.shape), zero + PAPER.separation / 1_500.0], axis=1)
     mask = np.concatenate([starts.mask, zero == 0.0], axis=1)
-    asked = policy.command(own, both, mask, alone.goal_x, alone.goal_y, share)
+    commanded = policy.command(own, intruders, mask, alone.goal_x, alone.goal_y, share)
     resolver = ByPolicy(policy)
-    assert (resolver.decide(seen, np.full(3, nan))[0] == asked).all()
-    assert (resolver.decide(alone, np.full(3, nan))[0] != asked).any()
+    assert (resolver.decide(with_areas, np.full(3, nan))[0] == commanded).all()
+    assert (resolver.decide(alone, np.full(3, nan))[0] != commanded).any()
 
 
 def test_the_policy_among_areas_is_as_symmetric_as_without() -> None:
@@ -109,14 +114,16 @@ def test_the_policy_among_areas_is_as_symmetric_as_without() -> None:
         starts.own, starts.intruders, starts.mask, starts.goal_x, starts.goal_y, 300.0
     )
     x, y = 0.5 * (starts.own.x + starts.goal_x), 0.5 * (starts.own.y + starts.goal_y)
-    there = list(zip(x.tolist(), y.tolist(), strict=True))
-    each = [(Area(Circle(*place, 1_500.0), velocity=(2.0, 3.0)),) for place in there]
-    turned = [(Area(Circle(x, -y, 1_500.0), velocity=(2.0, -3.0)),) for x, y in there]
-    seen = add_to_observation(observation, what_stands_in_each(areas_of(*each), PAPER), 5.0, PAPER)
-    other = what_stands_in_each(areas_of(*turned), PAPER)
-    seen_turned = add_to_observation(mirrored(observation), other, 5.0, PAPER)
+    places = list(zip(x.tolist(), y.tolist(), strict=True))
+    areas = [(Area(Circle(*place, 1_500.0), velocity=(2.0, 3.0)),) for place in places]
+    turned = [(Area(Circle(x, -y, 1_500.0), velocity=(2.0, -3.0)),) for x, y in places]
+    with_areas = add_to_observation(
+        observation, what_stands_in_each(areas_of(*areas), PAPER), 5.0, PAPER
+    )
+    turned_obstacles = what_stands_in_each(areas_of(*turned), PAPER)
+    seen_turned = add_to_observation(mirrored(observation), turned_obstacles, 5.0, PAPER)
     nothing = np.zeros(4)
-    action, back = (resolver.decide(one, nothing)[0] for one in (seen, seen_turned))
+    action, back = (resolver.decide(observed, nothing)[0] for observed in (with_areas, seen_turned))
     np.testing.assert_allclose(back, action * [1.0, -1.0], atol=1e-4)
 
 

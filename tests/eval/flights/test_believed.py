@@ -24,31 +24,33 @@ def resolver() -> ByPolicy:
     return ByPolicy(Policy.load().for_aircraft(PAPER, outside="allow"))
 
 
-def sight_of(intruder: VehicleState, there: bool) -> Observation:
+def sight_of(intruder: VehicleState, present: bool) -> Observation:
     own = VehicleState(*np.array([[0.0], [0.0], [0.3], [80.0]]))
-    others = VehicleState(*(np.array([[field]]) for field in intruder))
-    return Observation(own, others, np.array([[there]]), np.array([9e3]), np.array([0.0]), 200.0)
+    intruders = VehicleState(*(np.array([[field]]) for field in intruder))
+    return Observation(
+        own, intruders, np.array([[present]]), np.array([9e3]), np.array([0.0]), 200.0
+    )
 
 
 @pytest.mark.parametrize("rate", [0.0, math.radians(2.0)])
 def test_an_intruder_is_carried_on_along_its_course_or_turn_and_is_gone_then(rate: float) -> None:
-    course, known, exists = 0.5, None, np.array([[True]])
+    course, sightings, exists = 0.5, None, np.array([[True]])
     place = 0.0 + 0.0j
     hidden = VehicleState(1e5, 1e5, 0.0, 0.0)  # what is not reported must not matter
     for second in range(80):
-        there = second < 10
+        present = second < 10
         now = VehicleState(place.real, place.imag, course, 70.0)
-        sight = sight_of(now if there else hidden, there)
-        seen, known = carry_on(sight, exists, known, None, float(second), PAPER)
-        if there:
-            assert seen is sight
+        sight = sight_of(now if present else hidden, present)
+        carried, sightings = carry_on(sight, exists, sightings, None, float(second), PAPER)
+        if present:
+            assert carried is sight
         elif second - 9.0 <= CARRIED:
-            far = abs(seen.intruders.x[0, 0] + 1j * seen.intruders.y[0, 0] - place)
+            far = abs(carried.intruders.x[0, 0] + 1j * carried.intruders.y[0, 0] - place)
             # A turn is expected to end after 15 s.
-            assert seen.mask.all()
+            assert carried.mask.all()
             assert far < 1e-6 or (rate and second > 9 + 15)
         else:
-            assert not seen.mask.any()
+            assert not carried.mask.any()
         middle = course + 0.5 * rate
         place += 70.0 * np.sinc(0.5 * rate / math.pi) * np.exp(1j * middle)
         course += rate
@@ -57,37 +59,41 @@ def test_an_intruder_is_carried_on_along_its_course_or_turn_and_is_gone_then(rat
 def test_a_turn_is_carried_on_only_where_its_end_is_known() -> None:
     exists, rate = np.array([[True]]), math.radians(3.0)
     for sensor, goes_on in ((Sensor(30.0, 3.0), False), (Sensor(1.0, 0.1), True)):
-        known, random, place = None, np.random.default_rng(1), 0.0j
+        sightings, random, place = None, np.random.default_rng(1), 0.0j
         for second in range(40):
             velocity = 70.0 * np.exp(1j * rate * second)
-            there, flown = (
+            true_place, flown = (
                 true + std * complex(*random.normal(size=2))
                 for true, std in (
                     (place, sensor.position_std),
                     (velocity, sensor.velocity_std),
                 )
             )
-            state = VehicleState(there.real, there.imag, np.angle(flown), abs(flown))
-            _, known = carry_on(sight_of(state, True), exists, known, sensor, float(second), PAPER)
+            state = VehicleState(true_place.real, true_place.imag, np.angle(flown), abs(flown))
+            _, sightings = carry_on(
+                sight_of(state, True), exists, sightings, sensor, float(second), PAPER
+            )
             place += velocity * np.exp(0.5j * rate)
-        assert known is not None
-        believed = belief(known.tracks)
+        assert sightings is not None
+        believed = belief(sightings.tracks)
         assert believed.turn_rate[0, 0] > 0.5 * rate
-        seen, _ = carry_on(sight_of(state, False), exists, known, sensor, 49.0, PAPER)
-        turned = wrap(seen.intruders.heading - believed.state.heading, np)[0, 0]
+        carried, _ = carry_on(sight_of(state, False), exists, sightings, sensor, 49.0, PAPER)
+        turned = wrap(carried.intruders.heading - believed.state.heading, np)[0, 0]
         assert turned == (pytest.approx(10.0 * rate, rel=0.1) if goes_on else 0.0)
 
 
 def test_who_was_never_reported_is_nobody() -> None:
     sight = sight_of(VehicleState(1e3, 0.0, 0.0, 50.0), False)
-    seen, _ = carry_on(sight, np.array([[True]]), None, None, 0.0, PAPER)
-    assert not seen.mask.any()
+    carried, _ = carry_on(sight, np.array([[True]]), None, None, 0.0, PAPER)
+    assert not carried.mask.any()
 
 
 def test_a_policy_steers_to_the_goal_where_nobody_is(resolver: ByPolicy) -> None:
-    alone, other = (sight_of(VehicleState(3e3, 0.0, 0.0, 50.0), there) for there in (False, True))
+    alone, with_intruder = (
+        sight_of(VehicleState(3e3, 0.0, 0.0, 50.0), present) for present in (False, True)
+    )
     action = np.array([[0.25, 0.125]])
-    assert steer_alone(action, other, PAPER) is action
+    assert steer_alone(action, with_intruder, PAPER) is action
     steered = steer_alone(action, alone, PAPER)
     assert steered[0, 0] == 0.25
     assert steered[0, 1] == -1.0  # the goal is to the right
@@ -98,10 +104,12 @@ def drawn(count: int, *, dropouts: bool = True) -> Encounter:
     starts = encounters_of_seed(
         scenario("circle + partly_seen", PAPER), 5, 0, count, heeds=OF_INTRUDERS
     )
-    given = starts.coverage
-    everywhere = given._replace(reach=np.inf * given.reach, half_angle=0.0 * given.reach + math.pi)
+    coverage = starts.coverage
+    everywhere = coverage._replace(
+        reach=np.inf * coverage.reach, half_angle=0.0 * coverage.reach + math.pi
+    )
     if not dropouts:
-        everywhere = everywhere._replace(silence=0.0 * given.silence)
+        everywhere = everywhere._replace(silence=0.0 * coverage.silence)
     return starts._replace(coverage=everywhere)
 
 
@@ -111,12 +119,12 @@ def reached(flights: Flights) -> int:
 
 def test_reports_of_all_at_all_times_change_nothing(resolver: ByPolicy) -> None:
     starts = drawn(150, dropouts=False)
-    for one, other in zip(
+    for field, reported_field in zip(
         fly(starts, resolver, PAPER),
         fly(starts._replace(coverage=None), resolver, PAPER),
         strict=True,
     ):
-        np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(field, reported_field)
 
 
 def test_drop_outs_alone_lose_hardly_an_encounter(resolver: ByPolicy) -> None:
@@ -124,6 +132,6 @@ def test_drop_outs_alone_lose_hardly_an_encounter(resolver: ByPolicy) -> None:
     flights = fly(starts, resolver, PAPER)
     assert reached(flights) >= 297
     assert flights.reversals.mean() < 2.0
-    few = fly(drawn(20), resolver, PAPER)
+    part = fly(drawn(20), resolver, PAPER)
     for field in Flights._fields:  # a flight does not depend on its company
-        np.testing.assert_array_equal(getattr(few, field), getattr(flights, field)[:20])
+        np.testing.assert_array_equal(getattr(part, field), getattr(flights, field)[:20])

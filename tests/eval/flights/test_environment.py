@@ -29,11 +29,11 @@ def test_the_environment_flies_what_the_evaluator_flies(scenario):
     flown = simulate.fly(drawn, OnObservations(decide), PAPER, noise=noise)
     env = DeconflictionEnv(scenario)
     for i in range(count):
-        seen, info = env.reset(seed=seed if i == 0 else None)
+        observed, info = env.reset(seed=seed if i == 0 else None)
         assert info["encounter"] == i
         over = False
         while not over:
-            seen, _, terminated, truncated, info = env.step(decide(seen[None])[0])
+            observed, _, terminated, truncated, info = env.step(decide(observed[None])[0])
             over = terminated or truncated
         assert info["time"] == flown.duration[i]
         assert info["outcome"] == simulate.OUTCOMES[flown.outcome[i]]

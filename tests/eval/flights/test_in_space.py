@@ -67,13 +67,13 @@ def fly_as(
     options = Options.for_aircraft(UAS, maneuvers=Maneuvers(maneuvers), exhaustive=False)
     evaluation = Evaluation(None, scenario("circle", UAS), None, 3, UAS, mode, options)
     ready = ReadyEvaluation(evaluation, policy)
-    given = Conditioned(starts, None)
-    return fly_in_mode(ready, given, TrajectoryRecorder(starts), endless=endless)[1]
+    conditioned = Conditioned(starts, None)
+    return fly_in_mode(ready, conditioned, TrajectoryRecorder(starts), endless=endless)[1]
 
 
 def assert_same(first: Flights, second: Flights) -> None:
-    for name, one, other in zip(Flights._fields, first, second, strict=True):
-        np.testing.assert_array_equal(one, other, err_msg=name)
+    for name, value, expected in zip(Flights._fields, first, second, strict=True):
+        np.testing.assert_array_equal(value, expected, err_msg=name)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,9 @@ def assert_same(first: Flights, second: Flights) -> None:
 )
 def test_at_one_level_flights_are_those_of_the_plane(mode: str, policy: Policy) -> None:
     starts = encounters_of_seed(scenario("multi", UAS), 5, 0, COUNT)
-    plane, space = (fly_as(each, mode, policy) for each in (starts, at_one_level(starts)))
+    plane, space = (
+        fly_as(encounters, mode, policy) for encounters in (starts, at_one_level(starts))
+    )
     assert_same(plane, space)
 
 
@@ -99,11 +101,13 @@ def test_up_and_down_are_alike(mode: str, policy: Policy) -> None:
     assert altitudes is not None
     mirrored = 2.0 * LEVEL - altitudes.intruders
     below = starts._replace(altitudes=altitudes._replace(intruders=mirrored))
-    one, other = (fly(each, Unmitigated(UAS), UAS, endless=True) for each in (starts, below))
-    np.testing.assert_allclose(one.min_separation, other.min_separation, rtol=1e-12)
+    upward, downward = (
+        fly(encounters, Unmitigated(UAS), UAS, endless=True) for encounters in (starts, below)
+    )
+    np.testing.assert_allclose(upward.min_separation, downward.min_separation, rtol=1e-12)
     # Of a climb and a descent that cost the same a plan takes the climb: the flight may differ.
-    one, other = (fly_as(each, mode, policy, "both") for each in (starts, below))
-    np.testing.assert_array_equal(one.outcome, other.outcome)
+    upward, downward = (fly_as(encounters, mode, policy, "both") for encounters in (starts, below))
+    np.testing.assert_array_equal(upward.outcome, downward.outcome)
 
 
 @pytest.mark.slow
@@ -114,7 +118,9 @@ def test_who_is_far_above_is_nobody(maneuvers: str, policy: Policy) -> None:
     rows = steady(height, np.zeros_like(height), UAS.dt)
     above = starts._replace(altitudes=Altitudes(np.full(COUNT, LEVEL), rows))
     alone = starts._replace(mask=np.zeros_like(starts.mask))
-    far, none = (fly_as(each, "plan", policy, maneuvers) for each in (above, at_one_level(alone)))
+    far, none = (
+        fly_as(encounters, "plan", policy, maneuvers) for encounters in (above, at_one_level(alone))
+    )
     assert (far.outcome == OUTCOMES.index("reached")).all()
     np.testing.assert_allclose(far.path_length, none.path_length, atol=1e-9)
     assert far.min_separation.min() > 1_000.0 * UAS.separation / VERTICAL.separation
@@ -127,22 +133,22 @@ def test_a_loss_is_one_of_both_separations_at_once(early: float, lost: bool) -> 
     # Head-on, and through the ownship's level so many seconds before they meet.
     speed, meeting, climb = 25.0, 100.0, -5.0
     own = VehicleState(*np.array([[0.0], [0.0], [0.0], [speed]]))
-    others = VehicleState(*np.array([[[2.0 * speed * meeting]], [[0.0]], [[np.pi]], [[speed]]]))
+    intruders = VehicleState(*np.array([[[2.0 * speed * meeting]], [[0.0]], [[np.pi]], [[speed]]]))
     start = encounters_of_seed(scenario("circle", UAS), 0, 0, 1)
     height = np.array([[LEVEL - climb * (meeting - early)]])
     altitudes = Altitudes(np.array([LEVEL]), steady(height, np.full((1, 1), climb), UAS.dt))
     start = start._replace(
-        own=own, goal_x=np.array([4_000.0]), goal_y=np.zeros(1), intruders=others
+        own=own, goal_x=np.array([4_000.0]), goal_y=np.zeros(1), intruders=intruders
     )._replace(altitudes=altitudes, intent=map_leaves(np.zeros_like, start.intent))
     times = np.arange(0.0, 160.0, 0.001)
     apart = np.abs(2.0 * speed * (meeting - times))
     above = np.abs(height[0, 0] + climb * times - LEVEL)
-    both = (apart < UAS.separation) & (above < VERTICAL.separation)
-    assert both.any() == lost
+    is_lost = (apart < UAS.separation) & (above < VERTICAL.separation)
+    assert is_lost.any() == lost
     flight = fly(start, Unmitigated(UAS), UAS)
     assert (flight.outcome[0] == OUTCOMES.index("violation")) == lost
     if lost:
-        assert times[both][0] <= flight.duration[0] <= times[both][0] + UAS.dt + 1e-6
+        assert times[is_lost][0] <= flight.duration[0] <= times[is_lost][0] + UAS.dt + 1e-6
     endless = fly(start, Unmitigated(UAS), UAS, endless=True)
     dense = np.maximum(apart, above * UAS.separation / VERTICAL.separation).min()
     assert endless.min_separation[0] == pytest.approx(dense, abs=0.05)
@@ -151,8 +157,8 @@ def test_a_loss_is_one_of_both_separations_at_once(early: float, lost: bool) -> 
 def test_altitudes_go_on_evenly_between_and_after_their_rows() -> None:
     rows = np.array([[[100.0, 110.0, 105.0]]])
     steps = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 4.0])
-    found = [float(at_step(rows, step)[0, 0]) for step in steps]
-    assert found == [100.0, 105.0, 110.0, 107.5, 105.0, 95.0]
+    altitudes = [float(at_step(rows, step)[0, 0]) for step in steps]
+    assert altitudes == [100.0, 105.0, 110.0, 107.5, 105.0, 95.0]
     # A report knows the climb since the one before.
     climbs = [float(climb_at(rows, step, 2.0)[0, 0]) for step in (0.0, 1.0, 2.0, 3.0)]
     assert climbs == [5.0, 5.0, -2.5, -2.5]
@@ -199,8 +205,10 @@ def test_a_model_s_traffic_in_space(name: str) -> None:
     )
     space = replace(plane, vertical_miss=200.0)
     # Whatever the altitudes, intruders and weights are those of the plane.
-    (flat, weights), (high, same) = (encounters_with(each, 2, 0, 8) for each in (plane, space))
-    np.testing.assert_array_equal(weights, same)
+    (flat, weights), (high, space_weights) = (
+        encounters_with(model_traffic, 2, 0, 8) for model_traffic in (plane, space)
+    )
+    np.testing.assert_array_equal(weights, space_weights)
     map_leaves(np.testing.assert_array_equal, flat.intruders, high.intruders)
     assert flat.altitudes is None and high.altitudes is not None
     edges = model.boundaries[model.place("L")]
@@ -321,8 +329,8 @@ def test_what_cannot_be_flown_is_refused(
 
 def hear(starts: Encounter, reach: float) -> Encounter:
     """Return encounters whose intruders are reported all round within a range, m."""
-    each = np.ones(starts.mask.shape)
-    return starts._replace(coverage=Coverage(reach * each, math.pi * each, 0.0 * each, 0.0 * each))
+    ones = np.ones(starts.mask.shape)
+    return starts._replace(coverage=Coverage(reach * ones, math.pi * ones, 0.0 * ones, 0.0 * ones))
 
 
 @pytest.mark.slow
@@ -334,7 +342,7 @@ def test_reports_of_all_change_no_plan_and_of_none_none_is_avoided(
     assert_same(fly_as(hear(starts, 1e6), mode, policy), fly_as(starts, mode, policy))
     nobody = starts._replace(mask=np.zeros_like(starts.mask))
     unseen, alone = (
-        fly_as(each, mode, policy, endless=True) for each in (hear(starts, 1.0), nobody)
+        fly_as(encounters, mode, policy, endless=True) for encounters in (hear(starts, 1.0), nobody)
     )
     np.testing.assert_array_equal(unseen.path_length, alone.path_length)
     assert (unseen.min_separation < alone.min_separation).all()
@@ -345,15 +353,17 @@ def test_traffic_of_a_model_has_the_sensors_that_are_stated(tmp_path: Path) -> N
     path.write_text(SMALL)
     plain = read_model_traffic(path, TrafficConfig(), C208)
     stated = {"position_std": 12.0, "velocity_std": 1.2, "latency": 1.0}
-    seen = replace(plain, **stated, sensor_range=4_000.0, field_of_view=math.pi)
-    (drawn, weights), (bare, same) = (encounters_with(each, 3, 0, 4) for each in (seen, plain))
+    with_sensors = replace(plain, **stated, sensor_range=4_000.0, field_of_view=math.pi)
+    (drawn, weights), (bare, bare_weights) = (
+        encounters_with(model_traffic, 3, 0, 4) for model_traffic in (with_sensors, plain)
+    )
     for name, value in stated.items():
         assert (getattr(drawn.sensor, name) == value).all()
     assert drawn.coverage is not None and bare.coverage is None
     assert (drawn.coverage.reach == 4_000.0).all()
     assert (drawn.coverage.half_angle == 0.5 * math.pi).all()
     assert not any(field.any() for field in bare.sensor)
-    np.testing.assert_array_equal(weights, same)
+    np.testing.assert_array_equal(weights, bare_weights)
     np.testing.assert_array_equal(drawn.intruders.x, bare.intruders.x)
     late = TrafficConfig(latency=2.0 * C208.dt + 0.5)
     sentence = rf"latency is {late.latency:g} s; expected at most two time steps"

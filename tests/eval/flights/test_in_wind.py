@@ -38,11 +38,13 @@ def test_plans_are_safe_and_arrive() -> None:
 
 def test_winds_follow_from_the_number_alone() -> None:
     evaluation = pilot("plan", (5.0, 20.0)).evaluation
-    still = pick(evaluation, [0])
-    every, some = (evaluation.wind(still, each) for each in (np.arange(10), np.array([7, 3])))
-    assert every is not None and some is not None
-    np.testing.assert_array_equal(some.east, every.east[[7, 3]])
-    assert pilot("plan", (0.0, 0.0)).evaluation.wind(still, np.arange(10)) is None
+    encounter = pick(evaluation, [0])
+    every, part = (
+        evaluation.wind(encounter, numbers) for numbers in (np.arange(10), np.array([7, 3]))
+    )
+    assert every is not None and part is not None
+    np.testing.assert_array_equal(part.east, every.east[[7, 3]])
+    assert pilot("plan", (0.0, 0.0)).evaluation.wind(encounter, np.arange(10)) is None
 
 
 @pytest.mark.slow

@@ -39,13 +39,16 @@ def registered(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def in_a_valley(chosen: Any, draws: Any, xp: Any) -> Any:
     """Encounters of the circle with a wall beside the way and a wind along it."""
-    made, accepted = conflict_point(chosen, draws, xp)
+    encounter, accepted = conflict_point(chosen, draws, xp)
     areas = np.empty(draws.shape[0], dtype=object)
     for n in range(len(areas)):
-        x, y = 0.5 * (made.own.x[n] + made.goal_x[n]), 0.5 * (made.own.y[n] + made.goal_y[n])
+        x, y = (
+            0.5 * (encounter.own.x[n] + encounter.goal_x[n]),
+            0.5 * (encounter.own.y[n] + encounter.goal_y[n]),
+        )
         areas[n] = (Area(Circle(float(x), float(y), 700.0), clearance=100.0),)
-    still = xp.zeros_like(made.goal_x)
-    return made._replace(areas=areas, wind=Wind(still + 8.0, still - 3.0, still)), accepted
+    zero = xp.zeros_like(encounter.goal_x)
+    return encounter._replace(areas=areas, wind=Wind(zero + 8.0, zero - 3.0, zero)), accepted
 
 
 def valley(mode: str = "plan", **more: Any) -> ReadyEvaluation:
@@ -57,12 +60,12 @@ def valley(mode: str = "plan", **more: Any) -> ReadyEvaluation:
 def test_areas_and_wind_of_an_encounter_are_flown_as_they_are_stated() -> None:
     ready = valley()
     starts = encounters_of_seed(ready.evaluation.source, 3, 0, 5, heeds=ready.evaluation.heeds)
-    given = conditions_of(ready.evaluation, starts, NUMBERS, None)
-    assert given.wind is not None and given.areas is not None
-    assert set(given.wind.east) == {8.0} and set(given.wind.north) == {-3.0}
-    assert [areas[0].shape.radius for areas in given.areas] == [700.0] * 5
+    conditioned = conditions_of(ready.evaluation, starts, NUMBERS, None)
+    assert conditioned.wind is not None and conditioned.areas is not None
+    assert set(conditioned.wind.east) == {8.0} and set(conditioned.wind.north) == {-3.0}
+    assert [areas[0].shape.radius for areas in conditioned.areas] == [700.0] * 5
     # The goal is stated over the ground, where the areas are.
-    assert (given.starts.goal_x == starts.goal_x).all()
+    assert (conditioned.starts.goal_x == starts.goal_x).all()
     assert len(conditions_of(valley(areas=2).evaluation, starts, NUMBERS, None).areas[0]) > 1  # pyright: ignore[reportOptionalSubscript]
     check_encounter(starts, PAPER, (5,))
 
@@ -85,8 +88,8 @@ def test_who_does_not_heed_them_refuses_them() -> None:
     with pytest.raises(EncounterError, match=r"areas of its own; expected eval\.monte_carlo"):
         encounters_of_seed(source, 3, 0, 2, heeds=("wind",))
     with pytest.raises(EncounterError, match="'valley' has a wind, areas or altitudes of its own"):
-        still = scenario("valley", PAPER)
-        sample(still, jnp.full((1, 4, still.dimensions), 0.5), jnp)
+        scenario_of_valley = scenario("valley", PAPER)
+        sample(scenario_of_valley, jnp.full((1, 4, scenario_of_valley.dimensions), 0.5), jnp)
     blowing = valley(wind_mps=(3.0, 4.0))
     starts = encounters_of_seed(source, 3, 0, 1, heeds=blowing.evaluation.heeds)
     with pytest.raises(EncounterError, match=r"wind_mps is \[3, 4\]; expected \[0, 0\]"):
@@ -95,9 +98,9 @@ def test_who_does_not_heed_them_refuses_them() -> None:
 
 def test_what_is_refused_leaves_no_folder(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    asked = ["--mode", "plan", "--scenario", "circle + reacting", "--encounters", "4"]
+    arguments = ["--mode", "plan", "--scenario", "circle + reacting", "--encounters", "4"]
     with pytest.raises(EncounterError, match="intruders that answer the ownship"):
-        monte_carlo.main([*asked, "--workers", "1", "--out", str(out)])
+        monte_carlo.main([*arguments, "--workers", "1", "--out", str(out)])
     assert not out.exists()
 
 
@@ -110,24 +113,24 @@ def test_areas_that_are_none_are_refused() -> None:
 
 def test_traffic_that_stands_does_not_drift_in_the_wind() -> None:
     starts = encounters_of_seed(scenario("multi + standing", PAPER), 4, 0, 60)
-    still = starts.mask & (starts.intruders.speed == 0.0)
-    assert still.any() and not still.all()
+    motionless = starts.mask & (starts.intruders.speed == 0.0)
+    assert motionless.any() and not motionless.all()
     wind = Wind(np.full(60, 7.0), np.full(60, -11.0), np.zeros(60))
-    made = stand(starts, wind)
-    each = Wind(wind.east[:, None], wind.north[:, None])
+    carried = stand(starts, wind)
+    wind_of_each = Wind(wind.east[:, None], wind.north[:, None])
     for seconds in (0.0, 100.0):
-        vx = made.intruders.speed * np.cos(made.intruders.heading)
-        vy = made.intruders.speed * np.sin(made.intruders.heading)
-        flown = made.intruders._replace(
-            x=made.intruders.x + seconds * vx, y=made.intruders.y + seconds * vy
+        vx = carried.intruders.speed * np.cos(carried.intruders.heading)
+        vy = carried.intruders.speed * np.sin(carried.intruders.heading)
+        flown = carried.intruders._replace(
+            x=carried.intruders.x + seconds * vx, y=carried.intruders.y + seconds * vy
         )
-        seen = over_ground(flown, each, np.full((60, 1), seconds))
-        assert np.abs(seen.x - starts.intruders.x)[still].max() < 1e-6
-        assert np.abs(seen.y - starts.intruders.y)[still].max() < 1e-6
-        assert np.abs(seen.speed)[still].max() < 1e-6
-    others = starts.mask & ~still
-    assert (made.intruders.speed == starts.intruders.speed)[others].all()
-    assert (made.intent.heading_change[still] == 0.0).all()
+        over_the_ground = over_ground(flown, wind_of_each, np.full((60, 1), seconds))
+        assert np.abs(over_the_ground.x - starts.intruders.x)[motionless].max() < 1e-6
+        assert np.abs(over_the_ground.y - starts.intruders.y)[motionless].max() < 1e-6
+        assert np.abs(over_the_ground.speed)[motionless].max() < 1e-6
+    moving = starts.mask & ~motionless
+    assert (carried.intruders.speed == starts.intruders.speed)[moving].all()
+    assert (carried.intent.heading_change[motionless] == 0.0).all()
 
 
 def test_areas_of_a_file_are_those_of_every_encounter(

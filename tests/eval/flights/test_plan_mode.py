@@ -68,10 +68,10 @@ def test_safe_plans_are_flown_as_the_validator_says(plans: Plans, flown: PlanFli
 def test_flights_do_not_depend_on_their_company_and_need_a_trajectory(
     encounters: Encounter, plans: Plans, flown: PlanFlights
 ) -> None:
-    few = take(plans, slice(10, 13))
-    last = np.array([few.candidates.last[0], -1, few.candidates.last[2]])
-    few = few._replace(candidates=few.candidates._replace(last=last))
-    part = fly_once(take(encounters, slice(10, 13)), few, PAPER, OPTIONS)
+    three = take(plans, slice(10, 13))
+    last = np.array([three.candidates.last[0], -1, three.candidates.last[2]])
+    three = three._replace(candidates=three.candidates._replace(last=last))
+    part = fly_once(take(encounters, slice(10, 13)), three, PAPER, OPTIONS)
     for a, b in zip((*part.flights, *part[1:]), (*flown.flights, *flown[1:]), strict=True):
         np.testing.assert_array_equal(a[[0, 2]], b[[10, 12]])
     assert part.flights.outcome[1] == TIMEOUT
@@ -80,8 +80,8 @@ def test_flights_do_not_depend_on_their_company_and_need_a_trajectory(
 
 def test_refusing_is_no_success(encounters: Encounter, plans: Plans) -> None:
     unsafe = plans._replace(candidates=plans.candidates._replace(findings=Findings.empty(16)))
-    few = slice(0, 4)
-    refused = fly_once(take(encounters, few), take(unsafe, few), PAPER, OPTIONS).flights
+    rows = slice(0, 4)
+    refused = fly_once(take(encounters, rows), take(unsafe, rows), PAPER, OPTIONS).flights
     assert not (refused.outcome == REACHED).any()
     assert np.all(refused.score[refused.outcome == TIMEOUT] == RULES.reward_timeout)
     assert np.all(refused.duration[refused.outcome == TIMEOUT] == RULES.t_max)
@@ -112,15 +112,15 @@ def test_safe_plans_keep_the_separation_of_each_intruder(own_separations: Encoun
 def test_the_usual_separation_of_each_changes_no_plan(
     encounters: Encounter, plans: Plans, flown: PlanFlights
 ) -> None:
-    some = take(encounters, slice(0, 3))
-    usual = some._replace(separation=np.full(some.mask.shape, PAPER.separation))
+    sample = take(encounters, slice(0, 3))
+    usual = sample._replace(separation=np.full(sample.mask.shape, PAPER.separation))
     ours = plan_at_start(usual, Policy.load(), PAPER, OPTIONS)
     np.testing.assert_array_equal(
         ours.candidates.plan_states.x, take(plans, slice(0, 3)).candidates.plan_states.x
     )
-    there = fly_once(usual, ours, PAPER, OPTIONS).flights
-    for one, other in zip(there, take(flown.flights, slice(0, 3)), strict=True):
-        np.testing.assert_array_equal(one, other)
+    flights = fly_once(usual, ours, PAPER, OPTIONS).flights
+    for field, expected in zip(flights, take(flown.flights, slice(0, 3)), strict=True):
+        np.testing.assert_array_equal(field, expected)
 
 
 def test_the_route_of_an_evaluation(encounters: Encounter) -> None:
@@ -263,10 +263,14 @@ def test_more_is_saved_than_by_the_plan_flown_once(
 def test_a_goal_that_the_plan_passes_over_is_asked_for_again(policy: Policy) -> None:
     alone = encounters_of_seed(scenario("circle", PAPER), 11, 0, 1)
     alone = alone._replace(mask=alone.mask & False)
-    asked = request_of(alone, PAPER)
-    onward = (asked.route_x[:, 2:] + 4_000.0, asked.route_y[:, 2:] + 4_000.0, asked.points - 2)
+    request = request_of(alone, PAPER)
+    onward = (
+        request.route_x[:, 2:] + 4_000.0,
+        request.route_y[:, 2:] + 4_000.0,
+        request.points - 2,
+    )
     plans = plan_many(
-        asked._replace(route_x=onward[0], route_y=onward[1], points=onward[2]), policy, OPTIONS
+        request._replace(route_x=onward[0], route_y=onward[1], points=onward[2]), policy, OPTIONS
     )
     assert plans.candidates.safe.all()
     beyond = plans._replace(candidates=plans.candidates._replace(goal=plans.candidates.goal + 2))
@@ -305,8 +309,10 @@ def test_noise_of_straight_traffic_asks_for_few_plans(policy: Policy) -> None:
 def test_assured_flights_do_not_depend_on_their_company(
     turning: Encounter, policy: Policy, assured: Assured
 ) -> None:
-    few = take(turning, slice(12, 16))
-    part = fly_assured(few, plan_at_start(few, policy, PAPER, OPTIONS), policy, PAPER, OPTIONS)
+    part_of_all = take(turning, slice(12, 16))
+    part = fly_assured(
+        part_of_all, plan_at_start(part_of_all, policy, PAPER, OPTIONS), policy, PAPER, OPTIONS
+    )
     for a, b in zip(part.flown.flights, assured.flown.flights, strict=True):
         np.testing.assert_array_equal(a, b[12:16])
     np.testing.assert_array_equal(part.replans, assured.replans[12:16])
@@ -346,11 +352,11 @@ def test_a_run_tells_of_all_modes_side_by_side(tmp_path: Path) -> None:
 def test_every_safe_plan_keeps_the_separation_as_flown() -> None:
     encounters = encounters_of_seed(scenario("circle", PAPER), 7, 0, 60)
     options = Options.for_aircraft(PAPER)
-    made = plan_many(request_of(encounters, PAPER), Policy.load(), options)
-    plans = made.candidates
+    all_plans = plan_many(request_of(encounters, PAPER), Policy.load(), options)
+    plans = all_plans.candidates
     # The narrowest ones, because a flight takes its time.
-    few = np.flatnonzero(plans.safe)[np.argsort(plans.min_separation[plans.safe])[:15]]
-    flown = fly_once(take(encounters, few), take(made, few), PAPER, options)
+    closest = np.flatnonzero(plans.safe)[np.argsort(plans.min_separation[plans.safe])[:15]]
+    flown = fly_once(take(encounters, closest), take(all_plans, closest), PAPER, options)
     assert flown.whole_separation.min() >= 1_000.0
     assert flown.error.max() < 0.1
-    np.testing.assert_allclose(flown.whole_separation, plans.min_separation[few], atol=0.02)
+    np.testing.assert_allclose(flown.whole_separation, plans.min_separation[closest], atol=0.02)

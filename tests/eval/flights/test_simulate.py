@@ -137,19 +137,21 @@ def test_reversals_count_changes_of_side_of_commands_that_matter() -> None:
 
 def test_initial_conditions_by_hand() -> None:
     start = place_encounter((0, 0, math.pi / 2, 50), (0, 9_000), (3_000, 4_000, math.pi, 75))
-    seen = conditions(start, PAPER)
-    assert seen["distance_m"][0] == pytest.approx(5_000.0)
-    assert seen["bearing_deg"][0] == pytest.approx(math.degrees(math.atan2(4, 3)) - 90.0, abs=1e-4)
-    assert seen["relative_heading_deg"][0] == pytest.approx(90.0, abs=1e-4)
-    assert seen["route_length_m"][0] == 9_000.0
+    columns = conditions(start, PAPER)
+    assert columns["distance_m"][0] == pytest.approx(5_000.0)
+    assert columns["bearing_deg"][0] == pytest.approx(
+        math.degrees(math.atan2(4, 3)) - 90.0, abs=1e-4
+    )
+    assert columns["relative_heading_deg"][0] == pytest.approx(90.0, abs=1e-4)
+    assert columns["route_length_m"][0] == 9_000.0
     closing = np.array([-75.0, -50.0])
     time = -np.dot([3_000.0, 4_000.0], closing) / np.dot(closing, closing)
-    assert seen["t_cpa_s"][0] == pytest.approx(time, rel=1e-6)
-    assert seen["d_cpa_m"][0] == pytest.approx(
+    assert columns["t_cpa_s"][0] == pytest.approx(time, rel=1e-6)
+    assert columns["d_cpa_m"][0] == pytest.approx(
         np.linalg.norm([3_000.0, 4_000.0] + closing * time), rel=1e-6
     )
     assert tuple(
-        seen[name][0] for name in ("intruders", "own_speed_m_s", "intruder_speed_m_s")
+        columns[name][0] for name in ("intruders", "own_speed_m_s", "intruder_speed_m_s")
     ) == (1, 50.0, 75.0)
 
 
@@ -169,12 +171,14 @@ def test_a_flight_does_not_depend_on_its_company(
     together, paths = fly_some(name, resolver, 0, 100)
     assert len(set(together.outcome)) > 1 or isinstance(resolver, Compiled)
     for first, count in ((0, 13), (80, 20), (99, 1)):
-        apart, other = fly_some(name, resolver, first, count)
+        apart, part_paths = fly_some(name, resolver, first, count)
         for field in simulate.Flights._fields:
             expected = getattr(together, field)[first : first + count]
             np.testing.assert_array_equal(getattr(apart, field), expected, err_msg=field)
-        steps = len(other.action)
-        np.testing.assert_array_equal(other.action, paths.action[:steps, first : first + count])
+        steps = len(part_paths.action)
+        np.testing.assert_array_equal(
+            part_paths.action, paths.action[:steps, first : first + count]
+        )
 
 
 @pytest.mark.parametrize("name", ["circle", "multi"])
@@ -240,18 +244,18 @@ def test_noise_changes_what_is_seen_and_nothing_else(policy: Policy) -> None:
     assert 20.0 < distance_error_m.std() < 45.0
     assert not np.array_equal(clear.duration, noisy.duration)
     short = min(len(clear_paths.separation), len(noisy_paths.separation))
-    both = np.isfinite(clear_paths.own.x[:short]) & np.isfinite(noisy_paths.own.x[:short])
+    in_flight = np.isfinite(clear_paths.own.x[:short]) & np.isfinite(noisy_paths.own.x[:short])
     np.testing.assert_array_equal(
-        clear_paths.intruders.x[:short][both], noisy_paths.intruders.x[:short][both]
+        clear_paths.intruders.x[:short][in_flight], noisy_paths.intruders.x[:short][in_flight]
     )
 
 
 def test_seeds_differ_and_repeat() -> None:
-    first, again, other = (
+    first, again, of_other_seed = (
         encounters_of_seed(scenario("circle", PAPER), seed, 0, 10) for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first.own.x, again.own.x)
-    assert not np.array_equal(first.own.x, other.own.x)
+    assert not np.array_equal(first.own.x, of_other_seed.own.x)
 
 
 @pytest.mark.parametrize("name", ["circle", "maneuvering", "multi"])
@@ -281,7 +285,7 @@ def test_parity_with_the_jax_surrogate_step_by_step(
         see = jax.jit(lambda state: surrogate.observe(state, PAPER))
         flying = np.ones(64, bool)
         for t, action in enumerate(paths.action):
-            seen = np.asarray(see(state))
+            observation = np.asarray(see(state))
             state, result = step(state, jnp.asarray(np.nan_to_num(action), kind))
             own, traffic = state.own, state.intruders.vehicle
 
@@ -298,7 +302,7 @@ def test_parity_with_the_jax_surrogate_step_by_step(
             near(paths.intruders.x[t + 1], traffic.x, tolerance_m)
             near(paths.separation[t], result.separation, tolerance_m)
             if name != "multi":  # of several, which one is seen may hang on a rounding
-                off = np.abs(seen[flying] - resolver.seen[t])
+                off = np.abs(observation[flying] - resolver.seen[t])
                 assert np.minimum(off, 2.0 - off).max() < 1e-4
             ended = np.stack(result.outcome)
             for code in range(len(OUTCOMES)):

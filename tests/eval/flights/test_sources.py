@@ -60,9 +60,9 @@ def test_a_model_s_traffic_is_weighted_and_repeatable(model: Path, tmp_path: Pat
     table = pq.read_table(tmp_path / "one" / "encounters.parquet").to_pydict()
     weight, reached = np.array(table["weight"]), np.array(table["outcome"]) == "reached"
     assert (weight > 0.0).all()
-    found = summary["weighted"]
-    assert found["success_rate"]["value"] == pytest.approx(weight @ reached / weight.sum())
-    assert found["effective_sample_size"] == pytest.approx(weight.sum() ** 2 / (weight**2).sum())
+    weighted = summary["weighted"]
+    assert weighted["success_rate"]["value"] == pytest.approx(weight @ reached / weight.sum())
+    assert weighted["effective_sample_size"] == pytest.approx(weight.sum() ** 2 / (weight**2).sum())
     assert summary["success_rate"]["count"] == reached.sum()
     # Everyone conflicts: that is what was drawn.
     assert set(table["baseline_outcome"]) == {"violation"}
@@ -103,7 +103,10 @@ def test_changes_of_a_model_s_traffic(model: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "mode",
-    ["policy", *(pytest.param(each, marks=pytest.mark.slow) for each in ("plan", "assured"))],
+    [
+        "policy",
+        *(pytest.param(other_mode, marks=pytest.mark.slow) for other_mode in ("plan", "assured")),
+    ],
 )
 def test_recorded_tracks_in_every_mode(tmp_path: Path, mode: str) -> None:
     (tmp_path / "straight.daa").write_text(DAA)
@@ -209,9 +212,9 @@ def test_pairs_of_adsb_reports_become_encounters(tmp_path: Path) -> None:
     east = [("aaa", t, 49.0, 2.0 + 0.001 * t) for t in range(160)]
     west = [("bbb", t, 49.01, 2.14 - 0.001 * t) for t in range(160)]
     far = [("ccc", t, 50.5, 2.14 - 0.001 * t) for t in range(160)]
-    found = reports(east) + reports(west, track=270) + reports(far, track=270)
+    rows = reports(east) + reports(west, track=270) + reports(far, track=270)
     path = tmp_path / "adsb.json"
-    path.write_text(json.dumps(found))
+    path.write_text(json.dumps(rows))
     summary = fly(tmp_path / "run", "--scenario", f"tracks:{path}")
     table = pq.read_table(tmp_path / "run/encounters.parquet").to_pydict()
     assert summary["encounters"] == 1
@@ -222,10 +225,10 @@ def test_pairs_of_adsb_reports_become_encounters(tmp_path: Path) -> None:
     assert table["t_cpa_s"][0] == pytest.approx(70.0, abs=1.0)
     assert table["own_speed_m_s"][0] == pytest.approx(73.17, abs=0.05)
 
-    found[80]["latitude"], found[81]["longitude"] = found[79]["latitude"], found[79]["longitude"]
-    found[80]["longitude"], found[81]["latitude"] = found[79]["longitude"], found[79]["latitude"]
-    found[100]["altitude"] = None
-    path.write_text(json.dumps(found))
+    rows[80]["latitude"], rows[81]["longitude"] = rows[79]["latitude"], rows[79]["longitude"]
+    rows[80]["longitude"], rows[81]["latitude"] = rows[79]["longitude"], rows[79]["latitude"]
+    rows[100]["altitude"] = None
+    path.write_text(json.dumps(rows))
     with pytest.raises(
         TrackError,
         match="report 81, field latitude: the position of 1000080 s is that of 1000079 s",
@@ -249,10 +252,10 @@ def test_a_loose_recording_is_not_proven_unresolvable() -> None:
     loose[1, 60] = 5.0
     recording = KnownFlight(*np.stack([straight, loose], axis=1)[:, :, None])
     starts = encounters_of(own, recording, np.ones((2, 1), bool), 220.0)
-    found = conditions.verdict_within(starts, PAPER, PAPER.limits, ())
-    assert found.verdict.tolist() == [Verdict.UNRESOLVABLE, Verdict.UNDECIDED]
-    assert found.method[0] in (Method.CONTAINMENT, Method.SPLITTING)
-    assert found.method[1] == Method.NONE
+    judged = conditions.verdict_within(starts, PAPER, PAPER.limits, ())
+    assert judged.verdict.tolist() == [Verdict.UNRESOLVABLE, Verdict.UNDECIDED]
+    assert judged.method[0] in (Method.CONTAINMENT, Method.SPLITTING)
+    assert judged.method[1] == Method.NONE
 
 
 def test_weighted_rates_by_hand() -> None:
@@ -262,23 +265,23 @@ def test_weighted_rates_by_hand() -> None:
         "baseline_outcome": np.array(["violation", "violation", "reached"], object),
         "verdict": np.array(["resolvable", "unresolvable", "undecided"], object),
     }
-    found = summarise_weighted(table, 0.95, 200, 0)
-    assert found is not None
-    assert found["success_rate"]["value"] == pytest.approx(3 / 8)
-    assert found["success_given_resolvable"]["value"] == pytest.approx(3 / 7)
-    assert found["resolvable_rate"]["value"] == pytest.approx(7 / 8)
-    assert found["risk_ratio"] == pytest.approx(1 / 4)
-    assert found["effective_sample_size"] == pytest.approx(64 / 26)
-    assert found["largest_share"] == pytest.approx(0.5)
+    rates = summarise_weighted(table, 0.95, 200, 0)
+    assert rates is not None
+    assert rates["success_rate"]["value"] == pytest.approx(3 / 8)
+    assert rates["success_given_resolvable"]["value"] == pytest.approx(3 / 7)
+    assert rates["resolvable_rate"]["value"] == pytest.approx(7 / 8)
+    assert rates["risk_ratio"] == pytest.approx(1 / 4)
+    assert rates["effective_sample_size"] == pytest.approx(64 / 26)
+    assert rates["largest_share"] == pytest.approx(0.5)
     for name in ("success_rate", "violation_rate", "success_given_resolvable"):
-        assert 0.0 <= found[name]["low"] <= found[name]["value"] <= found[name]["high"] <= 1.0
+        assert 0.0 <= rates[name]["low"] <= rates[name]["value"] <= rates[name]["high"] <= 1.0
     assert summarise_weighted(table | {"weight": np.ones(3)}, 0.95, 200, 0) is None
 
 
 @pytest.mark.slow
 def test_weighted_intervals_cover() -> None:
     """Of repeated samples the 95 % interval holds the truth about as often as it says."""
-    rng, held = np.random.default_rng(0), 0
+    rng, covered = np.random.default_rng(0), 0
     for seed in range(120):
         weight = rng.exponential(1.0, 150)
         # What is heavy fails more often: the weighted rate is not the plain one.
@@ -290,10 +293,10 @@ def test_weighted_intervals_cover() -> None:
             "baseline_outcome": outcome,
             "verdict": np.full(150, "undecided"),
         }
-        found = summarise_weighted(table, 0.95, 200, seed)
-        assert found is not None
-        held += found["violation_rate"]["low"] <= 0.2997 <= found["violation_rate"]["high"]
-    assert held >= 104
+        rates = summarise_weighted(table, 0.95, 200, seed)
+        assert rates is not None
+        covered += rates["violation_rate"]["low"] <= 0.2997 <= rates["violation_rate"]["high"]
+    assert covered >= 104
 
 
 @pytest.mark.parametrize(
@@ -387,12 +390,12 @@ def test_bad_input_is_one_sentence(
     model: Path, tmp_path: Path, arguments: list[str], kind: type, sentence: str
 ) -> None:
     (tmp_path / "one.daa").write_text(DAA)
-    given = [
-        each.replace("MODEL", str(model)).replace("DAA", str(tmp_path / "one.daa"))
-        for each in arguments
+    filled_in = [
+        argument.replace("MODEL", str(model)).replace("DAA", str(tmp_path / "one.daa"))
+        for argument in arguments
     ]
     with pytest.raises(kind) as problem:
-        fly(tmp_path / "run", *given)
+        fly(tmp_path / "run", *filled_in)
     assert sentence in str(problem.value)
     assert not (tmp_path / "run").exists()
 
@@ -406,12 +409,12 @@ def test_exit_code_2_and_no_traceback(tmp_path: Path) -> None:
         "--scenario",
         f"lincoln:{tmp_path / 'cut.txt'}",
     ]
-    done = subprocess.run(
+    process = subprocess.run(
         [*command, "--out", str(tmp_path / "run")], capture_output=True, text=True, check=False
     )
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1
+    assert (process.returncode, process.stdout) == (2, "")
+    assert process.stderr.startswith("error: ")
+    assert process.stderr.count("\n") == 1
 
 
 def test_the_true_aircraft_flies_no_recorded_tracks(tmp_path: Path) -> None:

@@ -251,12 +251,12 @@ def test_the_bound_is_the_least_order_statistic_that_suffices(
 ) -> None:
     from scipy.stats import binom
 
-    found = upper_bound(np.arange(1.0, count + 1.0), share, confidence)
-    if found is None:
+    bound = upper_bound(np.arange(1.0, count + 1.0), share, confidence)
+    if bound is None:
         # Not even the largest of all: all of them may lie below the quantile.
         assert share**count > 1.0 - confidence - 1e-12
         return
-    number = int(found)
+    number = int(bound)
     assert binom.cdf(number - 1, count, share) >= confidence - 1e-9
     assert number == 1 or binom.cdf(number - 2, count, share) < confidence + 1e-9
 
@@ -270,8 +270,8 @@ def rows(errors: list[float]) -> dict[str, np.ndarray]:
 
 
 def test_a_margin_covers_the_bound_and_is_refused_without_grounds() -> None:
-    found = margin(rows([float(n % 100) for n in range(400)]), 0.95)
-    assert found == {"bound_m": 99.0, "margin_m": 100.0, "flights_needed": 299}
+    covering = margin(rows([float(n % 100) for n in range(400)]), 0.95)
+    assert covering == {"bound_m": 99.0, "margin_m": 100.0, "flights_needed": 299}
     assert margin(rows([1.0] * 100), 0.95)["margin_m"] is None
     # One aircraft lost counts as infinitely far away: the largest value is no bound any more.
     lost = rows([1.0] * 299 + [np.nan])

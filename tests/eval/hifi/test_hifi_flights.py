@@ -90,8 +90,8 @@ def campaign(*overrides: str) -> Campaign:
 
 
 def fly(flying: Campaign, number: int) -> tuple[FlightRecord, dict[str, Any]]:
-    one = fly_one(*prepare(flying, policy()), number)
-    return one, row_of(flying, number, one)
+    record = fly_one(*prepare(flying, policy()), number)
+    return record, row_of(flying, number, record)
 
 
 def along(plan: Legs, time: np.ndarray) -> VehicleState:
@@ -129,21 +129,21 @@ def test_delay_and_offset_are_kept_apart(
     # Errors are taken from time 0 on: the first five seconds are filled with the plan itself.
     first = over_ground(along(PLAN, PERIOD * np.arange(50)), wind, PERIOD * np.arange(50))
     own = VehicleState(*(np.concatenate(pair) for pair in zip(first, moved, strict=True)))
-    found = against(flight(own, np.concatenate([np.zeros(50), np.full(500, delay)])), PLAN, wind)
-    np.testing.assert_allclose(found.late[50:], delay, atol=1e-4)
-    np.testing.assert_allclose(found.cross_track[50:], left, atol=1e-3)
-    np.testing.assert_allclose(found.position[:50], 0.0, atol=1e-6)
+    errors = against(flight(own, np.concatenate([np.zeros(50), np.full(500, delay)])), PLAN, wind)
+    np.testing.assert_allclose(errors.late[50:], delay, atol=1e-4)
+    np.testing.assert_allclose(errors.cross_track[50:], left, atol=1e-3)
+    np.testing.assert_allclose(errors.position[:50], 0.0, atol=1e-6)
     # At 69 to 71 m/s a delay is that many metres; turns shorten the chord by little.
     expected = np.hypot(70.0 * delay, left)
-    np.testing.assert_allclose(found.position[50:], expected, rtol=0.6, atol=0.5)
+    np.testing.assert_allclose(errors.position[50:], expected, rtol=0.6, atol=0.5)
 
 
 def test_a_flight_along_the_plan_has_no_error() -> None:
     clock = PERIOD * np.arange(600)
-    found = against(
+    errors = against(
         flight(along(PLAN, clock), np.zeros(600)), PLAN, NO_WIND, along(PLAN, np.arange(60.0))
     )
-    for field in found:
+    for field in errors:
         np.testing.assert_allclose(field, 0.0, atol=1e-6)
 
 
@@ -151,10 +151,10 @@ def test_a_flight_along_the_plan_has_no_error() -> None:
 def test_no_more_separation_is_lost_than_the_aircraft_is_off_its_plan(
     condition: str, number: int
 ) -> None:
-    one, row = fly(campaign(f"condition.name={condition}"), number)
+    record, row = fly(campaign(f"condition.name={condition}"), number)
     assert row["plan_status"] == "safe"
-    assert one.flight is not None
-    assert one.errors is not None
+    assert record.flight is not None
+    assert record.errors is not None
     assert row["separation_loss_m"] <= row["position_error_max_m"] + 0.05
     assert row["cross_track_max_m"] <= row["position_error_max_m"] + 0.01
     if row["plan_source"] == "policy":
@@ -178,9 +178,9 @@ def test_plans_beyond_the_aircrafts_power_are_flown_late(
     vehicle = begin("c208_ex", VehicleState(0.0, 0.0, 0.0, 80.0), rough, C208_PUBLISHED)
     nobody = Traffic(encounters_of_seed(scenario("circle", PAPER), 0, 0, 1), NO_WIND)
     flown_with = vehicle, Follower(Track(plan), lookahead_of("c208_ex")), Navigation(0.0, 0, 0)
-    found = against(follow(*flown_with, nobody, (1e6, 0.0), RULES, 140), plan, NO_WIND)
-    assert bool(found.position.max() > 60.0) is beyond
-    assert np.abs(found.cross_track).max() < 5.0
+    errors = against(follow(*flown_with, nobody, (1e6, 0.0), RULES, 140), plan, NO_WIND)
+    assert bool(errors.position.max() > 60.0) is beyond
+    assert np.abs(errors.cross_track).max() < 5.0
 
 
 def check_verdict(row: dict[str, Any]) -> None:
@@ -194,10 +194,10 @@ def check_verdict(row: dict[str, Any]) -> None:
 
 def test_a_flight_in_closed_loop_ends_where_it_is_decided() -> None:
     for number in range(3):
-        one, row = fly(campaign("mode=closed", "condition.name=wind"), number)
+        record, row = fly(campaign("mode=closed", "condition.name=wind"), number)
         check_verdict(row)
-        assert one.flight is not None
-        assert math.ceil(row["duration_s"]) == one.flight.separation.size
+        assert record.flight is not None
+        assert math.ceil(row["duration_s"]) == record.flight.separation.size
         assert row["plan_status"] == "none"
 
 
@@ -237,7 +237,7 @@ class _Lost:
 def test_an_aircraft_that_is_lost_is_a_failed_flight(
     mode: str, nan: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(hifi_flights, "begin", lambda _, own, *rest: _Lost(own, nan))
+    monkeypatch.setattr(hifi_flights, "begin", lambda _, own, *arguments: _Lost(own, nan))
     _, row = fly(campaign(f"mode={mode}"), 1)
     assert row["outcome"] == "failed"
     assert ("not finite at 2." if nan else "120 m above the sea") in row["reason"]
@@ -261,11 +261,11 @@ class _Straight:
 def test_a_safe_plan_promised_what_an_aircraft_that_leaves_it_loses(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(hifi_flights, "begin", lambda _, own, *rest: _Straight(own))
-    one, row = fly(campaign("scenario=head_on"), 0)
+    monkeypatch.setattr(hifi_flights, "begin", lambda _, own, *arguments: _Straight(own))
+    record, row = fly(campaign("scenario=head_on"), 0)
     assert row["plan_status"] == "safe" and row["outcome"] == "violation"
     assert row["plan_loss"] == "broken"
-    assert one.flight is not None
+    assert record.flight is not None
     # Among intruders that do fly straight, both separations are the same.
     assert row["promised_min_separation_m"] == pytest.approx(row["min_separation_m"], abs=0.05)
 
@@ -279,16 +279,16 @@ def test_no_safe_plan_promised_what_an_intruder_that_turns_costs() -> None:
     for row in lost:
         assert row["plan_loss"] == "not_promised"
         assert row["promised_min_separation_m"] >= 1_000.0 > row["min_separation_m"]
-    kept = [row for row in rows if row not in lost]
-    assert kept and all(row["plan_loss"] == "" for row in kept)
+    flown_clear = [row for row in rows if row not in lost]
+    assert flown_clear and all(row["plan_loss"] == "" for row in flown_clear)
 
 
 def test_a_start_that_the_aircraft_cannot_fly_is_refused() -> None:
     flying = campaign(
         "changes.own_speed=[50,50]", "condition.altitude_m=[6500,6500]", "mode=closed"
     )
-    one, row = fly(flying, 0)
-    assert one.flight is None
+    record, row = fly(flying, 0)
+    assert record.flight is None
     assert row["outcome"] == "refused"
     assert "the flight cannot begin: no equilibrium" in row["reason"]
     _, row = fly(flying._replace(mode="plan"), 0)
@@ -305,8 +305,8 @@ def test_the_usual_separation_of_each_changes_no_row(mode: str, areas: int) -> N
     flying = campaign(f"mode={mode}", "vehicle=point_mass")._replace(source=starts, areas=areas)
     usual = starts._replace(separation=np.full(starts.mask.shape, PAPER.separation))
     _, row = fly(flying, 0)
-    _, same = fly(flying._replace(source=usual), 0)
-    np.testing.assert_equal(same, row)
+    _, row_of_usual = fly(flying._replace(source=usual), 0)
+    np.testing.assert_equal(row_of_usual, row)
 
 
 @pytest.mark.slow
@@ -314,31 +314,33 @@ def test_the_usual_separation_of_each_changes_no_row(mode: str, areas: int) -> N
 def test_safe_plans_keep_the_separation_of_each_intruder(mode: str) -> None:
     flying = campaign(f"mode={mode}", f"scenario={SEPARATIONS}", "seed=5")
     for number in range(2):
-        one, row = fly(flying, number)
-        assert one.flight is not None and row["plan_status"] == "safe"
+        record, row = fly(flying, number)
+        assert record.flight is not None and row["plan_status"] == "safe"
         assert row["outcome"] == "reached" and row["verdict"] == "resolvable"
-        start = one.scene.encounter
-        own = take(one.flight.own, slice(None, None, SUBSTEPS))
+        start = record.scene.encounter
+        own = take(record.flight.own, slice(None, None, SUBSTEPS))
         away = np.hypot(
-            own.x[:, None] - one.flight.intruders.x, own.y[:, None] - one.flight.intruders.y
+            own.x[:, None] - record.flight.intruders.x, own.y[:, None] - record.flight.intruders.y
         )
         counted = (away * (PAPER.separation / start.separation))[:301, start.mask[0]]
         assert PAPER.separation <= row["min_separation_m"] <= counted.min()
         assert row["min_separation_m"] == pytest.approx(counted.min(), rel=0.02)
-        assert row["min_separation_m"] != pytest.approx(one.flight.distance[:300].min(), rel=0.02)
+        assert row["min_separation_m"] != pytest.approx(
+            record.flight.distance[:300].min(), rel=0.02
+        )
 
 
 def test_a_separation_of_its_own_is_lost_far_beyond_the_usual_one() -> None:
     start = encounters_of_seed(scenario("head_on", PAPER), 0, 0, 1)
-    one, row = fly(
+    record, row = fly(
         campaign("mode=closed", "vehicle=surrogate")._replace(
             source=start._replace(separation=np.full((1, 1), 50_000.0))
         ),
         0,
     )
     assert row["outcome"] == "violation" and row["duration_s"] == 1.0
-    assert one.flight is not None and one.flight.distance.min() > 2.0 * PAPER.separation
-    assert row["min_separation_m"] == pytest.approx(one.flight.distance.min() / 50.0)
+    assert record.flight is not None and record.flight.distance.min() > 2.0 * PAPER.separation
+    assert row["min_separation_m"] == pytest.approx(record.flight.distance.min() / 50.0)
 
 
 def test_a_plan_that_is_not_safe_is_no_success() -> None:
@@ -364,9 +366,9 @@ def policy() -> Policy:
 
 def plan_scene(scene: Beginning, options: Options) -> PlanResult:
     ground = over_ground(scene.encounter.intruders, scene.wind, 0.0)
-    known = Known.straight(through_air(ground, scene.frame, 0.0), scene.encounter.mask)
+    traffic = Known.straight(through_air(ground, scene.frame, 0.0), scene.encounter.mask)
     own = through_air(scene.own, scene.frame, 0.0)
-    return plan_for(own, known, scene.route, 0.0, scene.frame, policy(), options)
+    return plan_for(own, traffic, scene.route, 0.0, scene.frame, policy(), options)
 
 
 @settings(max_examples=15)
@@ -374,14 +376,14 @@ def plan_scene(scene: Beginning, options: Options) -> PlanResult:
 def test_a_plan_for_a_wind_enters_the_goal_on_the_ground(number: int, wind: float) -> None:
     flying = campaign(f"condition.wind_mps=[{wind},{wind}]")
     scene = scene_of(flying, number)
-    made = plan_scene(scene, flying.options)
-    found = made.plans.candidates
-    if made.problem is not None or not found.safe[0] or found.goal[0] != 1:
+    planned = plan_scene(scene, flying.options)
+    candidates = planned.plans.candidates
+    if planned.problem is not None or not candidates.safe[0] or candidates.goal[0] != 1:
         return  # refused, or rejoined elsewhere: said so
-    curves, rejoin = legs(take(found.plan_states, 0)), float(found.rejoin_time[0])
-    there = over_ground(VehicleState(*(float(f) for f in at(curves, rejoin))), scene.frame, rejoin)
+    curves, rejoin = legs(take(candidates.plan_states, 0)), float(candidates.rejoin_time[0])
+    place = over_ground(VehicleState(*(float(f) for f in at(curves, rejoin))), scene.frame, rejoin)
     assert (
-        math.hypot(scene.route.x[1] - there.x, scene.route.y[1] - there.y)
+        math.hypot(scene.route.x[1] - place.x, scene.route.y[1] - place.y)
         <= flying.aircraft.goal_radius
     )
     # 0.4 m/s is the swing of the smoothing that plans are made for.
@@ -402,13 +404,13 @@ def test_a_plan_in_an_uncertain_wind_keeps_the_limits_in_every_wind_within_it() 
     flying = campaign("condition.wind_mps=[10,10]", "condition.wind_error_mps=1")
     scene, limits = scene_of(flying, 3), flying.options.limits
     assert scene.frame.std == 1.0
-    made = plan_scene(scene, flying.options)
-    assert made.problem is None and made.plans.candidates.safe[0]
-    curves = legs(take(made.plans.candidates.plan_states, 0))
-    kept = narrow(limits, flying.options.requirement.sigmas)
-    assert np.abs(curves.yaw_rate).max() <= kept.yaw_rate_max + 1e-6 < limits.yaw_rate_max
-    assert curves.acceleration.min() >= kept.acceleration_min - 1e-6 > limits.acceleration_min
-    assert curves.acceleration.max() <= kept.acceleration_max + 1e-6 < limits.acceleration_max
+    planned = plan_scene(scene, flying.options)
+    assert planned.problem is None and planned.plans.candidates.safe[0]
+    curves = legs(take(planned.plans.candidates.plan_states, 0))
+    narrowed = narrow(limits, flying.options.requirement.sigmas)
+    assert np.abs(curves.yaw_rate).max() <= narrowed.yaw_rate_max + 1e-6 < limits.yaw_rate_max
+    assert curves.acceleration.min() >= narrowed.acceleration_min - 1e-6 > limits.acceleration_min
+    assert curves.acceleration.max() <= narrowed.acceleration_max + 1e-6 < limits.acceleration_max
 
 
 @pytest.mark.slow
@@ -417,9 +419,9 @@ def test_the_assured_loop_keeps_the_limits_in_every_wind_within_its_uncertainty(
 ) -> None:
     flown: list[Legs] = []
 
-    def follow_legs(curves: Legs, *given: Any) -> Track:
+    def follow_legs(curves: Legs, *arguments: Any) -> Track:
         flown.append(curves)
-        return Track(curves, *given)
+        return Track(curves, *arguments)
 
     monkeypatch.setattr(hifi_pilots, "Path", follow_legs)
     flying = campaign(
@@ -434,11 +436,11 @@ def test_the_assured_loop_keeps_the_limits_in_every_wind_within_its_uncertainty(
     # The planner knows the monitor's limits, so its new plans are taken up.
     assert any(row["taken_up"] for row in rows)
     assert any(row["backup_s"] > 0.0 for row in rows)
-    kept = narrow(flying.options.limits, flying.options.requirement.sigmas)
+    narrowed = narrow(flying.options.limits, flying.options.requirement.sigmas)
     for curves in flown:
-        assert np.abs(curves.yaw_rate).max() <= kept.yaw_rate_max + 1e-6
-        assert curves.acceleration.min() >= kept.acceleration_min - 1e-6
-        assert curves.acceleration.max() <= kept.acceleration_max + 1e-6
+        assert np.abs(curves.yaw_rate).max() <= narrowed.yaw_rate_max + 1e-6
+        assert curves.acceleration.min() >= narrowed.acceleration_min - 1e-6
+        assert curves.acceleration.max() <= narrowed.acceleration_max + 1e-6
 
 
 def test_a_wind_known_so_badly_that_nothing_can_be_flown_is_refused() -> None:
@@ -462,7 +464,7 @@ def test_a_goal_that_the_wind_keeps_out_of_reach_has_no_plan(wind: Wind) -> None
     nobody = Known.straight(
         VehicleState(*(np.full((1, 1), value) for value in (9e4, 9e4, 0.0, 70.0)))
     )
-    made = plan_for(
+    planned = plan_for(
         VehicleState(0.0, 0.0, 0.0, 70.0),
         nobody,
         FORWARD,
@@ -471,14 +473,14 @@ def test_a_goal_that_the_wind_keeps_out_of_reach_has_no_plan(wind: Wind) -> None
         policy(),
         Options.for_aircraft(PAPER),
     )
-    assert not made.plans.candidates.safe[0]
+    assert not planned.plans.candidates.safe[0]
 
 
 def test_an_air_speed_outside_the_envelope_is_refused() -> None:
     nobody = Known.straight(
         VehicleState(*(np.full((1, 1), value) for value in (9e4, 9e4, 0.0, 70.0)))
     )
-    made = plan_for(
+    planned = plan_for(
         VehicleState(0.0, 0.0, 0.0, 44.0),
         nobody,
         FORWARD,
@@ -487,7 +489,7 @@ def test_an_air_speed_outside_the_envelope_is_refused() -> None:
         policy(),
         Options.for_aircraft(PAPER),
     )
-    assert made.problem == "own air speed is 44.0 m/s, expected 49 to 101 m/s"
+    assert planned.problem == "own air speed is 44.0 m/s, expected 49 to 101 m/s"
 
 
 def test_legs_beyond_the_air_speeds_of_the_vehicle_are_refused() -> None:
@@ -506,24 +508,24 @@ def test_conditions_follow_from_the_number_and_keep_their_ranges(number: int, na
     family = validate(ConditionConfig, {"name": name})
     assert validate(ConditionConfig, family.model_dump()) == family
     assert family.model_dump() == {"name": name}
-    one = draw_conditions(family, 5, number, 8807.0)
-    assert one == draw_conditions(family, 5, number, 8807.0)
-    wind = math.hypot(one.air.wind_east, one.air.wind_north)
+    conditions = draw_conditions(family, 5, number, 8807.0)
+    assert conditions == draw_conditions(family, 5, number, 8807.0)
+    wind = math.hypot(conditions.air.wind_east, conditions.air.wind_north)
     assert family.wind_mps[0] - 1e-9 <= wind <= family.wind_mps[1] + 1e-9
     low, high = family.weight_lb or (8807.0, 8807.0)
-    assert low <= (one.air.loading.weight or 0.0) <= high
-    assert one.air.turbulence in family.turbulence
+    assert low <= (conditions.air.loading.weight or 0.0) <= high
+    assert conditions.air.turbulence in family.turbulence
     if family.wind_error_mps == 0.0:
-        assert one.believed_wind == Wind(one.air.wind_east, one.air.wind_north)
+        assert conditions.believed_wind == Wind(conditions.air.wind_east, conditions.air.wind_north)
 
 
 def test_the_error_of_the_navigation_is_as_large_as_stated_and_changes_slowly() -> None:
-    here = VehicleState(0.0, 0.0, 0.0, 70.0)
-    assert Navigation(0.0, 0, 0).believe(here, 10.0) is here
-    seen = np.array([Navigation(5.0, 0, number).believe(here, 200.0)[:2] for number in range(200)])
-    assert 4.3 < np.sqrt(np.mean(seen**2)) < 5.7
-    one = Navigation(5.0, 0, 1)
-    track = np.array([one.believe(here, 0.1 * tick)[:2] for tick in range(3000)])
+    own = VehicleState(0.0, 0.0, 0.0, 70.0)
+    assert Navigation(0.0, 0, 0).believe(own, 10.0) is own
+    places = np.array([Navigation(5.0, 0, number).believe(own, 200.0)[:2] for number in range(200)])
+    assert 4.3 < np.sqrt(np.mean(places**2)) < 5.7
+    navigation = Navigation(5.0, 0, 1)
+    track = np.array([navigation.believe(own, 0.1 * tick)[:2] for tick in range(3000)])
     assert np.hypot(*np.diff(track, axis=0).T).max() < 0.5
 
 
@@ -583,12 +585,12 @@ def receive(udp: socket.socket, layout: struct.Struct) -> list[tuple]:
 
 
 def test_flightgear_is_sent_the_flight_in_real_time(policy_path: Path, ports: Ports) -> None:
-    given = [f"policy={policy_path}", "mode=closed", "scenario=crossing_left"]
-    campaign, _ = campaign_of(load(HifiConfig, None, given))
+    overrides = [f"policy={policy_path}", "mode=closed", "scenario=crossing_left"]
+    campaign, _ = campaign_of(load(HifiConfig, None, overrides))
     campaign = campaign._replace(aircraft=campaign.aircraft._replace(t_max=2.0))
-    shown = campaign._replace(viewer=viewer(ports, paced=True))
+    viewed_campaign = campaign._replace(viewer=viewer(ports, paced=True))
     began = time.monotonic()
-    flight = fly_one(*prepare(shown, Policy.load(policy_path)), 0).flight
+    flight = fly_one(*prepare(viewed_campaign, Policy.load(policy_path)), 0).flight
     assert time.monotonic() - began > 1.9
     assert flight is not None
     # It is the flight that nobody watches.
@@ -609,24 +611,31 @@ def test_flightgear_is_sent_the_flight_in_real_time(policy_path: Path, ports: Po
     )
     np.testing.assert_allclose(turned, 0.0, atol=0.01)  # no wind: the nose is where the track leads
 
-    others = receive(ports[1], OTHER)
-    assert len(others) == 20
-    assert {(one[0], one[1], one[2], one[3]) for one in others} == {
+    messages = receive(ports[1], OTHER)
+    assert len(messages) == 20
+    assert {(message[0], message[1], message[2], message[3]) for message in messages} == {
         (0x46474653, 0x10001, 7, OTHER.size)
     }
-    assert others[0][6].rstrip(b"\0") == b"INTR1"
-    there = np.array([one[10:13] for one in others])
+    assert messages[0][6].rstrip(b"\0") == b"INTR1"
+    intruder_places = np.array([message[10:13] for message in messages])
     for second, number in ((1, 9), (2, 19)):
         apart = math.hypot(
             *(flight.own[axis][10 * second] - flight.intruders[axis][second, 0] for axis in (0, 1))
         )
-        assert np.linalg.norm(places[number] - there[number]) == pytest.approx(apart, abs=0.5)
+        assert np.linalg.norm(places[number] - intruder_places[number]) == pytest.approx(
+            apart, abs=0.5
+        )
     # Ahead along its nose goes the intruder, and its belly looks at the Earth.
-    attitude, speed = Rotation.from_rotvec([one[13:16] for one in others]), others[0][16]
+    attitude, speed = (
+        Rotation.from_rotvec([message[13:16] for message in messages]),
+        messages[0][16],
+    )
     ahead = attitude.apply([speed * 0.1, 0.0, 0.0])
-    np.testing.assert_allclose(np.diff(there, axis=0), ahead[:-1], atol=2e-3)
+    np.testing.assert_allclose(np.diff(intruder_places, axis=0), ahead[:-1], atol=2e-3)
     down = attitude.apply([0.0, 0.0, 1.0])
-    np.testing.assert_allclose(down, -there / np.linalg.norm(there, axis=1)[:, None], atol=1e-3)
+    np.testing.assert_allclose(
+        down, -intruder_places / np.linalg.norm(intruder_places, axis=1)[:, None], atol=1e-3
+    )
 
 
 def test_flightgear_is_sent_what_the_ros_simulator_flies(ports: Ports) -> None:
@@ -638,7 +647,7 @@ def test_flightgear_is_sent_what_the_ros_simulator_flies(ports: Ports) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    ("arguments", "says"),
     [
         (["localhost"], "flightgear is 'localhost'; expected HOST:PORT"),
         (["localhost:65535"], "flightgear is 'localhost:65535'; expected HOST:PORT"),
@@ -651,10 +660,10 @@ def test_flightgear_is_sent_what_the_ros_simulator_flies(ports: Ports) -> None:
     ],
 )
 def test_what_cannot_be_shown_is_refused_before_the_flight(
-    given: list[str], says: str, tmp_path: Path
+    arguments: list[str], says: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ConfigError, match=says):
-        main(["--flights", "1", "--out", str(tmp_path / "run"), "--flightgear", *given])
+        main(["--flights", "1", "--out", str(tmp_path / "run"), "--flightgear", *arguments])
     assert not (tmp_path / "run").exists()
 
 
@@ -675,7 +684,9 @@ def test_the_table_names_every_rate_and_error_of_a_summary() -> None:
     assert [row[1:] for row in rates if row[0] == "violations of the required separation"] == [
         ("33.33 %", "0.84 % to 90.57 %", "1 of 3")
     ]
-    shares = [name for name, one in summary.items() if isinstance(one, dict) and "total" in one]
+    shares = [
+        name for name, value in summary.items() if isinstance(value, dict) and "total" in value
+    ]
     assert len(rates) == len(shares) + 4 and ("its median", "1100.0 m", "", "") in rates
     errors = error_rows(summary)
     assert len(errors) == len(summary["errors"])
@@ -698,8 +709,8 @@ def test_the_figure_of_errors_begins_at_a_loss_and_ends_below_one_flight() -> No
 def test_a_flight_in_closed_loop_is_judged_against_areas() -> None:
     flying = campaign("mode=closed", "vehicle=point_mass", "condition.name=wind", "areas=2")
     for number in range(3):
-        one, row = fly(flying, number)
-        assert one.scene.areas and row["areas"] == len(one.scene.areas)
+        record, row = fly(flying, number)
+        assert record.scene.areas and row["areas"] == len(record.scene.areas)
         assert (row["outcome"] == "breach") == (row["duration_s"] == row["area_breach_s"])
 
 
@@ -717,13 +728,13 @@ def test_a_climb_along_the_route_passes_a_head_on_intruder(vehicle: str) -> None
     vertical = "planner.maneuvers=vertical", "planner.vertical_margin_m=3"
     far = "scenario=head_on", "changes.radius=[8000,9000]"  # time enough to climb
     flying = climbing_campaign(f"vehicle={vehicle}", *far, *vertical)
-    one, row = fly(flying, 0)
+    record, row = fly(flying, 0)
     assert row["plan_status"] == "safe" and row["plan_source"] == "vertical"
     assert row["outcome"] == "reached" and row["verdict"] == "resolvable"
     # It stays on its route, and is above or below where the other one passes.
     assert row["cross_track_max_m"] < 1.0
-    assert one.flight is not None
-    apart = np.abs(one.flight.altitude - 2_500.0)
+    assert record.flight is not None
+    apart = np.abs(record.flight.altitude - 2_500.0)
     assert row["altitude_deviation_m"] == apart.max() > flying.options.vertical.separation
     assert row["plan_climbed_m"] == pytest.approx(2.0 * apart.max(), abs=5.0)
     assert apart[-1] < 1.0
@@ -735,21 +746,21 @@ def test_a_climb_along_the_route_passes_a_head_on_intruder(vehicle: str) -> None
 @pytest.mark.slow
 def test_plans_in_space_keep_both_separations_from_intruders_that_climb() -> None:
     levels = "above_m=[-200,200]", "climb_mps=[-5,5]"
-    both = "planner.maneuvers=both", "planner.vertical_margin_m=40", "planner.margin=100"
-    flying = climbing_campaign(*both, *levels, "condition.name=moderate")
+    overrides = "planner.maneuvers=both", "planner.vertical_margin_m=40", "planner.margin=100"
+    flying = climbing_campaign(*overrides, *levels, "condition.name=moderate")
     climbed = 0
     for number in range(6):
-        one, row = fly(flying, number)
+        record, row = fly(flying, number)
         assert row["outcome"] == "reached" and row["plan_status"] == "safe"
         climbed += row["plan_climbed_m"] > 0.0
-        flight, levels = one.flight, one.scene.levels
+        flight, levels = record.flight, record.scene.levels
         assert flight is not None and levels is not None
         # Second by second, without the program's own distances.
         own = take(flight.own, slice(None, None, SUBSTEPS))
         away = np.hypot(own.x[:, None] - flight.intruders.x, own.y[:, None] - flight.intruders.y)
         height = levels.start.altitude + levels.start.climb * np.arange(own.x.size)[:, None]
         above = np.abs(height - flight.altitude[::SUBSTEPS, None])
-        mask = one.scene.encounter.mask[0]
+        mask = record.scene.encounter.mask[0]
         lost = (away < PAPER.separation) & (above < flying.options.vertical.separation)
         assert not lost[:, mask].any()
     assert climbed
@@ -766,12 +777,12 @@ def test_heights_of_a_period_are_the_least_of_its_moments(
     flatness = 1_000.0 / 137.2
     levels = Levels(Height(np.array([[start]]), np.array([[climb]])), np.array([[flatness]]))
     time = np.array([0.0, PERIOD, 2.0 * PERIOD])
-    found = levels.heights(np.array(own), time)[:, 0]
+    heights = levels.heights(np.array(own), time)[:, 0]
     for period in range(2):
         moments = np.linspace(time[period], time[period + 1], 1_001)
         above = start + climb * moments - np.interp(moments, time, own)
-        assert found[period] == pytest.approx(flatness * np.abs(above).min(), abs=5.0)
-        assert found[period] <= flatness * np.abs(above).min() + 1e-9
+        assert heights[period] == pytest.approx(flatness * np.abs(above).min(), abs=5.0)
+        assert heights[period] <= flatness * np.abs(above).min() + 1e-9
 
 
 @pytest.mark.slow
@@ -803,9 +814,9 @@ def test_an_intruder_is_drawn_where_it_is_met() -> None:
     for number in range(8):
         scene = scene_of(flying, number)
         assert scene.levels is not None
-        start, other = scene.levels.start, take(scene.encounter.intruders, (0, slice(None)))
+        start, intruders = scene.levels.start, take(scene.encounter.intruders, (0, slice(None)))
         own = take(scene.encounter.own, 0)
-        closest = straight_cpa(own, other, np).time
+        closest = straight_cpa(own, intruders, np).time
         met = start.altitude[0] + start.climb[0] * closest
         np.testing.assert_allclose(met, 2_550.0, atol=1e-6)
         climbs |= set(start.climb[0].tolist())
@@ -813,7 +824,7 @@ def test_an_intruder_is_drawn_where_it_is_met() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    ("overrides", "says"),
     [
         (["planner.maneuvers=both"], r'maneuvers is "both", expected "horizontal"'),
         (["planner.maneuvers=up"], "planner.maneuvers"),
@@ -839,9 +850,9 @@ def test_an_intruder_is_drawn_where_it_is_met() -> None:
         ),
     ],
 )
-def test_climbs_that_cannot_be_are_refused(given: list[str], says: str) -> None:
+def test_climbs_that_cannot_be_are_refused(overrides: list[str], says: str) -> None:
     with pytest.raises(ConfigError, match=says):
-        campaign(*given)
+        campaign(*overrides)
 
 
 def test_a_floor_above_the_flight_is_a_reason_not_to_fly() -> None:

@@ -32,10 +32,12 @@ def passing(
     zero = 0.0 * time
     own: VehicleState = VehicleState(zero, zero, zero, zero)
     x = 10_000.0 - 100.0 * time
-    other = VehicleState(*(f[..., None] for f in (x, miss + zero, math.pi + zero, 100.0 + zero)))
+    intruders = VehicleState(
+        *(f[..., None] for f in (x, miss + zero, math.pi + zero, 100.0 + zero))
+    )
     apart = np.hypot(x[1:], miss)
     levels = FlownAltitudes(zero, (above + climb * time)[..., None])
-    return Trajectories(own, other, np.zeros((steps, 1, 2)), apart, levels)
+    return Trajectories(own, intruders, np.zeros((steps, 1, 2)), apart, levels)
 
 
 def test_a_predicted_loss_is_that_of_straight_courses_and_even_climbs() -> None:
@@ -104,26 +106,26 @@ def test_what_stays_and_what_comes_anew_make_the_probability() -> None:
     ours, bare = table(300, 1), table(300, 2)
     weights = np.random.default_rng(3).uniform(0.1, 5.0, 300)
     for sample in (SAMPLE, SAMPLE._replace(weights=weights)):
-        found = standards(ours, bare, sample)
+        figures = standards(ours, bare, sample)
         without = standards(bare, bare, sample)
         for event in ("nmac", "lowc"):
             rate, stays, anew = (
-                found[f"{event}_{part}"]["value"] for part in ("rate", "unresolved", "induced")
+                figures[f"{event}_{part}"]["value"] for part in ("rate", "unresolved", "induced")
             )
             assert rate == pytest.approx(stays + anew)
-            ratio = found[f"{event}_ratio"]
+            ratio = figures[f"{event}_ratio"]
             assert ratio["value"] == pytest.approx(rate / without[f"{event}_rate"]["value"])
             assert ratio["low"] < ratio["value"] < ratio["high"]
-            share = found[f"{event}_stays"]["value"]
+            share = figures[f"{event}_stays"]["value"]
             assert share * without[f"{event}_rate"]["value"] == pytest.approx(stays)
             assert without[f"{event}_ratio"] == {"value": 1.0, "low": 1.0, "high": 1.0}
             assert without[f"{event}_induced"]["value"] == 0.0
-        assert found["nuisance_rate"]["value"] <= found["alert_rate"]["value"]
+        assert figures["nuisance_rate"]["value"] <= figures["alert_rate"]["value"]
         scaled = sample._replace(
             weights=7.0 * (np.ones(300) if sample.weights is None else weights)
         )
         for key, figure in standards(ours, bare, scaled).items():
-            assert figure["value"] == pytest.approx(found[key]["value"]), key
+            assert figure["value"] == pytest.approx(figures[key]["value"]), key
 
 
 def test_strata_without_an_event_are_bounded_exactly() -> None:
@@ -156,18 +158,18 @@ def test_strata_without_an_event_raise_upper_ends() -> None:
     strata = bare["lost_nmac"] + bare["lost_f3442"].astype(int)
     weights = np.array([2.0, 1.0, 0.2])[strata]
     sample = SAMPLE._replace(weights=weights)
-    plain, found = (
+    plain, figures = (
         standards(ours, bare, sample),
         standards(ours, bare, sample._replace(strata=strata)),
     )
     parts = "nmac_rate", "nmac_unresolved", "nmac_induced"
-    whole, stays, anew = (found[name]["high"] for name in parts)
+    whole, stays, anew = (figures[name]["high"] for name in parts)
     # What stays is at most what there is; the bound of all holds for the parts.
-    assert stays <= whole and anew <= whole and stays < found["nmac_rate"]["high"]
-    assert found["nmac_ratio"]["high"] == pytest.approx(
+    assert stays <= whole and anew <= whole and stays < figures["nmac_rate"]["high"]
+    assert figures["nmac_ratio"]["high"] == pytest.approx(
         whole / (weights @ bare["lost_nmac"] / weights.sum())
     )
-    for key, figure in found.items():
+    for key, figure in figures.items():
         assert figure["value"] == plain[key]["value"]
         if "nmac" not in key and figure["high"] is not None:
             assert figure["high"] >= plain[key]["high"]
@@ -181,11 +183,11 @@ def test_a_nuisance_has_no_loss_within_the_look_ahead_and_a_manoeuvre_may_be_nee
     bare = {**calm, "lost_f3442": np.array([False, False, False, True])}
     bare["well_clear_loss_s"] = np.array([np.inf, 60.0, 95.0, 40.0])
     calm["alert_s"] = np.array([10.0, 10.0, 10.0, np.inf])
-    found = standards(calm, bare, SAMPLE)
-    assert found["alert_rate"]["count"] == 3
-    assert found["nuisance_rate"]["count"] == 2  # never lost, and lost later than 55 s
-    assert found["needless_rate"]["count"] == 2  # aside, and in altitude
-    assert found["time_to_loss_s"]["value"] == pytest.approx((50.0 + 85.0) / 2.0)
+    figures = standards(calm, bare, SAMPLE)
+    assert figures["alert_rate"]["count"] == 3
+    assert figures["nuisance_rate"]["count"] == 2  # never lost, and lost later than 55 s
+    assert figures["needless_rate"]["count"] == 2  # aside, and in altitude
+    assert figures["time_to_loss_s"]["value"] == pytest.approx((50.0 + 85.0) / 2.0)
 
 
 def test_equal_weights_are_no_weights() -> None:

@@ -167,8 +167,10 @@ def test_a_run_repeats_from_its_own_configuration(finished: Path, tmp_path: Path
 @pytest.mark.parametrize("workers", [pytest.param("1", marks=pytest.mark.slow), "2"])
 def test_chunks_and_workers_change_no_byte(finished: Path, tmp_path: Path, workers: str) -> None:
     config = ("--config", str(finished / "config.yaml"))
-    other = fly(tmp_path / "other", *config, *QUICK[:4], "--workers", workers, "--set", "chunk=57")
-    assert other == (finished / "encounters.parquet").read_bytes()
+    table_bytes = fly(
+        tmp_path / "other", *config, *QUICK[:4], "--workers", workers, "--set", "chunk=57"
+    )
+    assert table_bytes == (finished / "encounters.parquet").read_bytes()
 
 
 @pytest.mark.slow
@@ -183,8 +185,8 @@ def test_chunks_and_workers_change_no_byte_of_compiled_flights(tmp_path: Path) -
         "--set",
         "figures=false",
     )
-    one = fly(tmp_path / "one", *arguments, "--workers", "1")
-    assert fly(tmp_path / "two", *arguments, "--workers", "2", "--set", "chunk=70") == one
+    table_bytes = fly(tmp_path / "one", *arguments, "--workers", "1")
+    assert fly(tmp_path / "two", *arguments, "--workers", "2", "--set", "chunk=70") == table_bytes
     assert yaml.safe_load((tmp_path / "two" / "config.yaml").read_text())["backend"] == "jax"
 
 
@@ -253,10 +255,10 @@ def test_a_longer_run_begins_like_a_shorter_one(finished: Path, tmp_path: Path) 
 
 
 def test_another_seed_is_another_run(finished: Path, tmp_path: Path) -> None:
-    other = fly(
+    table_bytes = fly(
         tmp_path / "other", "--config", str(finished / "config.yaml"), *QUICK, "--seed", "5"
     )
-    assert other != (finished / "encounters.parquet").read_bytes()
+    assert table_bytes != (finished / "encounters.parquet").read_bytes()
 
 
 @pytest.mark.slow
@@ -587,7 +589,7 @@ def test_help_is_complete_and_imports_nothing_heavy() -> None:
         "print(sorted({'scipy', 'matplotlib', 'pyarrow', 'rich', 'jax'} & "
         "set(sys.modules)), file=sys.stderr)"
     )
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
     )
     for option in (
@@ -600,10 +602,10 @@ def test_help_is_complete_and_imports_nothing_heavy() -> None:
         "--workers",
         "--resume",
     ):
-        assert option in done.stdout
-    assert "default: 10000" in done.stdout
-    assert "plan" in done.stdout
-    assert done.stderr.strip() == "[]"
+        assert option in process.stdout
+    assert "default: 10000" in process.stdout
+    assert "plan" in process.stdout
+    assert process.stderr.strip() == "[]"
 
 
 def test_every_baseline_can_be_named() -> None:
@@ -627,8 +629,8 @@ def test_the_shipped_configuration_is_the_defaults() -> None:
 @pytest.mark.parametrize("encounters", [100, 100_000])
 def test_a_cluster_computes_decisions_as_this_machine_does(encounters: int) -> None:
     config = MonteCarloConfig(encounters=encounters)
-    here, there = (
+    local, remote = (
         monte_carlo._resolve(config, Namespace(scheduler=where)).config.backend
         for where in (None, "tcp://10.0.0.1:8786")
     )
-    assert here == there
+    assert local == remote

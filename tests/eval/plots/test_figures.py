@@ -72,8 +72,8 @@ def test_sheet_shows_failures_first(counts: dict[str, int], expected: dict[str, 
     table = table_of(counts)
     numbers = choose_encounters(table)
     assert len(set(numbers)) == len(numbers) == min(PANELS, len(table["encounter"]))
-    shown = kinds_of(table)[numbers].tolist()
-    assert shown == [kind for kind, count in expected.items() for _ in range(count)]
+    kinds = kinds_of(table)[numbers].tolist()
+    assert kinds == [kind for kind, count in expected.items() for _ in range(count)]
 
 
 @pytest.mark.parametrize(
@@ -93,8 +93,8 @@ def test_a_legend_that_counts_less_than_the_table_says_so() -> None:
 
 def test_a_sheet_of_one_flight_is_one_panel_wide() -> None:
     steps = np.arange(11.0)
-    own, other = np.stack([100.0 * steps, np.zeros(11)]), np.full((1, 2, 11), 2_000.0)
-    panel = Panel("0: success", Track(own, other, np.full(10, 1_500.0), (1e3, 0.0)))
+    own, intruders = np.stack([100.0 * steps, np.zeros(11)]), np.full((1, 2, 11), 2_000.0)
+    panel = Panel("0: success", Track(own, intruders, np.full(10, 1_500.0), (1e3, 0.0)))
     for count, wide in ((1, 1), (3, 3), (9, 4)):
         flights = SimpleNamespace(track=lambda _: panel.track)
         figure = trajectory_sheet(table_of_flights(count), range(count), flights, RULES)  # type: ignore[arg-type]
@@ -126,11 +126,11 @@ def test_altitudes_are_drawn_about_the_own_ones(tmp_path: Path) -> None:
         2_000.0, 0.0, [40.0, 80.0, 120.0], [2_150.0, 2_150.0, 2_000.0], acceleration=0.5
     )
     planned = profile.at(time)
-    others = np.stack([np.full(time.size, 2_010.0), 5_000.0 - 20.0 * time])
-    others[0, :30] = np.nan
+    intruder_altitudes = np.stack([np.full(time.size, 2_010.0), 5_000.0 - 20.0 * time])
+    intruder_altitudes[0, :30] = np.nan
     figure = Figure(figsize=(6.0, 2.5), layout="constrained")
     axes = figure.subplots()
-    draw_altitudes(axes, time, planned + 3.0, others, planned)
+    draw_altitudes(axes, time, planned + 3.0, intruder_altitudes, planned)
     save_figure(figure, tmp_path / "altitudes")
     lines = [np.asarray(line.get_ydata(), dtype=float) for line in axes.get_lines()]
     assert [len(line) for line in lines] == [time.size] * 4
@@ -235,8 +235,8 @@ def main():
 
 run_cli(main)
 """
-    whole = save_figure(draw_figure(), tmp_path / "whole")
-    assert whole[1].stat().st_size > whole[0].stat().st_size + 100
+    paths = save_figure(draw_figure(), tmp_path / "whole")
+    assert paths[1].stat().st_size > paths[0].stat().st_size + 100
     result = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
     )

@@ -42,10 +42,10 @@ def test_an_overview_shows_its_title_and_legend(count: int) -> None:
         }
         for value in (0.0, 30.0)
     ]
-    one = {"name": "position_std", "label": "noise of positions", "unit": "m", "values": values}
+    sweep = {"name": "position_std", "label": "noise of positions", "unit": "m", "values": values}
     where = scenario_title(f"tracks:{PATH}")
     title = f"sweeps: 40 encounters a value, scenario {where}, mode policy\nbars: 95 % intervals"
-    assert_inside(overview([one] * count, title))
+    assert_inside(overview([sweep] * count, title))
 
 
 def test_a_comparison_names_a_file_without_its_folder() -> None:
@@ -94,8 +94,8 @@ def test_no_mark_of_a_sensitivity_vanishes() -> None:
     def point(low: float, value: float, encounters: int) -> dict[str, Any]:
         rate = SHARE | {"value": value, "low": low, "high": 1.0}
         success = {"policy": {"success_given_resolvable": rate, "success_rate": rate}}
-        known = {"encounters": encounters, "unresolvable_rate": {"value": 0.0}, "success": success}
-        return known | {"low": 0.0, "high": 1.0, "baseline_violation_rate": {"count": 1}}
+        row = {"encounters": encounters, "unresolvable_rate": {"value": 0.0}, "success": success}
+        return row | {"low": 0.0, "high": 1.0, "baseline_violation_rate": {"count": 1}}
 
     bins = [point(0.97, 0.98, 500), point(0.1, 0.4, 5)]
     figure = draw_details({"label": "noise", "unit": "m", "bins": bins}, "title")
@@ -117,9 +117,9 @@ def test_a_map_of_one_slice_has_room_for_its_title_and_legend() -> None:
     cut = Slice("slice 1", 60.0, 90.0, -0.8)
     every = np.ones(value.size, bool)
     answers = Answers(cut, x, y, every, value, value, verdict, value, ahead, aside, grid)
-    said = {"disagreements": {}, "course_difference_deg": -45.0, "points": 100, "undecided": 0}
+    summary = {"disagreements": {}, "course_difference_deg": -45.0, "points": 100, "undecided": 0}
     for count in (1, 2, 3):
-        figure = boundary_figure([(answers, said)] * count, PAPER)
+        figure = boundary_figure([(answers, summary)] * count, PAPER)
         assert_inside(figure)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()

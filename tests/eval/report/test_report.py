@@ -191,15 +191,15 @@ def test_the_bands_of_a_flight_are_those_of_its_single_moments(report_run: Path)
     options = evaluation.options
     number = int(np.flatnonzero(run.kinds == "violation")[0])
     flight = next(fly_again(run, evaluation, [number], set(), {number}))
-    found, track = flight.bands, flight.track
-    assert found is not None and found.tracks.shape == (track.own.shape[1], 72)
-    assert found.level.shape == (track.own.shape[1], len(track.intruders))
+    bands, track = flight.bands, flight.track
+    assert bands is not None and bands.tracks.shape == (track.own.shape[1], 72)
+    assert bands.level.shape == (track.own.shape[1], len(track.intruders))
     # It loses the separation: the alert was a warning before, and nothing was free at the end.
-    assert found.level[-1].max() == 3
-    assert not (found.tracks[-1] == 0).any() and found.way_out[-1] >= 0
-    runs = np.array(bands_data(found)["tracks"]).reshape(-1, 2)
-    assert np.array_equal(np.repeat(runs[:, 0], runs[:, 1]), found.tracks.ravel())
-    at = len(found.tracks) // 2
+    assert bands.level[-1].max() == 3
+    assert not (bands.tracks[-1] == 0).any() and bands.way_out[-1] >= 0
+    runs = np.array(bands_data(bands)["tracks"]).reshape(-1, 2)
+    assert np.array_equal(np.repeat(runs[:, 0], runs[:, 1]), bands.tracks.ravel())
+    at = len(bands.tracks) // 2
     heading = np.arctan2(*np.diff(track.own[::-1, at : at + 2], axis=1)[:, 0])
     own = VehicleState(track.own[0, at], track.own[1, at], heading, 80.0)
     intruder = VehicleState(
@@ -228,9 +228,9 @@ def test_bands_in_a_wind_are_those_of_the_air_mass(policy_path: Path) -> None:
         winds = evaluation.wind(flown.starts, np.array([0]))
         wind = None if winds is None else Wind(*(float(part[0]) for part in winds))
         at_start.append(bands_of(flown, 0, flown.track(0), evaluation, wind))
-    still, windy = at_start
-    assert np.array_equal(still.speeds[0], windy.speeds[0])
-    assert windy.loss[0] == pytest.approx(still.loss[0])
+    calm, windy = at_start
+    assert np.array_equal(calm.speeds[0], windy.speeds[0])
+    assert windy.loss[0] == pytest.approx(calm.loss[0])
 
 
 def test_bands_count_in_each_intruders_own_separation() -> None:
@@ -238,10 +238,11 @@ def test_bands_count_in_each_intruders_own_separation() -> None:
     ahead = VehicleState(*(np.full((1, 1), value) for value in (9e3, 0.0, np.pi, 80.0)))
     options = Options.for_aircraft(PAPER)
     usual, wide = (
-        flight_bands(own, ahead, options, (), kept) for kept in (None, np.array([3_000.0]))
+        flight_bands(own, ahead, options, (), separations)
+        for separations in (None, np.array([3_000.0]))
     )
-    same = flight_bands(own, ahead, options, (), np.array([options.requirement.separation]))
-    assert np.array_equal(same.tracks, usual.tracks)
+    of_usual = flight_bands(own, ahead, options, (), np.array([options.requirement.separation]))
+    assert np.array_equal(of_usual.tracks, usual.tracks)
     assert wide.loss[0, 0] == pytest.approx(usual.loss[0, 0] - 2_000.0 / 160.0, abs=0.5)
     assert np.count_nonzero(wide.tracks) > np.count_nonzero(usual.tracks)
 
@@ -253,13 +254,13 @@ def test_a_saved_encounter_is_what_the_display_opens(copy: Path) -> None:
     recording = read(copy / "encounters" / f"{number}.json")
     assert recording.length == run.table["duration_s"][number]
     assert recording.marks[-1][1] == 3
-    shown = to_json(recording.player()(recording.length))
+    picture = to_json(recording.player()(recording.length))
     apart = [
-        np.hypot(one["x"] - shown["own"]["x"], one["y"] - shown["own"]["y"])
-        for one in shown["traffic"]
+        np.hypot(intruder["x"] - picture["own"]["x"], intruder["y"] - picture["own"]["y"])
+        for intruder in picture["traffic"]
     ]
     assert min(apart) < 1.2 * run.rules.separation
-    assert shown["bands"]["recovery"] is not None and shown["advice"]["do"] == "recovery"
+    assert picture["bands"]["recovery"] is not None and picture["advice"]["do"] == "recovery"
     with pytest.raises(ConfigError, match="--save: 999; expected numbers of encounters"):
         report.main([str(copy), "--save", "999"])
 
@@ -276,7 +277,7 @@ def test_a_flight_that_differs_from_the_table_is_marked(report_run: Path) -> Non
 
 def unpack(stored: dict[str, Any]) -> dict[str, np.ndarray]:
     """Read a flight as the page does."""
-    whole = np.frombuffer(base64.b64decode(stored["packed"]), "<i2").astype(float)
+    numbers = np.frombuffer(base64.b64decode(stored["packed"]), "<i2").astype(float)
     states, count = stored["steps"] + 1, stored["intruders"]
     witness = stored.get("witness", {}).get("points", 0)
     sizes = (
@@ -287,11 +288,11 @@ def unpack(stored: dict[str, Any]) -> dict[str, np.ndarray]:
         stored["steps"],
         stored["steps"],
     )
-    own, others, separation, also, turn, push = np.split(whole, np.cumsum(sizes)[:-1])
+    own, intruders, separation, also, turn, push = np.split(numbers, np.cumsum(sizes)[:-1])
     scale = stored["scale"]
     return {
         "own": own.reshape(2, -1) * scale,
-        "intruders": others.reshape(count, 2, -1) * scale,
+        "intruders": intruders.reshape(count, 2, -1) * scale,
         "separation": separation * scale,
         "witness": also.reshape(2, -1) * scale,
         "turn": turn * 1e-3,
@@ -310,28 +311,28 @@ def test_a_packed_flight_is_the_flight_to_half_its_scale(
     steps: int, count: int, size: float, offset: float, seed: int
 ) -> None:
     draw = np.random.default_rng(seed).uniform
-    own, others = (
+    own, intruders = (
         draw(-size, size, (2, steps + 1)) + offset,
         draw(-size, size, (count, 2, steps + 1)) + offset,
     )
     way = draw(-size, size, (2, 5)) + offset
     witness = Witness(way, 60.0, 1_001.0)
     turn, push = draw(-0.09, 0.09, steps), draw(-1.0, 1.0, steps)
-    track = Track(own, others, draw(0, size, steps), (offset, offset))
+    track = Track(own, intruders, draw(0, size, steps), (offset, offset))
     flight = Replayed(7, track, push, turn, True, None, None, witness)
     stored = flight_data(flight)
-    found, half = unpack(stored), 0.5 * stored["scale"] + 1e-6
+    unpacked, half = unpack(stored), 0.5 * stored["scale"] + 1e-6
     # The origin is not stored: what matters is where everybody is from each other and from the
     # goal.
-    shift = own[:, :1] - found["own"][:, :1]
+    shift = own[:, :1] - unpacked["own"][:, :1]
     assert np.abs(shift - np.round(shift)).max() <= half + 0.5
-    assert np.abs(found["own"] + shift - own).max() <= 2.0 * half
-    assert np.abs(found["intruders"] + shift - others).max() <= 2.0 * half
-    assert np.abs(found["witness"] + shift - way).max() <= 2.0 * half
+    assert np.abs(unpacked["own"] + shift - own).max() <= 2.0 * half
+    assert np.abs(unpacked["intruders"] + shift - intruders).max() <= 2.0 * half
+    assert np.abs(unpacked["witness"] + shift - way).max() <= 2.0 * half
     assert np.abs(np.array(stored["goal"]) + shift[:, 0] - offset).max() <= half + 0.1
-    assert np.abs(found["separation"] - flight.track.separation).max() <= half
-    assert np.abs(found["turn"] - np.degrees(turn)).max() <= 5.1e-4
-    assert np.abs(found["push"] - push).max() <= 5.1e-4
+    assert np.abs(unpacked["separation"] - flight.track.separation).max() <= half
+    assert np.abs(unpacked["turn"] - np.degrees(turn)).max() <= 5.1e-4
+    assert np.abs(unpacked["push"] - push).max() <= 5.1e-4
 
 
 def run_of(kinds: list[str]) -> Any:
@@ -368,10 +369,10 @@ def test_a_large_run_keeps_its_points_bounded_and_its_failures() -> None:
     for number in range(0, 60_000, 100):
         kinds[number] = "violation"
     replayed = np.arange(0, 500)
-    shown = points(run_of(kinds), replayed)
-    assert len(shown) == len(set(shown.tolist())) == POINTS
-    assert (np.diff(shown) > 0).all()
-    assert set(range(0, 60_000, 100)) | set(range(500)) <= set(shown.tolist())
+    numbers = points(run_of(kinds), replayed)
+    assert len(numbers) == len(set(numbers.tolist())) == POINTS
+    assert (np.diff(numbers) > 0).all()
+    assert set(range(0, 60_000, 100)) | set(range(500)) <= set(numbers.tolist())
 
 
 @given(
@@ -400,14 +401,14 @@ def test_the_page_says_what_the_summary_says(report_run: Path, report_page: Path
     assert len(rows) == len(headline(summary, {}))
     # Mode policy refuses more intruders than it was trained with; beside plans it is said.
     crowd = summary | {"policy_violation_rate": summary["violation_rate"]}
-    for many, said in ((0, False), (7, True)):
-        lines = headline(crowd | {"outside_domain": {"intruders": many}}, {})
+    for count, is_said in ((0, False), (7, True)):
+        lines = headline(crowd | {"outside_domain": {"intruders": count}}, {})
         (line,) = [line for line in lines if line.key == "policy_violation_rate"]
-        assert ("; 7 encounters have more intruders than it knows" in line.counted) == said
+        assert ("; 7 encounters have more intruders than it knows" in line.counted) == is_said
     # What SAFE promises, and what it does not, stands before the sum, which alarms.
     plans = summary | {"safe_plans_broken": 0, "safe_plans_not_promised": 9}
-    told = [line.label for line in headline(plans | {"safe_plans_violated": 9}, {})][-3:]
-    assert [("must be 0" in text, "not promised" in text) for text in told] == [
+    labels = [line.label for line in headline(plans | {"safe_plans_violated": 9}, {})][-3:]
+    assert [("must be 0" in text, "not promised" in text) for text in labels] == [
         (True, False),
         (False, True),
         (False, False),
@@ -444,7 +445,7 @@ def test_table_and_filter_count_the_unresolvable_alike(report_run: Path) -> None
 def test_no_name_reverses_the_text_after_it(report_page: Path) -> None:
     text = report_page.read_text(encoding="utf-8")
     assert r"\u202etfel ot thgir" in text  # the code in words, escaped once more as JSON
-    assert not {each for each in text if unicodedata.category(each) == "Cf"}
+    assert not {character for character in text if unicodedata.category(character) == "Cf"}
 
 
 def test_the_page_holds_everything_and_asks_for_nothing(report_page: Path) -> None:

@@ -54,10 +54,10 @@ class Opened:
 
 @pytest.fixture
 def opened(new_page: Any, report_page: Path) -> Iterator[Opened]:
-    one = Opened(new_page, report_page)
-    yield one
-    assert one.wrong == []
-    one.page.close()
+    opened_page = Opened(new_page, report_page)
+    yield opened_page
+    assert opened_page.wrong == []
+    opened_page.page.close()
 
 
 def read_data(path: Path) -> dict[str, Any]:
@@ -222,11 +222,11 @@ def test_names_from_the_data_stay_text(opened: Opened) -> None:
 
 def test_the_browser_is_forbidden_every_connection(new_page: Any, report_page: Path) -> None:
     opened = Opened(new_page, report_page)
-    tried = """() => new Promise((done) => {
+    script = """() => new Promise((done) => {
         addEventListener("securitypolicyviolation", (event) => done(event.violatedDirective));
         fetch("http://127.0.0.1:9/").catch(() => setTimeout(() => done("reached"), 500));
     })"""
-    assert opened.page.evaluate(tried) == "connect-src"
+    assert opened.page.evaluate(script) == "connect-src"
     opened.page.close()
 
 
@@ -261,9 +261,11 @@ def test_ten_thousand_encounters_are_one_page_of_15_mb_that_lists_its_flights(
     table["bearing_deg"] = np.random.default_rng(0).uniform(-180.0, 180.0, count)
     config = small.config.model_copy(update={"encounters": count})
     run = small._replace(table=table, kinds=small.kinds[rows], config=config)
-    known = read_data(report_page)["flights"]
+    stored_flights = read_data(report_page)["flights"]
     flights = {
-        number: known[str(rows[number])] for number in range(count) if str(rows[number]) in known
+        number: stored_flights[str(rows[number])]
+        for number in range(count)
+        if str(rows[number]) in stored_flights
     }
     flights = dict(list(flights.items())[:1_000])
     large = tmp_path / "report.html"

@@ -126,9 +126,11 @@ def test_a_comparison_on_a_cluster_has_the_bits_of_one_process(
 ) -> None:
     flown = ("--encounters", "7", "--baseline", "mvp", "--set", "chunk=3")
     where = {"alone": ("--workers", "1"), "cluster": ("--scheduler", cluster.address)}
-    for name, how in where.items():
+    for name, arguments in where.items():
         assert (
-            compare.main([*flown, "--set", "resamples=100", *how, "--out", str(tmp_path / name)])
+            compare.main(
+                [*flown, "--set", "resamples=100", *arguments, "--out", str(tmp_path / name)]
+            )
             == 0
         )
     tables = [(tmp_path / name / "encounters.parquet").read_bytes() for name in where]
@@ -231,12 +233,14 @@ def test_flights_of_the_true_aircraft_are_the_same_there(
         "figures=false",
     )
     assert hifi.main([*run, "--workers", "1", "--out", str(tmp_path / "here")]) == 0
-    there = tmp_path / "there"
+    cluster_run = tmp_path / "there"
     assert (
-        hifi.main([*run, "--set", "chunk=1", "--scheduler", cluster.address, "--out", str(there)])
+        hifi.main(
+            [*run, "--set", "chunk=1", "--scheduler", cluster.address, "--out", str(cluster_run)]
+        )
         == 0
     )
-    assert (there / "flights.parquet").read_bytes() == (
+    assert (cluster_run / "flights.parquet").read_bytes() == (
         tmp_path / "here" / "flights.parquet"
     ).read_bytes()
 
@@ -268,7 +272,7 @@ def test_a_disk_that_fills_ends_the_run_with_one_sentence(
         "--out",
         str(out),
     ]
-    done = subprocess.run(
+    process = subprocess.run(
         # No file may grow beyond what the configuration takes, KiB, as on a disk that is full.
         ["bash", "-c", 'ulimit -f 6; exec "$@"', "-", *command, "--scheduler", cluster.address],
         cwd=ROOT,
@@ -276,12 +280,12 @@ def test_a_disk_that_fills_ends_the_run_with_one_sentence(
         text=True,
         check=False,
     )
-    assert done.returncode == 1, done.stderr
-    problem, advice = done.stderr.splitlines()[-2:]
+    assert process.returncode == 1, process.stderr
+    problem, advice = process.stderr.splitlines()[-2:]
     assert problem.startswith(f"error: {out}: what was flown cannot be stored: ")
     assert "File too large" in problem
     assert advice.startswith("Go on with: python -m eval.monte_carlo --resume")
-    assert "Traceback" not in done.stderr
+    assert "Traceback" not in process.stderr
 
 
 @pytest.mark.slow
@@ -289,16 +293,16 @@ def test_strangers_are_no_schedulers(cluster: Processes, tmp_path: Path) -> None
     """One listens and keeps silent, one speaks another language, one is a worker."""
     with (
         socket.create_server(("127.0.0.1", 0)) as silent,
-        socket.create_server(("127.0.0.1", 0)) as other,
+        socket.create_server(("127.0.0.1", 0)) as closing,
     ):
 
         def answer() -> None:
-            connection, _ = other.accept()
+            connection, _ = closing.accept()
             with connection:
                 connection.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
 
         threading.Thread(target=answer, daemon=True).start()
-        for listener in (silent, other):
+        for listener in (silent, closing):
             begun = time.monotonic()
             with pytest.raises(ConfigError, match="no Dask scheduler answers"):
                 monte_carlo.main(["--scheduler", f"tcp://127.0.0.1:{listener.getsockname()[1]}"])
@@ -328,16 +332,16 @@ def test_a_worker_that_joins_later_is_held_to_the_run_too(
     payload = unpack(pack("run", Work(ReadyEvaluation, columns), evaluation, policy.sha256))
     assert payload.work.policy is None
     assert payload.versions == {name: versions(name)[name] for name in ("rlcas-toolkit", "numpy")}
-    other = replace(payload, name="other", versions={"numpy": "1.0"})
+    with_other_versions = replace(payload, name="other", versions={"numpy": "1.0"})
     with pytest.raises(
         WorkerError,
         match=r"^a worker has numpy .* instead of 1.0; expected the same versions every",
     ):
-        fly(other, 0, 1)
+        fly(with_other_versions, 0, 1)
     assert payload.policy is not None
-    another = replace(payload.policy, sha256="0" * 64)
+    other_policy = replace(payload.policy, sha256="0" * 64)
     with pytest.raises(WorkerError, match=f"SHA-256 {policy.sha256}, expected 00"):
-        fly(replace(payload, name="another", policy=another), 0, 1)
+        fly(replace(payload, name="another", policy=other_policy), 0, 1)
     with pytest.raises(
         PolicyFileError, match=f"has changed since it was loaded: its SHA-256 is {policy.sha256}"
     ):
@@ -371,10 +375,10 @@ def test_other_versions_on_a_worker_are_refused(tmp_path: Path) -> None:
     processes = Processes(tmp_path)
     try:
         processes.worker("--no-nanny", PYTHONPATH=str(tmp_path / "other"))
-        here = versions("numpy")["numpy"]
+        own_version = versions("numpy")["numpy"]
         with pytest.raises(
             ConfigError,
-            match=f"has numpy 1.0 instead of {here}, expected the same versions everywher",
+            match=f"has numpy 1.0 instead of {own_version}, expected the same versions everywher",
         ):
             monte_carlo.main(["--scheduler", processes.address, "--out", str(tmp_path / "run")])
         assert not (tmp_path / "run").exists()

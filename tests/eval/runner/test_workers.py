@@ -105,10 +105,10 @@ def test_a_disk_without_room_is_refused_before_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "deep" / "run"
-    asked = []
+    paths_asked = []
 
     def usage(path: Path) -> SimpleNamespace:
-        asked.append(Path(path))
+        paths_asked.append(Path(path))
         return SimpleNamespace(free=3_000_000, total=9_000_000)
 
     monkeypatch.setattr(shutil, "disk_usage", usage)
@@ -117,7 +117,7 @@ def test_a_disk_without_room_is_refused_before_the_run(
         match=rf"--out {out}: 3.0 MB are free there, expected about 5.5 MB for 10000 rows",
     ):
         monte_carlo.main(["--workers", "1", "--set", "backend=numpy", "--out", str(out)])
-    assert asked == [tmp_path]
+    assert paths_asked == [tmp_path]
     assert not out.parent.exists()
 
 
@@ -129,8 +129,8 @@ def test_nothing_of_dask_is_loaded_without_a_scheduler() -> None:
     program += (
         "print(sorted({'distributed', 'dask', 'tornado'} & set(sys.modules)), file=sys.stderr)"
     )
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    assert done.stderr.strip() == "[]"
-    assert "--scheduler ADDRESS" in done.stdout
+    assert process.stderr.strip() == "[]"
+    assert "--scheduler ADDRESS" in process.stdout

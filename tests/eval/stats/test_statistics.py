@@ -112,11 +112,11 @@ def test_mean_interval_of_a_constant_and_of_nothing() -> None:
 def test_mean_interval_is_the_normal_one_for_many_values(discrete: bool) -> None:
     rng = np.random.default_rng(1)
     values = rng.choice([-100.0, -10.0, 100.0], 4_000) if discrete else rng.normal(3.0, 2.0, 4_000)
-    found = mean_interval(values, 0.95, 4_000)
+    interval = mean_interval(values, 0.95, 4_000)
     half = 1.96 * values.std() / math.sqrt(len(values))
-    assert found.value == pytest.approx(values.mean())
-    assert found.low == pytest.approx(values.mean() - half, abs=0.06 * half)
-    assert found.high == pytest.approx(values.mean() + half, abs=0.06 * half)
+    assert interval.value == pytest.approx(values.mean())
+    assert interval.low == pytest.approx(values.mean() - half, abs=0.06 * half)
+    assert interval.high == pytest.approx(values.mean() + half, abs=0.06 * half)
 
 
 def test_mean_interval_repeats_and_depends_on_the_seed() -> None:
@@ -129,8 +129,8 @@ def test_counts_are_resampled_like_values() -> None:
     values = np.repeat([0.0, 1.0, 5.0], [50, 30, 20])
     rng = np.random.default_rng(0)
     brute = np.array([rng.choice(values, len(values)).mean() for _ in range(4_000)])
-    found = mean_interval(values, 0.9, 4_000)
-    assert (found.low, found.high) == pytest.approx(
+    interval = mean_interval(values, 0.9, 4_000)
+    assert (interval.low, interval.high) == pytest.approx(
         tuple(np.quantile(brute, [0.05, 0.95])), abs=0.05
     )
 
@@ -158,9 +158,9 @@ RESPONSE = Pairs(59, 6, 16, 80)
 def test_published_paired_intervals(
     counts: Pairs, confidence: float, low: float, high: float, digits: int
 ) -> None:
-    found = tango(counts, confidence)
-    assert (round(found.low, digits), round(found.high, digits)) == (low, high)
-    assert found.value == (counts.second_only - counts.first_only) / sum(counts)
+    interval = tango(counts, confidence)
+    assert (round(interval.low, digits), round(interval.high, digits)) == (low, high)
+    assert interval.value == (counts.second_only - counts.first_only) / sum(counts)
 
 
 @pytest.mark.parametrize(
@@ -184,42 +184,47 @@ cells = st.integers(0, 60)
 
 @given(cells, cells, cells, cells, st.floats(0.5, 0.999))
 def test_exchange_of_the_two_mirrors_everything(
-    both: int, one: int, two: int, none: int, confidence: float
+    both: int, first_only: int, second_only: int, none: int, confidence: float
 ) -> None:
-    counts = Pairs(both, one, two, none)
+    counts = Pairs(both, first_only, second_only, none)
     if not sum(counts):
         return
-    found, turned = tango(counts, confidence), tango(Pairs(both, two, one, none), confidence)
-    assert -1.0 <= found.low <= found.value <= found.high <= 1.0
-    assert found.low < found.high
-    assert turned.value == -found.value
-    assert (turned.low, turned.high) == pytest.approx((-found.high, -found.low), abs=1e-9)
-    assert mcnemar_exact(counts) == mcnemar_exact(Pairs(none, two, one, both))
+    interval, turned = (
+        tango(counts, confidence),
+        tango(Pairs(both, second_only, first_only, none), confidence),
+    )
+    assert -1.0 <= interval.low <= interval.value <= interval.high <= 1.0
+    assert interval.low < interval.high
+    assert turned.value == -interval.value
+    assert (turned.low, turned.high) == pytest.approx((-interval.high, -interval.low), abs=1e-9)
+    assert mcnemar_exact(counts) == mcnemar_exact(Pairs(none, second_only, first_only, both))
     assert 0.0 < mcnemar_exact(counts) <= 1.0
 
 
 @given(cells, cells, st.integers(1, 60))
 def test_the_interval_is_one_with_the_score_test_of_no_difference(
-    one: int, two: int, same: int
+    first_only: int, second_only: int, in_both: int
 ) -> None:
     # At a difference of 0 the score statistic is McNemar's, (c - b) / sqrt(b + c).
-    found = tango(Pairs(same, one, two, 0))
-    statistic = abs(two - one) / math.sqrt(max(one + two, 1))
+    interval = tango(Pairs(in_both, first_only, second_only, 0))
+    statistic = abs(second_only - first_only) / math.sqrt(max(first_only + second_only, 1))
     if abs(statistic - 1.959964) > 1e-6:
-        assert (statistic > 1.959964) == (not found.low <= 0.0 <= found.high)
+        assert (statistic > 1.959964) == (not interval.low <= 0.0 <= interval.high)
 
 
 def test_exact_coverage_is_near_what_is_stated() -> None:
     total, shares = 30, np.array([0.72, 0.05, 0.11, 0.12])
     covered = 0.0
-    for one, two in itertools.product(range(total + 1), repeat=2):
-        if one + two <= total:
+    for first_only, second_only in itertools.product(range(total + 1), repeat=2):
+        if first_only + second_only <= total:
             # The interval does not ask how the others agree.
-            found = tango(Pairs(total - one - two, one, two, 0))
+            interval = tango(Pairs(total - first_only - second_only, first_only, second_only, 0))
             weight = multinomial.pmf(
-                [one, two, total - one - two], total, [shares[1], shares[2], shares[0] + shares[3]]
+                [first_only, second_only, total - first_only - second_only],
+                total,
+                [shares[1], shares[2], shares[0] + shares[3]],
             )
-            covered += weight * (found.low <= shares[2] - shares[1] <= found.high)
+            covered += weight * (interval.low <= shares[2] - shares[1] <= interval.high)
     assert 0.93 < covered < 0.985
 
 
@@ -315,8 +320,8 @@ def test_severity_by_hand() -> None:
 def test_the_vertical_part_of_a_volume_counts() -> None:
     volume = Volume(1_000.0, 100.0, 35.0)
     for height, lost in ((0.0, True), (100.0, True), (-100.0, True), (101.0, False)):
-        seen = make_relative(500, 0, -100, 0)._replace(z=np.array([height]))
-        assert is_lost(volume, seen)[0] == lost
+        relative_state = make_relative(500, 0, -100, 0)._replace(z=np.array([height]))
+        assert is_lost(volume, relative_state)[0] == lost
     collision = make_relative(0, 0, -100, 0)
     assert severity(volume, collision._replace(z=np.array([50.0])))[0] == pytest.approx(0.5)
     assert severity(volume, collision._replace(z=np.array([-120.0])))[0] == 0.0
@@ -338,12 +343,12 @@ def test_published_risk_ratios() -> None:
     intervals = {"nmac": (0.095, 0.161), "lowc": (0.372, 0.465)}
     for kind, (plain, weighted) in golden.items():
         event, without = data[f"{kind}_with"] > 0, data[f"{kind}_without"] > 0
-        found = ratio(event, without, data["weight"])
+        risk_ratio = ratio(event, without, data["weight"])
         assert ratio(event, without, resamples=100).value == pytest.approx(plain, abs=1e-6)
-        assert found.value == pytest.approx(weighted, abs=1e-6)
-        assert found.unresolved + found.induced == pytest.approx(found.value)
-        assert (found.low, found.high) == pytest.approx(intervals[kind], abs=0.005)
-        assert found.effective < found.total
+        assert risk_ratio.value == pytest.approx(weighted, abs=1e-6)
+        assert risk_ratio.unresolved + risk_ratio.induced == pytest.approx(risk_ratio.value)
+        assert (risk_ratio.low, risk_ratio.high) == pytest.approx(intervals[kind], abs=0.005)
+        assert risk_ratio.effective < risk_ratio.total
 
 
 flags = st.lists(
@@ -359,20 +364,20 @@ def test_a_ratio_s_parts_scale_and_weights_that_count(rows, scale: float) -> Non
         with pytest.raises(ValueError, match="at least one of them positive"):
             ratio(event, without, weight)
         return
-    found = ratio(event, without, weight, resamples=100)
+    risk_ratio = ratio(event, without, weight, resamples=100)
     if not weight @ without:
-        assert math.isnan(found.value)
-        assert "undefined" in found.warnings[0]
+        assert math.isnan(risk_ratio.value)
+        assert "undefined" in risk_ratio.warnings[0]
         return
-    assert found.value == pytest.approx(found.unresolved + found.induced)
+    assert risk_ratio.value == pytest.approx(risk_ratio.unresolved + risk_ratio.induced)
     again = ratio(event, without, scale * weight, resamples=100)
-    assert again.value == pytest.approx(found.value)
-    assert again.effective == pytest.approx(found.effective)
+    assert again.value == pytest.approx(risk_ratio.value)
+    assert again.effective == pytest.approx(risk_ratio.effective)
     # A whole weight is as good as that many copies.
     repeat = weight.astype(int)
     copies = ratio(np.repeat(event, repeat), np.repeat(without, repeat), resamples=100)
-    assert copies.value == pytest.approx(found.value)
-    assert copies.unresolved == pytest.approx(found.unresolved)
+    assert copies.value == pytest.approx(risk_ratio.value)
+    assert copies.unresolved == pytest.approx(risk_ratio.unresolved)
 
 
 def test_the_bootstrap_is_that_of_drawing_whole_encounters() -> None:
@@ -380,25 +385,27 @@ def test_the_bootstrap_is_that_of_drawing_whole_encounters() -> None:
     weight = rng.uniform(0.5, 3.0, 400)
     without = rng.random(400) < 0.4
     event = (without & (rng.random(400) < 0.3)) | (rng.random(400) < 0.02)
-    found = ratio(event, without, weight, resamples=4_000)
+    risk_ratio = ratio(event, without, weight, resamples=4_000)
     draws = rng.integers(0, 400, (4_000, 400))
     ratios = (weight * event)[draws].sum(1) / (weight * without)[draws].sum(1)
-    assert (found.low, found.high) == pytest.approx(np.quantile(ratios, [0.025, 0.975]), abs=0.01)
+    assert (risk_ratio.low, risk_ratio.high) == pytest.approx(
+        np.quantile(ratios, [0.025, 0.975]), abs=0.01
+    )
 
 
 def test_a_sample_that_cannot_carry_the_claim_says_so() -> None:
     without = np.zeros(1_000, bool)
     without[:5] = True
-    found = ratio(without & (np.arange(1_000) == 0), without)
-    assert any("only 5 events" in each for each in found.warnings)
-    assert any("wide" in each for each in found.warnings)
+    risk_ratio = ratio(without & (np.arange(1_000) == 0), without)
+    assert any("only 5 events" in warning for warning in risk_ratio.warnings)
+    assert any("wide" in warning for warning in risk_ratio.warnings)
     none = ratio(np.zeros(1_000, bool), np.arange(1_000) < 500)
     # No event in 1000: the exact upper end of the rate, 0.00368, over a half.
     assert (none.value, none.low, none.high) == (0.0, 0.0, pytest.approx(0.007364, abs=1e-5))
     weight = np.ones(1_000)
     weight[0] = 500.0
     heavy = ratio(np.arange(1_000) < 100, np.arange(1_000) < 500, weight)
-    assert any("one encounter carries" in each for each in heavy.warnings)
+    assert any("one encounter carries" in warning for warning in heavy.warnings)
     with pytest.raises(ValueError, match="one length"):
         ratio(without, without[:-1])
     with pytest.raises(ValueError, match="finite"):
@@ -408,19 +415,19 @@ def test_a_sample_that_cannot_carry_the_claim_says_so() -> None:
 def test_costs_and_losses_of_flights() -> None:
     starts = encounters_of_seed(scenario("circle", PAPER), 3, 0, 60)
     flights, paths = fly_recorded(starts, Unmitigated(PAPER), PAPER, endless=True)
-    found = costs(starts, flights, paths, PAPER)
+    columns = costs(starts, flights, paths, PAPER)
     # Without a resolver the route is flown: nothing is lost but the turn onto it.
-    assert found["path_excess"].max() < 1e-3
-    assert np.abs(found["time_excess_s"]).max() < 1.0
-    assert found["cross_track_m"].max() < 30.0
+    assert columns["path_excess"].max() < 1e-3
+    assert np.abs(columns["time_excess_s"]).max() < 1.0
+    assert columns["cross_track_m"].max() < 30.0
     for name, volume in VOLUMES.items():
-        there = losses(volume, paths, starts.mask, PAPER.dt)
+        lost = losses(volume, paths, starts.mask, PAPER.dt)
         if volume.tau == 0.0:
             np.testing.assert_array_equal(
-                there, flights.min_separation < volume.horizontal, err_msg=name
+                lost, flights.min_separation < volume.horizontal, err_msg=name
             )
         else:
-            assert (there | (flights.min_separation >= volume.horizontal)).all()
+            assert (lost | (flights.min_separation >= volume.horizontal)).all()
         absent = losses(volume, paths, np.zeros_like(starts.mask), PAPER.dt)
         assert volume.tau == 0.0 or not absent.any()
     assert np.isnan(relative(paths).x[-1]).sum() == (flights.duration < len(paths.action)).sum()
@@ -428,12 +435,16 @@ def test_costs_and_losses_of_flights() -> None:
 
 def test_a_ratio_by_hand() -> None:
     without = np.arange(100) < 40
-    found = ratio(np.arange(100) < 10, without)
-    assert found.value == 0.25
-    assert 0.1 < found.low < 0.25 < found.high < 0.42
-    same = ratio(without, without)
+    risk_ratio = ratio(np.arange(100) < 10, without)
+    assert risk_ratio.value == 0.25
+    assert 0.1 < risk_ratio.low < 0.25 < risk_ratio.high < 0.42
+    ratio_of_equals = ratio(without, without)
     low, high = clopper_pearson(40, 100)
-    assert (same.value, same.low, same.high) == (1.0, low / high, high / low)
+    assert (ratio_of_equals.value, ratio_of_equals.low, ratio_of_equals.high) == (
+        1.0,
+        low / high,
+        high / low,
+    )
     none = ratio(np.zeros(100, bool), without)
     assert (none.value, none.low, none.high) == (
         0.0,
@@ -445,13 +456,13 @@ def test_a_ratio_by_hand() -> None:
 
 def test_a_ratio_of_one_encounter_proves_nothing() -> None:
     once = np.ones(1, bool)
-    found = ratio(once, once)
-    assert found.value == 1.0
-    assert found.low < 0.1
-    assert found.high > 10.0
-    many = np.arange(1000) < 40  # the same 40 with and without
-    found = ratio(many, many)
-    assert 0.4 < found.low < 1.0 < found.high < 2.5
+    risk_ratio = ratio(once, once)
+    assert risk_ratio.value == 1.0
+    assert risk_ratio.low < 0.1
+    assert risk_ratio.high > 10.0
+    forty = np.arange(1000) < 40  # the same 40 with and without
+    risk_ratio = ratio(forty, forty)
+    assert 0.4 < risk_ratio.low < 1.0 < risk_ratio.high < 2.5
 
 
 def test_an_encounter_that_begins_at_the_goal_has_no_path_excess() -> None:
