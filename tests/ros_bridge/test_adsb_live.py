@@ -69,12 +69,12 @@ def line(kind: int, second: float, address: str = "4B1234", **fields: Any) -> st
     return f"MSG,{kind},1,1,{address},1,{at},{at},{values}"
 
 
-def read(reader: Any, *given: tuple[float, str]) -> list[Report | FieldError]:
+def read(reader: Any, *timed_texts: tuple[float, str]) -> list[Report | FieldError]:
     """Return what a reader makes of texts and their arrivals, s."""
     return [
-        found
-        for second, text in given
-        for found in reader.reports_of(text, round((T0 + second) * SECOND))
+        report
+        for second, text in timed_texts
+        for report in reader.reports_of(text, round((T0 + second) * SECOND))
     ]
 
 
@@ -83,18 +83,18 @@ def reports(*documents: str, own: Report | None = OWN) -> tuple[list[Any], dict[
     traffic = Traffic("4b0000")
     traffic.own = own
     empty = json.dumps({"now": T0, "aircraft": []})
-    found = read(AircraftJson(traffic), *enumerate([empty, *documents]))
-    return found, dict(+traffic.counts)
+    read_reports = read(AircraftJson(traffic), *enumerate([empty, *documents]))
+    return read_reports, dict(+traffic.counts)
 
 
 def test_a_document_becomes_reports_of_the_time_of_their_positions() -> None:
-    (found,), left_out = reports(document(1.0, nac_p=9, nac_v=2, geom_rate=600, flight="SWR12K"))
-    assert found.callsign == "SWR12K"
-    assert (found.identifier, found.time) == ("4b1234", T0 * SECOND + SECOND // 2)
-    assert (found.east, found.north) == pytest.approx((120.0 * KNOT, 0.0), abs=1e-9)
-    assert found.altitude.value == pytest.approx(5000 * FOOT)
-    assert found.altitude.vertical_speed == pytest.approx(3.048)
-    assert found.position_std == pytest.approx(30.0 / math.sqrt(-2.0 * math.log(0.05)), rel=1e-3)
+    (report,), left_out = reports(document(1.0, nac_p=9, nac_v=2, geom_rate=600, flight="SWR12K"))
+    assert report.callsign == "SWR12K"
+    assert (report.identifier, report.time) == ("4b1234", T0 * SECOND + SECOND // 2)
+    assert (report.east, report.north) == pytest.approx((120.0 * KNOT, 0.0), abs=1e-9)
+    assert report.altitude.value == pytest.approx(5000 * FOOT)
+    assert report.altitude.vertical_speed == pytest.approx(3.048)
+    assert report.position_std == pytest.approx(30.0 / math.sqrt(-2.0 * math.log(0.05)), rel=1e-3)
     assert left_out == {}
 
 
@@ -163,8 +163,8 @@ def test_a_ground_flag_that_speed_or_height_contradicts_removes_no_aircraft(
     changes: dict[str, Any],
 ) -> None:
     own = Report("4b0000", T0 * SECOND, 47.0, 8.0, 60.0, 0.0, Altitude(1_500.0, "wgs84"))
-    (found,), left_out = reports(document(1.0, alt_baro="ground", **changes), own=own)
-    assert (found.identifier, left_out) == ("4b1234", {})
+    (report,), left_out = reports(document(1.0, alt_baro="ground", **changes), own=own)
+    assert (report.identifier, left_out) == ("4b1234", {})
 
 
 def test_a_flag_of_a_line_is_put_aside_too_and_what_lands_is_on_the_ground() -> None:
@@ -182,28 +182,30 @@ def test_a_position_by_multilateration_is_traffic() -> None:
     """Its lines have three fields more than BaseStation's: stations, nothing, error."""
     moving = {"alt": 4000, "gs": 110, "track": 180, "climb": 64, "lon": 8.0}
     lines = [line(3, second, lat=47.05 - 5e-4 * second, **moving) for second in range(3)]
-    found = read(
+    read_reports = read(
         BaseStation(Traffic("")),
-        *((n, one.replace("MSG", "MLAT") + ",5,,60") for n, one in enumerate(lines)),
+        *((n, item.replace("MSG", "MLAT") + ",5,,60") for n, item in enumerate(lines)),
     )
-    assert [one.identifier for one in found] == ["4b1234"] * 3
-    assert found[-1].north == pytest.approx(-110.0 * KNOT)
+    assert [item.identifier for item in read_reports] == ["4b1234"] * 3
+    assert read_reports[-1].north == pytest.approx(-110.0 * KNOT)
 
 
 @pytest.mark.parametrize("code", ["nac_p", "nac_v"])
 def test_no_category_of_accuracy_is_better_than_a_higher_one(code: str) -> None:
     spreads = []
     for value in range(5):
-        (found,), _ = reports(document(1.0, **{code: value}))
-        spreads.append(found.position_std if code == "nac_p" else found.velocity_std)
+        (report,), _ = reports(document(1.0, **{code: value}))
+        spreads.append(report.position_std if code == "nac_p" else report.velocity_std)
     assert spreads == sorted(spreads, reverse=True)
 
 
 @pytest.mark.parametrize("row", [{"hex": "zz"}, {}])
 def test_a_place_under_no_address_is_told_and_costs_no_other_aircraft(row: dict[str, str]) -> None:
     nameless = {name: value for name, value in ROW.items() if name != "hex"} | row
-    wrong, found = sorted(reports(document(1.0, nameless, ROW))[0], key=lambda one: str(type(one)))
-    assert found.identifier == "4b1234"
+    wrong, report = sorted(
+        reports(document(1.0, nameless, ROW))[0], key=lambda item: str(type(item))
+    )
+    assert report.identifier == "4b1234"
     assert wrong.sighting.place == (47.1, 8.2)
 
 
@@ -237,8 +239,8 @@ def test_a_track_of_radar_at_the_ownship_is_its_copy(changes: dict[str, Any], co
         "track": 88.0,
         "seen_pos": 0.0,
     }
-    found, left_out = reports(document(1.0, row | {"alt_baro": 4900} | changes))
-    assert (found == [], left_out == {"copy of the ownship": 1}) == (copied, copied)
+    read_reports, left_out = reports(document(1.0, row | {"alt_baro": 4900} | changes))
+    assert (read_reports == [], left_out == {"copy of the ownship": 1}) == (copied, copied)
     assert len(reports(document(1.0, row | {"alt_baro": 4900} | changes), own=None)[0]) == 1
 
 
@@ -247,17 +249,20 @@ def test_a_track_of_radar_at_the_ownship_is_its_copy(changes: dict[str, Any], co
 )
 def test_the_altitude_is_that_which_compares_with_the_own_one(reference: str, chosen: str) -> None:
     own = Report("4b0000", T0 * SECOND, 47.0, 8.0, 60.0, 0.0, Altitude(1_500.0, reference))
-    (found,), _ = reports(document(1.0, alt_geom=5400), own=own)
-    assert found.altitude.reference == chosen
-    (found,), _ = reports(document(1.0), own=own)
-    assert found.altitude.reference == "pressure"
+    (report,), _ = reports(document(1.0, alt_geom=5400), own=own)
+    assert report.altitude.reference == chosen
+    (report,), _ = reports(document(1.0), own=own)
+    assert report.altitude.reference == "pressure"
 
 
 def test_a_position_that_stays_is_not_passed_on_again() -> None:
-    found, left_out = reports(
+    read_reports, left_out = reports(
         document(1.0), document(2.0, seen_pos=1.5), document(3.0, seen_pos=2.45), document(4.0)
     )
-    assert [one.time for one in found] == [T0 * SECOND + SECOND // 2, T0 * SECOND + 7 * SECOND // 2]
+    assert [report.time for report in read_reports] == [
+        T0 * SECOND + SECOND // 2,
+        T0 * SECOND + 7 * SECOND // 2,
+    ]
     assert left_out == {"repeated position": 2}
 
 
@@ -281,14 +286,14 @@ def test_a_document_that_is_not_renewed_says_nothing() -> None:
     ],
 )
 def test_an_aircraft_without_a_velocity_is_sighted(changes: dict[str, Any], field: str) -> None:
-    (found,), _ = reports(document(1.0, **changes))
-    assert found.field == f"adsb 4b1234.{field}"
-    assert (found.sighting.identifier, found.sighting.place) == ("4b1234", (47.1, 8.2))
+    (problem,), _ = reports(document(1.0, **changes))
+    assert problem.field == f"adsb 4b1234.{field}"
+    assert (problem.sighting.identifier, problem.sighting.place) == ("4b1234", (47.1, 8.2))
 
 
 def test_an_age_below_zero_by_rounding_is_none() -> None:
-    (found,), _ = reports(document(1.0, seen_pos=-0.1))
-    assert (found.identifier, found.time) == ("4b1234", (T0 + 1) * SECOND)
+    (report,), _ = reports(document(1.0, seen_pos=-0.1))
+    assert (report.identifier, report.time) == ("4b1234", (T0 + 1) * SECOND)
 
 
 @pytest.mark.parametrize(
@@ -308,15 +313,15 @@ def test_an_age_below_zero_by_rounding_is_none() -> None:
     ],
 )
 def test_garbage_is_one_error_and_nothing_else(garbage: str) -> None:
-    found = read(AircraftJson(Traffic("")), (0.0, garbage))
-    assert [one.field for one in found] == ["document"]
+    problems = read(AircraftJson(Traffic("")), (0.0, garbage))
+    assert [problem.field for problem in problems] == ["document"]
     wrong = read(
         BaseStation(Traffic("")),
         (0.0, garbage),
         (0.0, "MSG,3,1,1,4B12"),
         (0.0, line(3, 0.0, "4b123g")),
     )
-    assert [one.field for one in wrong] == ["line"] * (3 if garbage else 2)
+    assert [problem.field for problem in wrong] == ["line"] * (3 if garbage else 2)
 
 
 def test_values_that_are_none_are_refused_one_by_one() -> None:
@@ -325,8 +330,8 @@ def test_values_that_are_none_are_refused_one_by_one() -> None:
         ROW | {"hex": "zz"},
         ROW | {"nac_p": [], "tisb": 5, "type": None, "hex": "4b0001"},
     ]
-    found, _ = reports(document(1.0, *rows))
-    assert [type(one) for one in found] == [FieldError, FieldError, Report]
+    outcomes, _ = reports(document(1.0, *rows))
+    assert [type(outcome) for outcome in outcomes] == [FieldError, FieldError, Report]
 
 
 def test_what_was_queued_is_late_by_as_much_and_not_fresh() -> None:
@@ -355,10 +360,10 @@ def test_an_address_that_is_none_is_refused(source: str) -> None:
 
 
 def free_ports(count: int) -> list[int]:
-    held = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
-    ports = [one.getsockname()[1] for one in held]
-    for one in held:
-        one.close()
+    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
+    ports = [server.getsockname()[1] for server in sockets]
+    for server in sockets:
+        server.close()
     return ports
 
 
@@ -398,10 +403,10 @@ def _frame(address: int, message: int, tisb: int = 0) -> str:
     bits = (
         ((18 << 27 | 2 << 24) if tisb else (17 << 27 | 5 << 24) | 0) << 56 | address << 56 | message
     )
-    rest = bits << 24
-    for at in range(rest.bit_length() - 1, 23, -1):
-        rest ^= (rest >> at & 1) * (0x1FFF409 << at - 24)
-    return f"*{bits << 24 | rest:028X};\n"
+    remainder = bits << 24
+    for at in range(remainder.bit_length() - 1, 23, -1):
+        remainder ^= (remainder >> at & 1) * (0x1FFF409 << at - 24)
+    return f"*{bits << 24 | remainder:028X};\n"
 
 
 def _place(latitude: float, longitude: float, odd: int, turn: float = 360.0) -> int:
@@ -485,19 +490,19 @@ def dump1090(tmp_path: Path) -> Iterator[tuple[Callable[[], Any], int, Sky]]:
 
 
 def _listens(port: int) -> bool:
-    with socket.socket() as one:
-        return one.connect_ex(("127.0.0.1", port)) == 0
+    with socket.socket() as client:
+        return client.connect_ex(("127.0.0.1", port)) == 0
 
 
 def drain(receiver: Receiver, reader: Any) -> list[Report | FieldError]:
-    found: list[Report | FieldError] = []
+    outcomes: list[Report | FieldError] = []
     while not receiver.heard.empty():
         item = receiver.heard.get()
         if item is None:
             reader.begin()
         else:
-            found += reader.reports_of(item[1], item[0])
-    return found
+            outcomes += reader.reports_of(item[1], item[0])
+    return outcomes
 
 
 def own_now() -> Report:
@@ -524,12 +529,14 @@ def test_lines_of_a_real_receiver_become_reports_and_again_after_its_restart(dum
     try:
         for _ in range(2):
             eventually(lambda: receiver.problem == "")
-            found: list[Any] = []
-            while not found:
+            read_reports: list[Any] = []
+            while not read_reports:
                 sky.transmit()
                 traffic.own = own_now()
-                found = [one for one in drain(receiver, reader) if isinstance(one, Report)]
-            assert all(map(is_traffic, found))
+                read_reports = [
+                    outcome for outcome in drain(receiver, reader) if isinstance(outcome, Report)
+                ]
+            assert all(map(is_traffic, read_reports))
             assert traffic.counts["on the ground"] and traffic.counts["own echo"]
             restarted()
     finally:
@@ -557,17 +564,19 @@ def test_documents_of_a_real_receiver_become_reports(
         )
         reader, receiver = AircraftJson(traffic), Receiver(f"{base}/aircraft.json", time.time_ns)
         receiver.start()
-        found: list[Any] = []
+        read_reports: list[Any] = []
         end = time.monotonic() + 120.0
-        while len(found) < 2 or not traffic.counts["copy of the ownship"]:
+        while len(read_reports) < 2 or not traffic.counts["copy of the ownship"]:
             assert time.monotonic() < end, (traffic.counts, receiver.problem)
             sky.transmit()
             traffic.own = own_now()
-            found += [one for one in drain(receiver, reader) if isinstance(one, Report)]
+            read_reports += [
+                outcome for outcome in drain(receiver, reader) if isinstance(outcome, Report)
+            ]
         receiver.stop()
         receiver.join()
         server.shutdown()
-    assert all(map(is_traffic, found))
+    assert all(map(is_traffic, read_reports))
     assert traffic.counts["on the ground"] and traffic.counts["own echo"]
 
 
@@ -619,7 +628,7 @@ def test_a_translator_passes_live_traffic_on_and_says_what_is_wrong() -> None:
             client.spin(lambda: states)
             assert (states[-1].id, states[-1].valid) == ("4b1234", AircraftState.VALID_POSITION)
             lines = (line(4, 0.5, gs=100, track=90), line(3, 0.6, lat=47.1, lon=8.2, alt=5000))
-            connection.sendall("".join(f"{one}\n" for one in lines).encode())
+            connection.sendall("".join(f"{text_line}\n" for text_line in lines).encode())
             state = client.spin(
                 lambda: states[-1] if states[-1].valid & AircraftState.VALID_VELOCITY else None
             )

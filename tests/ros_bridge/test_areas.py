@@ -92,7 +92,7 @@ def test_far_areas_are_left_out() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "problem"),
     [
         ({"keep": 2}, r"areas.areas\[0\].keep is 2, expected an integer from 0 to 1"),
         ({"valid": 16}, r"areas\[0\].valid is 0x10, expected bits of 0xf only"),
@@ -123,8 +123,8 @@ def test_far_areas_are_left_out() -> None:
         ),
     ],
 )
-def test_a_wrong_field_is_named(changes: dict[str, Any], said: str) -> None:
-    with pytest.raises(FieldError, match=said):
+def test_a_wrong_field_is_named(changes: dict[str, Any], problem: str) -> None:
+    with pytest.raises(FieldError, match=problem):
         to_local(areas(message(area(**changes))), FRAME, NOW, WITHIN)
 
 
@@ -132,7 +132,7 @@ def test_messages_hold_what_an_area_is() -> None:
     pytest.importorskip("rlcas_msgs.msg", reason="rlcas_msgs is not built; to have it: make ros")
     from ros_bridge.transport.area_messages import areas_message
 
-    given = [
+    sent_areas = [
         Area(Polygon(TRIANGLE, (((1e2, 1e2), (2e2, 1e2), (1e2, 2e2)),)), name="TRA"),
         Area(
             Circle(3e3, 0.0, 4e2),
@@ -146,14 +146,14 @@ def test_messages_hold_what_an_area_is() -> None:
             clearance=5.0,
         ),
     ]
-    sent = areas_message(given, NOW, FRAME, "map")
-    found = to_local(areas(copy.deepcopy(sent)), FRAME, NOW, WITHIN)
-    for one, other in zip(given, found, strict=True):
+    sent = areas_message(sent_areas, NOW, FRAME, "map")
+    received_areas = to_local(areas(copy.deepcopy(sent)), FRAME, NOW, WITHIN)
+    for sent_area, received in zip(sent_areas, received_areas, strict=True):
         for name in Area.__slots__:
             if name != "shape":
-                assert getattr(one, name) == getattr(other, name), name
-    assert np.array(found[0].shape.outer) == pytest.approx(np.array(TRIANGLE), abs=1e-6)
-    assert found[1].shape.radius == 4e2
+                assert getattr(sent_area, name) == getattr(received, name), name
+    assert np.array(received_areas[0].shape.outer) == pytest.approx(np.array(TRIANGLE), abs=1e-6)
+    assert received_areas[1].shape.radius == 4e2
 
 
 SQUARE = [[8.1, 47.0], [8.2, 47.0], [8.2, 47.1], [8.1, 47.1], [8.1, 47.0]]
@@ -170,14 +170,16 @@ def write_areas(folder: Path, ring: list[list[float]] = SQUARE, **properties: ob
 
 def test_areas_of_a_file_count_between_their_dates(tmp_path: Path) -> None:
     assert areas_of_file("") == ()
-    held = areas_of_file(write_areas(tmp_path, valid_until="2023-11-14T22:14:00Z", name="field"))
+    file_areas = areas_of_file(
+        write_areas(tmp_path, valid_until="2023-11-14T22:14:00Z", name="field")
+    )
     begun = datetime(2023, 11, 14, 22, 13, tzinfo=UTC)
     for seconds in (0.0, 90.0):
         now = round((begun.timestamp() + seconds) * SECOND)
-        (placed,) = Situation(fixed_areas=held).areas_in(FRAME, now)
-        (one,) = placed.at(now + 10 * SECOND)
-        assert one.name == "field"
-        assert one.valid_until == pytest.approx(50.0 - seconds)
+        (placed,) = Situation(fixed_areas=file_areas).areas_in(FRAME, now)
+        (active_area,) = placed.at(now + 10 * SECOND)
+        assert active_area.name == "field"
+        assert active_area.valid_until == pytest.approx(50.0 - seconds)
 
 
 @pytest.mark.parametrize(
@@ -228,11 +230,11 @@ def test_the_monitor_hears_of_areas_on_a_real_graph(tmp_path: Path) -> None:
     from ros_bridge.transport.topics import AREAS
 
     file = write_areas(tmp_path, [[8.1, 47.2], [8.2, 47.2], [8.2, 47.3], [8.1, 47.2]])
-    given = "--ros-args", "-p", f"areas_file:={file}"
+    arguments = "--ros-args", "-p", f"areas_file:={file}"
     with domain() as number:
         # A busy machine takes longer than usual.
-        runner = Process("ros_bridge.runner", number, *given, "-p", "deadline:=5.0")
-        monitor = Process("ros_bridge.monitor", number, *given)
+        runner = Process("ros_bridge.runner", number, *arguments, "-p", "deadline:=5.0")
+        monitor = Process("ros_bridge.monitor", number, *arguments)
         refused = Process("ros_bridge.monitor", number, "--ros-args", "-p", "areas_file:=/nowhere")
         client = Client(number)
         world = World(client)
@@ -243,9 +245,9 @@ def test_the_monitor_hears_of_areas_on_a_real_graph(tmp_path: Path) -> None:
         world.reference()
         world.route()
         end = time.monotonic() + PATIENCE
-        told = 0
-        while not told or len(plans) == told:
-            assert time.monotonic() < end, [one.reasons for one in says[-3:]]
+        plans_before = 0
+        while not plans_before or len(plans) == plans_before:
+            assert time.monotonic() < end, [item.reasons for item in says[-3:]]
             world.ownship()
             client.idle(0.1)
             if not plans:
@@ -253,11 +255,11 @@ def test_the_monitor_hears_of_areas_on_a_real_graph(tmp_path: Path) -> None:
                     reason=GenerateTrajectory.Request.REASON_MANUAL
                 )
                 client.call(GenerateTrajectory, f"{NODE}/generate_trajectory", request)
-            elif says and says[-1].state == AssuranceStatus.STATE_MONITORING and not told:
-                told = len(plans)
+            elif says and says[-1].state == AssuranceStatus.STATE_MONITORING and not plans_before:
+                plans_before = len(plans)
                 publisher.publish(areas_message([ahead], time.time_ns(), FRAME, "map"))
-        assert any("kept clear" in why for one in says for why in one.reasons)
-        places = [FRAME.place(one.latitude, one.longitude) for one in plans[-1].waypoints]
+        assert any("kept clear" in why for item in says for why in item.reasons)
+        places = [FRAME.place(item.latitude, item.longitude) for item in plans[-1].waypoints]
         away = [float(signed_distance(ahead, at.x, at.y)) for at in places]
         assert min(away) >= 99.0
         output, _ = refused.popen.communicate(timeout=PATIENCE)
@@ -272,24 +274,26 @@ def test_a_viewer_draws_every_area_and_each_intruders_own_separation() -> None:
     pytest.importorskip("rclpy", reason=MISSING)
     from ros_bridge.transport.views import markers
 
-    asked = task(situation_after(crossing()), NOW, SETTINGS)
-    (intruder,) = asked.intruders
+    requested = task(situation_after(crossing()), NOW, SETTINGS)
+    (intruder,) = requested.intruders
     heavy = replace(intruder, separation=2_500.0)
     lake = Area(Polygon(TRIANGLE, (((400.0, 200.0), (800.0, 200.0), (400.0, 500.0)),)), name="lake")
     field = Area(Circle(1e3, 2e3, 3e4), Keep.IN)
-    asked = replace(asked, intruders=(intruder, heavy), identifiers=("a", "b"), areas=(lake, field))
+    requested = replace(
+        requested, intruders=(intruder, heavy), identifiers=("a", "b"), areas=(lake, field)
+    )
     unsolved = Plan(
         Status.UNRESOLVED, Source.POLICY, (), math.nan, math.nan, None, math.nan, (), ()
     )
-    drawn = markers(unsolved, asked, "map").markers
-    widths = [one.scale.x for one in drawn if one.ns == "traffic"]
-    assert widths == [2.0 * asked.options.requirement.separation, 5_000.0]
-    edges = [one.points for one in drawn if one.ns == "areas"]
+    drawn = markers(unsolved, requested, "map").markers
+    widths = [marker.scale.x for marker in drawn if marker.ns == "traffic"]
+    assert widths == [2.0 * requested.options.requirement.separation, 5_000.0]
+    edges = [marker.points for marker in drawn if marker.ns == "areas"]
     assert [len(edge) - 1 for edge in edges] == [3, 3, 48]
     for edge in edges:
         assert (edge[0].x, edge[0].y) == (edge[-1].x, edge[-1].y)
     assert [(point.x, point.y) for point in edges[0][:-1]] == list(TRIANGLE)
     assert all(math.hypot(p.x - 1e3, p.y - 2e3) == pytest.approx(3e4) for p in edges[2])
-    assert [one.text for one in drawn if one.ns == "area names"] == ["lake"]
-    colours = [one.color for one in drawn if one.ns == "areas"]
+    assert [marker.text for marker in drawn if marker.ns == "area names"] == ["lake"]
+    colours = [marker.color for marker in drawn if marker.ns == "areas"]
     assert colours[0] == colours[1] != colours[2]

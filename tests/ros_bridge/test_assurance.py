@@ -79,26 +79,26 @@ def own(situation: Situation, seconds: float) -> Situation:
 def publish_plan(
     situation: Situation, revision: int = 1, seconds: float = 0.0, settings: Settings = SETTINGS
 ) -> Published:
-    wanted = task(situation, NOW + round(seconds * SECOND), settings)
+    requested = task(situation, NOW + round(seconds * SECOND), settings)
     result = plan(
-        wanted.own,
-        wanted.intruders,
-        wanted.points,
+        requested.own,
+        requested.intruders,
+        requested.points,
         Policy.load(),
-        wanted.options,
-        wind=wanted.wind,
+        requested.options,
+        wind=requested.wind,
     )
     assert result.safe
-    start = start_point(wanted.frame, wanted.own, wanted.time, None)
-    points, wind = plan_points(result, wanted), wanted.wind
+    start = start_point(requested.frame, requested.own, requested.time, None)
+    points, wind = plan_points(result, requested), requested.wind
     blows = float(wind.east), float(wind.north)
     return Published(
         bytes(16),
         revision,
-        wanted.time,
+        requested.time,
         start,
         points,
-        wanted.identifiers,
+        requested.identifiers,
         blows,
         float(wind.std),
     )
@@ -127,12 +127,12 @@ def test_a_plan_in_a_wind_is_monitored_in_it():
         return traffic(after, seconds)
 
     situation = situation_at(0.0, VehicleState(0.0, 0.0, 0.5, 75.0))
-    held = publish_plan(situation)
-    assert held.wind == pytest.approx((12.0, -9.0))
-    supervision = activate(initial(THRESHOLDS), situation, held)
+    published = publish_plan(situation)
+    assert published.wind == pytest.approx((12.0, -9.0))
+    supervision = activate(initial(THRESHOLDS), situation, published)
     assert supervision.frame is not None
-    wind = wind_of(supervision.frame, held)
-    curves = legs(plan_states(*to_frame(supervision.frame, held), wind=wind))
+    wind = wind_of(supervision.frame, published)
+    curves = legs(plan_states(*to_frame(supervision.frame, published), wind=wind))
     for second in range(1, 13):
         place = at(curves, np.float64(second), wind)
         situation = situation_at(float(second), place)
@@ -142,7 +142,7 @@ def test_a_plan_in_a_wind_is_monitored_in_it():
         assert assessment.state is State.MONITORING, assessment.reasons
         assert abs(assessment.measured.cross_track.item()) < 0.1
     # In still air the same flight is not the plan.
-    calm = activate(initial(THRESHOLDS), situation, held._replace(wind=(0.0, 0.0), revision=9))
+    calm = activate(initial(THRESHOLDS), situation, published._replace(wind=(0.0, 0.0), revision=9))
     assessment = step_monitor(calm, situation, NOW + 12 * SECOND).assessment
     assert assessment is not None
     assert abs(assessment.measured.cross_track.item()) > 0.2
@@ -173,9 +173,9 @@ def test_the_uncertainty_of_the_wind_counts_in_the_monitor_as_in_the_plan():
     situation = traffic(
         situation_after(own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xE5)), 0.0
     )
-    held = publish_plan(situation, settings=settings)
-    assert (held.wind, held.wind_std) == ((0.0, 0.0), 1.5)
-    watch = activate(initial(THRESHOLDS), situation, held)
+    published = publish_plan(situation, settings=settings)
+    assert (published.wind, published.wind_std) == ((0.0, 0.0), 1.5)
+    watch = activate(initial(THRESHOLDS), situation, published)
     assert watch.air.wind == (0.0, 0.0, 1.5)
     assert watch.monitor.state[0] == State.MONITORING
     assert watch.thresholds_in_air.limits == in_wind(OPTIONS, Wind(std=1.5)).limits
@@ -264,7 +264,7 @@ def noisy(second: int, random: np.random.Generator) -> Any:
 def test_a_plan_survives_noise_that_is_declared(seed: int):
     random = np.random.default_rng(seed)
     situation, supervision = situation_after(), initial(THRESHOLDS)
-    state, asked, curve = VehicleState(0.0, 0.0, 0.0, 75.0), 0, None
+    state, requests, curve = VehicleState(0.0, 0.0, 0.0, 75.0), 0, None
     for second in range(100):
         now = NOW + second * SECOND
         if curve is not None:
@@ -274,13 +274,13 @@ def test_a_plan_survives_noise_that_is_declared(seed: int):
         situation = updates.ownship(situation, aircraft(*state, id="own", time=now), now, RULES)
         situation = updates.traffic(situation, noisy(second, random), now, RULES)
         if second == 5:
-            taken = publish_plan(situation, seconds=5.0)
-            supervision = activate(supervision, situation, taken)
-            curve = legs(plan_states(*to_frame(FRAME, taken)))
+            published = publish_plan(situation, seconds=5.0)
+            supervision = activate(supervision, situation, published)
+            curve = legs(plan_states(*to_frame(FRAME, published)))
         supervision = step_monitor(supervision, situation, now)
         assessment = supervision.assessment
-        asked += assessment is not None and assessment.ask is not None
-    assert asked == 0
+        requests += assessment is not None and assessment.ask is not None
+    assert requests == 0
 
 
 def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
@@ -290,8 +290,8 @@ def test_faulty_aircraft_is_missed_and_a_forgotten_one_is_not():
     supervision = step_monitor(supervision, situation, NOW + SECOND)
     assessment = supervision.assessment
     assert assessment is not None and assessment.state is State.DENIED
-    (said,) = (why.message for why in assessment.reasons if "lack a report" in why.message)
-    assert said.startswith("intruders lack a report") and said.endswith(" (bad001)")
+    (message,) = (why.message for why in assessment.reasons if "lack a report" in why.message)
+    assert message.startswith("intruders lack a report") and message.endswith(" (bad001)")
     situation = replace(
         situation,
         traffic={name: track for name, track in situation.traffic.items() if name != "bad001"},
@@ -369,11 +369,11 @@ def test_only_comparable_altitudes_set_aircraft_apart(a, b, expected: bool):
 
 def lasting(supervision: Supervision, seconds: float) -> Supervision:
     """Return a monitor whose plan ends so long after it began."""
-    held = supervision.published_plan
-    assert held is not None
-    *points, last = held.points
-    last = replace(last, time=held.began + round(seconds * SECOND))
-    return replace(supervision, published_plan=held._replace(points=(*points, last)))
+    published = supervision.published_plan
+    assert published is not None
+    *points, last = published.points
+    last = replace(last, time=published.began + round(seconds * SECOND))
+    return replace(supervision, published_plan=published._replace(points=(*points, last)))
 
 
 def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():
@@ -386,13 +386,13 @@ def test_silent_aircraft_that_cannot_come_near_asks_for_nothing():
     ):
         supervision = lasting(usual, ends)
         message = aircraft(x, 0.0, math.pi, 75.0, id="far", time=NOW)
-        now, left = NOW, supervision
-        known = updates.traffic(situation, message, NOW, RULES)
+        now, remaining = NOW, supervision
+        received = updates.traffic(situation, message, NOW, RULES)
         for second in range(1, 9):
             now = NOW + second * SECOND
-            known = own(traffic(known, float(second)), float(second))
-            left = step_monitor(left, known, now)
-            assessment = left.assessment
+            received = own(traffic(received, float(second)), float(second))
+            remaining = step_monitor(remaining, received, now)
+            assessment = remaining.assessment
         assert assessment is not None
         assert (assessment.state is State.MONITORING) == reached
 
@@ -431,5 +431,5 @@ def test_areas_of_the_topic_and_of_a_file_are_monitored_and_stay_with_the_frame(
 
 
 def geodetic_place(x: float, y: float) -> tuple[float, float]:
-    there = FRAME.geodetic(x, y)
-    return float(there.latitude), float(there.longitude)
+    place = FRAME.geodetic(x, y)
+    return float(place.latitude), float(place.longitude)

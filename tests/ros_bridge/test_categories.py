@@ -30,16 +30,16 @@ CATEGORIES = Categories({HEAVY: 2_500.0, DRONE: 400.0}, {DRONE: 150.0})
 
 
 def test_categories_are_the_codes_of_mavlink() -> None:
-    known = {"A1": 1, "A5": 5, "A7": 7, "B1": 9, "B2": 10, "B6": 14, "B7": 15, "C1": 17, "C7": 23}
-    assert {name: number_of(name) for name in known} == known
+    codes = {"A1": 1, "A5": 5, "A7": 7, "B1": 9, "B2": 10, "B6": 14, "B7": 15, "C1": 17, "C7": 23}
+    assert {name: number_of(name) for name in codes} == codes
     assert [number_of(name) for name in ("A0", "D1", "A8", "", None, 5, "A55")] == [0] * 7
 
 
 def test_separations_are_read_from_a_parameter() -> None:
     assert separations_of("x", " A5:2500, b6 : 400 ") == {HEAVY: 2_500.0, DRONE: 400.0}
     assert separations_of("x", "  ") == {}
-    for given in ({HEAVY: 2_500.0, DRONE: 400.5}, {}):
-        assert separations_of("x", text_of(given)) == given
+    for separations in ({HEAVY: 2_500.0, DRONE: 400.5}, {}):
+        assert separations_of("x", text_of(separations)) == separations
 
 
 @pytest.mark.parametrize(
@@ -67,8 +67,8 @@ def test_messages_carry_the_category() -> None:
         heading=90.0,
         hor_velocity=20.0,
     )
-    found = adsb_vehicle(message)
-    assert found is not None and found.category == DRONE
+    report = adsb_vehicle(message)
+    assert report is not None and report.category == DRONE
     row = {"hex": "4b1a2c", "lat": 47.0, "lon": 8.0, "gs": 100, "track": 0, "seen_pos": 0.0}
     reader = AircraftJson(Traffic(""))
     documents = (
@@ -76,11 +76,13 @@ def test_messages_carry_the_category() -> None:
         for now in (1_000.0, 1_001.0, 1_002.0)
     )
     read = [
-        one
+        outcome
         for n, text in enumerate(documents)
-        for one in reader.reports_of(text, (1_000 + n) * SECOND)
+        for outcome in reader.reports_of(text, (1_000 + n) * SECOND)
     ]
-    assert read and all(not isinstance(one, FieldError) and one.category == HEAVY for one in read)
+    assert read and all(
+        not isinstance(outcome, FieldError) and outcome.category == HEAVY for outcome in read
+    )
 
 
 def test_the_task_keeps_from_each_what_its_category_asks_for() -> None:
@@ -90,12 +92,16 @@ def test_the_task_keeps_from_each_what_its_category_asks_for() -> None:
         aircraft(9_000.0, -3_000.0, math.pi, 75.0, id="bbbbbb", category=DRONE),
         aircraft(9_000.0, 9_000.0, math.pi, 75.0, id="cccccc", category=3),
     )
-    wanted = task(situation, NOW, settings)
-    assert wanted.identifiers == ("aaaaaa", "bbbbbb", "cccccc")
-    assert [one.separation for one in wanted.intruders] == [2_500.0, 400.0, None]
-    assert [one.vertical_separation for one in wanted.intruders] == [None, 150.0, None]
-    assert [one.separation for one in task(situation, NOW, SETTINGS).intruders] == [None] * 3
-    answer = plan(wanted.own, wanted.intruders, wanted.points, Policy.load(), wanted.options)
+    requested = task(situation, NOW, settings)
+    assert requested.identifiers == ("aaaaaa", "bbbbbb", "cccccc")
+    assert [intruder.separation for intruder in requested.intruders] == [2_500.0, 400.0, None]
+    assert [intruder.vertical_separation for intruder in requested.intruders] == [None, 150.0, None]
+    assert [intruder.separation for intruder in task(situation, NOW, SETTINGS).intruders] == [
+        None
+    ] * 3
+    answer = plan(
+        requested.own, requested.intruders, requested.points, Policy.load(), requested.options
+    )
     assert answer.safe and answer.certificate is not None
     rows = json.loads(answer.certificate)["intruders"]
     assert [row[9] for row in rows] == [2_500.0, 400.0, 1_000.0]
@@ -106,8 +112,8 @@ def test_the_monitor_keeps_them_too_and_knows_altitudes() -> None:
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", **levels)
 
     def crossing(height: float, category: int) -> SimpleNamespace:
-        given = levels | {"altitude": height, "category": category}
-        return aircraft(6_000.0, -4_500.0, math.pi / 2.0, 75.0, **given)
+        fields = levels | {"altitude": height, "category": category}
+        return aircraft(6_000.0, -4_500.0, math.pi / 2.0, 75.0, **fields)
 
     situation = situation_after(crossing(1_000.0, HEAVY), own=own)
     supervision = activate(
@@ -143,10 +149,10 @@ def test_runner_and_monitor_keep_them_on_a_real_graph() -> None:
     from ros_bridge.core.fields import Code
     from ros_bridge.transport import qos
 
-    given = "--ros-args", "-p", "category_separations:='A5:2500'"
+    arguments = "--ros-args", "-p", "category_separations:='A5:2500'"
     with domain() as number:
-        runner = Process("ros_bridge.runner", number, *given)
-        monitor = Process("ros_bridge.monitor", number, *given)
+        runner = Process("ros_bridge.runner", number, *arguments)
+        monitor = Process("ros_bridge.monitor", number, *arguments)
         refused = Process(
             "ros_bridge.runner", number, "--ros-args", "-p", "category_separations:='A5:0'"
         )

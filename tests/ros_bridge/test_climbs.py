@@ -64,18 +64,20 @@ FLOOR = Level(480.0, "msl")
 
 
 def settings(maneuvers: Maneuvers = Maneuvers.VERTICAL, **changes: Any) -> Settings:
-    given = {"deadline_s": math.inf, "extend_route": True, "maneuvers": maneuvers} | changes
-    options = Options.for_aircraft(UAS, **given)
+    option_values = {"deadline_s": math.inf, "extend_route": True, "maneuvers": maneuvers} | changes
+    options = Options.for_aircraft(UAS, **option_values)
     return Settings(options, Turns.of(Thresholds.for_plans(options)), unknown=EXACT_REPORTS)
 
 
-def meeting(undulation: float | None = None, points: Any = None, other: int = MSL) -> Situation:
+def meeting(
+    undulation: float | None = None, points: Any = None, intruder_reference: int = MSL
+) -> Situation:
     """Return an ownship that flies east along its route, 500 m above the sea, and an intruder that
     meets it head-on at the same height.
     """
     level = {"valid": KNOWN, "altitude": 500.0}
     return situation_after(
-        aircraft(3_000.0, 0.0, math.pi, 25.0, altitude_reference=other, **level),
+        aircraft(3_000.0, 0.0, math.pi, 25.0, altitude_reference=intruder_reference, **level),
         own=aircraft(0.0, 0.0, 0.0, 25.0, id="own", altitude_reference=MSL, **level),
         reference=geo_reference(
             geoid_undulation_valid=undulation is not None, geoid_undulation=undulation or 0.0
@@ -84,9 +86,9 @@ def meeting(undulation: float | None = None, points: Any = None, other: int = MS
     )
 
 
-def made(situation: Situation, given: Settings) -> tuple[PlanTask, Plan]:
-    wanted = task(situation, NOW, given)
-    return wanted, plan_task(wanted, POLICY, exhaustive=False)
+def made(situation: Situation, chosen_settings: Settings) -> tuple[PlanTask, Plan]:
+    requested = task(situation, NOW, chosen_settings)
+    return requested, plan_task(requested, POLICY, exhaustive=False)
 
 
 @functools.cache
@@ -94,11 +96,13 @@ def usual(maneuvers: Maneuvers = Maneuvers.VERTICAL) -> tuple[PlanTask, Plan]:
     return made(meeting(), settings(maneuvers))
 
 
-def published(wanted: PlanTask, answer: Plan) -> Published:
+def published(requested: PlanTask, answer: Plan) -> Published:
     climbs = answer.waypoints[0].altitude is not None
-    start = start_point(wanted.frame, wanted.own, wanted.time, wanted.own_altitude, climbs=climbs)
-    points = plan_points(answer, wanted)
-    return Published(bytes(16), 1, wanted.time, start, points, wanted.identifiers)
+    start = start_point(
+        requested.frame, requested.own, requested.time, requested.own_altitude, climbs=climbs
+    )
+    points = plan_points(answer, requested)
+    return Published(bytes(16), 1, requested.time, start, points, requested.identifiers)
 
 
 # From reports to plans.
@@ -114,21 +118,21 @@ def test_a_plan_climbs_over_what_comes_head_on():
 
 
 def test_floor_and_ceiling_are_above_the_sea_also_where_altitudes_are_above_the_ellipsoid():
-    given = settings(floor=FLOOR, ceiling=Level(700.0, "msl"))
-    wanted = task(meeting(undulation=48.0), NOW, given)
-    assert wanted.own_altitude is not None and wanted.own_altitude.value == 548.0
-    assert wanted.options.floor == Level(528.0, "wgs84")
-    assert wanted.options.ceiling == Level(748.0, "wgs84")
-    answer = plan_task(wanted, POLICY, exhaustive=False)
+    bounded = settings(floor=FLOOR, ceiling=Level(700.0, "msl"))
+    requested = task(meeting(undulation=48.0), NOW, bounded)
+    assert requested.own_altitude is not None and requested.own_altitude.value == 548.0
+    assert requested.options.floor == Level(528.0, "wgs84")
+    assert requested.options.ceiling == Level(748.0, "wgs84")
+    answer = plan_task(requested, POLICY, exhaustive=False)
     assert answer.safe
     assert all(528.0 <= (point.altitude or 0.0) <= 748.0 for point in answer.waypoints)
 
 
 def test_a_floor_of_another_reference_is_refused_by_its_name():
-    wanted = task(meeting(), NOW, settings(floor=Level(100.0, "pressure")))
+    requested = task(meeting(), NOW, settings(floor=Level(100.0, "pressure")))
     with pytest.raises(RequestError) as caught:
-        plan_task(wanted, POLICY, exhaustive=False)
-    refusal = refusal_of(caught.value, wanted)
+        plan_task(requested, POLICY, exhaustive=False)
+    refusal = refusal_of(caught.value, requested)
     assert refusal.code is Code.INVALID_TASK and refusal.field == "options.floor.reference"
     assert "expected the ownship's" in str(refusal)
 
@@ -138,40 +142,44 @@ def test_an_ownship_without_a_vertical_speed_is_refused_where_plans_may_climb():
     own.altitude_reference = MSL
     in_plane = task(situation_after(own=own), NOW, settings(Maneuvers.HORIZONTAL))
     assert plan_task(in_plane, POLICY, exhaustive=False).safe
-    wanted = task(situation_after(own=own), NOW, settings())
+    requested = task(situation_after(own=own), NOW, settings())
     with pytest.raises(RequestError) as caught:
-        plan_task(wanted, POLICY, exhaustive=False)
-    refusal = refusal_of(caught.value, wanted)
+        plan_task(requested, POLICY, exhaustive=False)
+    refusal = refusal_of(caught.value, requested)
     assert refusal.code is Code.INVALID_OWNSHIP
     assert refusal.field == "own_altitude.vertical_speed"
 
 
 def points_at(height: float, reference: int) -> list[Any]:
     points = route_points()
-    for one in points:
-        one.valid, one.altitude, one.altitude_reference = 1, height, reference
+    for point_message in points:
+        point_message.valid, point_message.altitude, point_message.altitude_reference = (
+            1,
+            height,
+            reference,
+        )
     return points
 
 
 def test_the_route_keeps_its_altitudes_where_they_can_be_compared():
-    given = settings()
-    wanted = task(meeting(points=points_at(520.0, MSL)), NOW, given)
-    assert {one.altitude for one in wanted.points} == {520.0}
-    assert not any(note.field == "route.altitude" for note in wanted.notes)
-    other = task(meeting(points=points_at(520.0, PRESSURE)), NOW, given)
-    assert {one.altitude for one in other.points} == {None}
-    (note,) = [note for note in other.notes if note.field == "route.altitude"]
+    vertical = settings()
+    requested = task(meeting(points=points_at(520.0, MSL)), NOW, vertical)
+    assert {place.altitude for place in requested.points} == {520.0}
+    assert not any(note.field == "route.altitude" for note in requested.notes)
+    by_pressure = task(meeting(points=points_at(520.0, PRESSURE)), NOW, vertical)
+    assert {place.altitude for place in by_pressure.points} == {None}
+    (note,) = [note for note in by_pressure.notes if note.field == "route.altitude"]
     assert "pressure" in note.text and "not kept" in note.text
     in_plane = task(meeting(points=points_at(520.0, MSL)), NOW, settings(Maneuvers.HORIZONTAL))
-    assert {one.altitude for one in in_plane.points} == {None}
+    assert {place.altitude for place in in_plane.points} == {None}
 
 
 def test_who_is_above_counts_as_far_as_the_ownship_may_climb():
     situation = meeting()
-    given = settings()
+    vertical = settings()
     own = situation.own.last
     assert own is not None
-    climbing_own = with_climbs(own, given.options)
+    climbing_own = with_climbs(own, vertical.options)
     assert climbing_own.altitude is not None
     assert climbing_own.altitude.climb(0.0) == (0.0, VERTICAL.climb_max)
     # 900 m above, silent: of no concern in the plane, and within reach of a climb.
@@ -197,7 +205,7 @@ def test_who_is_above_counts_as_far_as_the_ownship_may_climb():
     situation = updates.ownship(situation, later, now, RULES)
     assert task(situation, now, settings(Maneuvers.HORIZONTAL)).excluded
     with pytest.raises(Refusal) as caught:
-        task(situation, now, given)
+        task(situation, now, vertical)
     assert caught.value.code is Code.STALE_INTRUDER
 
 
@@ -209,33 +217,33 @@ def test_a_runner_that_climbs_can_rehearse():
 
 
 def test_altitudes_survive_their_way_over_the_ellipsoid():
-    wanted, answer = usual()
-    plan = published(wanted, answer)
-    assert plan.climbs and plan.start.altitude == wanted.own_altitude
+    requested, answer = usual()
+    plan = published(requested, answer)
+    assert plan.climbs and plan.start.altitude == requested.own_altitude
     _, waypoints = to_frame(FRAME, plan)
-    for back, out in zip(waypoints, answer.waypoints, strict=True):
-        assert (back.altitude, back.climb) == (out.altitude, out.climb)
+    for back, sent in zip(waypoints, answer.waypoints, strict=True):
+        assert (back.altitude, back.climb) == (sent.altitude, sent.climb)
     _, flat = to_frame(FRAME, published(*usual(Maneuvers.HORIZONTAL)))
     assert all((back.altitude, back.climb) == (None, None) for back in flat)
 
 
 def test_the_monitor_takes_the_altitude_that_the_plan_was_made_for():
-    given = settings(floor=FLOOR)
+    bounded = settings(floor=FLOOR)
     situation = meeting(undulation=48.0)
-    watch = initial(Thresholds.for_plans(given.options), EXACT_REPORTS)
-    after = activate(watch, situation, published(*made(situation, given)))
+    watch = initial(Thresholds.for_plans(bounded.options), EXACT_REPORTS)
+    after = activate(watch, situation, published(*made(situation, bounded)))
     assert after.thresholds.options.floor == Level(528.0, "wgs84")
     assert after.published_plan is not None and after.published_plan.climbs
 
 
 def test_a_backup_names_the_altitude_in_which_the_ownship_levels_off():
-    given, situation = settings(), meeting()
-    watch = initial(Thresholds.for_plans(given.options), EXACT_REPORTS)
+    vertical, situation = settings(), meeting()
+    watch = initial(Thresholds.for_plans(vertical.options), EXACT_REPORTS)
     after = step_monitor(activate(watch, situation, published(*usual())), situation, NOW)
     made_now = backup(after, Altitude(500.0, "msl", vertical_speed=4.0))
     assert made_now is not None and not made_now.climbs
     # From 4 m/s to level flight with 1 m/s^2.
-    assert {one.altitude for one in made_now.points} == {Altitude(508.0, "msl")}
+    assert {plan_point.altitude for plan_point in made_now.points} == {Altitude(508.0, "msl")}
 
 
 @pytest.mark.parametrize(("sense", "side"), [(Sense.CLIMB, 1.0), (Sense.DESCEND, -1.0)])
@@ -263,26 +271,29 @@ def test_a_backup_that_climbs_or_descends_is_published_with_its_profile(
     assert levels_off is not None and not levels_off.climbs
 
 
-def fields(one: PlanPoint, **changes: Any) -> Any:
+def fields(plan_point: PlanPoint, **changes: Any) -> Any:
     """Return a waypoint's message as a plain object."""
-    assert one.altitude is not None
-    climb = one.altitude.vertical_speed
-    given = {
+    assert plan_point.altitude is not None
+    climb = plan_point.altitude.vertical_speed
+    values = {
         "valid": 0x0F if climb is None else 0x1F,
-        "altitude": one.altitude.value,
+        "altitude": plan_point.altitude.value,
         "altitude_reference": MSL,
         "climb": climb or 0.0,
-        "track_deg": one.track_deg,
-        "ground_speed": one.speed,
-        "time_of_arrival": stamp(one.time),
+        "track_deg": plan_point.track_deg,
+        "ground_speed": plan_point.speed,
+        "time_of_arrival": stamp(plan_point.time),
     }
-    return point(one.index, one.latitude, one.longitude, origin=1, **(given | changes))
+    return point(
+        plan_point.index, plan_point.latitude, plan_point.longitude, origin=1, **(values | changes)
+    )
 
 
 def trajectory(plan: Published, **changes: Any) -> Any:
     """Return a plan's message, with some fields of its third waypoint changed."""
     waypoints = [
-        fields(one, **(changes if number == 2 else {})) for number, one in enumerate(plan.points)
+        fields(plan_point, **(changes if number == 2 else {}))
+        for number, plan_point in enumerate(plan.points)
     ]
     return SimpleNamespace(
         header=SimpleNamespace(stamp=stamp(plan.began)),
@@ -298,30 +309,30 @@ def trajectory(plan: Published, **changes: Any) -> Any:
 
 def test_the_display_shows_the_altitudes_of_a_plan_that_climbs():
     plan = published(*usual())
-    shown = draw_plan(plan, FRAME, None, Heights("msl", None), NOW)
-    heights = [round(one.altitude.value, 1) for one in plan.points if one.altitude]
-    assert [one.altitude for one in shown.points] == heights
+    drawn = draw_plan(plan, FRAME, None, Heights("msl", None), NOW)
+    heights = [round(place.altitude.value, 1) for place in plan.points if place.altitude]
+    assert [place.altitude for place in drawn.points] == heights
     flat = draw_plan(
         published(*usual(Maneuvers.HORIZONTAL)), FRAME, None, Heights("msl", None), NOW
     )
-    assert {one.altitude for one in flat.points} == {None}
+    assert {place.altitude for place in flat.points} == {None}
 
 
 def test_a_viewer_draws_a_plan_at_its_heights_above_the_start():
     pytest.importorskip("rclpy", reason="rclpy is not installed; to have it: make ros")
     from ros_bridge.transport.views import markers, path
 
-    wanted, answer = usual()
-    heights = [(one.altitude or math.nan) - 500.0 for one in answer.waypoints]
-    poses = path(answer, wanted, "map").poses
-    assert [one.pose.position.z for one in poses] == pytest.approx([0.0, *heights])
-    drawn = markers(answer, wanted, "map").markers
-    (line,) = [one.points for one in drawn if one.ns == "plan"]
-    assert line[0].z == 0.0 and max(one.z for one in line) == pytest.approx(max(heights))
-    (disc,) = [one.pose.position for one in drawn if one.ns == "traffic"]
+    requested, answer = usual()
+    heights = [(item.altitude or math.nan) - 500.0 for item in answer.waypoints]
+    poses = path(answer, requested, "map").poses
+    assert [item.pose.position.z for item in poses] == pytest.approx([0.0, *heights])
+    drawn = markers(answer, requested, "map").markers
+    (line,) = [item.points for item in drawn if item.ns == "plan"]
+    assert line[0].z == 0.0 and max(item.z for item in line) == pytest.approx(max(heights))
+    (disc,) = [item.pose.position for item in drawn if item.ns == "traffic"]
     assert disc.z == 0.0
-    wanted, answer = usual(Maneuvers.HORIZONTAL)
-    assert {one.pose.position.z for one in path(answer, wanted, "map").poses} == {0.0}
+    requested, answer = usual(Maneuvers.HORIZONTAL)
+    assert {item.pose.position.z for item in path(answer, requested, "map").poses} == {0.0}
 
 
 @pytest.mark.parametrize(
@@ -387,15 +398,15 @@ def test_a_flight_keeps_the_separation_in_height():
         points=[point(number, *place) for number, place in enumerate(places)],
         frame=frame,
     )
-    wanted, answer = made(situation, settings())
+    requested, answer = made(situation, settings())
     assert answer.safe and answer.source is Source.VERTICAL
     flying = Flying(
-        legs(plan_states(own, answer.waypoints)), 0, None, answer.waypoints, wanted.own_altitude
+        legs(plan_states(own, answer.waypoints)), 0, None, answer.waypoints, requested.own_altitude
     )
     profile = flying.profile(VERTICAL)
     assert profile is not None
     flight.fly(flying.legs, 0.0, plan=True, profile=profile)
-    margin = wanted.options.vertical_margin
+    margin = requested.options.vertical_margin
     while not flight.over() and flight.time < 200.0:
         flight.step()
         off = flight.height_at(flight.time).altitude - float(profile.at(np.array(flight.time)))

@@ -230,10 +230,10 @@ def disc(radius: float, count: int, seed: int = 1) -> tuple[np.ndarray, np.ndarr
 def test_there_and_back_is_the_same_place(origin: tuple[float, float], place: tuple[float, float]):
     frame = LocalFrame(*origin)
     x, y = place[0] * math.cos(place[1]), place[0] * math.sin(place[1])
-    there = frame.geodetic(x, y)
-    back = frame.place(there.latitude, there.longitude)
+    geodetic = frame.geodetic(x, y)
+    back = frame.place(geodetic.latitude, geodetic.longitude)
     assert math.hypot(float(back.x) - x, float(back.y) - y) <= 1e-6
-    assert -180.0 <= there.longitude < 180.0
+    assert -180.0 <= geodetic.longitude < 180.0
 
 
 @given(origins)
@@ -246,9 +246,9 @@ def test_the_origin_is_the_centre_and_its_north_is_north(origin: tuple[float, fl
 @pytest.mark.parametrize("origin", ORIGINS)
 def test_places_agree_with_projs_azimuthal_equidistant_map(origin: tuple[float, float]):
     x, y = disc(60_000.0, 500)
-    there = LocalFrame(*origin).geodetic(x, y)
+    geodetic = LocalFrame(*origin).geodetic(x, y)
     proj = pyproj.Proj(proj="aeqd", lat_0=origin[0], lon_0=origin[1], ellps="WGS84")
-    east, north = proj(there.longitude, there.latitude)
+    east, north = proj(geodetic.longitude, geodetic.latitude)
     assert np.max(np.hypot(east - x, north - y)) <= 1e-6
 
 
@@ -264,10 +264,13 @@ def test_distances_between_places_are_those_on_the_ellipsoid(
         np.r_[x, radius * np.cos(way), radius * np.cos(2.3 * way)],
         np.r_[y, radius * np.sin(way), radius * np.sin(2.3 * way)],
     )
-    there = LocalFrame(*origin).geodetic(x, y)
+    geodetic = LocalFrame(*origin).geodetic(x, y)
     half = x.size // 2
     true = GEOD.inv(
-        there.longitude[:half], there.latitude[:half], there.longitude[half:], there.latitude[half:]
+        geodetic.longitude[:half],
+        geodetic.latitude[:half],
+        geodetic.longitude[half:],
+        geodetic.latitude[half:],
     )[2]
     assert np.max(np.abs(np.hypot(x[:half] - x[half:], y[:half] - y[half:]) - true)) <= allowed
 
@@ -287,8 +290,8 @@ def test_straight_flight_far_from_the_origin_is_predicted(latitude: float, longi
     longitude_, latitude_, _ = GEOD.fwd(
         at.longitude, at.latitude, track, np.full(track.shape, length)
     )
-    there = frame.place(latitude_, longitude_)
-    off = np.hypot(there.x - x - length * east, there.y - y - length * north)
+    later = frame.place(latitude_, longitude_)
+    off = np.hypot(later.x - x - length * east, later.y - y - length * north)
     assert np.max(off) <= 5.0
 
 
@@ -446,8 +449,8 @@ def adsb(**more: Any) -> Any:
     return message("mavros_msgs", "ADSBVehicle", **(fields | more))
 
 
-def read(given: Any, references: dict[int, str] | None = None) -> Any:
-    report = adsb_vehicle(given, references or {})
+def read(message: Any, references: dict[int, str] | None = None) -> Any:
+    report = adsb_vehicle(message, references or {})
     assert report is not None
     return report
 
@@ -478,9 +481,9 @@ def test_a_callsign_is_taken_where_it_is_valid_and_never_refuses_an_aircraft():
 
 @given(st.text(max_size=20) | st.binary(max_size=20) | st.none() | st.integers())
 def test_what_is_shown_as_a_callsign_is_plain(value: object):
-    shown = callsign(value)
-    assert len(shown) <= 16 and shown.isascii() and (shown.isprintable())
-    assert callsign(shown) == shown
+    plain = callsign(value)
+    assert len(plain) <= 16 and plain.isascii() and (plain.isprintable())
+    assert callsign(plain) == plain
 
 
 def test_adsb_report_held_before_it_was_received():
@@ -545,8 +548,8 @@ def test_bad_adsb_report_is_refused_and_its_aircraft_named(change: dict, field: 
         sighting is not None
         and sighting.identifier == f"{change.get('icao_address', 0x4B1A2C):06x}"
     )
-    known = "latitude" not in change and change.get("flags", VALID) & ADSB.FLAG_VALID_COORDS
-    assert sighting.place == ((47.0, 8.0) if known else None)
+    has_place = "latitude" not in change and change.get("flags", VALID) & ADSB.FLAG_VALID_COORDS
+    assert sighting.place == ((47.0, 8.0) if has_place else None)
 
 
 @pytest.mark.parametrize(

@@ -65,15 +65,15 @@ def after(seconds: float) -> int:
 @given(st.floats(-30e3, 30e3), st.floats(-30e3, 30e3), st.floats(-3.1, 3.1), st.floats(0.0, 20.0))
 def test_aircraft_are_drawn_where_they_are_to_be_expected(x, y, heading, seconds):
     message = aircraft(x, y, heading, 80.0)
-    shown = page_document(known_scene(message), after(seconds))
-    one = shown["traffic"][0]
-    place = LocalFrame(*shown["origin"]).geodetic(one["x"], one["y"])
+    picture = page_document(known_scene(message), after(seconds))
+    intruder = picture["traffic"][0]
+    place = LocalFrame(*picture["origin"]).geodetic(intruder["x"], intruder["y"])
     velocity = message.velocity
     expected = fly_straight(message.latitude, message.longitude, velocity.x, velocity.y, seconds)
     assert distance(float(place.latitude), float(place.longitude), *expected) < 3.0
     track = math.degrees(math.atan2(velocity.x, velocity.y)) % 360.0
-    assert abs((one["track_deg"] - track + 180.0) % 360.0 - 180.0) < 0.2
-    assert one["age"] == pytest.approx(seconds, abs=0.01)
+    assert abs((intruder["track_deg"] - track + 180.0) % 360.0 - 180.0) < 0.2
+    assert intruder["age"] == pytest.approx(seconds, abs=0.01)
 
 
 def test_how_sure_a_position_is_grows_with_the_age_of_its_report_and_is_unknown_without_it():
@@ -90,13 +90,13 @@ def test_how_sure_a_position_is_grows_with_the_age_of_its_report_and_is_unknown_
 def test_what_is_old_is_marked_and_then_forgotten():
     scene, usual = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), USUAL_FRESHNESS
     states = [
-        [one["state"] for one in page_document(scene, after(age))["traffic"]]
+        [entry["state"] for entry in page_document(scene, after(age))["traffic"]]
         for age in (0.0, usual.intruder - 0.1, usual.intruder + 0.1, usual.silence + 0.1)
     ]
     assert states == [["fresh"], ["coasting"], ["stale"], []]
     assert page_document(scene, after(usual.own + 0.1))["own"]["state"] == "stale"
     lines = page_document(scene, after(usual.own + 0.1))["health"]
-    assert next(one for one in lines if one["name"] == "ownship")["level"] == 2
+    assert next(entry for entry in lines if entry["name"] == "ownship")["level"] == 2
 
 
 def test_no_aircraft_is_forgotten_that_a_node_still_plans_for():
@@ -106,7 +106,9 @@ def test_no_aircraft_is_forgotten_that_a_node_still_plans_for():
         pairs = [SimpleNamespace(key=key, value=text) for key, text in fresh.texts().items()]
         status = SimpleNamespace(level=b"\0", name=name, message="", values=pairs)
         scene = take(scene, "/diagnostics", SimpleNamespace(status=[status]), NOW)
-    assert [one["state"] for one in page_document(scene, after(599.0))["traffic"]] == ["stale"]
+    assert [intruder["state"] for intruder in page_document(scene, after(599.0))["traffic"]] == [
+        "stale"
+    ]
     assert page_document(scene, after(601.0))["traffic"] == []
 
 
@@ -126,8 +128,8 @@ def test_heights_are_compared_only_where_they_are_comparable():
         return {"altitude": value, "altitude_reference": reference, "valid": 0xC5 | 2}
 
     own = aircraft(0.0, 0.0, 0.0, 80.0, id="own", **level(1_000.0, 1))
-    for other, reference, above in ((1_300.0, 1, 300.0), (1_300.0, 2, None), (900.0, 1, -100.0)):
-        scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, **level(other, reference)), own=own)
+    for height, reference, above in ((1_300.0, 1, 300.0), (1_300.0, 2, None), (900.0, 1, -100.0)):
+        scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0, **level(height, reference)), own=own)
         assert page_document(scene, NOW)["traffic"][0]["relative_altitude"] == above
 
 
@@ -136,8 +138,11 @@ def test_alerts_of_the_monitor_and_of_others_are_joined():
     levels = {"intruder_ids": ["4b1a2c"], "intruder_level": [1], "intruder_loss": [40.0]}
     scene = take(scene, GUIDANCE, guidance(**levels), NOW)
     scene = take(scene, f"{PREFIX}alerts", alert("b", level=3), NOW)
-    shown = page_document(scene, after(2.0))
-    assert [(one["id"], one["level"], one["loss"]) for one in shown["alerts"]] == [
+    picture = page_document(scene, after(2.0))
+    assert [
+        (drawn_alert["id"], drawn_alert["level"], drawn_alert["loss"])
+        for drawn_alert in picture["alerts"]
+    ] == [
         ("b", 3, None),
         ("4b1a2c", 1, 38.0),
     ]
@@ -160,12 +165,12 @@ def test_advice_turns_to_the_nearer_free_side(side: int):
 def test_advice_is_what_the_monitor_says_is_to_be_flown():
     scene = known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0))
     scene = take(take(scene, PLAN, plan(), NOW), STATUS, status(1), NOW)
-    shown = page_document(scene, NOW)
-    assert shown["advice"]["do"] == "plan" and shown["advice"]["turn"] == "left"
-    assert shown["backup"] is None
+    picture = page_document(scene, NOW)
+    assert picture["advice"]["do"] == "plan" and picture["advice"]["turn"] == "left"
+    assert picture["backup"] is None
     scene = take(take(scene, BACKUP, plan(5, north=-3_000.0), NOW), STATUS, status(2), NOW)
-    shown = page_document(scene, NOW)
-    assert shown["advice"]["do"] == "backup" and shown["advice"]["turn"] == "right"
+    picture = page_document(scene, NOW)
+    assert picture["advice"]["do"] == "backup" and picture["advice"]["turn"] == "right"
     scene = take(scene, PLAN, SimpleNamespace(status=3), NOW)
     assert page_document(scene, NOW)["plan"] is None
 
@@ -190,12 +195,12 @@ def test_own_plan_and_advice_are_in_one_frame(wind_to, wind_speed, track, speed)
     )
     scene = take_report(DisplayScene(separation=1_000.0), own, NOW, own=True)
     flown = plan()
-    for one in (flown.start, *flown.waypoints):
-        one.track_deg, one.ground_speed = track, speed
-    shown = page_document(take(take(scene, PLAN, flown, NOW), STATUS, status(1), NOW), NOW)
-    assert shown["frame"] == "air" and shown["wind"] == pytest.approx(wind, abs=0.06)
-    air, advice = shown["own"]["air"], shown["advice"]
-    assert shown["plan"]["points"][0]["air"] == air
+    for waypoint in (flown.start, *flown.waypoints):
+        waypoint.track_deg, waypoint.ground_speed = track, speed
+    picture = page_document(take(take(scene, PLAN, flown, NOW), STATUS, status(1), NOW), NOW)
+    assert picture["frame"] == "air" and picture["wind"] == pytest.approx(wind, abs=0.06)
+    air, advice = picture["own"]["air"], picture["advice"]
+    assert picture["plan"]["points"][0]["air"] == air
     assert (advice["speed"], advice["track_deg"]) == (air["speed"], air["track_deg"])
     assert air["speed"] == pytest.approx(
         math.hypot(own.east - wind[0], own.north - wind[1]), abs=0.1
@@ -204,9 +209,9 @@ def test_own_plan_and_advice_are_in_one_frame(wind_to, wind_speed, track, speed)
 
 
 @pytest.mark.parametrize(
-    ("passed", "turn", "then"), [(0.0, "hold", ("left", 30.0, 40.0)), (45.0, "left", None)]
+    ("passed", "turn", "following"), [(0.0, "hold", ("left", 30.0, 40.0)), (45.0, "left", None)]
 )
-def test_what_follows_is_told_from_what_is_flown(passed: float, turn: str, then: Any):
+def test_what_follows_is_told_from_what_is_flown(passed: float, turn: str, following: Any):
     """East for two legs, then a turn to the left that begins at the second waypoint."""
     flown = plan()
     first = flown.waypoints[0]
@@ -223,22 +228,22 @@ def test_what_follows_is_told_from_what_is_flown(passed: float, turn: str, then:
     advice = page_document(scene, NOW)["advice"]
     assert advice["turn"] == turn
     follows = advice["then"]
-    assert then == (follows and (follows["turn"], follows["track_deg"], follows["in"]))
+    assert following == (follows and (follows["turn"], follows["track_deg"], follows["in"]))
 
 
 def test_a_plan_that_nobody_flies_is_advice():
     scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0)), PLAN, plan(), NOW)
-    shown = page_document(take(scene, STATUS, status(0, state=1), NOW), NOW)
-    assert shown["advice"]["do"] == "advised" and shown["advice"]["turn"] == "left"
+    picture = page_document(take(scene, STATUS, status(0, state=1), NOW), NOW)
+    assert picture["advice"]["do"] == "advised" and picture["advice"]["turn"] == "left"
     denied = page_document(take(scene, STATUS, status(0, state=3), NOW), NOW)
     assert denied["advice"]["do"] == "own route"
 
 
 def test_a_remark_is_no_reason():
     causes = Cause.SEPARATION | Cause.OUTSIDE_RANGE
-    said = status(1, causes=int(causes), reasons=["too near", "an unusual speed"])
-    shown = page_document(take(known_scene(), STATUS, said, NOW), NOW)["monitor"]
-    assert (shown["reasons"], shown["remarks"]) == (["too near"], ["an unusual speed"])
+    message = status(1, causes=int(causes), reasons=["too near", "an unusual speed"])
+    monitor = page_document(take(known_scene(), STATUS, message, NOW), NOW)["monitor"]
+    assert (monitor["reasons"], monitor["remarks"]) == (["too near"], ["an unusual speed"])
 
 
 @pytest.mark.parametrize(
@@ -248,8 +253,8 @@ def test_near_traffic_without_an_alert_is_proximate(away: float, level: int, nea
     """Nearer than ten separations of 1000 m; a height that nobody knows counts as the same."""
     levels = {"intruder_ids": ["4b1a2c"], "intruder_level": [level], "intruder_loss": [40.0]}
     scene = known_scene(aircraft(away, 0.0, 0.0, 80.0))
-    shown = page_document(take(scene, GUIDANCE, guidance(**levels), NOW), NOW)
-    assert shown["traffic"][0]["proximate"] is near
+    picture = page_document(take(scene, GUIDANCE, guidance(**levels), NOW), NOW)
+    assert picture["traffic"][0]["proximate"] is near
 
 
 def test_where_nothing_is_free_the_way_out_is_said():
@@ -270,9 +275,9 @@ def solid_scene(*traffic: Any, climb: float = 0.0, reference: int = 2) -> Displa
 
 def test_a_plan_that_climbs_says_how_far_and_what_comes_then():
     scene = take(solid_scene(), STATUS, status(1), NOW)
-    shown = page_document(scene, NOW)
-    began = shown["plan"]["began"]
-    assert [(when - began, height) for when, height in shown["plan"]["profile"]] == [
+    picture = page_document(scene, NOW)
+    began = picture["plan"]["began"]
+    assert [(moment - began, height) for moment, height in picture["plan"]["profile"]] == [
         (0.0, 500.0),
         (20.0, 550.0),
         (40.0, 600.0),
@@ -280,12 +285,12 @@ def test_a_plan_that_climbs_says_how_far_and_what_comes_then():
         (80.0, 600.0),
         (120.0, 500.0),
     ]
-    advice = shown["advice"]
+    advice = picture["advice"]
     assert (advice["climb"], advice["altitude"]) == (2.5, 600.0)
-    then = advice["then"]
-    assert (then["in"], then["climb"], then["altitude"]) == (40.0, 0.0, 600.0)
-    said = status(1, header=SimpleNamespace(stamp=stamp(after(50.0))))
-    later = page_document(take(scene, STATUS, said, after(50.0)), after(50.0))["advice"]
+    following = advice["then"]
+    assert (following["in"], following["climb"], following["altitude"]) == (40.0, 0.0, 600.0)
+    message = status(1, header=SimpleNamespace(stamp=stamp(after(50.0))))
+    later = page_document(take(scene, STATUS, message, after(50.0)), after(50.0))["advice"]
     assert (later["climb"], later["altitude"]) == (0.0, 600.0)
     assert (later["then"]["in"], later["then"]["climb"]) == (30.0, -2.5)
     assert later["then"]["altitude"] == 500.0
@@ -300,20 +305,20 @@ def test_altitudes_are_drawn_above_what_the_ownships_is():
     assert unknown["plan"]["profile"] is None and "altitude" not in unknown["bands"]
     assert unknown["bands"]["vertical_speed"] == [float(n - 5) for n in range(11)]
     origin = geo_reference(geoid_undulation_valid=True, geoid_undulation=48.0)
-    shown = page_document(take(scene, f"{PREFIX}geo_reference", origin, NOW), NOW)
-    assert shown["own"]["altitude"] == 500.0 and shown["own"]["reference"] == "msl"
-    assert shown["plan"]["profile"][0][1] == shown["plan"]["profile"][-1][1] == 452.0
-    assert shown["plan"]["points"][0]["altitude"] == 502.0
-    assert shown["bands"]["altitude"][0] == -48.0
-    assert list(shown["bands"]["altitude_region"]) == [0, 0, 0, 2, 2, 2, 2, 0, 0, 0, 0]
+    picture = page_document(take(scene, f"{PREFIX}geo_reference", origin, NOW), NOW)
+    assert picture["own"]["altitude"] == 500.0 and picture["own"]["reference"] == "msl"
+    assert picture["plan"]["profile"][0][1] == picture["plan"]["profile"][-1][1] == 452.0
+    assert picture["plan"]["points"][0]["altitude"] == 502.0
+    assert picture["bands"]["altitude"][0] == -48.0
+    assert list(picture["bands"]["altitude_region"]) == [0, 0, 0, 2, 2, 2, 2, 0, 0, 0, 0]
 
 
 def test_altitudes_go_on_to_the_time_of_the_picture():
-    other = level_aircraft(5_000.0, 0.0, 0.0, 80.0, height=800.0, climb=-2.0)
-    shown = page_document(
-        known_scene(other, own=level_aircraft(0.0, 0.0, 0.0, 80.0, id="own")), after(4.0)
+    traffic = level_aircraft(5_000.0, 0.0, 0.0, 80.0, height=800.0, climb=-2.0)
+    picture = page_document(
+        known_scene(traffic, own=level_aircraft(0.0, 0.0, 0.0, 80.0, id="own")), after(4.0)
     )
-    (intruder,) = shown["traffic"]
+    (intruder,) = picture["traffic"]
     assert intruder["altitude"] == 792.0 and intruder["relative_altitude"] == 292.0
 
 
@@ -328,12 +333,16 @@ def test_a_backup_levels_off_where_the_ownship_may_climb():
 def test_where_no_direction_is_free_a_free_climb_is():
     bands = guidance(range(72), region=3, recovery=30, **up_and_down(range(3, 7), region=3))
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [3], [9.0]
-    other = level_aircraft(5_000.0, 0.0, 0.0, 80.0)
+    intruder = level_aircraft(5_000.0, 0.0, 0.0, 80.0)
     own = level_aircraft(0.0, 0.0, 0.0, 80.0, climb=0.5, id="own")
-    advice = page_document(take(known_scene(other, own=own), GUIDANCE, bands, NOW), NOW)["advice"]
+    advice = page_document(take(known_scene(intruder, own=own), GUIDANCE, bands, NOW), NOW)[
+        "advice"
+    ]
     assert advice["do"] == "free" and advice["turn"] == "hold" and advice["climb"] == 2.0
     bands.vertical_speed_region = [3] * 11
-    advice = page_document(take(known_scene(other, own=own), GUIDANCE, bands, NOW), NOW)["advice"]
+    advice = page_document(take(known_scene(intruder, own=own), GUIDANCE, bands, NOW), NOW)[
+        "advice"
+    ]
     assert advice["do"] == "recovery" and "climb" not in advice
 
 
@@ -364,8 +373,8 @@ def test_a_turn_of_which_nobody_can_be_sure_is_drawn_straight():
 
 
 def test_a_plan_is_drawn_through_its_waypoints_and_over_its_times():
-    shown = page_document(take(known_scene(), PLAN, plan(), NOW), after(10.0))["plan"]
-    line, point = shown["line"], shown["points"][0]
+    drawn = page_document(take(known_scene(), PLAN, plan(), NOW), after(10.0))["plan"]
+    line, point = drawn["line"], drawn["points"][0]
     assert line[-1][:2] == pytest.approx([point["x"], point["y"]], abs=0.2)
     times = [time for *_, time in line]
     assert times == sorted(times) and times[0] == pytest.approx(NOW / SECOND, abs=0.01)
@@ -398,9 +407,9 @@ def test_a_plan_that_nobody_can_fly_is_drawn_all_the_same(steps):
             "time_of_arrival": stamp(NOW + round(time * SECOND) + number + 1),
         }
         message.waypoints.append(SimpleNamespace(**(first | more)))
-    shown = page_document(take(known_scene(), PLAN, message, NOW), NOW)
-    assert json.dumps(shown, allow_nan=False)
-    assert len(shown["plan"]["points"]) == len(steps) and 2 <= len(shown["plan"]["line"]) <= 500
+    picture = page_document(take(known_scene(), PLAN, message, NOW), NOW)
+    assert json.dumps(picture, allow_nan=False)
+    assert len(picture["plan"]["points"]) == len(steps) and 2 <= len(picture["plan"]["line"]) <= 500
 
 
 @pytest.mark.parametrize(
@@ -418,14 +427,14 @@ def test_a_plan_that_nobody_can_fly_is_drawn_all_the_same(steps):
 def test_a_message_that_cannot_be_used_is_named_and_changes_nothing(name, message, says):
     scene = take(take(known_scene(), STATUS, status(), NOW), GUIDANCE, guidance(), NOW)
     before = page_document(scene, NOW)
-    shown = page_document(take(scene, name, message, NOW), NOW)
-    told = [one["text"] for one in shown["health"] if one["level"] == 2]
-    assert len(told) == 1 and told[0].startswith(says)
-    differing = {key for key in before if before[key] != shown[key]}
+    picture = page_document(take(scene, name, message, NOW), NOW)
+    texts = [entry["text"] for entry in picture["health"] if entry["level"] == 2]
+    assert len(texts) == 1 and texts[0].startswith(says)
+    differing = {key for key in before if before[key] != picture[key]}
     assert differing == {"health"}
     good = status() if name == STATUS else guidance() if name == GUIDANCE else plan()
     healed = page_document(take(take(scene, name, message, NOW), name, good, NOW), NOW)
-    assert not [one for one in healed["health"] if one["level"] == 2]
+    assert not [entry for entry in healed["health"] if entry["level"] == 2]
 
 
 def test_a_receivers_reports_make_a_picture_without_ros():
@@ -434,9 +443,9 @@ def test_a_receivers_reports_make_a_picture_without_ros():
     wrong = FieldError("adsb 4b0000.speed", "has not been received")
     wrong.sighting = Sighting("4b0000", NOW, (47.2, 8.0))
     scene = take_report(scene, wrong, NOW)
-    shown = page_document(scene, NOW)
-    assert [one["id"] for one in shown["traffic"]] == ["4b1a2c"]
-    assert shown["traffic"][0]["y"] - shown["own"]["y"] == pytest.approx(11_119.0, abs=20.0)
+    picture = page_document(scene, NOW)
+    assert [intruder["id"] for intruder in picture["traffic"]] == ["4b1a2c"]
+    assert picture["traffic"][0]["y"] - picture["own"]["y"] == pytest.approx(11_119.0, abs=20.0)
 
 
 @given(st.lists(st.sampled_from(sorted(INPUTS)), max_size=6), st.floats(0.0, 100.0))
@@ -460,9 +469,9 @@ def test_names_of_the_inputs_are_those_of_the_graph():
 
 
 def live(*traffic: Any) -> LiveSource:
-    made = LiveSource(clock=lambda: NOW)
-    made.scene = known_scene(*traffic)
-    return made
+    source = LiveSource(clock=lambda: NOW)
+    source.scene = known_scene(*traffic)
+    return source
 
 
 def open_client(port: int, **more: Any) -> Any:
@@ -492,9 +501,9 @@ def test_an_error_of_our_own_is_told_in_the_picture(monkeypatch: pytest.MonkeyPa
         assert "ValueError: operands" in failed["health"][0]["text"]
         source.feed(fail)
         pictures(client, 3)
-        [whole] = pictures(client, 1)
-        assert whole["traffic"]
-        assert any("what was received failed" in one["text"] for one in whole["health"])
+        [picture] = pictures(client, 1)
+        assert picture["traffic"]
+        assert any("what was received failed" in entry["text"] for entry in picture["health"])
 
 
 def test_twenty_clients_get_pictures_and_what_one_sends_is_refused():
@@ -512,18 +521,19 @@ def test_twenty_clients_get_pictures_and_what_one_sends_is_refused():
                 pictures(client, 99)
             assert caught.value.rcvd.code == code
         assert any(
-            "sent 'fly left', expected nothing: this display is read" in one for one in server.said
+            "sent 'fly left', expected nothing: this display is read" in line
+            for line in server.said
         )
-        assert len([one for one in server.said if "expected nothing" in one]) == 2
+        assert len([line for line in server.said if "expected nothing" in line]) == 2
         for client in clients:
             assert pictures(client, 2)
 
 
 def test_a_client_that_does_not_read_loses_pictures_and_nobody_else_does():
-    many = [
+    crowd = [
         aircraft(500.0 * n, 9_000.0, 0.0, 80.0, id=f"{n:03d}-{'x' * 50}") for n in range(-100, 100)
     ]
-    source = live(*many)
+    source = live(*crowd)
     with serving(source) as server:
         slow = socket.create_connection(("127.0.0.1", server.port))
         slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4_096)
@@ -533,11 +543,11 @@ def test_a_client_that_does_not_read_loses_pictures_and_nobody_else_does():
             "Sec-WebSocket-Version: 13\r\n\r\n".encode()
         )
         with open_client(server.port, max_size=None) as quick:
-            got = 0
+            received = 0
             while server.display.missed_pictures() < 5:  # the buffers of the system come first
                 source.feed(lambda scene: scene)
-                got += len(pictures(quick, 1))
-                assert got < 2_000, "no picture was dropped"
+                received += len(pictures(quick, 1))
+                assert received < 2_000, "no picture was dropped"
         slow.close()
 
 
@@ -578,14 +588,14 @@ def test_another_page_may_not_read_the_traffic():
 def test_junk_instead_of_http_leaves_a_line_and_the_server():
     with serving(live()) as server:
         for junk in (b"\x16\x03\x01\x00\xff" * 40, b"GET / HTTP/1.1\r\n" + b"a" * 100_000, b""):
-            with socket.create_connection(("127.0.0.1", server.port)) as one:
-                one.sendall(junk)
+            with socket.create_connection(("127.0.0.1", server.port)) as item:
+                item.sendall(junk)
         with open_client(server.port) as client:
             assert pictures(client, 2)
         end = time.monotonic() + 10.0
         while not server.said and time.monotonic() < end:
             time.sleep(0.05)
-        assert server.said and all("\n" not in one for one in server.said)
+        assert server.said and all("\n" not in item for item in server.said)
 
 
 # Recordings.
@@ -609,11 +619,11 @@ def encounter(folder: Path, **more: Any) -> Path:
         "bands": {
             "look_ahead": 120.0,
             "track_deg": [5.0 * n for n in range(count)],
-            "track_region": [[2 * one] * count for one in late],
+            "track_region": [[2 * is_late] * count for is_late in late],
             "speed": [50.0, 100.0],
-            "speed_region": [[2 * one] * 2 for one in late],
-            "level": [[2 * one] for one in late],
-            "loss": [[40.0 if one else None] for one in late],
+            "speed_region": [[2 * is_late] * 2 for is_late in late],
+            "level": [[2 * is_late] for is_late in late],
+            "loss": [[40.0 if is_late else None] for is_late in late],
             "recovery": [[-1, None, 0.0] for _ in late],
         },
     }
@@ -628,11 +638,20 @@ def test_an_encounter_is_shown_at_the_time_that_a_client_asks_for(tmp_path: Path
     with serving(recording) as server, open_client(server.port) as client:
         hello = pictures(client, 1)[0]
         assert not hello["live"] and hello["length"] == 60.0
-        for asked, shown, level in ((10.5, 10.5, 0), (59.0, 59.0, 2), (1e9, 60.0, 2), (-5, 0.0, 0)):
-            client.send(json.dumps({"time": asked}))
-            found = pictures(client, 1)[0]
-            assert found["at"] == shown and found["own"]["x"] == pytest.approx(80.0 * shown)
-            assert max((one["level"] for one in found["alerts"]), default=0) == level
+        for requested, shown_time, level in (
+            (10.5, 10.5, 0),
+            (59.0, 59.0, 2),
+            (1e9, 60.0, 2),
+            (-5, 0.0, 0),
+        ):
+            client.send(json.dumps({"time": requested}))
+            picture = pictures(client, 1)[0]
+            assert picture["at"] == shown_time and picture["own"]["x"] == pytest.approx(
+                80.0 * shown_time
+            )
+            assert (
+                max((drawn_alert["level"] for drawn_alert in picture["alerts"]), default=0) == level
+            )
         client.send('{"time": true}')
         with pytest.raises(ConnectionClosed):
             pictures(client, 1)
@@ -640,10 +659,10 @@ def test_an_encounter_is_shown_at_the_time_that_a_client_asks_for(tmp_path: Path
 
 
 def test_an_encounter_in_a_wind_is_shown_with_its_speed_through_the_air(tmp_path: Path):
-    still = to_json(read(encounter(tmp_path)).player()(5.0))
+    calm = to_json(read(encounter(tmp_path)).player()(5.0))
     windy = to_json(read(encounter(tmp_path, wind=[20.0, 0.0])).player()(5.0))
-    assert still["wind"] is None and windy["wind"] == [20.0, 0.0]
-    assert [one["own"]["air"]["speed"] for one in (still, windy)] == [80.0, 60.0]
+    assert calm["wind"] is None and windy["wind"] == [20.0, 0.0]
+    assert [picture["own"]["air"]["speed"] for picture in (calm, windy)] == [80.0, 60.0]
     assert windy["own"]["speed"] == 80.0 and windy["own"]["air"]["track_deg"] == 90.0
     with pytest.raises(InputError, match="is no whole encounter"):
         read(encounter(tmp_path, wind=[20.0]))
@@ -706,58 +725,58 @@ def test_a_file_that_is_no_recording_is_refused_in_a_sentence(tmp_path: Path):
 def record_graph(path: Path) -> None:
     writer = pytest.importorskip("mcap_ros2.writer", reason="mcap-ros2-support is not installed")
     with path.open("wb") as stream:
-        made = writer.Writer(stream)
-        text = made.register_msgdef("std_msgs/msg/String", "string data")
-        clock = made.register_msgdef(
+        mcap = writer.Writer(stream)
+        text = mcap.register_msgdef("std_msgs/msg/String", "string data")
+        clock = mcap.register_msgdef(
             "rosgraph_msgs/msg/Clock",
             "builtin_interfaces/Time clock\n" + "=" * 80 + "\nMSG: builtin_interfaces/Time\n"
             "int32 sec\nuint32 nanosec",
         )
         for n in range(3):
-            told = {"log_time": n * SECOND, "publish_time": n * SECOND}
+            times = {"log_time": n * SECOND, "publish_time": n * SECOND}
             tick = {"clock": {"sec": 1_000 + n, "nanosec": 0}}
-            made.write_message(topic="/clock", schema=clock, message=tick, **told)
+            mcap.write_message(topic="/clock", schema=clock, message=tick, **times)
             for topic in ("/chatter", "/rlcas_runner/input/ownship"):
-                made.write_message(topic=topic, schema=text, message={"data": "<b>"}, **told)
-        made.finish()
+                mcap.write_message(topic=topic, schema=text, message={"data": "<b>"}, **times)
+        mcap.finish()
 
 
 def test_a_cut_recording_shows_what_is_whole_and_says_where_it_ends(tmp_path: Path):
     path = tmp_path / "x.mcap"
     growing = pytest.importorskip("ros_bridge.transport.mcap_file", reason="mcap is not installed")
-    made = growing.McapFile(path)
+    mcap = growing.McapFile(path)
     definition = "builtin_interfaces/Time clock\n" + "=" * 80
     definition += "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec"
-    channel = made.channel("/clock", "rosgraph_msgs/msg/Clock", definition)
+    channel = mcap.channel("/clock", "rosgraph_msgs/msg/Clock", definition)
     lengths = []
     for second in range(4):
         data = b"\x00\x01\x00\x00" + (1_000 + second).to_bytes(4, "little") + bytes(4)
-        made.write(channel, data, second * SECOND)
-        made.flush()
+        mcap.write(channel, data, second * SECOND)
+        mcap.flush()
         lengths.append(path.stat().st_size)
-    made.close()
+    mcap.close()
     assert read(path).length == 3.0
     assert read(path).cut == ""
-    whole = path.read_bytes()
+    content = path.read_bytes()
     for size, seconds in zip(lengths, range(4), strict=True):
-        path.write_bytes(whole[:size])  # no end as it belongs there
+        path.write_bytes(content[:size])  # no end as it belongs there
         recording = read(path)
         assert recording.length == float(seconds)
         if seconds < 3:
             assert recording.cut == f"x.mcap is cut or damaged {seconds:.1f} s after its start"
             health = to_json(recording.player()(recording.length))["health"]
-            assert recording.cut in [one["text"] for one in health]
+            assert recording.cut in [entry["text"] for entry in health]
 
 
 def test_a_damaged_recording_is_refused_in_a_sentence_or_shown(tmp_path: Path):
     path = tmp_path / "x.mcap"
     record_graph(path)
-    whole = path.read_bytes()
-    for place in range(0, len(whole), 7):
+    content = path.read_bytes()
+    for place in range(0, len(content), 7):
         for damaged in (
-            whole[:place],
-            whole[:place] + b"\xff" + whole[place + 1 :],
-            whole[:place] + b"\x00" + whole[place:],
+            content[:place],
+            content[:place] + b"\xff" + content[place + 1 :],
+            content[:place] + b"\x00" + content[place:],
         ):
             path.write_bytes(damaged)
             try:
@@ -772,9 +791,9 @@ def test_unknown_topics_and_bytes_of_a_recording_are_named(tmp_path: Path):
     path = tmp_path / "x.mcap"
     record_graph(path)
     recording = read(path)
-    told = {one["name"]: one["text"] for one in to_json(recording.player()(2.0))["health"]}
-    assert told["/chatter"] == "std_msgs/msg/String is not shown"
-    assert told["/rlcas_runner/input/ownship"] == "std_msgs/msg/String is not shown"
+    texts = {entry["name"]: entry["text"] for entry in to_json(recording.player()(2.0))["health"]}
+    assert texts["/chatter"] == "std_msgs/msg/String is not shown"
+    assert texts["/rlcas_runner/input/ownship"] == "std_msgs/msg/String is not shown"
 
 
 @pytest.mark.parametrize(
@@ -796,8 +815,8 @@ def test_bad_arguments_are_refused_in_a_sentence(arguments: list[str], says: str
 
 
 def test_a_port_that_is_taken_is_refused(tmp_path: Path):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = str(taken.getsockname()[1])
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = str(listener.getsockname()[1])
         with pytest.raises(InputError, match=f"--port {port} cannot be used"):
             main([str(encounter(tmp_path)), "--port", port])
 
@@ -806,8 +825,8 @@ def test_stamps_are_not_made_up():
     """A report without a time is refused as everywhere."""
     message = aircraft(5_000.0, 0.0, 0.0, 80.0)
     message.header.stamp = stamp(0)
-    shown = page_document(known_scene(message), NOW)
-    assert shown["traffic"] == []
+    picture = page_document(known_scene(message), NOW)
+    assert picture["traffic"] == []
 
 
 def test_in_a_wind_bands_are_compared_with_the_direction_through_the_air():
@@ -818,26 +837,31 @@ def test_in_a_wind_bands_are_compared_with_the_direction_through_the_air():
     bands = guidance(range(18, 28))  # tracks 90 to 135: what it points at is closed
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [2], [30.0]
     scene = take(known_scene(aircraft(5_000.0, 0.0, 0.0, 80.0), own=own), GUIDANCE, bands, NOW)
-    shown = page_document(scene, NOW)
-    assert shown["own"]["air"]["track_deg"] == pytest.approx(135.0, abs=0.1)
-    assert shown["advice"]["turn"] == "right" and shown["advice"]["track_deg"] == 140.0
+    picture = page_document(scene, NOW)
+    assert picture["own"]["air"]["track_deg"] == pytest.approx(135.0, abs=0.1)
+    assert picture["advice"]["turn"] == "right" and picture["advice"]["track_deg"] == 140.0
 
 
 def test_aircraft_have_the_separation_of_their_category():
-    def said(text: str) -> Any:
+    def diagnostics(text: str) -> Any:
         values = [SimpleNamespace(key=BY_CATEGORY, value=text)]
         node = SimpleNamespace(level=b"\0", name="runner", message="ready", values=values)
         return SimpleNamespace(status=[node])
 
     heavy = aircraft(5_000.0, 0.0, 0.0, 80.0, id="a", category=5)
     scene = known_scene(heavy, aircraft(0.0, 5_000.0, 0.0, 80.0, id="b"))
-    scene = take(scene, "/diagnostics", said("A5:2500,B6:300"), NOW)
-    assert [one["separation"] for one in page_document(scene, NOW)["traffic"]] == [2_500.0, None]
-    wrong = page_document(take(scene, "/diagnostics", said("A5:no"), NOW), NOW)
-    assert [one["separation"] for one in wrong["traffic"]] == [2_500.0, None]
-    assert any("holds 'A5:no', expected" in one["text"] for one in wrong["health"])
+    scene = take(scene, "/diagnostics", diagnostics("A5:2500,B6:300"), NOW)
+    assert [entry["separation"] for entry in page_document(scene, NOW)["traffic"]] == [
+        2_500.0,
+        None,
+    ]
+    wrong = page_document(take(scene, "/diagnostics", diagnostics("A5:no"), NOW), NOW)
+    assert [entry["separation"] for entry in wrong["traffic"]] == [2_500.0, None]
+    assert any("holds 'A5:no', expected" in entry["text"] for entry in wrong["health"])
     assert (
-        page_document(take(scene, "/diagnostics", said(""), NOW), NOW)["traffic"][0]["separation"]
+        page_document(take(scene, "/diagnostics", diagnostics(""), NOW), NOW)["traffic"][0][
+            "separation"
+        ]
         is None
     )
 
@@ -853,11 +877,11 @@ def test_areas_move_to_the_time_of_the_picture_and_say_when_they_hold():
     assert moved == pytest.approx([300.0, 0.0, 150.0], abs=0.2)
     assert later["valid"] and not page_document(scene, after(61.0))["areas"][0]["valid"]
     circle.radius = math.nan
-    told = page_document(take(scene, f"{PREFIX}areas", message, NOW), NOW)
+    picture = page_document(take(scene, f"{PREFIX}areas", message, NOW), NOW)
     assert "areas.areas[0].radius is nan" in next(
-        one["text"] for one in told["health"] if one["name"] == "areas"
+        entry["text"] for entry in picture["health"] if entry["name"] == "areas"
     )
-    assert told["areas"] == page_document(scene, NOW)["areas"]
+    assert picture["areas"] == page_document(scene, NOW)["areas"]
 
 
 def test_a_polygon_says_by_how_much_it_has_grown():

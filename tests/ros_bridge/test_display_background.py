@@ -43,17 +43,17 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     situation = with_report(traffic(before, 1.0), "new001", 7_000.0, 0.0, math.pi)
     situation = updates.ownship(situation, message, now, RULES)
     supervision = step_monitor(supervision, situation, now)
-    scene, shown = supervise(DisplayScene(), situation, supervision, blank(THRESHOLDS), now)
-    found = page_document(scene, now)
-    assert found["separation"] == THRESHOLDS.requirement.separation
-    assert found["plan"]["revision"] == plan.revision
-    assert [point["index"] for point in found["plan"]["points"]] == [p.index for p in plan.points]
-    assert found["monitor"]["cross_track"] == pytest.approx(0.0, abs=0.2)
-    assert {one["id"]: one["level"] for one in found["alerts"]}["new001"] == 2
-    east = found["bands"]["track_deg"].index(90.0)
-    assert found["bands"]["track_region"][east] == 2
+    scene, alerts = supervise(DisplayScene(), situation, supervision, blank(THRESHOLDS), now)
+    picture = page_document(scene, now)
+    assert picture["separation"] == THRESHOLDS.requirement.separation
+    assert picture["plan"]["revision"] == plan.revision
+    assert [point["index"] for point in picture["plan"]["points"]] == [p.index for p in plan.points]
+    assert picture["monitor"]["cross_track"] == pytest.approx(0.0, abs=0.2)
+    assert {alert["id"]: alert["level"] for alert in picture["alerts"]}["new001"] == 2
+    east = picture["bands"]["track_deg"].index(90.0)
+    assert picture["bands"]["track_region"][east] == 2
     unjudged = replace(supervision, assessment=None)
-    later, _ = supervise(scene, situation, unjudged, shown, now + SECOND)
+    later, _ = supervise(scene, situation, unjudged, alerts, now + SECOND)
     assert page_document(later, now + SECOND)["monitor"] is None
 
 

@@ -36,13 +36,13 @@ def is_closed(connection: socket.socket) -> bool:
 
 def test_idle_connections_keep_nobody_out() -> None:
     """Of those that say nothing the oldest are cut off."""
-    with serving(LiveSource()) as server, ExitStack() as held:
+    with serving(LiveSource()) as server, ExitStack() as stack:
         idle = [
-            held.enter_context(socket.create_connection(("127.0.0.1", server.port)))
+            stack.enter_context(socket.create_connection(("127.0.0.1", server.port)))
             for _ in range(60)
         ]
-        for one in idle:
-            one.setblocking(False)
+        for connection in idle:
+            connection.setblocking(False)
         eventually(lambda: all(map(is_closed, idle[:28])))
         assert not any(map(is_closed, idle[40:]))
         with urlopen(server.url, timeout=5.0) as answer:
@@ -54,37 +54,37 @@ def no_more_files() -> Iterator[None]:
     """Let no file be opened any more, for a while."""
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     gc.collect()  # what waits for it would be closed meanwhile, and leave room
-    held = [os.open(os.devnull, os.O_RDONLY)]
-    resource.setrlimit(resource.RLIMIT_NOFILE, (held[0], before[1]))
+    descriptors = [os.open(os.devnull, os.O_RDONLY)]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (descriptors[0], before[1]))
     try:
         with pytest.raises(OSError, match="Too many open files"):
             while True:
-                held.append(os.open(os.devnull, os.O_RDONLY))
+                descriptors.append(os.open(os.devnull, os.O_RDONLY))
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
-        for number in held:
+        for number in descriptors:
             os.close(number)
 
 
 def test_where_files_have_run_out_one_line_says_so_and_it_goes_on(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    with ExitStack() as held:
-        server = held.enter_context(serving(LiveSource()))
+    with ExitStack() as stack:
+        server = stack.enter_context(serving(LiveSource()))
         with urlopen(server.url, timeout=5.0) as answer:
             answer.read()
-        clients = [held.enter_context(socket.socket()) for _ in range(3)]
+        clients = [stack.enter_context(socket.socket()) for _ in range(3)]
         with no_more_files():
-            for one in clients:
-                one.settimeout(20.0)
-                one.connect(("127.0.0.1", server.port))
+            for client in clients:
+                client.settimeout(20.0)
+                client.connect(("127.0.0.1", server.port))
             eventually(lambda: bool(server.said))
             time.sleep(1.5)  # it has tried again
-        for one in clients:
-            one.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
-            assert one.recv(15) == b"HTTP/1.1 200 OK"
-        told = [line for line in server.said if "no connection can be taken" in line]
-        assert 1 <= len(told) <= 3, server.said  # again after 10 s
-        assert str(errno.EMFILE) in told[0]
+        for client in clients:
+            client.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+            assert client.recv(15) == b"HTTP/1.1 200 OK"
+        lines = [line for line in server.said if "no connection can be taken" in line]
+        assert 1 <= len(lines) <= 3, server.said  # again after 10 s
+        assert str(errno.EMFILE) in lines[0]
     assert "Traceback" not in "".join(capfd.readouterr())

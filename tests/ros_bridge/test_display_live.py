@@ -28,20 +28,20 @@ def watching(url: str) -> Iterator[Callable[[Callable[[Any], Any]], Any]]:
         def wait_for_picture(holds: Callable[[Any], Any]) -> Any:
             end = time.monotonic() + 60.0
             while time.monotonic() < end:
-                found = holds(json.loads(client.recv(timeout=30.0)))
-                if found:
-                    return found
+                held_value = holds(json.loads(client.recv(timeout=30.0)))
+                if held_value:
+                    return held_value
             raise AssertionError("no such picture came")
 
         yield wait_for_picture
 
 
 def aircraft(picture: Any, name: str) -> Any:
-    return next((one for one in picture["traffic"] if one["id"] == name), None)
+    return next((intruder for intruder in picture["traffic"] if intruder["id"] == name), None)
 
 
 def health(picture: Any, name: str) -> Any:
-    return next((one for one in picture["health"] if one["name"] == name), None)
+    return next((entry for entry in picture["health"] if entry["name"] == name), None)
 
 
 def test_what_nodes_say_on_a_real_graph_is_shown():
@@ -55,28 +55,28 @@ def test_what_nodes_say_on_a_real_graph_is_shown():
         process = graph.Process("ros_bridge.display", number, "--port", "0")
         client = graph.Client(number)
         try:
-            with watching(process.popen.stdout.readline()) as seen:
+            with watching(process.popen.stdout.readline()) as await_picture:
                 world = graph.World(client)
 
-                def both(picture: Any) -> Any:
+                def both_drawn(picture: Any) -> Any:
                     world.ownship(id="own")  # again: the first may come before all are matched
                     world.intruder(5_000.0, 0.0, 3.0, 75.0)
                     return picture if picture["own"] and picture["traffic"] else None
 
-                shown = seen(both)
-                assert shown["own"]["speed"] == 75.0
-                assert aircraft(shown, "4b1a2c")["x"] - shown["own"]["x"] == pytest.approx(
-                    5_000.0, abs=500.0
-                )
+                picture_drawn = await_picture(both_drawn)
+                assert picture_drawn["own"]["speed"] == 75.0
+                assert aircraft(picture_drawn, "4b1a2c")["x"] - picture_drawn["own"][
+                    "x"
+                ] == pytest.approx(5_000.0, abs=500.0)
                 # What a node of another version, or a broken one, says.
                 status = AssuranceStatus(state=9)
                 status.header.stamp = time_message(client.now())
                 topic = "rlcas_monitor/output/status"
                 client.say(AssuranceStatus, topic, status, qos.LATCHED)
-                said = seen(lambda picture: health(picture, "monitor"))
-                assert said["level"] == 2 and "status.state is 9" in said["text"]
+                entry = await_picture(lambda picture: health(picture, "monitor"))
+                assert entry["level"] == 2 and "status.state is 9" in entry["text"]
                 client.say(Trajectory, f"{graph.NODE}/output/trajectory", Trajectory(), qos.LATCHED)
-                seen(lambda picture: (health(picture, "plan") or {}).get("level") == 2)
+                await_picture(lambda picture: (health(picture, "plan") or {}).get("level") == 2)
             code, output = process.stop(signal.SIGTERM)
             assert code == 0 and "Traceback" not in output, output
         finally:
@@ -92,7 +92,7 @@ def test_a_receiver_alone_makes_a_picture():
         ) as process:
             try:
                 assert process.stdout is not None
-                with watching(process.stdout.readline()) as seen:
+                with watching(process.stdout.readline()) as await_picture:
                     connection, _ = server.accept()
                     with connection:
                         for address, latitude in (("4B0001", 47.0), ("4B0002", 47.1)):
@@ -102,14 +102,16 @@ def test_a_receiver_alone_makes_a_picture():
                             ):
                                 connection.sendall(f"{text}\n".encode())
                         connection.sendall(b"<script>\n")
-                        shown = seen(
+                        picture_drawn = await_picture(
                             lambda picture: picture if aircraft(picture, "4b0002") else None
                         )
-                        assert [one["id"] for one in shown["traffic"]] == ["4b0002"]
-                        assert shown["own"]["id"] == "4b0001"
-                        assert shown["traffic"][0]["relative_altitude"] == 0.0
-                        seen(lambda picture: "<script>" in str(health(picture, "traffic")))
-                    lost = seen(
+                        assert [intruder["id"] for intruder in picture_drawn["traffic"]] == [
+                            "4b0002"
+                        ]
+                        assert picture_drawn["own"]["id"] == "4b0001"
+                        assert picture_drawn["traffic"][0]["relative_altitude"] == 0.0
+                        await_picture(lambda picture: "<script>" in str(health(picture, "traffic")))
+                    lost = await_picture(
                         lambda picture: (
                             (health(picture, "receiver") or {}).get("level") == 2
                             and health(picture, "receiver")
@@ -130,19 +132,22 @@ def test_the_demo_shows_its_plan_and_bands_while_it_flies(climbs: bool):
     command += ["--aircraft", "uas", "--maneuvers", "vertical"] if climbs else []
     with subprocess.Popen([*command, "--rate", "20"], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        with watching(process.stdout.readline()) as seen:
+        with watching(process.stdout.readline()) as await_picture:
             # There are bands before the first plan.
-            shown = seen(
+            picture_drawn = await_picture(
                 lambda picture: (
                     picture if picture["bands"] and picture["monitor"]["fly"] == "plan" else None
                 )
             )
-            assert ("vertical_speed" in shown["bands"]) == climbs
-            assert (shown["plan"]["profile"] is not None) == climbs
-            assert ("climb" in shown["advice"]) == climbs
-            assert (shown["monitor"]["altitude_error"] is not None) == climbs
-            assert shown["separation"] == (610.0 if climbs else 1_000.0)
-            assert shown["plan"] and shown["advice"]["do"] == "plan"
-            assert {one["name"] for one in shown["health"]} >= {"/rlcas_runner", "/rlcas_monitor"}
+            assert ("vertical_speed" in picture_drawn["bands"]) == climbs
+            assert (picture_drawn["plan"]["profile"] is not None) == climbs
+            assert ("climb" in picture_drawn["advice"]) == climbs
+            assert (picture_drawn["monitor"]["altitude_error"] is not None) == climbs
+            assert picture_drawn["separation"] == (610.0 if climbs else 1_000.0)
+            assert picture_drawn["plan"] and picture_drawn["advice"]["do"] == "plan"
+            assert {entry["name"] for entry in picture_drawn["health"]} >= {
+                "/rlcas_runner",
+                "/rlcas_monitor",
+            }
         output, _ = process.communicate(timeout=300.0)
         assert process.returncode == 0 and "SAFE" in output, output

@@ -61,9 +61,9 @@ def alarming() -> LiveSource:
     bands.intruder_level, bands.intruder_loss = [3], [12.0]
     for name, message in ((GUIDANCE, bands), (PLAN, plan()), (STATUS, status())):
         scene = take(scene, name, message, NOW)
-    made = LiveSource(clock=lambda: NOW)
-    made.scene = scene
-    return made
+    source = LiveSource(clock=lambda: NOW)
+    source.scene = scene
+    return source
 
 
 class Page:
@@ -99,7 +99,7 @@ def alarmed(new_page: Any) -> Iterator[tuple[Page, Served]]:
         page = Page(new_page, server.url)
         yield page, server
         assert page.wrong == []
-        assert all(one.startswith((server.url, "data:")) for one in page.asked)
+        assert all(address.startswith((server.url, "data:")) for address in page.asked)
         page.page.close()
 
 
@@ -122,7 +122,7 @@ def test_the_keyboard_does_what_the_buttons_do(alarmed: tuple[Page, Served]) -> 
     page, _ = alarmed
     before = page.text("#range")
     assert before == "5 NM"
-    for key, selector, shown in (
+    for key, selector, expected in (
         ("t", "#up", "North up"),
         ("+", "#range", "2 NM"),
         ("-", "#range", "5 NM"),
@@ -131,7 +131,7 @@ def test_the_keyboard_does_what_the_buttons_do(alarmed: tuple[Page, Served]) -> 
         ("s", "#sound", "Sound off"),
     ):
         page.page.keyboard.press(key)
-        assert page.text(selector) == shown
+        assert page.text(selector) == expected
     assert page.page.evaluate("document.documentElement.dataset.theme") == "day"
     page.page.keyboard.press("d")
     assert page.page.evaluate("document.documentElement.dataset.theme") == "night"
@@ -175,8 +175,8 @@ def test_a_polygon_is_drawn_as_large_as_it_is_by_now(
             const [u, v] = place(east + off, y).map((one) => Math.round(one * ratio));
             return data[4 * (v * width + u) + 3] > 0; }); }"""
         )
-        out = keep == 0
-        assert tinted == [out, out or growth < 0.0, out and growth > 0.0, False]
+        keeps_out = keep == 0
+        assert tinted == [keeps_out, keeps_out or growth < 0.0, keeps_out and growth > 0.0, False]
         assert page.wrong == []
         page.page.close()
 
@@ -193,8 +193,8 @@ def test_a_picture_that_stands_still_is_said_to_be_old(new_page: Any) -> None:
         ownship = page.page.evaluate(
             "view(state.picture, sky.box.clientWidth, sky.box.clientHeight).centre"
         )
-        said = page.page.locator("#link").bounding_box()
-        assert said is not None and said["y"] + said["height"] < ownship[1] - 30.0
+        box = page.page.locator("#link").bounding_box()
+        assert box is not None and box["y"] + box["height"] < ownship[1] - 30.0
         grey = "getComputedStyle(document.querySelector('#map > canvas')).filter"
         assert page.page.evaluate(grey) == "grayscale(1)"
         page.page.close()
@@ -236,9 +236,9 @@ def climbing() -> LiveSource:
     bands = guidance(range(12, 26), **up_and_down(range(3, 7)))
     for name, message in ((GUIDANCE, bands), (PLAN, climbing_plan()), (STATUS, status())):
         scene = take(scene, name, message, NOW)
-    made = LiveSource(clock=lambda: NOW)
-    made.scene = scene
-    return made
+    source = LiveSource(clock=lambda: NOW)
+    source.scene = scene
+    return source
 
 
 LAYOUT = "(({ strip, column, stacked, radius, centre, left, low }, box) => ({ strip, column, stacked, radius, centre, low, width: box.clientWidth, height: box.clientHeight }))(view(state.picture, sky.box.clientWidth, sky.box.clientHeight), sky.box)"
@@ -264,9 +264,9 @@ def test_climbs_have_tapes_and_a_profile_at_every_size(new_page: Any, size: str)
         met = page.page.evaluate(
             "metAlong(state.picture, Infinity).map(({ one, run }) => [one.id, run[0][0] - state.picture.time, run[0][1]])"
         )
-        (known, when, altitude), (unknown, _, nothing) = met
-        assert (known, unknown, nothing) == ("below", "unknown", None)
-        assert when == pytest.approx(5_000.0 / 160.0, abs=4.0) and altitude == pytest.approx(480.0)
+        (side, time, altitude), (unknown, _, nothing) = met
+        assert (side, unknown, nothing) == ("below", "unknown", None)
+        assert time == pytest.approx(5_000.0 / 160.0, abs=4.0) and altitude == pytest.approx(480.0)
         page.page.keyboard.press("u")
         assert "climb to 600 m with 2.5 m/s" in page.text("#order")
         assert page.wrong == []
@@ -361,7 +361,7 @@ def luminance(colour: Any) -> float:
     """Return the relative luminance of a colour, 0 to 255, as WCAG 2 defines it."""
     linear = [
         value / 12.92 if value <= 0.03928 else ((value + 0.055) / 1.055) ** 2.4
-        for value in (one / 255.0 for one in colour)
+        for value in (component / 255.0 for component in colour)
     ]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 

@@ -79,7 +79,10 @@ class Scene:
             status=Trajectory.STATUS_SAFE,
             revision=1,
             start=point_message(start_point(FRAME, own, now, None)),
-            waypoints=[point_message(one) for one in geodetic_points(FRAME, points, now, None)],
+            waypoints=[
+                point_message(plan_point)
+                for plan_point in geodetic_points(FRAME, points, now, None)
+            ],
         )
         self.world.begin_anew()
         self.world.ownship()
@@ -93,7 +96,7 @@ def watched() -> Iterator[Scene]:
 
 
 @pytest.fixture
-def asked() -> Iterator[Scene]:
+def planning_scene() -> Iterator[Scene]:
     with running_beside(Runner, diagnostics_period=0.2, ownship_max_age=10.0) as (node, client):
         yield Scene(node, client)
 
@@ -119,35 +122,45 @@ def test_a_judgement_that_fails_is_denied_and_then_nothing_is_to_be_flown(
         broken.setattr(monitor, "step_monitor", fail)
         before = len(watched.said)
         watched.until(lambda: watched.said[-1].fly == AssuranceStatus.FLY_NOTHING)
-        since = [one for one in watched.said[before:] if one.state == AssuranceStatus.STATE_DENIED]
-        assert any(one.fly == AssuranceStatus.FLY_PLAN for one in since)
-        assert all("the judgement failed: ValueError" in one.reasons[-1] for one in since)
-        assert all(not one.measured for one in since)
+        since = [
+            status
+            for status in watched.said[before:]
+            if status.state == AssuranceStatus.STATE_DENIED
+        ]
+        assert any(status.fly == AssuranceStatus.FLY_PLAN for status in since)
+        assert all("the judgement failed: ValueError" in status.reasons[-1] for status in since)
+        assert all(not status.measured for status in since)
         assert watched.said[-1] in since
         watched.until(lambda: watched.is_told("the judgement failed: ValueError: operands"))
 
 
-def test_what_cannot_be_taken_in_makes_nothing_safe(asked: Scene, monkeypatch: pytest.MonkeyPatch):
-    asked.world.route()
-    service = asked.client.node.create_client(GenerateTrajectory, f"{NODE}/generate_trajectory")
-    asked.client.spin(service.service_is_ready)
+def test_what_cannot_be_taken_in_makes_nothing_safe(
+    planning_scene: Scene, monkeypatch: pytest.MonkeyPatch
+):
+    planning_scene.world.route()
+    service = planning_scene.client.node.create_client(
+        GenerateTrajectory, f"{NODE}/generate_trajectory"
+    )
+    planning_scene.client.spin(service.service_is_ready)
 
     def answer() -> GenerateTrajectory.Response:
-        asked.world.ownship()
+        planning_scene.world.ownship()
         request = GenerateTrajectory.Request(reason=GenerateTrajectory.Request.REASON_MANUAL)
-        return eventually(asked.client, service.call_async(request))
+        return eventually(planning_scene.client, service.call_async(request))
 
-    asked.until(lambda: answer().status == Code.SAFE)
+    planning_scene.until(lambda: answer().status == Code.SAFE)
     with monkeypatch.context() as broken:
         broken.setattr(updates, "follow", fail)
-        asked.world.intruder(40_000.0, 40_000.0, math.pi)
-        asked.until(lambda: answer().status == Code.INTERNAL_ERROR)
-        asked.until(lambda: asked.is_told("input/traffic failed: ValueError: operands"))
+        planning_scene.world.intruder(40_000.0, 40_000.0, math.pi)
+        planning_scene.until(lambda: answer().status == Code.INTERNAL_ERROR)
+        planning_scene.until(
+            lambda: planning_scene.is_told("input/traffic failed: ValueError: operands")
+        )
 
 
-def test_the_runner_tells_that_the_monitor_is_silent(asked: Scene):
-    asked.until(lambda: asked.health()[0] >= 0)
-    assert "monitor" not in asked.health()[1]  # there need not be one
-    status = AssuranceStatus(header=header(asked.client.now(), "map"))
-    asked.client.say(AssuranceStatus, f"{MONITOR}/output/status", status, qos.STATUS)
-    asked.until(lambda: asked.is_told("the monitor has been silent for"))
+def test_the_runner_tells_that_the_monitor_is_silent(planning_scene: Scene):
+    planning_scene.until(lambda: planning_scene.health()[0] >= 0)
+    assert "monitor" not in planning_scene.health()[1]  # there need not be one
+    status = AssuranceStatus(header=header(planning_scene.client.now(), "map"))
+    planning_scene.client.say(AssuranceStatus, f"{MONITOR}/output/status", status, qos.STATUS)
+    planning_scene.until(lambda: planning_scene.is_told("the monitor has been silent for"))

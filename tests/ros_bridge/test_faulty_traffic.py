@@ -64,9 +64,9 @@ def above(metres: float, **more):
 )
 def test_silent_aircraft_out_of_reach_is_excluded_by_name(message):
     situation, late = silent(message)
-    wanted = task(situation, late, SETTINGS)
-    assert wanted.identifiers == () and [name for name, _ in wanted.excluded] == ["4b1a2c"]
-    assert wanted.excluded[0][1]
+    requested = task(situation, late, SETTINGS)
+    assert requested.identifiers == () and [name for name, _ in requested.excluded] == ["4b1a2c"]
+    assert requested.excluded[0][1]
     # An alert about it makes it count.
     alerted = updates.alert(situation, alert("4b1a2c", time=late), late, RULES)
     assert refusal(alerted, late)[0] in (Code.STALE_INTRUDER, Code.INVALID_INTRUDER)
@@ -133,9 +133,9 @@ def test_usable_reports_do_not_hide_an_unusable_aircraft_of_the_same_name(
     kind: str, good: bool, pattern: str
 ):
     situation, refusals = situation_after(), []
-    for second, which in enumerate(pattern):
+    for second, letter in enumerate(pattern):
         now = NOW + second * SECOND
-        if which == "n":
+        if letter == "n":
             message = unusable(kind, second, 9_000.0)
         elif good:
             message = aircraft(60_000.0 - 75.0 * second, 0.0, math.pi, 75.0, time=now)
@@ -147,7 +147,7 @@ def test_usable_reports_do_not_hide_an_unusable_aircraft_of_the_same_name(
         )
         refusals += [] if is_answered(situation, now) else [second]
     # One report alone may be an outlier; from the second on there is another aircraft.
-    since = [second for second, which in enumerate(pattern) if which == "n"][1]
+    since = [second for second, letter in enumerate(pattern) if letter == "n"][1]
     assert [second for second in refusals if second >= since] == list(range(since, len(pattern)))
 
 
@@ -180,8 +180,8 @@ def test_an_aircraft_that_may_come_near_on_a_long_last_leg_is_never_left_out():
         task(updates.route(near, long, late, RULES), late, SETTINGS)
     assert refused.value.code is Code.INVALID_INTRUDER
     far, late = silent(aircraft(720_000.0, 0.0, math.pi, 75.0, valid=0x01), seconds=1.0)
-    wanted = task(updates.route(far, long, late, RULES), late, SETTINGS)
-    assert [name for name, _ in wanted.excluded] == ["4b1a2c"]
+    requested = task(updates.route(far, long, late, RULES), late, SETTINGS)
+    assert [name for name, _ in requested.excluded] == ["4b1a2c"]
 
 
 def test_the_bound_of_a_plans_end_is_the_planners():
@@ -190,8 +190,8 @@ def test_the_bound_of_a_plans_end_is_the_planners():
     slow = aircraft(0.0, 0.0, 0.0, 49.0, id="own")
     head_on = aircraft(320_000.0, 0.0, math.pi, 149.0)
     situation = updates.route(situation_after(head_on, own=slow, now=NOW), long, NOW, RULES)
-    wanted = task(situation, NOW, SETTINGS)
-    assert wanted.excluded == () and len(wanted.intruders) == 1
+    requested = task(situation, NOW, SETTINGS)
+    assert requested.excluded == () and len(requested.intruders) == 1
 
 
 # Aircraft states, a third of them damaged: what is planned with is where the aircraft is.
@@ -268,16 +268,16 @@ def test_damaged_states_never_move_what_is_planned_with():
                 take = updates.ownship if name == "own" else updates.traffic
                 situation, rows = take(situation, message, now, RULES), rows + 1
             try:
-                wanted = task(situation, now, SETTINGS)
+                requested = task(situation, now, SETTINGS)
             except Refusal:
                 continue
             planned += 1
             # An intruder may bear the ownship's name, which is not looked at here.
-            tracks = {one: situation.traffic[one] for one in wanted.identifiers} | {
-                "own": situation.own
-            }
+            tracks = {
+                identifier: situation.traffic[identifier] for identifier in requested.identifiers
+            } | {"own": situation.own}
             for name in tracks.keys() & STARTS.keys():
                 # Damaged places that agree with each other are another aircraft of that name.
-                held = [tracks[one] for one in sharing(tracks, name)]
-                assert any(_near_truth(track, name, now) for track in held), name
+                sharing_tracks = [tracks[identifier] for identifier in sharing(tracks, name)]
+                assert any(_near_truth(track, name, now) for track in sharing_tracks), name
     assert planned > 0.2 * rows / len(STARTS)

@@ -38,7 +38,7 @@ def gga(height: float = 1200.0, quality: int = 1) -> str:
 
 def pflaa(*more: object, **fields: Any) -> str:
     """Return PFLAA; ``more`` are the fields of newer versions."""
-    known = {
+    values = {
         "alarm": 0,
         "north": -1234,
         "east": 1234,
@@ -51,7 +51,7 @@ def pflaa(*more: object, **fields: Any) -> str:
         "climb": -1.4,
         "type": 1,
     } | fields
-    return sentence("PFLAA," + ",".join(map(str, (*known.values(), *more))))
+    return sentence("PFLAA," + ",".join(map(str, (*values.values(), *more))))
 
 
 def read(
@@ -248,8 +248,8 @@ def test_garbage_is_one_error(garbage: str) -> None:
 
 def is_possible(reported: Any) -> bool:
     if isinstance(reported, FieldError):
-        seen = reported.sighting
-        return seen is None or seen.place is None or abs(seen.place[0]) <= 90.0
+        sighting = reported.sighting
+        return sighting is None or sighting.place is None or abs(sighting.place[0]) <= 90.0
     level = reported.altitude
     return (
         abs(reported.latitude) <= 90.0
@@ -265,8 +265,8 @@ _VALUE = st.one_of(st.just(""), st.integers(-40_000, 40_000).map(str), st.text(m
 
 @given(st.lists(st.text(max_size=40)), st.sampled_from(["", "$PFLAA,", "$GPRMC,", "$GPGGA,"]))
 def test_no_text_raises(texts: list[str], begins: str) -> None:
-    given = ((float(n), begins + text) for n, text in enumerate(texts))
-    reports, _ = read((0.0, rmc()), (0.0, gga()), *given)
+    timed_texts = ((float(n), begins + text) for n, text in enumerate(texts))
+    reports, _ = read((0.0, rmc()), (0.0, gga()), *timed_texts)
     assert all(map(is_possible, reports))
 
 
@@ -278,8 +278,8 @@ def test_no_text_raises(texts: list[str], begins: str) -> None:
     )
 )
 def test_no_fields_raise_or_leave_the_range(sentences: list[tuple[str, list[str]]]) -> None:
-    given = [
+    timed_texts = [
         (0.01 * n, sentence(",".join((kind, *more)))) for n, (kind, more) in enumerate(sentences)
     ]
-    reports, _ = read((0.0, rmc()), (0.0, gga()), *given)
+    reports, _ = read((0.0, rmc()), (0.0, gga()), *timed_texts)
     assert all(map(is_possible, reports))

@@ -33,20 +33,20 @@ def crc(message: bytes) -> int:
     register = 0
     for byte in message:
         for bit in range(7, -1, -1):
-            out, register = register >> 15, (register << 1 | byte >> bit & 1) & 0xFFFF
-            register ^= 0x1021 * out
+            top_bit, register = register >> 15, (register << 1 | byte >> bit & 1) & 0xFFFF
+            register ^= 0x1021 * top_bit
     return register
 
 
 def framed(*messages: bytes) -> bytes:
-    out = b""
+    frames = b""
     for message in messages:
         body = message + crc(message).to_bytes(2, "little")
         stuffed = b"".join(
             bytes([0x7D, byte ^ 0x20]) if byte in (0x7D, 0x7E) else bytes([byte]) for byte in body
         )
-        out += b"\x7e" + stuffed + b"\x7e"
-    return out
+        frames += b"\x7e" + stuffed + b"\x7e"
+    return frames
 
 
 def heartbeat(second: int, *, utc: bool = True) -> bytes:
@@ -56,7 +56,7 @@ def heartbeat(second: int, *, utc: bool = True) -> bytes:
 
 def aircraft(kind: int = 20, **fields: Any) -> bytes:
     """Return a message 10 or 20; fields that are not given are those of a light aircraft."""
-    known = {
+    values = {
         "type": 0,
         "address": 0x4B1234,
         "latitude": 47.1,
@@ -74,21 +74,28 @@ def aircraft(kind: int = 20, **fields: Any) -> bytes:
         "callsign": "HBABC",
         "emergency": 0,
     } | fields
-    turn = round(known["track"] * 256 / 360) % 256
-    feet, knots, fpm = known["feet"], known["knots"], known["fpm"]
+    turn = round(values["track"] * 256 / 360) % 256
+    feet, knots, fpm = values["feet"], values["knots"], values["fpm"]
     level = 0xFFF if feet is None else (feet + 1000) // 25
     speed = 0xFFF if knots is None else min(knots, 0xFFE)
     rate = 0x800 if fpm is None else round(fpm / 64) & 0xFFF
-    misc = known["airborne"] << 3 | known["extrapolated"] << 2 | known["direction"]
-    bits = [(kind, 8), (0, 4), (known["type"], 4), (known["address"], 24)]
-    angles = known["latitude"], known["longitude"]
+    misc = values["airborne"] << 3 | values["extrapolated"] << 2 | values["direction"]
+    bits = [(kind, 8), (0, 4), (values["type"], 4), (values["address"], 24)]
+    angles = values["latitude"], values["longitude"]
     bits += [(round(angle * 2**23 / 180) & 0xFFFFFF, 24) for angle in angles]
-    bits += [(level, 12), (misc, 4), (known["nic"], 4), (known["nac"], 4), (speed, 12), (rate, 12)]
-    bits += [(turn, 8), (known["category"], 8)]
+    bits += [
+        (level, 12),
+        (misc, 4),
+        (values["nic"], 4),
+        (values["nac"], 4),
+        (speed, 12),
+        (rate, 12),
+    ]
+    bits += [(turn, 8), (values["category"], 8)]
     number = 0
     for value, width in bits:
         number = number << width | value
-    return number.to_bytes(19, "big") + known["callsign"].ljust(8).encode() + bytes(1)
+    return number.to_bytes(19, "big") + values["callsign"].ljust(8).encode() + bytes(1)
 
 
 def read(
@@ -297,12 +304,12 @@ def test_the_ownship_is_no_traffic_whoever_says_which_it_is() -> None:
 def test_another_aircraft_of_the_address_that_a_device_has_counts() -> None:
     """As where it was set up in another aircraft, which flies."""
     own = aircraft(10, address=0x4B0001)
-    other = aircraft(address=0x4B0001, latitude=47.2)
-    reports, traffic = read((100.0, framed(heartbeat(7), own, other)))
+    second_aircraft = aircraft(address=0x4B0001, latitude=47.2)
+    reports, traffic = read((100.0, framed(heartbeat(7), own, second_aircraft)))
     assert [reported.identifier for reported in reports] == ["4b0001"]
     assert traffic.doubted == {"of the ownship's address, but elsewhere": 1}
     nowhere = aircraft(10, address=0x4B0001, latitude=0.0, longitude=0.0, nic=0)
-    assert read((100.0, framed(heartbeat(7), nowhere, other)))[0] == []
+    assert read((100.0, framed(heartbeat(7), nowhere, second_aircraft)))[0] == []
 
 
 def test_a_display_gets_the_ownship_too() -> None:
@@ -386,8 +393,8 @@ def test_garbage_is_one_error(garbage: bytes, field: str) -> None:
 
 def is_possible(reported: Any) -> bool:
     if isinstance(reported, FieldError):
-        seen = reported.sighting
-        return seen is None or seen.place is None or abs(seen.place[0]) <= 90.0
+        sighting = reported.sighting
+        return sighting is None or sighting.place is None or abs(sighting.place[0]) <= 90.0
     level = reported.altitude
     return (
         abs(reported.latitude) <= 90.0
@@ -408,8 +415,8 @@ def test_no_bytes_raise(contents: list[bytes]) -> None:
 
 @given(st.lists(st.tuples(st.sampled_from((10, 20)), st.binary(min_size=27, max_size=27))))
 def test_no_message_raises_or_leaves_the_range(messages: list[tuple[int, bytes]]) -> None:
-    whole = [framed(bytes([kind]) + body) for kind, body in messages]
-    reports, _ = read(*((float(n), content) for n, content in enumerate(whole)))
+    framed_messages = [framed(bytes([kind]) + body) for kind, body in messages]
+    reports, _ = read(*((float(n), content) for n, content in enumerate(framed_messages)))
     assert all(map(is_possible, reports))
 
 

@@ -45,7 +45,9 @@ def state_of(client: Client, name: str, health: list[DiagnosticArray]) -> Diagno
     """Return what a node says of itself next."""
     health.clear()
     return client.spin(
-        lambda: next((one.status[0] for one in health if one.status[0].name == name), None)
+        lambda: next(
+            (message.status[0] for message in health if message.status[0].name == name), None
+        )
     )
 
 
@@ -56,8 +58,8 @@ def test_a_clock_that_is_no_time_is_passed_over_and_a_standing_one_stops_no_diag
         state = state_of(client, NODE, health)  # without any clock
         assert "clock stands at zero" in state.message
         for seconds, nanoseconds in ((100, 0), (-5, 0), (100, 4_000_000_000), (2**31 - 1, 0)):
-            given = Time(sec=seconds, nanosec=nanoseconds)
-            client.say(Clock, "/clock", Clock(clock=given), qos.CLOCK)
+            clock_time = Time(sec=seconds, nanosec=nanoseconds)
+            client.say(Clock, "/clock", Clock(clock=clock_time), qos.CLOCK)
             client.idle(0.1)
         client.spin(lambda: node._now() == 100 * 10**9)
         client.say(Clock, "/clock", Clock(clock=Time(sec=101)), qos.CLOCK)
@@ -114,12 +116,12 @@ def test_a_second_node_of_the_name_is_an_error_while_it_runs():
     with running_beside(Monitor, diagnostics_period=0.2) as (node, client):
         begin(node)
         health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
-        other = client.node.create_publisher(
+        second_publisher = client.node.create_publisher(
             AssuranceStatus, topics.STATUS.name, topics.STATUS.quality
         )
         says = "/rlcas_monitor/output/status has 2 publishers, expected this node alone"
         client.spin(lambda: says in state_of(client, "/rlcas_monitor", health).message)
-        client.node.destroy_publisher(other)
+        client.node.destroy_publisher(second_publisher)
         client.spin(lambda: says not in state_of(client, "/rlcas_monitor", health).message)
 
 
@@ -140,13 +142,13 @@ def test_a_monitor_that_differs_from_the_runner_says_in_what():
             begin(monitor)
             health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
 
-            def said() -> str:
+            def status_text() -> str:
                 state = state_of(client, "/rlcas_monitor", health)
                 return state.message if state.level == ERROR else ""
 
-            client.spin(lambda: "separation is 500 here and 3000 there" in said())
+            client.spin(lambda: "separation is 500 here and 3000 there" in status_text())
             monitor.set_parameters([Parameter("goal_radius", value=200.0)])
-            client.spin(lambda: "goal_radius is 200 here" in said())
+            client.spin(lambda: "goal_radius is 200 here" in status_text())
         finally:
             client.executor.remove_node(monitor)
             monitor.destroy_node()
@@ -162,35 +164,38 @@ def test_diagnostics_of_thousands_of_aircraft_are_bounded():
             state.header.stamp = time_message(now)
         node._take_in(updates.traffic_array, TrafficArray(states=bad))
         state = client.spin(
-            lambda: next((one.status[0] for one in health if len(one.status[0].values) > 100), None)
+            lambda: next(
+                (message.status[0] for message in health if len(message.status[0].values) > 100),
+                None,
+            )
         )
         assert len(state.values) < 1_100
         values = {pair.key: pair.value for pair in state.values}
         assert values["intruders"] == values["reports of all: invalid"] == "4000"
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_during_the_start_ends_it_in_order(how: signal.Signals):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_during_the_start_ends_it_in_order(number: signal.Signals):
     code = (
         "import os\nfrom ros_bridge.transport.starting import end_in_order_from_now_on as begin\n"
-        f"begin()\nos.kill(os.getpid(), {int(how)})\nraise SystemExit(3)"
+        f"begin()\nos.kill(os.getpid(), {int(number)})\nraise SystemExit(3)"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False, timeout=60)
-    assert done.returncode == 0
+    process = subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False, timeout=60)
+    assert process.returncode == 0
 
 
 def test_the_ownship_is_published_as_odometry_in_the_map():
     with running_beside(Runner) as (node, client):
         begin(node)
         world = World(client)
-        seen = client.hear(Odometry, f"{NODE}/output/odometry", qos.EVENTS)
+        odometry = client.hear(Odometry, f"{NODE}/output/odometry", qos.EVENTS)
         world.reference()
         heading = 0.3
 
         def reported() -> list[Odometry]:
             world.ownship(3_000.0, -400.0, heading, 75.0, position_std=5.0, valid=0x45)
             client.idle(0.1)
-            return seen
+            return odometry
 
         message = client.spin(reported)[0]
     assert (message.header.frame_id, message.child_frame_id) == ("map", "base_link")

@@ -64,9 +64,9 @@ def report(x: float, y: float, heading: float, height: float, climb: float, **mo
     return message
 
 
-def situation_of(*others: Any, climb: float = 0.0) -> Situation:
+def situation_of(*traffic: Any, climb: float = 0.0) -> Situation:
     """Return an ownship that flies east 500 m above the sea among others."""
-    return situation_after(*others, own=report(0.0, 0.0, 0.0, 500.0, climb, id="own"))
+    return situation_after(*traffic, own=report(0.0, 0.0, 0.0, 500.0, climb, id="own"))
 
 
 def shown(supervision: Supervision, now: int, before: Shown | None = None) -> Guidance:
@@ -83,7 +83,7 @@ def looked_at(situation: Situation, maneuvers: Maneuvers = Maneuvers.BOTH, **mor
 def fly(now: int, height: float, climb: float, place: VehicleState) -> Situation:
     """Return the meeting of :func:`tests.ros_bridge.test_climbs.meeting` at a time, ns."""
     passed = (now - NOW) / SECOND
-    other = report(3_000.0 - SPEED * passed, 0.0, math.pi, 500.0, 0.0, time=now)
+    intruder = report(3_000.0 - SPEED * passed, 0.0, math.pi, 500.0, 0.0, time=now)
     own = report(
         *(float(part) for part in place[:3]),
         height,
@@ -92,28 +92,28 @@ def fly(now: int, height: float, climb: float, place: VehicleState) -> Situation
         id="own",
         time=now,
     )
-    return situation_after(other, own=own, now=now)
+    return situation_after(intruder, own=own, now=now)
 
 
 def flight(off: float = 0.0) -> Iterator[tuple[float, int, Supervision]]:
     """Yield times, s and ns, and a monitor of a SAFE plan that climbs over what comes head-on; the
     ownship is so far above the plan, m.
     """
-    wanted, answer = usual()
-    plan = published(wanted, answer)
+    requested, answer = usual()
+    plan = published(requested, answer)
     start, points = to_frame(FRAME, plan)
     curves = legs(take(plan_states(start, points), None))
-    assert wanted.own_altitude is not None
-    profile = profile_of(wanted.own_altitude.value, 0.0, answer.waypoints, VERTICAL.acceleration)
+    assert requested.own_altitude is not None
+    profile = profile_of(requested.own_altitude.value, 0.0, answer.waypoints, VERTICAL.acceleration)
     assert profile is not None
     watch = begin(Maneuvers.VERTICAL)
-    here = take(at(curves, np.array([0.0])), 0)
-    watch = activate(watch, fly(NOW, 500.0, 0.0, here), plan)
+    state = take(at(curves, np.array([0.0])), 0)
+    watch = activate(watch, fly(NOW, 500.0, 0.0, state), plan)
     for time in np.arange(0.0, 120.0, 3.0).tolist():
         now = NOW + round(time * SECOND)
         rounded = height_flown(profile, VERTICAL.acceleration, time)
-        here = take(at(curves, np.array([time])), 0)
-        watch = step_monitor(watch, fly(now, rounded.altitude + off, rounded.climb, here), now)
+        state = take(at(curves, np.array([time])), 0)
+        watch = step_monitor(watch, fly(now, rounded.altitude + off, rounded.climb, state), now)
         yield time, now, watch
 
 
@@ -128,28 +128,28 @@ def test_an_aircraft_that_a_safe_plan_passes_in_height_raises_no_alert() -> None
         measured, limits = watch.assessment.measured, watch.thresholds_in_air
         lost = losses_on_course(measured.own, measured.traffic, limits.requirement, 120.0)
         by_climb.append(float(lost.min()))
-        said = status(watch)
-        assert abs(said.altitude_error) < 1.5 and said.altitude_error_limit > 1.5
+        told_status = status(watch)
+        assert abs(told_status.altitude_error) < 1.5 and told_status.altitude_error_limit > 1.5
     assert min(by_climb) < 60.0, "the present climb that is held would raise one"
 
 
 def test_how_far_the_ownship_is_from_the_plan_in_height_is_said() -> None:
     off = 4.0 * settings().options.vertical_margin
     _, _, watch = next(flight(-off))
-    said = status(watch)
-    assert said.altitude_error == pytest.approx(-off, abs=1.5)
-    assert said.altitude_error_limit == settings().options.vertical_margin
+    told_status = status(watch)
+    assert told_status.altitude_error == pytest.approx(-off, abs=1.5)
+    assert told_status.altitude_error_limit == settings().options.vertical_margin
     in_plane = replace(begin(Maneuvers.HORIZONTAL), assessment=watch.assessment)
     assert status(in_plane).altitude_error_limit == -1.0
 
 
 def test_where_nobody_climbs_bands_are_those_in_the_plane() -> None:
-    others = (
+    intruders = (
         report(3_000.0, 200.0, math.pi, 500.0, 0.0, id="one"),
         report(1_000.0, 2_000.0, -0.5 * math.pi, 500.0, 0.0, id="two"),
     )
     flat, solid = (
-        looked_at(situation_of(*others), maneuvers)
+        looked_at(situation_of(*intruders), maneuvers)
         for maneuvers in (Maneuvers.HORIZONTAL, Maneuvers.BOTH)
     )
     assert flat.vertical is None and solid.vertical is not None
@@ -181,25 +181,25 @@ def test_alone_everything_is_free() -> None:
 
 
 def test_without_an_own_altitude_or_climb_there_are_no_bands_up_and_down() -> None:
-    other = report(3_000.0, 0.0, math.pi, 500.0, 0.0)
+    intruder = report(3_000.0, 0.0, math.pi, 500.0, 0.0)
     for valid in (0xC5, 0xC7):
         own = report(0.0, 0.0, 0.0, 500.0, 0.0, id="own")
         own.valid = valid
-        bands = looked_at(situation_after(other, own=own))
+        bands = looked_at(situation_after(intruder, own=own))
         assert bands.vertical is None and bands.levels[0] > Level.NONE
 
 
 def test_an_aircraft_of_unknown_altitude_shuts_all_altitudes_and_leaves_no_way_out() -> None:
-    other = aircraft(1_500.0, 0.0, math.pi, SPEED)
-    bands = looked_at(situation_of(other))
+    intruder = aircraft(1_500.0, 0.0, math.pi, SPEED)
+    bands = looked_at(situation_of(intruder))
     assert bands.vertical is not None
     for row in (bands.vertical.speeds, bands.vertical.altitudes):
         assert Region.FREE not in row.region and Region.RECOVERY not in row.region
 
 
 def test_floor_and_ceiling_close_climbs() -> None:
-    other = report(3_000.0, 3_000.0, 0.0, 500.0, 0.0)
-    bands = looked_at(situation_of(other), floor=Height(480.0, "msl"))
+    intruder = report(3_000.0, 3_000.0, 0.0, 500.0, 0.0)
+    bands = looked_at(situation_of(intruder), floor=Height(480.0, "msl"))
     assert bands.vertical is not None
     altitudes = bands.vertical.altitudes
     closed = [
@@ -214,15 +214,15 @@ def test_bands_up_and_down_survive_a_message_and_a_recording() -> None:
     situation = situation_of(above)
     watch = look(begin(), situation, NOW)
     scene, _ = supervise(DisplayScene(), situation, watch, blank(watch.thresholds), NOW)
-    for given in (scene.guidance, scene.guidance and scene.guidance._replace(vertical=None)):
-        assert given is not None
-        back = through_file("GuidanceBands", messages.guidance(given))
+    for bands in (scene.guidance, scene.guidance and scene.guidance._replace(vertical=None)):
+        assert bands is not None
+        back = through_file("GuidanceBands", messages.guidance(bands))
         after = take_in(DisplayScene(), "rlcas_monitor/output/guidance", back, NOW)
-        assert after.guidance == given and not after.problems
-    said = Status(measured=True, altitude_error=-3.5, altitude_error_limit=10.0)
-    back = through_file("AssuranceStatus", messages.status(MonitorStatus(NOW, said), 1))
+        assert after.guidance == bands and not after.problems
+    monitor_status = Status(measured=True, altitude_error=-3.5, altitude_error_limit=10.0)
+    back = through_file("AssuranceStatus", messages.status(MonitorStatus(NOW, monitor_status), 1))
     after = take_in(DisplayScene(), "rlcas_monitor/output/status", back, NOW)
-    assert after.monitor == MonitorStatus(NOW, said)
+    assert after.monitor == MonitorStatus(NOW, monitor_status)
 
 
 def through_file(name: str, fields: Any) -> Any:

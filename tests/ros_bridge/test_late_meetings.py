@@ -45,8 +45,8 @@ def ask(client: Client, meanwhile: Callable[[], None], *about: str) -> GenerateT
 
 @pytest.mark.slow
 def test_an_aircraft_met_at_the_end_of_a_long_plan_is_not_left_out():
-    given = ("ownship_max_age:=10.0", "intruder_max_age:=60.0", "request_max_age:=60.0")
-    arguments = [part for one in given for part in ("-p", one)]
+    settings = ("ownship_max_age:=10.0", "intruder_max_age:=60.0", "request_max_age:=60.0")
+    arguments = [part for setting in settings for part in ("-p", setting)]
     with domain() as number:
         process = Process("ros_bridge.runner", number, "--ros-args", *arguments)
         client = Client(number)

@@ -54,7 +54,8 @@ from ros_bridge.transport.settings import (
 PACKAGE = Path(parameters.__file__).parents[1]
 LAUNCH = sorted((PACKAGE / "launch").glob("*.launch.py"))
 DECLARED = {
-    f"rlcas_{name}": {one.name for one in parameters.of(name)} | {"use_sim_time"}
+    f"rlcas_{name}": {declared_parameter.name for declared_parameter in parameters.of(name)}
+    | {"use_sim_time"}
     for name in parameters.NODES
 }
 
@@ -95,11 +96,11 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_launch_files_start_nodes_with_declared_parameters(stand_ins, file: Path, params_file: str):
     description = runpy.run_path(str(file))["generate_launch_description"]()
     *declared, opaque = description.given[0]
-    context = {one.given[0]: one.named["default_value"] for one in declared}
-    assert all(one.named["description"] for one in declared)
+    context = {action.given[0]: action.named["default_value"] for action in declared}
+    assert all(action.named["description"] for action in declared)
     assert {"namespace", "use_sim_time", "params_file"} <= set(context)
-    given = {"aircraft": "configs/aircraft/uas.yaml", "separation": "700", "sigmas": "1.0"}
-    context |= {"params_file": params_file, "namespace": "n123"} | given
+    chosen = {"aircraft": "configs/aircraft/uas.yaml", "separation": "700", "sigmas": "1.0"}
+    context |= {"params_file": params_file, "namespace": "n123"} | chosen
     if "translate" in context:
         context["translate"] = "true"
     nodes = opaque.named["function"](context)
@@ -116,10 +117,10 @@ def test_launch_files_start_nodes_with_declared_parameters(stand_ins, file: Path
         assert values["use_sim_time"] is (file.name == "simulation.launch.py")
     # What protects is started again where it has died.
     assert all(node.named["respawn"] for node in nodes[:2])
-    wanted = {"aircraft": "configs/aircraft/uas.yaml", "separation": 700.0, "sigmas": 1.0}
+    expected = {"aircraft": "configs/aircraft/uas.yaml", "separation": 700.0, "sigmas": 1.0}
     for node in nodes[:2]:
         # What is empty is the node's own default.
-        assert node.named["parameters"][0] == wanted | {
+        assert node.named["parameters"][0] == expected | {
             "use_sim_time": file.name == "simulation.launch.py"
         }
 
@@ -139,25 +140,30 @@ def test_launch_files_are_understood_by_ros(file: Path):
 
 @pytest.mark.parametrize("file", ["parameters.yaml", "c208.yaml"])
 def test_params_files_name_parameters_that_exist(file: str):
-    given = yaml.safe_load((PACKAGE / "launch" / file).read_text(encoding="utf-8"))
-    for pattern, content in given.items():
+    files_parameters = yaml.safe_load((PACKAGE / "launch" / file).read_text(encoding="utf-8"))
+    for pattern, content in files_parameters.items():
         node = pattern.removeprefix("/**/")
-        ranges = {one.name: one for one in parameters_of(node.removeprefix("rlcas_"), PAPER)}
+        ranges = {
+            parameter.name: parameter
+            for parameter in parameters_of(node.removeprefix("rlcas_"), PAPER)
+        }
         for name, value in content["ros__parameters"].items():
             assert name in DECLARED[node]
             low, high = ranges[name].low, ranges[name].high
             assert low is None or low <= value <= high
 
 
-def values_of(kind: str, **given: Any) -> Callable[[str], Any]:
+def values_of(kind: str, **values: Any) -> Callable[[str], Any]:
     """Return how a node of the paper's aircraft would read its parameters."""
-    return ({one.name: one.default for one in parameters_of(kind, PAPER)} | given).get
+    return (
+        {parameter.name: parameter.default for parameter in parameters_of(kind, PAPER)} | values
+    ).get
 
 
 def test_the_aircraft_in_flight_is_that_of_the_evaluations():
-    given = yaml.safe_load((PACKAGE / "launch" / "c208.yaml").read_text(encoding="utf-8"))
+    file_parameters = yaml.safe_load((PACKAGE / "launch" / "c208.yaml").read_text(encoding="utf-8"))
     runner, monitor = (
-        given[f"/**/rlcas_{name}"]["ros__parameters"] for name in ("runner", "monitor")
+        file_parameters[f"/**/rlcas_{name}"]["ros__parameters"] for name in ("runner", "monitor")
     )
     assert runner == monitor
     config = load(HifiConfig, PACKAGE.parent / "configs" / "flight_c208.yaml")
@@ -180,8 +186,10 @@ def test_defaults_are_the_usual_options_of_the_aircraft():
         aircraft = load(
             AircraftConfig, PACKAGE.parent / "configs" / "aircraft" / f"{name}.yaml"
         ).aircraft()
-        made = {one.name: one.default for one in parameters_of("runner", aircraft)}
-        options, usual = planning_options(made.get, aircraft), Options.for_aircraft(aircraft)
+        defaults = {
+            parameter.name: parameter.default for parameter in parameters_of("runner", aircraft)
+        }
+        options, usual = planning_options(defaults.get, aircraft), Options.for_aircraft(aircraft)
         assert options.requirement.separation == aircraft.separation
         assert options.max_age == pytest.approx(usual.max_age)
         # The rate goes through degrees of nine digits.
@@ -189,7 +197,7 @@ def test_defaults_are_the_usual_options_of_the_aircraft():
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    ("values", "says"),
     [
         (
             {"speed_min": 99.0, "speed_max": 99.5},
@@ -232,59 +240,59 @@ def test_defaults_are_the_usual_options_of_the_aircraft():
         ),
     ],
 )
-def test_contradicting_parameters_are_refused_by_name(given: dict[str, Any], says: str):
+def test_contradicting_parameters_are_refused_by_name(values: dict[str, Any], says: str):
     with pytest.raises(ValueError) as caught:
-        planning_options(values_of("runner", **given), PAPER)
+        planning_options(values_of("runner", **values), PAPER)
     assert str(caught.value).startswith(says)
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    ("values", "says"),
     [
         ({"floor_m": 500.0}, "floor_m is 500 m, expected less than the ceiling, 400 m"),
         ({"floor_m": math.inf}, "floor_m is inf, expected -1000 to 30000 m"),
         ({"ceiling_m": 1e6}, "ceiling_m is 1e+06, expected -1000 to 30000 m"),
     ],
 )
-def test_altitudes_that_contradict_are_refused_by_name(given: dict[str, Any], says: str):
+def test_altitudes_that_contradict_are_refused_by_name(values: dict[str, Any], says: str):
     with pytest.raises(ValueError) as caught:
-        _climbing_options("runner", **({"floor_m": 120.0, "ceiling_m": 400.0} | given))
+        _climbing_options("runner", **({"floor_m": 120.0, "ceiling_m": 400.0} | values))
     assert str(caught.value).startswith(says)
 
 
 def test_runner_and_monitor_climb_between_the_same_levels():
-    given = {"floor_m": 120.0, "own_altitude_reference": "msl"}
+    values = {"floor_m": 120.0, "own_altitude_reference": "msl"}
     for kind in ("runner", "monitor"):
-        options = _climbing_options(kind, **given)
+        options = _climbing_options(kind, **values)
         assert options.maneuvers is Maneuvers.BOTH
         assert (options.floor, options.ceiling) == (Level(120.0, "msl"), None)
         assert options.vertical_margin == Options.for_aircraft(options.aircraft).vertical_margin
         assert _climbing_options(kind, vertical_margin_m=30.0).vertical_margin == 30.0
 
 
-def _climbing_options(kind: str, **given: Any) -> Options:
+def _climbing_options(kind: str, **values: Any) -> Options:
     """Return the options of a node whose aircraft can climb."""
     aircraft = aircraft_of("uas", "")
-    usual = {one.name: one.default for one in parameters_of(kind, aircraft)}
-    return planning_options((usual | {"maneuvers": "both"} | given).get, aircraft)
+    usual = {parameter.name: parameter.default for parameter in parameters_of(kind, aircraft)}
+    return planning_options((usual | {"maneuvers": "both"} | values).get, aircraft)
 
 
 @pytest.mark.parametrize("name", ["", "uas", "light", "jet"])
 def test_nodes_and_mavlink_program_hold_reports_for_as_long(name: str):
     mavlink = pytest.importorskip("ros_bridge.mavlink.judging")
-    given = aircraft_of(name, "")
-    values = {one.name: one.default for one in parameters_of("runner", given)}
+    aircraft = aircraft_of(name, "")
+    values = {parameter.name: parameter.default for parameter in parameters_of("runner", aircraft)}
     rules = mavlink.rules(
-        given, Policy.load(), margin=25.0, vertical=600.0, unknown=USUAL, deadline=0.2
+        aircraft, Policy.load(), margin=25.0, vertical=600.0, unknown=USUAL, deadline=0.2
     )
     of_nodes = freshness_of(values.get)
-    assert of_nodes == rules.settings.freshness == Freshness.for_aircraft(given)
+    assert of_nodes == rules.settings.freshness == Freshness.for_aircraft(aircraft)
     assert (rules.thresholds.own_age, rules.thresholds.intruder_age) == of_nodes[:2]
     assert rules.settings.options.max_age == of_nodes.intruder <= of_nodes.silence
 
 
 def test_any_separation_and_limits_are_taken():
-    given = {
+    values = {
         "separation": 150.0,
         "goal_radius": 50.0,
         "waypoints": 30,
@@ -292,19 +300,19 @@ def test_any_separation_and_limits_are_taken():
         "margin": 3.0,
         "speed_max": 95.0,
     }
-    options = planning_options(values_of("runner", **given), PAPER)
+    options = planning_options(values_of("runner", **values), PAPER)
     assert options.requirement.separation == 150.0 and options.aircraft.goal_radius == 50.0
     assert (options.waypoints, options.interval, options.limits.speed_max) == (30, 10.0, 95.0)
 
 
 def test_the_bridge_names_topics_of_the_world():
     root = ET.parse(PACKAGE / "gazebo" / "world.sdf").getroot()
-    topics = {f"/{one.text}" for tag in ("topic", "odom_topic") for one in root.iter(tag)}
+    topics = {f"/{entry.text}" for tag in ("topic", "odom_topic") for entry in root.iter(tag)}
     topics.add(f"/world/{root.find('world').attrib['name']}/clock")
     bridge = yaml.safe_load((PACKAGE / "gazebo" / "bridge.yaml").read_text(encoding="utf-8"))
-    assert {one["gz_topic_name"] for one in bridge} == topics
+    assert {entry["gz_topic_name"] for entry in bridge} == topics
     keys = {"ros_topic_name", "gz_topic_name", "ros_type_name", "gz_type_name", "direction"}
-    assert all(set(one) == keys for one in bridge)
+    assert all(set(entry) == keys for entry in bridge)
 
 
 @pytest.mark.skipif(
@@ -317,8 +325,8 @@ def test_the_world_is_valid_for_the_parser():
         "-k",
         str(PACKAGE / "gazebo" / "world.sdf"),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and "Valid." in done.stdout, done.stdout + done.stderr
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert process.returncode == 0 and "Valid." in process.stdout, process.stdout + process.stderr
 
 
 # A process that starts gets ports that no process of late had, and takes part by our profile of
@@ -335,10 +343,10 @@ input()
 """
 
 
-def free(there: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+def free(port_number: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as socket_there:
         try:
-            one.bind(("", there))
+            socket_there.bind(("", port_number))
         except OSError:
             return False
     return True
@@ -381,9 +389,9 @@ def test_a_process_gets_a_later_place():
         ) as process:
             assert process.stdout is not None
             assert process.stdout.readline() == "here\n"
-            taken = [not free(port(number, place)) for place in range(6)]
+            in_use = [not free(port(number, place)) for place in range(6)]
             process.communicate("\n")
-        assert taken == [False, False, False, True, False, False]
+        assert in_use == [False, False, False, True, False, False]
 
 
 def test_own_dds_profile_is_the_default(tmp_path: Path):
@@ -416,14 +424,16 @@ def test_profile_file_in_the_working_directory_is_respected(
     assert environment == {}
 
 
-@pytest.mark.parametrize("said", [False, True])
-def test_killed_node_leaves_no_port_in_shared_memory(said: bool, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("is_chosen", [False, True])
+def test_killed_node_leaves_no_port_in_shared_memory(
+    is_chosen: bool, monkeypatch: pytest.MonkeyPatch
+):
     """Unless the integrator wants one: a file in /dev/shm that nobody removes, and that holds the
     others up.
     """
     for name in CONFIGURED:
         monkeypatch.delenv(name, raising=False)
-    if said:
+    if is_chosen:
         monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "DEFAULT")
     with domain() as number:
         process = Process("ros_bridge.runner", number)
@@ -432,9 +442,9 @@ def test_killed_node_leaves_no_port_in_shared_memory(said: bool, monkeypatch: py
             # Fast DDS complains of a profile before the node is active.
             lines = (line.rstrip() for line in process.popen.stdout)
             began = next((line for line in lines if line.endswith("active") or "Error" in line), "")
-            held = Path(f"/proc/{process.popen.pid}/maps").read_text()
+            maps = Path(f"/proc/{process.popen.pid}/maps").read_text()
         finally:
             process.popen.kill()
             process.popen.communicate()
     assert began.endswith("active"), began
-    assert ("fastdds_port" in held) == said
+    assert ("fastdds_port" in maps) == is_chosen

@@ -27,10 +27,10 @@ from tests.ros_bridge.scenes import (
 
 
 def situation_in(wind: tuple[float, float] | None) -> Situation:
-    known = {}
+    fields = {}
     if wind is not None:
-        known = {"valid": 0xE5, "wind": SimpleNamespace(x=wind[0], y=wind[1], z=0.0)}
-    return situation_after(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", **known))
+        fields = {"valid": 0xE5, "wind": SimpleNamespace(x=wind[0], y=wind[1], z=0.0)}
+    return situation_after(crossing(), own=aircraft(0.0, 0.0, 0.0, 75.0, id="own", **fields))
 
 
 def wind_of(looking: Supervision) -> Wind:
@@ -44,8 +44,8 @@ def assert_as_for_plans(looking: Supervision) -> None:
 
 def test_a_wind_that_is_not_reported_may_blow_from_anywhere() -> None:
     looking = look(initial(THRESHOLDS), situation_in(None), NOW)
-    seen = looking.assessment
-    assert seen is not None
+    assessment = looking.assessment
+    assert assessment is not None
     assert wind_of(looking) == Wind(std=USUAL.wind_std)
     assert_as_for_plans(looking)
 
@@ -54,8 +54,8 @@ def test_a_wind_that_is_not_reported_may_blow_from_anywhere() -> None:
 def test_a_wind_that_is_reported_is_as_uncertain_as_for_plans(wind: tuple[float, float]) -> None:
     situation = situation_in(wind)
     looking = look(initial(THRESHOLDS), situation, NOW)
-    seen = looking.assessment
-    assert seen is not None
+    assessment = looking.assessment
+    assert assessment is not None
     assert wind_of(looking) == pytest.approx((*wind, USUAL.reported_wind_std))
     assert wind_of(looking) == task(situation, NOW, SETTINGS).wind
     assert_as_for_plans(looking)
@@ -64,8 +64,8 @@ def test_a_wind_that_is_reported_is_as_uncertain_as_for_plans(wind: tuple[float,
 def test_it_begins_anew_where_the_wind_becomes_known_or_unknown() -> None:
     looking = look(initial(THRESHOLDS), situation_in(None), NOW)
     looking = look(looking, situation_in((0.0, 0.0)), NOW)
-    seen = looking.assessment
-    assert seen is not None and wind_of(looking) == Wind(std=USUAL.reported_wind_std)
+    assessment = looking.assessment
+    assert assessment is not None and wind_of(looking) == Wind(std=USUAL.reported_wind_std)
     assert look(looking, situation_in((0.5, 0.5)), NOW).air == looking.air
     looking = look(looking, situation_in((8.0, -6.0)), NOW)
     assert wind_of(looking) == pytest.approx((8.0, -6.0, USUAL.reported_wind_std))
@@ -76,23 +76,23 @@ def test_it_begins_anew_where_the_wind_becomes_known_or_unknown() -> None:
 def test_nothing_is_seen_where_an_uncertain_wind_leaves_nothing_of_the_limits() -> None:
     unsure = initial(THRESHOLDS, USUAL._replace(wind_std=40.0))
     looking = look(unsure, situation_in(None), NOW)
-    seen = looking.assessment
-    assert seen is None
+    assessment = looking.assessment
+    assert assessment is None
     looking = look(looking, situation_in(None), NOW)
-    seen = looking.assessment
-    assert seen is None
+    assessment = looking.assessment
+    assert assessment is None
     looking = look(looking, situation_in((8.0, -6.0)), NOW)
-    seen = looking.assessment
-    assert seen is not None
+    assessment = looking.assessment
+    assert assessment is not None
     unsure = initial(THRESHOLDS, USUAL._replace(reported_wind_std=40.0))
     assert look(unsure, situation_in((8.0, -6.0)), NOW).assessment is None
 
 
 def test_who_can_come_near_in_a_wind_within_its_uncertainty_counts() -> None:
     """One that has long been silent, too far away unless both have the wind behind them."""
-    known = {"valid": 0xE5, "wind": SimpleNamespace(x=0.0, y=0.0, z=0.0)}
+    fields = {"valid": 0xE5, "wind": SimpleNamespace(x=0.0, y=0.0, z=0.0)}
     silent = aircraft(128_000.0, 0.0, math.pi, 75.0, time=NOW - 6 * SECOND)
-    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", **known)
+    own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", **fields)
     situation = situation_after(silent, own=own)
     for std, counts in ((0.0, False), (5.0, True)):
         begun = initial(THRESHOLDS, USUAL._replace(reported_wind_std=std))

@@ -26,8 +26,8 @@ from ros_bridge.transport.losses import Losses
 @given(st.lists(st.booleans(), min_size=2, max_size=50))
 def test_what_does_not_come_between_two_messages_is_lost(came: list[bool]):
     losses = Losses()
-    for number, here in enumerate([True, *came, True]):
-        losses.note("traffic", b"1", number if here else None, 0.0)
+    for number, arrives in enumerate([True, *came, True]):
+        losses.note("traffic", b"1", number if arrives else None, 0.0)
         losses.note("traffic", b"2", number, 0.0)  # of another publisher none is missing
     assert losses.counts["traffic"] == came.count(False)
     assert (f"{came.count(False)} messages of traffic were lost" in losses.problem(1.0)) == (
@@ -69,24 +69,24 @@ def test_every_aircraft_of_a_document_is_known_to_the_runner(tmp_path: Path):
     write(1.0)
     with domain() as number:
         for module, parameter in (("runner", "separation:=1000.0"), ("translator", "own_id:=own")):
-            given = ["--ros-args", "-p", parameter]
-            given += ["-p", f"adsb:={document.as_uri()}"] if module == "translator" else []
-            Process(f"ros_bridge.{module}", number, *given)
+            arguments = ["--ros-args", "-p", parameter]
+            arguments += ["-p", f"adsb:={document.as_uri()}"] if module == "translator" else []
+            Process(f"ros_bridge.{module}", number, *arguments)
         client = Client(number)
         try:
             health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
 
-            def whole() -> dict[str, str] | None:
+            def complete() -> dict[str, str] | None:
                 write(time.time())
                 client.idle(1.0)
                 values = [
-                    {pair.key: pair.value for pair in one.status[0].values}
-                    for one in health
-                    if one.status[0].name == NODE
+                    {pair.key: pair.value for pair in entry.status[0].values}
+                    for entry in health
+                    if entry.status[0].name == NODE
                 ]
-                return next((one for one in values if one["intruders"] == str(count)), None)
+                return next((entry for entry in values if entry["intruders"] == str(count)), None)
 
-            values = client.spin(whole)
+            values = client.spin(complete)
         finally:
             client.close()
     assert not [key for key in values if key.startswith("lost of")]
@@ -104,11 +104,16 @@ def test_lost_reports_are_an_error_in_the_diagnostics():
         # More than the runner's queue holds, while it is busy.
         for number in range(5_000):
             client.say(AircraftState, topic, AircraftState(id=str(number)), small)
-        told = client.spin(
+        status = client.spin(
             lambda: next(
-                (one.status[0] for one in health if "were lost" in one.status[0].message), None
+                (
+                    message.status[0]
+                    for message in health
+                    if "were lost" in message.status[0].message
+                ),
+                None,
             )
         )
-    assert told.level == DiagnosticStatus.ERROR
-    values = {pair.key: pair.value for pair in told.values}
+    assert status.level == DiagnosticStatus.ERROR
+    values = {pair.key: pair.value for pair in status.values}
     assert int(values["lost of ~/input/traffic"]) > 0

@@ -91,12 +91,12 @@ def vehicle_message(wire: Callable[..., Any], **changes: Any) -> Any:
 
 
 def test_the_own_state_keeps_place_velocity_and_the_autopilots_time(wire: Any) -> None:
-    found = messages.ownship(position(wire), (1.0, 2.0), 5.0)
-    assert found.place == pytest.approx((47.4, 8.5))
-    assert (found.east, found.north) == pytest.approx((-4.0, 3.0))
-    assert found.altitude is not None
-    assert (found.altitude.value, found.altitude.vertical_speed) == pytest.approx((600.0, 1.5))
-    assert (found.time, found.wind) == (12_345 * SECOND // 1000, (1.0, 2.0))
+    report = messages.ownship(position(wire), (1.0, 2.0), 5.0)
+    assert report.place == pytest.approx((47.4, 8.5))
+    assert (report.east, report.north) == pytest.approx((-4.0, 3.0))
+    assert report.altitude is not None
+    assert (report.altitude.value, report.altitude.vertical_speed) == pytest.approx((600.0, 1.5))
+    assert (report.time, report.wind) == (12_345 * SECOND // 1000, (1.0, 2.0))
 
 
 @pytest.mark.parametrize("bad", [{"lat": 2**31 - 1}, {"alt": 2**31 - 1}])
@@ -119,13 +119,13 @@ def test_the_winds_velocity_points_away_from_where_it_comes_from(
 
 
 def test_an_aircrafts_report_is_as_old_as_its_last_communication(wire: Any) -> None:
-    found = messages.traffic(vehicle_message(wire), 100 * SECOND, {1: "msl"})
-    assert isinstance(found, Report)
-    assert found.time == 98 * SECOND
-    assert (found.east, found.north) == pytest.approx((30.0, 0.0), abs=1e-9)
-    assert found.position_std is None
-    assert found.altitude is not None
-    assert (found.altitude.value, found.altitude.vertical_speed) == (650.0, 2.0)
+    report = messages.traffic(vehicle_message(wire), 100 * SECOND, {1: "msl"})
+    assert isinstance(report, Report)
+    assert report.time == 98 * SECOND
+    assert (report.east, report.north) == pytest.approx((30.0, 0.0), abs=1e-9)
+    assert report.position_std is None
+    assert report.altitude is not None
+    assert (report.altitude.value, report.altitude.vertical_speed) == (650.0, 2.0)
 
 
 def test_what_an_aircrafts_flags_do_not_vouch_for_is_unknown(wire: Any) -> None:
@@ -186,18 +186,18 @@ def test_a_type_that_height_or_speed_contradict_removes_no_aircraft(
 
 
 @pytest.mark.parametrize(
-    ("flags", "said"),
+    ("flags", "problem"),
     [(831, ""), (831 | 128, "constant"), (831 & ~16, "absolute"), (1024, "begun")],
 )
-def test_an_estimate_without_a_position_stops_planning(wire: Any, flags: int, said: str) -> None:
+def test_an_estimate_without_a_position_stops_planning(wire: Any, flags: int, problem: str) -> None:
     spread = dict.fromkeys(
         ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance"), 0.1
     )
     message = wire("EKF_STATUS_REPORT", flags=flags, terrain_alt_variance=0.0, **spread)
-    assert said in messages.estimate_problem(message)
+    assert problem in messages.estimate_problem(message)
     received = take(Received(), message, SECOND, READING)
     received = take(received, position(wire), 13 * SECOND, READING)
-    assert (received.situation.own.fault is None) == (said == "")
+    assert (received.situation.own.fault is None) == (problem == "")
 
 
 def test_a_clock_follows_the_quickest_message_and_begins_anew_with_the_autopilot() -> None:
@@ -249,8 +249,8 @@ def waypoint(number: int, east: float, command: int = 16, parameter: float = 0.0
 def test_a_route_goes_through_waypoints_until_something_else_is_flown() -> None:
     items = [waypoint(0, 0), waypoint(1, 1, 22), waypoint(2, 2), waypoint(3, 3, 178)]
     items += [waypoint(4, 5), waypoint(5, 7, 21), waypoint(6, 9)]
-    assert [one.number for one in mission.remaining_items(items, 2)] == [2, 4]
-    assert [one.number for one in mission.remaining_items(items, 4)] == [4]
+    assert [item.number for item in mission.remaining_items(items, 2)] == [2, 4]
+    assert [item.number for item in mission.remaining_items(items, 4)] == [4]
     assert mission.remaining_items(items, 5) == ()
     before = mission.item_before(items, 4)
     assert before is not None
@@ -266,16 +266,19 @@ def test_a_routes_points_lie_on_its_legs_and_say_where_the_mission_goes_on(
         east += length
         items.append(waypoint(number, east))
     route = mission.route((47.4, 8.5), items[1:], spacing)
-    assert len({one.index for one in route}) == len(route) >= 2
-    places = [(47.4, 8.5), *((one.latitude, one.longitude) for one in route)]
+    assert len({route_point.index for route_point in route}) == len(route) >= 2
+    places = [
+        (47.4, 8.5),
+        *((route_point.latitude, route_point.longitude) for route_point in route),
+    ]
     gaps = [distance(*a, *b) for a, b in itertools.pairwise(places)]
     if len(lengths) > 1:  # a lone waypoint's leg may be doubled
         assert max(gaps) < 1.6 * spacing
-    for one in route:
-        number = mission.item_after_rejoin(one.index, items)
+    for route_point in route:
+        number = mission.item_after_rejoin(route_point.index, items)
         assert 1 <= number <= len(lengths) + 1
-        if one.index % SUB not in (0, SUB - 1):
-            assert number == one.index // SUB
+        if route_point.index % SUB not in (0, SUB - 1):
+            assert number == route_point.index // SUB
 
 
 def test_a_place_that_no_item_has_is_flown_to_instead_of_the_current_item() -> None:
@@ -285,8 +288,8 @@ def test_a_place_that_no_item_has_is_flown_to_instead_of_the_current_item() -> N
     assert mission.begin_at_target(items[1:], items, *at)[0].place == pytest.approx(elsewhere.place)
     assert mission.begin_at_target(items[1:], items, *at)[1:] == items[2:]
     # The item that has just been passed, or is next, is no news of the mission.
-    for one in items:
-        at = [round(1e7 * degrees) for degrees in one.place]
+    for item in items:
+        at = [round(1e7 * degrees) for degrees in item.place]
         assert mission.begin_at_target(items[1:], items, *at) == items[1:]
 
 
@@ -294,7 +297,7 @@ def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
     """Of an aircraft that is known within nothing, and an ownship that reports no wind."""
     flown = vehicle.vehicle_of(PARAMETERS, 200.0)
     policy = Policy.load().for_aircraft(flown.aircraft)
-    kept = rules(
+    judging_rules = rules(
         flown.aircraft,
         policy,
         margin=25.0,
@@ -309,22 +312,22 @@ def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
     received, now = Received(), 12_345 * SECOND // 1_000
     for message in (own, ahead):
         received = take(received, message, now, READING)
-    judgement = Judgement(kept.begin())
-    judgement = watch(judgement, received.situation, route, now, kept)
+    judgement = Judgement(judging_rules.begin())
+    judgement = watch(judgement, received.situation, route, now, judging_rules)
     assert judgement.conflict is not None, judgement.problem
-    said = "\n".join(judgement.remarks)
-    assert "ownship.wind is unknown and taken as calm within 1.2 m/s" in said
+    remarks = "\n".join(judgement.remarks)
+    assert "ownship.wind is unknown and taken as calm within 1.2 m/s" in remarks
     for field in ("position_std", "velocity_std"):
-        assert f"intruder abc123.{field} is unknown and taken as" in said
-    assert "intruder abc123.header.stamp is known within 0.58 s" in said
+        assert f"intruder abc123.{field} is unknown and taken as" in remarks
+    assert "intruder abc123.header.stamp is known within 0.58 s" in remarks
 
 
 def test_what_is_kept_from_traffic_of_unknown_accuracy_is_told() -> None:
     options = options_of(["--connect", "udp:0.0.0.0:14550", "--separation", "200"])
     (line,) = separation_lines(rules_of(options, vehicle.vehicle_of(PARAMETERS, 200.0)))
-    kept = 200.0 + options.margin + 2.0 * USUAL.position_std
+    required = 200.0 + options.margin + 2.0 * USUAL.position_std
     assert f"separation 200 m, margin {options.margin:g} m" in line
-    assert f"{kept:.0f} m and more" in line
+    assert f"{required:.0f} m and more" in line
 
 
 def test_an_emitter_category_is_kept_its_own_separation(wire: Any) -> None:
@@ -341,7 +344,7 @@ def test_an_emitter_category_is_kept_its_own_separation(wire: Any) -> None:
         received = take(received, message, now, READING)
     required = []
     for categories in (Categories({14: 600.0}), Categories({14: 600.0}, {14: 20.0}), Categories()):
-        kept = rules(
+        judging_rules = rules(
             flown.aircraft,
             policy,
             margin=25.0,
@@ -350,7 +353,9 @@ def test_an_emitter_category_is_kept_its_own_separation(wire: Any) -> None:
             deadline=5.0,
             categories=categories,
         )
-        judged = watch(Judgement(kept.begin()), received.situation, route, now, kept)
+        judged = watch(
+            Judgement(judging_rules.begin()), received.situation, route, now, judging_rules
+        )
         assert judged.problem == ""
         required.append(judged.conflict and judged.conflict.required)
     assert required[0] is not None and required[0] > 625.0
@@ -368,10 +373,12 @@ def test_a_way_beside_a_fence_within_its_clearance_is_a_conflict(wire: Any) -> N
         received = take(received, message, now, READING)
     unknown = Unknown(5.0, 0.2, 0.0, 0.0)
     policy = Policy.load().for_aircraft(flown.aircraft)
-    kept = rules(flown.aircraft, policy, margin=25.0, vertical=100.0, unknown=unknown, deadline=5.0)
+    judging_rules = rules(
+        flown.aircraft, policy, margin=25.0, vertical=100.0, unknown=unknown, deadline=5.0
+    )
     for clearance, loss in ((100.0, 66.0), (30.0, None)):
         fenced = replace(received.situation, fixed_areas=mission.fence([circle], clearance))
-        judged = watch(Judgement(kept.begin()), fenced, route, now, kept)
+        judged = watch(Judgement(judging_rules.begin()), fenced, route, now, judging_rules)
         assert judged.problem == ""
         assert (judged.conflict and judged.conflict.time) == (loss and pytest.approx(loss, abs=6.0))
 
@@ -387,8 +394,8 @@ def test_fences_become_areas_on_the_side_that_they_mean() -> None:
         for n, (a, b) in enumerate([(0.0, 0.0), (0.01, 0.0), (0.0, 0.01)])
     ]
     circle = Item(3, 5003, 47.4, 8.5, 0.0, 900.0)
-    out, inside = mission.fence([*corners, circle, Item(4, 5000, 47.4, 8.5, 0.0)], 30.0)
-    assert (out.keep, len(out.rings[0]), out.more["clearance"]) == (Keep.OUT, 3, 30.0)
+    outside, inside = mission.fence([*corners, circle, Item(4, 5000, 47.4, 8.5, 0.0)], 30.0)
+    assert (outside.keep, len(outside.rings[0]), outside.more["clearance"]) == (Keep.OUT, 3, 30.0)
     assert (inside.keep, inside.radius) == (Keep.IN, 900.0)
     with pytest.raises(FieldError, match="begins 3 corners"):
         mission.fence(corners[:2], 0.0)
@@ -404,27 +411,27 @@ def test_fences_become_areas_on_the_side_that_they_mean() -> None:
 def test_an_aircraft_stays_inside_what_its_autopilot_flies(
     slow: float, ratio: float, bank: float, separation: float
 ) -> None:
-    given = PARAMETERS | {
+    parameters = PARAMETERS | {
         "AIRSPEED_MIN": slow,
         "AIRSPEED_MAX": ratio * slow,
         "ROLL_LIMIT_DEG": bank,
     }
     try:
-        found = vehicle.vehicle_of(given, separation)
+        read_vehicle = vehicle.vehicle_of(parameters, separation)
     except vehicle.ParameterError as problem:
         assert "no aircraft" in str(problem)
         return
-    able = found.aircraft.vehicle_limits
+    able = read_vehicle.aircraft.vehicle_limits
     assert slow <= able.speed_min < able.speed_max <= ratio * slow
     assert math.atan(able.yaw_rate_max * able.speed_max / 9.81) <= math.radians(bank) + 1e-9
-    decided = found.aircraft.limits
+    decided = read_vehicle.aircraft.limits
     assert decided.yaw_rate_max <= able.yaw_rate_max
     assert decided.acceleration_max <= able.acceleration_max
 
 
 def test_what_was_assumed_is_said_and_what_is_missing_is_refused() -> None:
-    left = {name: PARAMETERS[name] for name in ("AIRSPEED_MIN", "AIRSPEED_MAX")}
-    notes = " ".join(vehicle.vehicle_of(left, 200.0).notes)
+    parameters = {name: PARAMETERS[name] for name in ("AIRSPEED_MIN", "AIRSPEED_MAX")}
+    notes = " ".join(vehicle.vehicle_of(parameters, 200.0).notes)
     assert all(name in notes for name in ("ROLL_LIMIT_DEG", "TECS_CLMB_MAX", "TECS_SINK_MIN"))
     with pytest.raises(vehicle.ParameterError, match="AIRSPEED_MAX is not among"):
         vehicle.vehicle_of({"AIRSPEED_MIN": 10.0}, 200.0)
@@ -439,7 +446,7 @@ def test_names_of_older_autopilots_are_read() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "note"),
     [
         ({}, ""),
         ({"FS_GCS_ENABL": 0.0}, "stays in GUIDED"),
@@ -449,18 +456,18 @@ def test_names_of_older_autopilots_are_read() -> None:
     ],
 )
 def test_what_keeps_the_failsafe_from_going_on_with_the_mission_is_said(
-    changes: dict[str, float], said: str
+    changes: dict[str, float], note: str
 ) -> None:
     safe = {"FS_GCS_ENABL": 1.0, "MAV_GCS_SYSID": 245.0, "FS_LONG_ACTN": 4.0, "MIS_RESTART": 0.0}
-    assert said in " ".join(vehicle.failsafe_notes(safe | changes, 245))
+    assert note in " ".join(vehicle.failsafe_notes(safe | changes, 245))
     assert bool(vehicle.failsafe_notes(safe | changes, 245)) == bool(changes)
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "note"),
     [("MAV_GCS_SYSID", "stays in GUIDED"), ("MIS_RESTART", "begins anew")],
 )
-def test_an_unknown_setting_of_the_failsafe_is_taken_for_the_worse(name: str, said: str):
+def test_an_unknown_setting_of_the_failsafe_is_taken_for_the_worse(name: str, note: str):
     settings = {
         "FS_GCS_ENABL": 1.0,
         "MAV_GCS_SYSID": 255.0,
@@ -469,7 +476,7 @@ def test_an_unknown_setting_of_the_failsafe_is_taken_for_the_worse(name: str, sa
     }
     assert not vehicle.failsafe_notes(settings, 255)
     del settings[name]
-    assert said in " ".join(vehicle.failsafe_notes(settings, 255))
+    assert note in " ".join(vehicle.failsafe_notes(settings, 255))
 
 
 def test_both_avoidances_at_once_are_refused() -> None:
@@ -489,10 +496,10 @@ def make_observation(time: float = 0.0, mode: int = Mode.AUTO, **changes: Any) -
 
 def after(*moments: Observation, fly: bool = True) -> Step:
     """Return the last step of some moments."""
-    done = Step(Control())
+    last_step = Step(Control())
     for moment in moments:
-        done = step(done.control, moment, fly=fly)
-    return done
+        last_step = step(last_step.control, moment, fly=fly)
+    return last_step
 
 
 def test_a_conflict_is_flown_and_the_mission_given_back() -> None:
@@ -527,18 +534,18 @@ def test_nothing_is_ordered_in_advice_nor_in_a_mode_of_the_operators(
     advised = flown = Control()
     for number, moment in enumerate(moments):
         now = moment._replace(time=0.2 * number)
-        done = step(advised, now, fly=False)
-        advised = done.control
-        assert done.orders == ()
-        done = step(flown, now, fly=True)
-        flown = done.control
+        stepped = step(advised, now, fly=False)
+        advised = stepped.control
+        assert stepped.orders == ()
+        stepped = step(flown, now, fly=True)
+        flown = stepped.control
         if moment.mode not in (Mode.AUTO, Mode.GUIDED):
-            assert done.orders == ()
-            assert done.control.phase in (Phase.WATCHING, Phase.YIELDED)
-        if Order.TAKE_OVER in done.orders:
+            assert stepped.orders == ()
+            assert stepped.control.phase in (Phase.WATCHING, Phase.YIELDED)
+        if Order.TAKE_OVER in stepped.orders:
             assert moment.mode == Mode.AUTO
             assert moment.armed
-        if Order.STEER in done.orders:
+        if Order.STEER in stepped.orders:
             assert moment.mode == Mode.GUIDED
             assert moment.fresh
 
@@ -592,12 +599,12 @@ def test_auto_that_the_failsafe_has_set_is_the_mission_again(before: list[Observ
 def test_a_request_that_the_link_has_lost_is_made_again_later() -> None:
     control, orders = Control(), list[tuple[float, Order]]()
     for number in range(100):
-        done = step(control, make_observation(0.2 * number), fly=True)
-        control = done.control
-        orders += [(0.2 * number, order) for order in done.orders]
-    asked = [time for time, _ in orders]
+        stepped = step(control, make_observation(0.2 * number), fly=True)
+        control = stepped.control
+        orders += [(0.2 * number, order) for order in stepped.orders]
+    times = [time for time, _ in orders]
     assert {order for _, order in orders} == {Order.TAKE_OVER}
-    gaps = [b - a for a, b in itertools.pairwise(asked)]
+    gaps = [b - a for a, b in itertools.pairwise(times)]
     assert len([gap for gap in gaps if gap > CROSSING]) == 2  # a rest, in which it is undone
 
 
@@ -620,8 +627,8 @@ def test_whose_auto_it_is_follows_from_silence_status_and_settings(
     wire: Any, changes: dict[str, float], timeout: float, was: int, silence: float, status: int
 ) -> None:
     def beat(mode: int, state: int) -> Any:
-        given = {"type": 1, "autopilot": 3, "base_mode": 0x80, "mavlink_version": 3}
-        return wire("HEARTBEAT", **given, custom_mode=mode, system_status=state)
+        fields = {"type": 1, "autopilot": 3, "base_mode": 0x80, "mavlink_version": 3}
+        return wire("HEARTBEAT", **fields, custom_mode=mode, system_status=state)
 
     assert vehicle.failsafe_timeout(SAFE | changes, 245) == timeout
     before = take(Received(), beat(was, 4), 100 * SECOND, READING)
@@ -669,10 +676,10 @@ def test_what_is_flown_when_it_is_switched_off_is_handed_back_and_nothing_after(
     for number in range(200):
         if number == 1 and phase == "taking":
             mode = Mode.GUIDED  # our request arrives
-        done = step(control, make_observation(0.5 + 0.2 * number, mode), fly=False)
-        control = done.control
-        orders += done.orders
-        if done.orders:
+        stepped = step(control, make_observation(0.5 + 0.2 * number, mode), fly=False)
+        control = stepped.control
+        orders += stepped.orders
+        if stepped.orders:
             mode = Mode.AUTO
     assert set(orders) <= {Order.GIVE_BACK, Order.RESTORE}
     assert len(orders) == 1
@@ -686,11 +693,11 @@ def test_switched_off_it_never_changes_a_mode_of_the_operators(
 ) -> None:
     control = Control()
     for number, moment in enumerate(moments):
-        done = step(control, moment._replace(time=0.2 * number), fly=number < off)
-        control = done.control
+        stepped = step(control, moment._replace(time=0.2 * number), fly=number < off)
+        control = stepped.control
         if number >= off:
-            assert set(done.orders) <= {Order.GIVE_BACK, Order.RESTORE}
-            assert not done.orders or moment.mode in (Mode.AUTO, Mode.GUIDED)
+            assert set(stepped.orders) <= {Order.GIVE_BACK, Order.RESTORE}
+            assert not stepped.orders or moment.mode in (Mode.AUTO, Mode.GUIDED)
 
 
 def test_a_stale_state_is_not_steered_by() -> None:
@@ -724,7 +731,7 @@ def test_an_address_that_cannot_be_is_refused_in_a_sentence(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("arguments", "problem"),
     [
         (["--separation", "1"], "--separation is 1 m; expected 10 to 10000 m"),
         (["--margin", "nan"], "--margin is nan m"),
@@ -741,13 +748,13 @@ def test_an_address_that_cannot_be_is_refused_in_a_sentence(text: str) -> None:
         (["--category-separations", "A5"], "--category-separations holds 'A5', expected a"),
     ],
 )
-def test_an_option_out_of_its_range_is_refused(given: list[str], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        options_of(["--connect", "tcp:h:1", *given])
+def test_an_option_out_of_its_range_is_refused(arguments: list[str], problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        options_of(["--connect", "tcp:h:1", *arguments])
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("arguments", "problem"),
     [
         (["--wind", "9"], "--wind is 9 m/s; expected 0 to 8 m/s"),
         (["--out", "/absent/p.png"], "--out /absent/p.png: there is no folder /absent"),
@@ -756,9 +763,9 @@ def test_an_option_out_of_its_range_is_refused(given: list[str], said: str) -> N
         (["--record", "/absent/f.mcap"], "--record /absent/f.mcap: there is no folder /absent"),
     ],
 )
-def test_the_demo_refuses_before_anything_flies(given: list[str], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        demo.main(given)
+def test_the_demo_refuses_before_anything_flies(arguments: list[str], problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        demo.main(arguments)
 
 
 def test_a_simulation_that_is_not_there_or_whose_port_is_taken_is_said_so(
@@ -809,7 +816,7 @@ def test_an_autopilot_on_a_serial_port_is_found_and_its_loss_is_silence() -> Non
     link.find(5.0)
     assert (link.system, link.component) == (7, 1)
     parsed = dialect.MAVLink(None).parse_buffer(os.read(autopilot, 4_096))
-    assert {one.get_type() for one in parsed} == {"HEARTBEAT"}
+    assert {message.get_type() for message in parsed} == {"HEARTBEAT"}
     os.close(autopilot)
     os.close(port)
     link.beat()
@@ -832,9 +839,9 @@ def test_a_long_text_is_sent_in_parts_that_a_ground_station_joins(length: int) -
             parts += reader.parse_buffer(station.recv(4_096))
         link.close()
     *ours, _ = parts
-    assert "".join(one.text for one in ours) == text
-    assert [one.chunk_seq for one in ours] == list(range(len(ours)))
-    assert {one.id == 0 for one in ours} == {length <= 50}
+    assert "".join(part.text for part in ours) == text
+    assert [part.chunk_seq for part in ours] == list(range(len(ours)))
+    assert {part.id == 0 for part in ours} == {length <= 50}
     # A part that is not full ends the text.
     assert len(ours) == 1 or len(ours[-1].text) < 50
 
@@ -856,8 +863,8 @@ def test_a_download_is_whole_whatever_is_lost_doubled_or_out_of_order(
         if number is None:
             return dialect.MAVLink_mission_count_message(245, 191, count, 1)
         values = (float(number), 0.0, 0.0, 0.0, 10 * number, 20, 0.0)
-        given = (245, 191, number, 0, 5003, 0, 1, *values, 1)
-        return dialect.MAVLink_mission_item_int_message(*given)
+        fields = (245, 191, number, 0, 5003, 0, 1, *values, 1)
+        return dialect.MAVLink_mission_item_int_message(*fields)
 
     download, now = Download(1), 0.0
     for number in arrivals:
@@ -865,7 +872,7 @@ def test_a_download_is_whole_whatever_is_lost_doubled_or_out_of_order(
     while not download.complete:
         now += 2.0 * AGAIN
         assert due(download, now)
-        wanted = None if download.count is None else len(download.items)
-        download = accept(note_question(download, now), answer(wanted))
-    assert [one.number for one in download.items] == list(range(count))
+        asked_number = None if download.count is None else len(download.items)
+        download = accept(note_question(download, now), answer(asked_number))
+    assert [item.number for item in download.items] == list(range(count))
     assert not due(download, now + 100.0)

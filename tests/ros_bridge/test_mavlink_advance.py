@@ -329,9 +329,9 @@ def test_where_judgements_fail_it_steers_for_a_moment_and_then_gives_back(
         flight.turn(USUAL._replace(fails=True))
     lasted = flight.clock - flight.state.pace.failing
     assert (flight.state.control.phase is not Phase.GUIDING) == (lasted > LATE)
-    told = f"RLCAS: {FAILURE}, separation not assured"
-    said = [e.text for step in flight.steps for e in step.after.effects if isinstance(e, Say)]
-    assert (told in said) == (lasted >= 0.0)
+    expected = f"RLCAS: {FAILURE}, separation not assured"
+    texts = [e.text for step in flight.steps for e in step.after.effects if isinstance(e, Say)]
+    assert (expected in texts) == (lasted >= 0.0)
     assert lasted < 0.0 or not flight.state.pace.keeps_up(round(flight.clock * SECOND))
 
 

@@ -69,12 +69,12 @@ def flown() -> tuple[Vehicle, Rules]:
 def items(*heights: float, frame: int = 3) -> tuple[Item, ...]:
     """Return a mission to the east: home, and a waypoint every 5 km."""
     at = [HOME.geodetic(5_000.0 * number, 0.0) for number in range(len(heights) + 1)]
-    places = [(float(one.latitude), float(one.longitude)) for one in at]
+    places = [(float(corner.latitude), float(corner.longitude)) for corner in at]
     home = Item(0, 16, *places[0], GROUND, frame=0)
-    rest = zip(places[1:], heights, strict=True)
+    legs_ends = zip(places[1:], heights, strict=True)
     return home, *(
         Item(number, 16, *place, height, frame=frame)
-        for number, (place, height) in enumerate(rest, 1)
+        for number, (place, height) in enumerate(legs_ends, 1)
     )
 
 
@@ -85,7 +85,7 @@ def heard(
     head-on, so much higher, m, with a climb, m/s.
     """
     at = HOME.geodetic(ahead, 0.0)
-    there = round(1e7 * float(at.latitude)), round(1e7 * float(at.longitude))
+    position = round(1e7 * float(at.latitude)), round(1e7 * float(at.longitude))
     sea = round(1e3 * (GROUND + ABOVE))
     messages = [
         dialect.MAVLink_wind_message(270.0, 0.0, 0.0),
@@ -96,7 +96,7 @@ def heard(
         ),
         dialect.MAVLink_adsb_vehicle_message(
             0xABC123,
-            *there,
+            *position,
             1,
             sea + round(1e3 * height),
             heading=27_000,
@@ -115,13 +115,15 @@ def heard(
     return received
 
 
-def judge(received: Received, kept: Rules, some: Sequence[Item] = ()) -> Judgement:
+def judge(
+    received: Received, judging_rules: Rules, mission_items: Sequence[Item] = ()
+) -> Judgement:
     """Return what is made of it on a mission."""
-    some = some or items(ABOVE, ABOVE)
-    left = mission.remaining_items(some, 1)
-    altitudes = {one.number: mission.altitude_of(one, some) for one in left}
-    route = mission.route((47.4, 8.5), left, 200.0, None, altitudes)
-    return watch(Judgement(kept.begin()), received.situation, route, NOW, kept)
+    mission_items = mission_items or items(ABOVE, ABOVE)
+    remaining = mission.remaining_items(mission_items, 1)
+    altitudes = {item.number: mission.altitude_of(item, mission_items) for item in remaining}
+    route = mission.route((47.4, 8.5), remaining, 200.0, None, altitudes)
+    return watch(Judgement(judging_rules.begin()), received.situation, route, NOW, judging_rules)
 
 
 def heights(judgement: Judgement) -> list[float]:
@@ -138,8 +140,8 @@ def test_an_aircraft_climbs_no_faster_than_its_autopilot_with_power_left_over(
     climb: float, sink: float, fastest_sink: float, change: float
 ) -> None:
     stated = {"TECS_CLMB_MAX": climb, "TECS_SINK_MIN": sink, "TECS_SINK_MAX": fastest_sink}
-    found = vehicle_of(PARAMETERS | stated | {"TECS_VERT_ACC": change}, 200.0, 50.0).aircraft
-    vertical, able = found.vertical, found.limits
+    aircraft = vehicle_of(PARAMETERS | stated | {"TECS_VERT_ACC": change}, 200.0, 50.0).aircraft
+    vertical, able = aircraft.vertical, aircraft.limits
     assert vertical is not None and vertical.separation == 50.0
     used = vertical.climb_max + able.acceleration_max * able.speed_max / 9.80665
     assert 0.0 < vertical.climb_max < climb and used <= climb + 1e-9
@@ -187,7 +189,7 @@ def test_what_is_kept_above_and_below_is_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("arguments", "problem"),
     [
         (["--floor", "100"], "--floor goes with --maneuvers vertical or both"),
         (["--vertical-separation", "50"], "--vertical-separation goes with --maneuvers"),
@@ -203,9 +205,11 @@ def test_what_is_kept_above_and_below_is_told() -> None:
         ([*CLIMBS, "--vertical-margin", "-1"], "--vertical-margin is -1 m; expected 0 to 5000 m"),
     ],
 )
-def test_options_that_no_plan_could_climb_by_are_refused(given: list[str], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        chosen(*given)
+def test_options_that_no_plan_could_climb_by_are_refused(
+    arguments: list[str], problem: str
+) -> None:
+    with pytest.raises(InputError, match=problem):
+        chosen(*arguments)
 
 
 def test_a_receiver_of_known_altitudes_is_enough_and_a_margin_below_a_corners_error_is_not() -> (
@@ -224,12 +228,14 @@ def test_a_receiver_of_known_altitudes_is_enough_and_a_margin_below_a_corners_er
     [(0, 100.0), (5, 100.0), (3, 600.0), (6, 600.0), (10, None), (11, None)],
 )
 def test_an_item_has_the_altitude_that_its_frame_says(frame: int, altitude: float | None) -> None:
-    some = items(100.0, frame=frame)
-    found = mission.altitude_of(some[1], some)
-    assert (found and found.value) == altitude
-    higher = mission.altitude_of(some[1], some, offset=7.0)
+    mission_items = items(100.0, frame=frame)
+    item_altitude = mission.altitude_of(mission_items[1], mission_items)
+    assert (item_altitude and item_altitude.value) == altitude
+    higher = mission.altitude_of(mission_items[1], mission_items, offset=7.0)
     assert (higher and higher.value) == (altitude and altitude + 7.0)
-    assert (mission.altitude_of(some[1], some[1:]) is None) == (frame not in (0, 5))
+    assert (mission.altitude_of(mission_items[1], mission_items[1:]) is None) == (
+        frame not in (0, 5)
+    )
 
 
 def test_an_items_frame_is_read() -> None:
@@ -244,22 +250,26 @@ def test_an_items_frame_is_read() -> None:
 def test_head_on_it_climbs_along_the_mission_and_comes_back_to_its_altitude(
     flown: tuple[Vehicle, Rules],
 ) -> None:
-    _, kept = flown
-    judgement = judge(heard(), kept)
-    plan, held = judgement.plan, judgement.supervision.published_plan
+    _, judging_rules = flown
+    judgement = judge(heard(), judging_rules)
+    plan, published = judgement.plan, judgement.supervision.published_plan
     assert plan is not None and plan.source is Source.VERTICAL
-    assert held is not None and held.climbs and judgement.rejoin is not None
-    found = heights(judgement)
+    assert published is not None and published.climbs and judgement.rejoin is not None
+    plan_heights = heights(judgement)
     level = GROUND + ABOVE
-    assert max(found) - level > 50.0 + kept.settings.options.vertical_margin
+    assert max(plan_heights) - level > 50.0 + judging_rules.settings.options.vertical_margin
     # Given back not before it is on the mission's altitude for good.
     back = (judgement.rejoin.time - NOW) / SECOND
-    later = [height for height, one in zip(found, plan.waypoints, strict=True) if one.time >= back]
+    later = [
+        height
+        for height, waypoint in zip(plan_heights, plan.waypoints, strict=True)
+        if waypoint.time >= back
+    ]
     assert later == pytest.approx([level] * len(later))
-    assert back > plan.waypoints[int(np.argmax(found))].time
+    assert back > plan.waypoints[int(np.argmax(plan_heights))].time
     state = State(judgement, received=heard())
     texts = [getattr(effect, "text", "") for effect in advise(state, NOW, 60.0).effects]
-    assert any(f"climb to {max(found):.0f} m" in text for text in texts)
+    assert any(f"climb to {max(plan_heights):.0f} m" in text for text in texts)
 
 
 @pytest.mark.parametrize(
@@ -284,8 +294,8 @@ def test_a_mission_that_climbs_to_traffic_is_a_conflict_before_it_climbs(
 def test_an_aircraft_that_climbs_towards_it_is_passed_at_another_altitude(
     flown: tuple[Vehicle, Rules],
 ) -> None:
-    found = heights(judge(heard(-68.0, 2.0), flown[1]))
-    assert max(abs(height - (GROUND + ABOVE)) for height in found) > 50.0
+    plan_heights = heights(judge(heard(-68.0, 2.0), flown[1]))
+    assert max(abs(height - (GROUND + ABOVE)) for height in plan_heights) > 50.0
 
 
 def test_above_terrain_the_plan_keeps_the_height_and_that_is_said(
@@ -298,12 +308,12 @@ def test_above_terrain_the_plan_keeps_the_height_and_that_is_said(
 
 
 def test_a_ceiling_is_not_climbed_through() -> None:
-    _, kept = made("--ceiling", "640", kind="vertical")
-    judgement = judge(heard(), kept)
+    _, judging_rules = made("--ceiling", "640", kind="vertical")
+    judgement = judge(heard(), judging_rules)
     assert judgement.plan is not None
     assert not judgement.plan.safe or max(heights(judgement)) <= 640.0
-    _, kept = made("--ceiling", "590")
-    assert "expected the ceiling, 590 m, or less" in judge(heard(), kept).problem
+    _, judging_rules = made("--ceiling", "590")
+    assert "expected the ceiling, 590 m, or less" in judge(heard(), judging_rules).problem
 
 
 # What the autopilot is told.
@@ -319,11 +329,11 @@ def test_the_altitude_that_is_told_undoes_the_autopilots_lag(
     top = climb * (40.0 - 0.5 * climb / acceleration)
     profile = climbing(0.0, 0.0, [40.0, 60.0], [top, top], acceleration=acceleration)
     height, lag = PlannedHeight(profile, acceleration), HeightLag(0.5, filtered)
-    step, told, flown = 0.05, [], 0.0
+    step, demands, flown = 0.05, [], 0.0
     for number in range(round(60.0 / step)):
         time = number * step
-        told.append(height.to_demand(time, lag))
-        late = told[max(number - round(0.5 / step), 0)]
+        demands.append(height.to_demand(time, lag))
+        late = demands[max(number - round(0.5 / step), 0)]
         flown += step * (late - flown) / filtered
         # The beginning that it is late for stays as an error that dies away.
         if time > 1.0 + 5.0 * filtered:
@@ -343,12 +353,12 @@ def test_it_is_told_the_plans_altitude_less_what_it_adds_itself(
     (log, steer) = steered(judgement, received, flown[0]).effects
     assert "m above mean sea level" in log.text
     assert isinstance(steer, Steer) and steer.speed
-    told = steer.steered.command.altitude
-    assert told is not None and GROUND + ABOVE < told < GROUND + ABOVE + 30.0
+    demanded = steer.steered.command.altitude
+    assert demanded is not None and GROUND + ABOVE < demanded < GROUND + ABOVE + 30.0
     assert abs(steer.steered.above) < 2.0
     offset = replace(received, parameters={**PARAMETERS, "ALT_OFFSET": 10.0})
     less = steered(judgement, offset, flown[0]).effects[1].steered.command.altitude
-    assert less == pytest.approx(told - 10.0)
+    assert less == pytest.approx(demanded - 10.0)
     own = received.situation.own.last
     (reposition,) = pilot.take_over(
         Pilot(), judgement.supervision.published_plan, own, 10.0
@@ -364,26 +374,26 @@ def test_another_altitude_in_guided_is_somebody_elses(flown: tuple[Vehicle, Rule
     for half in range(12):
         time = NOW + half * SECOND // 2
         piloted = pilot.steer(piloted, judgement, received, flown[0], time).pilot
-    seconds, told = piloted.altitudes[-1]
-    assert not pilot.is_diverted(piloted, ours, told, seconds)
+    seconds, demanded = piloted.altitudes[-1]
+    assert not pilot.is_diverted(piloted, ours, demanded, seconds)
     assert not pilot.is_diverted(piloted, ours, piloted.altitudes[0][1], seconds)
     assert not pilot.is_diverted(piloted, ours, None, seconds)
-    assert pilot.is_diverted(piloted, ours, told + 40.0, seconds)
-    assert pilot.is_diverted(piloted, (3, 4), told, seconds)
+    assert pilot.is_diverted(piloted, ours, demanded + 40.0, seconds)
+    assert pilot.is_diverted(piloted, (3, 4), demanded, seconds)
     # In the plane it is told no altitude, and whoever changes it does no harm.
-    assert not pilot.is_diverted(pilot.release(piloted), ours, told + 40.0, seconds)
+    assert not pilot.is_diverted(pilot.release(piloted), ours, demanded + 40.0, seconds)
 
 
 def test_a_backup_levels_off(flown: tuple[Vehicle, Rules]) -> None:
     received = heard(own_climb=3.0)
     judgement = judge(received, flown[1])
     supervision = step_monitor(judgement.supervision, received.situation, NOW + SECOND // 10)
-    held = supervision.published_plan
+    published = supervision.published_plan
     supervision = withdraw(supervision, supervision.revision + 1)
     assert to_fly(supervision) is FlyMode.BACKUP
     own = received.situation.own.last
     assert own is not None
-    backed = replace(judgement, supervision=replace(supervision, published_plan=held))
+    backed = replace(judgement, supervision=replace(supervision, published_plan=published))
     followed = to_follow(backed, own.altitude)
     assert followed is not None and followed.profile is not None
     assert np.ptp(followed.profile.altitude) == 0.0
@@ -403,17 +413,21 @@ def test_a_backup_after_a_plan_levels_off_from_the_planned_altitude_which_no_gus
     assert planned is not None and planned.vertical_speed is not None
     situation = heard(own_climb=-8.0).situation
     supervision = step_monitor(judgement.supervision, situation, NOW + SECOND // 10)
-    held = supervision.published_plan
-    supervision = replace(withdraw(supervision, supervision.revision + 1), published_plan=held)
+    published = supervision.published_plan
+    supervision = replace(withdraw(supervision, supervision.revision + 1), published_plan=published)
     backed, gust = replace(judgement, supervision=supervision), heard(own_climb=-8.0)
-    told = []
+    demands = []
     for tenths in range(1, 12):
         time = late + tenths * SECOND // 10
-        done = pilot.steer(climbs, backed, gust, flown[0], time)
-        climbs = done.pilot
-        told += [one.steered.command.altitude for one in done.effects if isinstance(one, Steer)]
+        stepped = pilot.steer(climbs, backed, gust, flown[0], time)
+        climbs = stepped.pilot
+        demands += [
+            effect.steered.command.altitude
+            for effect in stepped.effects
+            if isinstance(effect, Steer)
+        ]
     rise = planned.vertical_speed**2 / 2.0
-    assert told == pytest.approx([planned.value + rise] * len(told), abs=0.5)
+    assert demands == pytest.approx([planned.value + rise] * len(demands), abs=0.5)
 
 
 def test_the_altitude_is_sent_alone_and_with_the_speed() -> None:
@@ -429,26 +443,30 @@ def test_the_altitude_is_sent_alone_and_with_the_speed() -> None:
         while not messages or messages[-1].get_type() != "STATUSTEXT":
             messages += reader.parse_buffer(autopilot.recv(4_096)) or []
         link.close()
-    kinds = [one.get_type() for one in messages]
+    kinds = [message.get_type() for message in messages]
     roll, altitude, speed = "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_GLOBAL_INT", "COMMAND_INT"
     assert kinds == [roll, roll, speed, roll, altitude, speed, "STATUSTEXT"]
-    told = messages[kinds.index(altitude)]
-    assert told.alt == pytest.approx(654.3)
-    assert (told.type_mask, told.coordinate_frame) == (0xFFFF - 4, 5)
+    target = messages[kinds.index(altitude)]
+    assert target.alt == pytest.approx(654.3)
+    assert (target.type_mask, target.coordinate_frame) == (0xFFFF - 4, 5)
 
 
 # What is shown.
 
 
 def test_a_plan_that_climbs_has_altitudes_for_map_programs(flown: tuple[Vehicle, Rules]) -> None:
-    held = judge(heard(), flown[1]).supervision.published_plan
-    assert held is not None
-    shape = json.loads(geojson(held))
-    planned = [one.altitude.value for one in held.points if one.altitude is not None]
+    published = judge(heard(), flown[1]).supervision.published_plan
+    assert published is not None
+    shape = json.loads(geojson(published))
+    planned = [
+        plan_point.altitude.value
+        for plan_point in published.points
+        if plan_point.altitude is not None
+    ]
     assert {len(place) for place in shape["geometry"]["coordinates"]} == {2}
     assert shape["properties"]["altitudes_m"] == pytest.approx(planned, abs=0.05)
     assert shape["properties"]["altitude_reference"] == "msl"
-    line = ElementTree.fromstring(kml(held)).find(".//{*}LineString")
+    line = ElementTree.fromstring(kml(published)).find(".//{*}LineString")
     assert line is not None and line.findtext("{*}altitudeMode") == "absolute"
     places = (line.findtext("{*}coordinates") or "").split()
     heights = [float(place.split(",")[2]) for place in places]
@@ -484,5 +502,5 @@ def test_a_display_and_its_recording_draw_a_plan_at_its_altitudes(
         live = LiveSource()
         SceneAdapter(flown[1], live.feed)(view)
         picture = page_document(live.scene, NOW)
-    shown = [point["altitude"] for point in picture["plan"]["points"]]
-    assert max(shown) == pytest.approx(max(heights(judgement)), abs=0.1)
+    drawn_altitudes = [point["altitude"] for point in picture["plan"]["points"]]
+    assert max(drawn_altitudes) == pytest.approx(max(heights(judgement)), abs=0.1)

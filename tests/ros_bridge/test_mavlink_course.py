@@ -46,11 +46,11 @@ def item(number: int, command: int, at: Any = None, home: Any = Z, *more: float)
     """Return an item at x and y, m, of home, with its parameters."""
     if at is None:
         return Item(number, command, 0.0, 0.0, 100.0, *more)
-    there = LocalFrame(*home).geodetic(*at)
-    return Item(number, command, float(there.latitude), float(there.longitude), 100.0, *more)
+    geodetic = LocalFrame(*home).geodetic(*at)
+    return Item(number, command, float(geodetic.latitude), float(geodetic.longitude), 100.0, *more)
 
 
-def heard(own: Any, others: Any = (), *, home: Any = Z, eastward: float = SPEED) -> Received:
+def heard(own: Any, traffic: Any = (), *, home: Any = Z, eastward: float = SPEED) -> Received:
     """Return what is known: the ownship flies east; others at x, y, vx, vy."""
     frame = LocalFrame(*home)
 
@@ -64,7 +64,7 @@ def heard(own: Any, others: Any = (), *, home: Any = Z, eastward: float = SPEED)
             NOW // 1_000_000, *place(*own), 600_000, 100_000, 0, round(100 * eastward), 0, 9_000
         ),
     ]
-    for number, (x, y, vx, vy) in enumerate(others):
+    for number, (x, y, vx, vy) in enumerate(traffic):
         track = round(100 * (math.degrees(math.atan2(vx, vy)) % 360.0))
         messages.append(
             dialect.MAVLink_adsb_vehicle_message(
@@ -92,21 +92,21 @@ def ahead(items: Any, current: int, received: Received) -> Course:
     """Return the course as the program makes it."""
     own = received.situation.own.last
     assert own is not None
-    left = mission.remaining_items(items, current)
-    return course(items, current, left, own.place, own, spacing=SEPARATION, radius=RADIUS)
+    remaining = mission.remaining_items(items, current)
+    return course(items, current, remaining, own.place, own, spacing=SEPARATION, radius=RADIUS)
 
 
-def judge(items: Any, current: int, received: Received, kept: Rules) -> Judgement:
+def judge(items: Any, current: int, received: Received, judging_rules: Rules) -> Judgement:
     """Return what is made of it."""
-    found = ahead(items, current, received)
+    course_ahead = ahead(items, current, received)
     return watch(
-        Judgement(kept.begin()),
+        Judgement(judging_rules.begin()),
         received.situation,
-        found.route,
+        course_ahead.route,
         NOW,
-        kept,
-        ways=found.ways,
-        unplanned=found.unplanned,
+        judging_rules,
+        ways=course_ahead.ways,
+        unplanned=course_ahead.unplanned,
     )
 
 
@@ -146,28 +146,32 @@ AFTER = {
 }
 
 
-@pytest.mark.parametrize("left", [450.0, 40.0])
-@pytest.mark.parametrize("what", AFTER)
+@pytest.mark.parametrize("distance_left", [450.0, 40.0])
+@pytest.mark.parametrize("action", AFTER)
 def test_a_conflict_after_the_last_plain_waypoint_is_found_where_the_mission_is_flown(
-    what: str, left: float, watched: Rules
+    action: str, distance_left: float, watched: Rules
 ) -> None:
     """An aircraft that crosses 400 m behind the waypoint, and one where nothing leads."""
-    items, way = AFTER[what]
-    number = next(one.number for one in items if one.number and one.place == BEFORE[3].place)
-    seconds = (left + 400.0) / SPEED
+    items, way = AFTER[action]
+    number = next(
+        mission_item.number
+        for mission_item in items
+        if mission_item.number and mission_item.place == BEFORE[3].place
+    )
+    seconds = (distance_left + 400.0) / SPEED
     crossing = {
         "east": (LAST + 400.0, -20.0 * seconds, 0.0, 20.0),
         "north": (LAST + 20.0 * seconds, 400.0, -20.0, 0.0),
     }
-    here = LAST - left, 0.0
-    judged = judge(items, number, heard(here, [crossing[way]]), watched)
+    own = LAST - distance_left, 0.0
+    judged = judge(items, number, heard(own, [crossing[way]]), watched)
     assert judged.conflict is not None and judged.conflict.name == "abc123"
     assert judged.problem == "" and judged.plan is not None
     assert judged.conflict.time == pytest.approx(seconds, abs=12.0)
     # Safe where there is time enough to turn.
-    assert judged.safe or left < 450.0
+    assert judged.safe or distance_left < 450.0
     aside = (LAST + 400.0 + 20.0 * seconds, -1_500.0, -20.0, 0.0)
-    assert judge(items, number, heard(here, [aside]), watched).conflict is None
+    assert judge(items, number, heard(own, [aside]), watched).conflict is None
 
 
 @pytest.mark.parametrize("command", [17, 18, 19, 31])
@@ -177,8 +181,8 @@ def test_a_loiter_is_watched_on_the_way_and_while_it_is_circled(
 ) -> None:
     items = (*BEGIN, item(3, command, (LAST, 0.0)), item(4, 16, (9_000.0, 0.0)))
     reached = min(LAST - distance_left + SPEED * seconds, LAST)
-    there = (reached, -20.0 * seconds, 0.0, 20.0)
-    received = heard((LAST - distance_left, 0.0), [there])
+    intruder = (reached, -20.0 * seconds, 0.0, 20.0)
+    received = heard((LAST - distance_left, 0.0), [intruder])
     judged = judge(items, 3, received, watched)
     assert judged.conflict is not None and judged.plan is not None, judged.problem
     # Straight on over the circle nothing is flown.
@@ -191,9 +195,9 @@ def test_a_circle_has_the_items_radius_and_direction(radius: float, side: float)
     items = (*BEGIN, item(3, 18, (LAST, 0.0), Z, 3.0, 0.0, radius))
     (way,) = ahead(items, 3, heard((LAST - 900.0, 0.0))).ways
     frame = LocalFrame(*items[3].place)
-    at = frame.place([one.latitude for one in way], [one.longitude for one in way])
+    at = frame.place([value.latitude for value in way], [value.longitude for value in way])
     far = [math.hypot(x, y) for x, y in zip(at.x.tolist(), at.y.tolist(), strict=True)]
-    first = next(n for n, one in enumerate(far) if one < 301.0)
+    first = next(n for n, value in enumerate(far) if value < 301.0)
     assert far[first : first + 60] == pytest.approx([300.0] * 60, abs=0.1)
     # Clockwise from the west is by the north.
     assert at.y[first + 5] * side < 0.0
@@ -212,12 +216,12 @@ def test_a_conflict_that_cannot_be_planned_round_is_kept(watched: Rules) -> None
     received = heard((0.0, 0.0), [(300.0, -300.0, 0.0, 22.0)])
     own = received.situation.own.last
     assert own is not None
-    there = LocalFrame(*Z).geodetic(50.0, 0.0)
+    geodetic = LocalFrame(*Z).geodetic(50.0, 0.0)
     far = LocalFrame(*Z).geodetic(0.0, 20_000_000.0)
     # A route that leaves the frame after its conflict would be refused as a whole.
     items = (
         *BEGIN,
-        Item(3, 16, float(there.latitude), float(there.longitude), 100.0),
+        Item(3, 16, float(geodetic.latitude), float(geodetic.longitude), 100.0),
         Item(4, 16, float(far.latitude), float(far.longitude), 100.0),
     )
     judged = judge(items, 3, received, watched)
@@ -246,12 +250,12 @@ def test_the_navigation_commands_are_ardupilots() -> None:
 def test_beyond_the_last_waypoint_the_mission_goes_on_by_its_own_rules(kind: str) -> None:
     """At a jump itself, which the autopilot counts; a landing begins at the waypoint before it."""
     items, _ = AFTER[kind]
-    last = next(one.number for one in items if one.number and one.place == BEFORE[3].place)
+    last = next(entry.number for entry in items if entry.number and entry.place == BEFORE[3].place)
     route = ahead(items, last, heard((LAST - 300.0, 0.0))).route
-    beyond = [one for one in route if one.index // SUB != last]
+    beyond = [entry for entry in route if entry.index // SUB != last]
     assert len(beyond) >= 12
     expected = last if kind == "landing" else last + 1
-    assert {mission.item_after_rejoin(one.index, items) for one in beyond} == {expected}
+    assert {mission.item_after_rejoin(entry.index, items) for entry in beyond} == {expected}
     at_waypoint = last * SUB + SUB - 1
     assert mission.item_after_rejoin(at_waypoint, items) == last + 1
 
@@ -263,7 +267,10 @@ def test_behind_the_last_waypoint_the_route_goes_on_as_the_last_leg(turn: float)
     for repeated in ((), (item(5, 16, corner),)):  # a waypoint at the same place
         route = ahead((*items, *repeated), 2, heard((-2_200.0, 0.0))).route
         frame = LocalFrame(*Z)
-        first, last = (frame.place(one.latitude, one.longitude) for one in (route[-12], route[-1]))
+        first, last = (
+            frame.place(route_point.latitude, route_point.longitude)
+            for route_point in (route[-12], route[-1])
+        )
         course_on = math.atan2(float(last.y - first.y), float(last.x - first.x))
         assert math.remainder(course_on - turn, math.tau) == pytest.approx(0.0, abs=1e-3)
         assert math.dist((float(first.x), float(first.y)), corner) == pytest.approx(200.0, abs=1.0)
@@ -283,24 +290,24 @@ def test_every_mission_has_a_course_or_is_said_to_have_none(
         at = None if command in (177, 178, 600, 601) else (300.0 * number, 50.0 * values[number])
         items.append(item(number, command, at, Z, float(values[number]), float(values[-number])))
     try:
-        found = ahead(items, current, heard((100.0, 0.0)))
+        course_ahead = ahead(items, current, heard((100.0, 0.0)))
     except FieldError as error:
         assert "no waypoint" in str(error)
         return
-    for route in (found.route, *found.ways):
+    for route in (course_ahead.route, *course_ahead.ways):
         assert len(route) >= 2
-        assert len({one.index for one in route}) == len(route)
-        places = [(one.latitude, one.longitude) for one in route]
+        assert len({route_point.index for route_point in route}) == len(route)
+        places = [(route_point.latitude, route_point.longitude) for route_point in route]
         assert min(distance(*a, *b) for a, b in itertools.pairwise(places)) >= 1.0
-    assert found.ways
+    assert course_ahead.ways
 
 
 def test_a_waypoint_that_the_plan_skips_is_remarked_and_no_point_between_two(watched: Rules):
     items = (item(0, 16, (0.0, 0.0)), *(item(n, 16, (900.0 * n - 200.0, 0.0)) for n in (1, 2, 3)))
     slow = heard((0.0, 0.0), [(700.0, 60.0, 0.5, 0.0)])  # at the first waypoint, all the time
-    found = judge(items, 1, slow, watched)
-    assert found.safe
-    assert [text for text in found.remarks if "skipped" in text] == ["waypoint 1 skipped"]
+    judged = judge(items, 1, slow, watched)
+    assert judged.safe
+    assert [text for text in judged.remarks if "skipped" in text] == ["waypoint 1 skipped"]
 
 
 # Longitudes.
@@ -322,9 +329,9 @@ def test_a_route_is_the_same_at_every_longitude(
     """Turned round the earth's axis, over the antimeridian too."""
     reference = _turned(latitude, 10.0, corners)
     for east in (longitude, 180.0, -180.0, 179.99, -179.99):
-        there = _turned(latitude, east, corners)
-        assert len(there) == len(reference)
-        for (a_lat, a_lon), (b_lat, b_lon) in zip(reference, there, strict=True):
+        turned = _turned(latitude, east, corners)
+        assert len(turned) == len(reference)
+        for (a_lat, a_lon), (b_lat, b_lon) in zip(reference, turned, strict=True):
             assert b_lat == pytest.approx(a_lat, abs=1e-9)
             assert math.remainder(b_lon - east - a_lon + 10.0, 360.0) == pytest.approx(
                 0.0, abs=1e-9
@@ -342,15 +349,15 @@ def _turned(
         east = math.remainder(longitude + float(at.longitude), 360.0)
         items.append(Item(number, 16, float(at.latitude), east, 100.0))
     route = mission.route((latitude, longitude), items, 200.0)
-    return [(one.latitude, one.longitude) for one in route]
+    return [(route_point.latitude, route_point.longitude) for route_point in route]
 
 
 @pytest.mark.parametrize("home", [(-45.0, 179.98), (0.0, 10.0), (-17.0, -179.98), (0.0, 180.0)])
 def test_a_conflict_is_the_same_everywhere(home: tuple[float, float], watched: Rules) -> None:
-    here, there = _crossed(Z, watched), _crossed(home, watched)
-    assert here.conflict is not None and there.conflict is not None, there.problem
-    assert there.conflict.time == pytest.approx(here.conflict.time, abs=0.5)
-    assert here.safe and there.safe
+    reference, elsewhere = _crossed(Z, watched), _crossed(home, watched)
+    assert reference.conflict is not None and elsewhere.conflict is not None, elsewhere.problem
+    assert elsewhere.conflict.time == pytest.approx(reference.conflict.time, abs=0.5)
+    assert reference.safe and elsewhere.safe
 
 
 def _crossed(home: tuple[float, float], watched: Rules) -> Judgement:
@@ -365,15 +372,18 @@ def _crossed(home: tuple[float, float], watched: Rules) -> Judgement:
 def test_a_leg_that_is_longer_than_a_frame_is_watched_and_planned(watched: Rules) -> None:
     """300 km, in its midst: what is far behind and far ahead is left out."""
     items = [item(0, 16, (0.0, 0.0)), item(1, 16, (-150e3, 0.0)), item(2, 16, (150e3, 0.0))]
-    there = LocalFrame(*Z)
+    frame = LocalFrame(*Z)
     middle = mission.route(items[1].place, items[2:], 150e3)[0]
-    at = there.place(middle.latitude, middle.longitude)
+    at = frame.place(middle.latitude, middle.longitude)
     x, y = float(at.x), float(at.y)
     received = heard((x, y), [(x + 25.0 * SPEED, y - 500.0, 0.0, 20.0)])
-    found = ahead(items, 2, received)
+    course_ahead = ahead(items, 2, received)
     own = received.situation.own.last
     assert own is not None
-    assert all(distance(*own.place, one.latitude, one.longitude) <= NEAR for one in found.route)
+    assert all(
+        distance(*own.place, route_point.latitude, route_point.longitude) <= NEAR
+        for route_point in course_ahead.route
+    )
     judged = judge(items, 2, received, watched)
     assert judged.problem == "" and judged.conflict is not None
     assert judged.safe

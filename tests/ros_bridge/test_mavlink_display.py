@@ -73,7 +73,7 @@ def received(seconds: float, *, wind: float = 0.0, crossing: bool = True) -> Rec
     heard = Received(Situation(fixed_areas=fence))
     now = round((10.0 + seconds) * SECOND)
     boot = now // 1_000_000
-    there = {"heading": 0, "hor_velocity": 2_000, "ver_velocity": 0, "callsign": b"ABC"}
+    fields = {"heading": 0, "hor_velocity": 2_000, "ver_velocity": 0, "callsign": b"ABC"}
     messages = [
         dialect.MAVLink_heartbeat_message(1, 3, 0x80, 10, 4, 3),
         dialect.MAVLink_wind_message(270.0, wind, 0.0),
@@ -86,7 +86,7 @@ def received(seconds: float, *, wind: float = 0.0, crossing: bool = True) -> Rec
         place = _place(SPEED * 40.0, -20.0 * (40.0 - seconds))
         messages.append(
             dialect.MAVLink_adsb_vehicle_message(
-                0xABC123, *place, 1, 600_000, **there, emitter_type=1, tslc=0, flags=0x8F, squawk=0
+                0xABC123, *place, 1, 600_000, **fields, emitter_type=1, tslc=0, flags=0x8F, squawk=0
             )
         )
     for message in messages:
@@ -128,61 +128,66 @@ def test_a_fence_across_the_mission_is_flown_round_and_back(followed: Rules, asi
         assert judgement.conflict is None and judgement.problem == ""
         return
     assert judgement.conflict is not None and judgement.conflict.name == "f"
-    kept = 150.0 + followed.settings.options.requirement.margin
-    assert judgement.conflict.time == pytest.approx(25.0 - kept / SPEED, abs=1.0)
+    distance_kept = 150.0 + followed.settings.options.requirement.margin
+    assert judgement.conflict.time == pytest.approx(25.0 - distance_kept / SPEED, abs=1.0)
     assert judgement.safe and judgement.rejoin is not None
-    held = judgement.supervision.published_plan
-    assert held is not None and held.points[-1].time >= judgement.rejoin.time
+    published = judgement.supervision.published_plan
+    assert published is not None and published.points[-1].time >= judgement.rejoin.time
     # It is handed back at a point of the mission, not at one round the fence.
     assert judgement.rejoin.point is not None
-    left = (judgement.rejoin.time - held.began) / SECOND
-    assert left > judgement.conflict.time + 300.0 / followed.settings.options.limits.speed_max
+    time_to_rejoin = (judgement.rejoin.time - published.began) / SECOND
+    assert (
+        time_to_rejoin
+        > judgement.conflict.time + 300.0 / followed.settings.options.limits.speed_max
+    )
 
 
 def test_a_conflict_on_the_mission_is_shown_with_its_plan_bands_and_fence(followed: Rules) -> None:
     heard = received(5.0)
     judgement = judge(heard, followed)
     assert judgement.safe and judgement.conflict is not None
-    seen = view(heard, judgement)
-    found = page_document(
-        SceneAdapter(followed, LiveSource().feed).after(DisplayScene(), seen), seen.time
+    seen_view = view(heard, judgement)
+    picture = page_document(
+        SceneAdapter(followed, LiveSource().feed).after(DisplayScene(), seen_view), seen_view.time
     )
-    assert found["plan"]["revision"] == 1
-    assert found["advice"]["do"] == "advised"
-    assert any("on the mission" in why for why in found["monitor"]["reasons"])
-    east = found["bands"]["track_deg"].index(90.0)
-    assert found["bands"]["track_region"][east] > 0
-    assert [one["id"] for one in found["alerts"]] == ["abc123"]
-    assert found["alerts"][0]["loss"] == pytest.approx(judgement.conflict.time, abs=2.0)
-    assert [area["name"] for area in found["areas"]] == ["fence 1"]
-    assert len(found["route"]) == 3
-    assert {one["name"]: one["text"] for one in found["health"]}["autopilot"] == "AUTO, armed"
+    assert picture["plan"]["revision"] == 1
+    assert picture["advice"]["do"] == "advised"
+    assert any("on the mission" in why for why in picture["monitor"]["reasons"])
+    east = picture["bands"]["track_deg"].index(90.0)
+    assert picture["bands"]["track_region"][east] > 0
+    assert [entry["id"] for entry in picture["alerts"]] == ["abc123"]
+    assert picture["alerts"][0]["loss"] == pytest.approx(judgement.conflict.time, abs=2.0)
+    assert [area["name"] for area in picture["areas"]] == ["fence 1"]
+    assert len(picture["route"]) == 3
+    assert {entry["name"]: entry["text"] for entry in picture["health"]}[
+        "autopilot"
+    ] == "AUTO, armed"
 
 
 def test_in_a_wind_bands_are_those_of_the_air_that_is_flown_in(followed: Rules) -> None:
     adapter = SceneAdapter(followed, LiveSource().feed)
     scene = DisplayScene()
     for seconds, wind in ((0.0, 0.0), (2.0, 8.0)):
-        seen = view(
+        seen_view = view(
             received(seconds, wind=wind), judge(received(seconds, crossing=False), followed)
         )
-        scene = adapter.after(scene, seen)
-        found = page_document(scene, seen.time)
-        assert found["wind"] == ([0.0, 0.0] if wind == 0.0 else [8.0, 0.0])
+        scene = adapter.after(scene, seen_view)
+        picture = page_document(scene, seen_view.time)
+        assert picture["wind"] == ([0.0, 0.0] if wind == 0.0 else [8.0, 0.0])
         # The ownship flies 22 m/s over the ground: as fast as that less the tail wind.
-        assert found["own"]["air"]["speed"] == pytest.approx(SPEED - wind, abs=0.1)
-        assert found["bands"] is not None
+        assert picture["own"]["air"]["speed"] == pytest.approx(SPEED - wind, abs=0.1)
+        assert picture["bands"] is not None
 
 
 def test_without_traffic_nothing_is_closed_and_the_mission_is_flown(followed: Rules) -> None:
     heard = received(0.0, crossing=False)
-    seen = view(heard, judge(heard, followed))
-    found = page_document(
-        SceneAdapter(followed, LiveSource().feed).after(DisplayScene(), seen), seen.time
+    seen_view = view(heard, judge(heard, followed))
+    picture = page_document(
+        SceneAdapter(followed, LiveSource().feed).after(DisplayScene(), seen_view), seen_view.time
     )
-    assert found["plan"] is None and found["alerts"] == []
-    assert not any(found["bands"]["track_region"])
-    assert found["advice"] == {"do": "own route"}
+    assert picture["plan"] is None and picture["alerts"] == []
+    assert not any(picture["bands"]["track_region"])
+    assert picture["advice"] == {"do": "own route"}
 
 
 @pytest.mark.parametrize("address", ["8642", "host:", "127.0.0.1:99999", "127.0.0.1:x"])
@@ -212,31 +217,44 @@ def test_a_recording_without_ros_shows_what_the_display_showed(
     light = replace(followed.settings, categories=Categories({1: 400.0}))
     followed = followed._replace(settings=light)
     adapters = [SceneAdapter(followed, feed) for feed in (recorder.feed, live.feed)]
-    shown = []
+    pictures = []
     for seconds in (0.0, 5.0, 5.5):
         heard = received(seconds, wind=3.0)
-        seen = view(heard, judge(heard, followed))
+        seen_view = view(heard, judge(heard, followed))
         for adapter in adapters:
-            adapter(seen)
-        shown.append(page_document(live.scene, seen.time))
-    assert [one["separation"] for one in shown[-1]["traffic"]] == [400.0]
+            adapter(seen_view)
+        pictures.append(page_document(live.scene, seen_view.time))
+    assert [intruder["separation"] for intruder in pictures[-1]["traffic"]] == [400.0]
     recorder.close()
     again = GraphRecording(file).player()
-    for at, before in zip((0.0, 5.0, 5.5), shown, strict=True):
+    for at, before in zip((0.0, 5.0, 5.5), pictures, strict=True):
         after = to_json(again(at))
-        same = ("own", "traffic", "separation", "wind", "plan", "areas", "bands", "alerts", "route")
-        for name in (*same, "monitor", "advice", "time"):
+        fields = (
+            "own",
+            "traffic",
+            "separation",
+            "wind",
+            "plan",
+            "areas",
+            "bands",
+            "alerts",
+            "route",
+        )
+        for name in (*fields, "monitor", "advice", "time"):
             assert after[name] == before[name], name
     with pytest.raises(RecordingError, match="exists already"):
         SceneRecorder(file)
 
 
 def test_a_plan_is_a_line_for_ground_stations_and_for_map_programs(followed: Rules) -> None:
-    held = judge(received(5.0), followed).supervision.published_plan
-    assert held is not None
-    expected = [[one.longitude, one.latitude] for one in (held.start, *held.points)]
-    assert json.loads(geojson(held))["geometry"]["coordinates"] == expected
-    coordinates = ElementTree.fromstring(kml(held)).findtext(".//{*}LineString/{*}coordinates")
+    published = judge(received(5.0), followed).supervision.published_plan
+    assert published is not None
+    expected = [
+        [plan_point.longitude, plan_point.latitude]
+        for plan_point in (published.start, *published.points)
+    ]
+    assert json.loads(geojson(published))["geometry"]["coordinates"] == expected
+    coordinates = ElementTree.fromstring(kml(published)).findtext(".//{*}LineString/{*}coordinates")
     assert coordinates is not None
     places = [[float(number) for number in place.split(",")] for place in coordinates.split()]
     np.testing.assert_allclose(places, expected, rtol=0.0, atol=1e-7)
@@ -244,26 +262,28 @@ def test_a_plan_is_a_line_for_ground_stations_and_for_map_programs(followed: Rul
 
 @pytest.mark.parametrize("longitude", [179.99, -179.99])
 def test_a_plan_over_the_antimeridian_is_cut_there(followed: Rules, longitude: float) -> None:
-    held = judge(received(5.0), followed).supervision.published_plan
-    assert held is not None
+    published = judge(received(5.0), followed).supervision.published_plan
+    assert published is not None
 
-    def moved(one: Any) -> Any:
-        east = longitude + (one.longitude - held.start.longitude)
-        return replace(one, longitude=math.remainder(east, 360.0))
+    def moved(item: Any) -> Any:
+        east = longitude + (item.longitude - published.start.longitude)
+        return replace(item, longitude=math.remainder(east, 360.0))
 
-    turned = held._replace(start=moved(held.start), points=tuple(moved(one) for one in held.points))
-    places = [[one.longitude, one.latitude] for one in (turned.start, *turned.points)]
+    turned = published._replace(
+        start=moved(published.start), points=tuple(moved(item) for item in published.points)
+    )
+    places = [[item.longitude, item.latitude] for item in (turned.start, *turned.points)]
     shape = json.loads(geojson(turned))["geometry"]
     lines = [shape["coordinates"]] if shape["type"] == "LineString" else shape["coordinates"]
     assert (len(lines) > 1) == (longitude > 0.0)
     kml_lines = [
-        [[float(number) for number in place.split(",")] for place in (one.text or "").split()]
-        for one in ElementTree.fromstring(kml(turned)).iterfind(".//{*}coordinates")
+        [[float(number) for number in place.split(",")] for place in (item.text or "").split()]
+        for item in ElementTree.fromstring(kml(turned)).iterfind(".//{*}coordinates")
     ]
-    for some in (lines, kml_lines):
-        for line in some:
+    for both_lines in (lines, kml_lines):
+        for line in both_lines:
             assert np.abs(np.diff(np.array(line)[:, 0])).max() < 1.0
-        inner = [place for line in some for place in line if abs(place[0]) < 180.0]
+        inner = [place for line in both_lines for place in line if abs(place[0]) < 180.0]
         np.testing.assert_allclose(inner, places, rtol=0.0, atol=1e-7)
 
 
@@ -290,31 +310,31 @@ def test_messages_of_a_recording_are_those_of_the_graph() -> None:
     from ros_bridge.transport.messages import aircraft_message, sighting_message
     from ros_bridge.transport.recording import definition
 
-    for one in INPUTS.values():
-        ours, theirs = scene_messages.definition(one.kind), definition(one.kind)
+    for item in INPUTS.values():
+        ours, theirs = scene_messages.definition(item.kind), definition(item.kind)
         assert _fields(ours) == _fields(theirs)
     kind = "rlcas_msgs/msg/AircraftState"
     encode = encoder(kind, scene_messages.definition(kind))
     tracks = received(3.0, wind=2.0).situation
     for track in (tracks.own, *tracks.traffic.values()):
         assert track.last is not None
-        for one in (track.last, track.last.sighting):
-            made = aircraft_message(one) if isinstance(one, Report) else sighting_message(one)
-            read = deserialize_message(encode(scene_messages.aircraft(one)), AircraftState)
-            assert read == made
+        for item in (track.last, track.last.sighting):
+            message = aircraft_message(item) if isinstance(item, Report) else sighting_message(item)
+            read = deserialize_message(encode(scene_messages.aircraft(item)), AircraftState)
+            assert read == message
 
 
 def _fields(definition: str) -> dict[str, list[list[str]]]:
     """Return types and names of the fields of each part of a definition, without constants."""
-    found: dict[str, list[list[str]]] = {"": []}
+    fields_of: dict[str, list[list[str]]] = {"": []}
     name = ""
     for line in definition.splitlines():
         words = line.partition("#")[0].split()
         if words[:1] == ["MSG:"]:
             name = words[1]
-            found[name] = []
+            fields_of[name] = []
         elif len(words) > 1 and "=" not in line.partition("#")[0]:
-            found[name].append(words[:2])
+            fields_of[name].append(words[:2])
     # The definitions of ROS leave out what every reader knows.
-    found.pop("builtin_interfaces/Time", None)
-    return found
+    fields_of.pop("builtin_interfaces/Time", None)
+    return fields_of

@@ -45,16 +45,16 @@ def test_of_ever_new_addresses_the_nearest_are_kept_and_the_others_counted() -> 
             number, round(1e7 * (47.4 + north)), 85_000_000, 1, 0, 0, 2_000, 0, b"", 1, 0, 15, 0
         )
         received = take(received, message, 600 * SECOND, Reading({}))
-    held = received.situation.traffic
-    assert "000001" in held
-    assert MOST <= len(held) <= 1.25 * MOST
-    assert sum(received.left_out.values()) == names - len(held)
+    traffic_kept = received.situation.traffic
+    assert "000001" in traffic_kept
+    assert MOST <= len(traffic_kept) <= 1.25 * MOST
+    assert sum(received.left_out.values()) == names - len(traffic_kept)
 
 
 def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free_socket:
+        free_socket.bind(("127.0.0.1", 0))
+        return free_socket.getsockname()[1]
 
 
 @pytest.fixture(autouse=True)
@@ -84,12 +84,12 @@ class Sender:
 
     def heard(self) -> list[Any]:
         """Return what has come since the last time."""
-        found: list[Any] = []
+        messages: list[Any] = []
         while True:
             try:
-                found += self._reader.parse_buffer(self.socket.recv(4_096)) or ()
+                messages += self._reader.parse_buffer(self.socket.recv(4_096)) or ()
             except BlockingIOError:
-                return found
+                return messages
 
 
 def heartbeat(mode: int = Mode.AUTO) -> Any:
@@ -120,16 +120,16 @@ def beside() -> Iterator[tuple[Link, Sender, Callable[..., Sender]]]:
 
 
 def test_nobody_is_answered_but_who_sent_the_autopilots_messages(beside: Any) -> None:
-    link, autopilot, others = beside
-    strangers = [others(), others(7, 1), *(others(1, 1) for _ in range(200))]
-    for one in strangers[:1] + strangers[2:]:
-        one.socket.send(b"x")
+    link, autopilot, sender_of = beside
+    strangers = [sender_of(), sender_of(7, 1), *(sender_of(1, 1) for _ in range(200))]
+    for item in strangers[:1] + strangers[2:]:
+        item.socket.send(b"x")
     strangers[1].send(heartbeat())
     receive(link)
     autopilot.heard()
     link.set_mode(Mode.GUIDED)
-    assert [one.get_type() for one in autopilot.heard()] == ["COMMAND_LONG"]
-    assert [one.heard() for one in strangers] == [[] for _ in strangers]
+    assert [item.get_type() for item in autopilot.heard()] == ["COMMAND_LONG"]
+    assert [item.heard() for item in strangers] == [[] for _ in strangers]
     assert len(link._connection.clients) == 1
 
 
@@ -144,17 +144,17 @@ def test_before_an_autopilot_is_heard_nobody_is_answered() -> None:
 
 
 def test_half_a_message_of_a_stranger_swallows_none_of_the_autopilots(beside: Any) -> None:
-    link, autopilot, others = beside
-    others().socket.send(bytes([0xFD, 0xFF]) + bytes(100))
+    link, autopilot, sender_of = beside
+    sender_of().socket.send(bytes([0xFD, 0xFF]) + bytes(100))
     autopilot.send(position(600.0))
-    assert [one.get_type() for one in receive(link)] == ["GLOBAL_POSITION_INT"]
+    assert [message.get_type() for message in receive(link)] == ["GLOBAL_POSITION_INT"]
 
 
 def test_who_takes_the_autopilots_numbers_is_not_listened_to_until_it_is_silent(
     beside: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    link, autopilot, others = beside
-    liar = others(1, 1)
+    link, autopilot, sender_of = beside
+    liar = sender_of(1, 1)
     liar.send(position(9.0))
     assert receive(link) == []
     assert link.foreign == 1
@@ -162,7 +162,7 @@ def test_who_takes_the_autopilots_numbers_is_not_listened_to_until_it_is_silent(
     clock = time.monotonic
     monkeypatch.setattr("ros_bridge.mavlink.udp.time.monotonic", lambda: clock() + SILENT + 1.0)
     liar.send(heartbeat())
-    assert [one.get_type() for one in receive(link)] == ["HEARTBEAT"]
+    assert [message.get_type() for message in receive(link)] == ["HEARTBEAT"]
     link.beat()
     assert len(liar.heard()) == 1
     assert autopilot.heard() == []
@@ -171,11 +171,11 @@ def test_who_takes_the_autopilots_numbers_is_not_listened_to_until_it_is_silent(
 @pytest.mark.parametrize("component", [COMPONENT, 240, 154])
 def test_another_component_moves_neither_clock_nor_state(beside: Any, component: int) -> None:
     """A companion computer, a bridge or a gimbal of the autopilot's own system."""
-    link, autopilot, others = beside
+    link, autopilot, sender_of = beside
     autopilot.send(position(600.0))
     receive(link)
     before, heard = link.clock.now(time.monotonic()), link.heard
-    alien = others(1, component)
+    alien = sender_of(1, component)
     alien.send(
         dialect.MAVLink_system_time_message(0, 0),
         dialect.MAVLink_system_time_message(0, 4_000_000_000),
@@ -228,23 +228,25 @@ def flying(*more: str) -> Iterator[tuple[Program, Sender, Link]]:
     autopilot = Autopilot(port)
     with closing(Link(options.connect, simulated=True)) as link:
         autopilot.start()
-        found = Program(link, options)
+        running = Program(link, options)
         autopilot.stopped.set()
         autopilot.join()
-        yield found, autopilot.sender, link
-        found.close()
+        yield running, autopilot.sender, link
+        running.close()
 
 
 @pytest.fixture
 def program() -> Iterator[tuple[Program, Sender, Link]]:
     """Yield a program without more options, as :func:`flying` does."""
-    with flying() as found:
-        yield found
+    with flying() as running:
+        yield running
 
 
 def texts(autopilot: Sender) -> str:
     """Return the texts that have come since the last time, joined."""
-    return "".join(one.text for one in autopilot.heard() if one.get_type() == "STATUSTEXT")
+    return "".join(
+        message.text for message in autopilot.heard() if message.get_type() == "STATUSTEXT"
+    )
 
 
 def test_what_is_left_out_of_the_traffic_is_told_and_shown(tmp_path: Path) -> None:
@@ -256,64 +258,68 @@ def test_what_is_left_out_of_the_traffic_is_told_and_shown(tmp_path: Path) -> No
     vehicle = dialect.MAVLink_adsb_vehicle_message(
         0xABC123, 474_100_000, 85_000_000, 1, 400_000, 0, 500, 0, b"A", 17, 0, 0x8F, 0
     )
-    with flying("--adsb", document.as_uri()) as (one, autopilot, _):
-        end, told = time.monotonic() + 20.0, ""
+    with flying("--adsb", document.as_uri()) as (running, autopilot, _):
+        end, heard = time.monotonic() + 20.0, ""
         expected = ("surface vehicle on the ground", "traffic: on the ground", "holds 5")
-        while not all(text in told for text in expected):
-            assert time.monotonic() < end, told
+        while not all(text in heard for text in expected):
+            assert time.monotonic() < end, heard
             now = time.time()
             document.write_text(json.dumps({"now": now, "aircraft": [5, taxiing]}), "utf-8")
             autopilot.send(heartbeat(), position(600.0 + now % 1_000.0), vehicle)
-            one.turn(0.05)
-            told += texts(autopilot)
-        shown = SceneAdapter(one.setup.rules, lambda change: None).after(DisplayScene(), one.view)
+            running.turn(0.05)
+            heard += texts(autopilot)
+        scene = SceneAdapter(running.setup.rules, lambda change: None).after(
+            DisplayScene(), running.view
+        )
         (line,) = (
-            each for each in page_document(shown, one.view.time)["health"] if "left" in each["name"]
+            entry
+            for entry in page_document(scene, running.view.time)["health"]
+            if "left" in entry["name"]
         )
         assert "on the ground" in line["text"]
 
 
 def test_where_the_autopilot_begins_anew_nothing_hangs_on_its_old_clock(program: Any) -> None:
     """Late once, an hour after the autopilot's start, and then it starts again."""
-    one, autopilot, _ = program
+    running, autopilot, _ = program
     adsb = dialect.MAVLink_adsb_vehicle_message(
         0xABC123, 474_100_000, 85_000_000, 1, 600_000, 0, 2_000, 0, b"A", 1, 0, 0x0F, 0
     )
     autopilot.send(heartbeat(), position(3_600.0), adsb)
-    one.turn()
+    running.turn()
     autopilot.send(position(3_603.0), position(3_603.0))
-    one.turn()
-    assert list(one.view.received.situation.traffic) == ["abc123"]
-    assert not one.state.pace.keeps_up(3_603 * SECOND)
+    running.turn()
+    assert list(running.view.received.situation.traffic) == ["abc123"]
+    assert not running.state.pace.keeps_up(3_603 * SECOND)
     autopilot.heard()
     autopilot.send(position(5.0))
-    one.turn()
-    received = one.view.received
+    running.turn()
+    received = running.view.received
     assert received.situation.own.fault is None
-    assert received.situation.own.age(one.view.time) < 1.0
+    assert received.situation.own.age(running.view.time) < 1.0
     assert not received.situation.traffic
-    told = autopilot.heard()
-    assert any(m.get_type() == "STATUSTEXT" and "begun anew" in m.text for m in told)
-    asked = {message.get_type() for message in told}
-    assert "COMMAND_LONG" in asked  # for its messages
+    messages = autopilot.heard()
+    assert any(m.get_type() == "STATUSTEXT" and "begun anew" in m.text for m in messages)
+    kinds = {message.get_type() for message in messages}
+    assert "COMMAND_LONG" in kinds  # for its messages
     for tenth in range(1, round(10 * (RECOVERED + 1.0))):
         autopilot.send(position(5.0 + 0.1 * tenth), heartbeat())
-        one.turn(0.005)
-    assert one.state.pace.keeps_up(one.view.time)
+        running.turn(0.005)
+    assert running.state.pace.keeps_up(running.view.time)
 
 
 @pytest.mark.parametrize("speed", [1.0, 6.0])
 def test_a_program_that_is_late_says_how_fast_the_simulation_runs(
     program: Any, speed: float
 ) -> None:
-    one, autopilot, link = program
+    running, autopilot, link = program
     for second in (3_600.0, 3_603.0):
         autopilot.send(position(second))
         link.clock.speed = speed
-        one.turn()
-    told = texts(autopilot)
-    assert "late by 3.0 s" in told
-    assert ("6.0 times real time" in told) == (speed > 2.0)
+        running.turn()
+    heard = texts(autopilot)
+    assert "late by 3.0 s" in heard
+    assert ("6.0 times real time" in heard) == (speed > 2.0)
 
 
 def fail(*_: Any, **__: Any) -> Any:
@@ -321,34 +327,34 @@ def fail(*_: Any, **__: Any) -> Any:
 
 
 def test_a_display_that_fails_is_told_and_ends_nothing(program: Any) -> None:
-    one, autopilot, _ = program
-    shown: list[Any] = []
-    one.viewers += [fail, shown.append]
+    running, autopilot, _ = program
+    views: list[Any] = []
+    running.viewers += [fail, views.append]
     for second in range(1, 4):
         autopilot.send(heartbeat(), position(float(second)))
-        one.turn()
-    assert len(shown) >= 2
-    told = texts(autopilot)
-    assert told.count("display failed") == 1
-    assert one.state.pace.keeps_up(one.view.time)
+        running.turn()
+    assert len(views) >= 2
+    heard = texts(autopilot)
+    assert heard.count("display failed") == 1
+    assert running.state.pace.keeps_up(running.view.time)
 
 
 def test_a_judgement_that_fails_is_told_and_promises_nothing(
     program: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    one, autopilot, _ = program
+    running, autopilot, _ = program
     autopilot.send(heartbeat(), position(1.0))
-    one.turn()
+    running.turn()
     with monkeypatch.context() as broken:
         broken.setattr(looking, "course", fail)
         for second in (2.0, 3.0, 4.0):
             autopilot.send(heartbeat(), position(second))
-            one.turn()
-        assert not one.state.pace.keeps_up(one.view.time)
-        judged = one.view.judgement
+            running.turn()
+        assert not running.state.pace.keeps_up(running.view.time)
+        judged = running.view.judgement
         assert judged.plan is None and judged.supervision.assessment is None
         assert judged.problem.startswith("judgement failed: ValueError")
         assert "separation not assured" in texts(autopilot)
     autopilot.send(heartbeat(), position(5.0))
-    one.turn()
-    assert not one.view.judgement.problem.startswith("judgement failed")
+    running.turn()
+    assert not running.view.judgement.problem.startswith("judgement failed")

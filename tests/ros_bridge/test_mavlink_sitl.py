@@ -80,12 +80,12 @@ class Sky:
                 return
             self._began = self.time
         passed = self.time - self._began
-        there = EAST_OF_HOME + 22.0 * 60.0, 25.0 * (60.0 - passed)
-        apart = ((self.east - there[0]) ** 2 + (self.north - there[1]) ** 2) ** 0.5
+        oncoming = EAST_OF_HOME + 22.0 * 60.0, 25.0 * (60.0 - passed)
+        apart = ((self.east - oncoming[0]) ** 2 + (self.north - oncoming[1]) ** 2) ** 0.5
         self.least = min(self.least, apart)
         if self.time - self._told >= 1.0:
             self._told = self.time
-            self.tell(ONCOMING, *there, 180.0, 25.0, 620.0)
+            self.tell(ONCOMING, *oncoming, 180.0, 25.0, 620.0)
 
     def until(self, mode: int, seconds: float) -> float:
         """Wait for a mode, for so many seconds of the autopilot's at most, and return how long."""
@@ -133,8 +133,8 @@ def test_an_encounter_is_resolved_beside_a_fence_and_the_mission_flown_on(in_fli
                 sitl.upload_fence(waiting.pop(), keep_in=False)
 
     # The simulation stands still while the program computes: a loaded machine changes nothing.
-    given = Encounter(0, (crossing,), 0.0, 300.0, 0.0, () if in_flight else fence)
-    flight = fly(given, "ours_horizontal", instance=INSTANCE, until=140.0, watch=upload)
+    meeting = Encounter(0, (crossing,), 0.0, 300.0, 0.0, () if in_flight else fence)
+    flight = fly(meeting, "ours_horizontal", instance=INSTANCE, until=140.0, watch=upload)
     assert not [row for row in flight.rows if 1_300.0 < row.x < 2_600.0 and row.y > 150.0]
     assert flight.separation >= SEPARATION
     assert flight.taken_over == 1
@@ -147,8 +147,8 @@ def test_an_encounter_is_resolved_beside_a_fence_and_the_mission_flown_on(in_fli
 def test_an_aircraft_ahead_is_passed_above_or_below_on_the_missions_track(climb: float) -> None:
     """It comes head-on at the mission's height, or climbs to it."""
     ahead = Intruder(math.pi, 25.0, 60.0, 0.0, climb=climb)
-    given = Encounter(0, (ahead,), 4.0, 300.0, goal=8_000.0)
-    flight = fly(given, "ours", instance=INSTANCE, speedup=10.0, until=330.0)
+    meeting = Encounter(0, (ahead,), 4.0, 300.0, goal=8_000.0)
+    flight = fly(meeting, "ours", instance=INSTANCE, speedup=10.0, until=330.0)
     assert not flight.lost and flight.taken_over == 1
     guided = [row for row in flight.rows if row.mode == Mode.GUIDED]
     assert max(abs(row.above - MISSION) for row in guided) > VERTICAL
@@ -183,8 +183,8 @@ def test_a_program_that_did_not_keep_up_says_so_and_calls_nothing_safe_for_a_whi
         watch=stall,
     )
     assert any(text.startswith("RLCAS: late by") for text in flight.texts)
-    taken = next(row.time for row in flight.rows if row.mode == Mode.GUIDED)
-    assert taken > stalled[0] + 3.0 + RECOVERED
+    taken_over_at = next(row.time for row in flight.rows if row.mode == Mode.GUIDED)
+    assert taken_over_at > stalled[0] + 3.0 + RECOVERED
     assert flight.taken_over == 1
 
 
@@ -250,12 +250,12 @@ def test_a_program_that_hears_nothing_falls_silent_so_that_the_failsafe_acts() -
 def test_a_target_that_a_ground_station_sets_in_guided_is_flown_to() -> None:
     crossing = Intruder(-0.5 * math.pi, 25.0, 60.0, 0.0)
     waiting = [30.0]
-    there = place(2_000.0, 3_000.0)
+    target = place(2_000.0, 3_000.0)
 
     def send_away(sitl: Sitl, seconds: float, row: Any) -> None:
         if waiting and seconds > waiting[0]:
             waiting.clear()
-            at = (round(1e7 * degrees) for degrees in there)
+            at = (round(1e7 * degrees) for degrees in target)
             # MAV_CMD_DO_REPOSITION above mean sea level.
             sitl.station.mav.command_int_send(
                 1, 1, 0, 192, 0, 0, -1.0, 1.0, 0.0, math.nan, *at, 620.0
@@ -300,8 +300,8 @@ def test_an_item_that_a_ground_station_sets_in_guided_is_where_auto_goes_on(
     assert flight.taken_over == 1
     assert flight.rows[-1].mode == Mode.AUTO
     assert flown_to == [item or 3]
-    told = f"RLCAS: item {item} set by others: AUTO goes on there"
-    assert flight.texts.count(told) == (item is not None)
+    expected = f"RLCAS: item {item} set by others: AUTO goes on there"
+    assert flight.texts.count(expected) == (item is not None)
 
 
 ELSEWHERE = Leg(100.0, 0.0, 60.0, 22, 15.0), Leg(400.0, 0.0), Leg(1_600.0, 3e3), Leg(3e3, 6e3)
@@ -330,8 +330,8 @@ def test_a_mission_that_is_uploaded_in_flight_counts_whatever_its_length(in_guid
     assert flight.taken_over == 1
     assert flight.rows[-1].mode == Mode.AUTO
     assert flight.rows[-1].y > 500.0
-    told = "RLCAS: mission changed by others: AUTO flies it"
-    assert flight.texts.count(told) == in_guided
+    expected = "RLCAS: mission changed by others: AUTO flies it"
+    assert flight.texts.count(expected) == in_guided
 
 
 def test_the_autopilots_own_avoidance_set_in_flight_ends_it_and_auto_is_back() -> None:

@@ -41,7 +41,7 @@ FENCE = ((1_600.0, 150.0), (2_900.0, 150.0), (2_900.0, 800.0), (1_600.0, 800.0))
 
 def off_the_mission(row: Row) -> float:
     """Return how far a place is from the nearest leg of the nine items, m."""
-    legs = [(one.east, one.north) for one in NINE]
+    legs = [(item.east, item.north) for item in NINE]
     return min(_distance((row.x, row.y), a, b) for a, b in itertools.pairwise(legs))
 
 
@@ -59,7 +59,7 @@ def test_a_mission_over_the_antimeridian_is_kept_from_traffic_and_fence_and_flow
     speed = ground_speed(WIND, WIND_FROM)
     intruders = (Intruder(SOUTH, 25.0, 60.0, 0.0), Intruder(WEST, 20.0, 150.0, 0.0))
     home = (-45.0, 179.962, 520.0)
-    given = Encounter(0, intruders, WIND, WIND_FROM, 0.0, FENCE, speed, 7_300.0, NINE, home)
+    encounter = Encounter(0, intruders, WIND, WIND_FROM, 0.0, FENCE, speed, 7_300.0, NINE, home)
     reached = list[int]()
 
     def note(sitl: Sitl, seconds: float, row: Row) -> None:
@@ -67,7 +67,9 @@ def test_a_mission_over_the_antimeridian_is_kept_from_traffic_and_fence_and_flow
         if current is not None and reached[-1:] != [current.seq]:
             reached.append(current.seq)
 
-    flight = fly(given, "ours_horizontal", instance=INSTANCE, until=360.0, watch=note, more=PATIENT)
+    flight = fly(
+        encounter, "ours_horizontal", instance=INSTANCE, until=360.0, watch=note, more=PATIENT
+    )
     assert flight.separation >= SEPARATION and not flight.lost
     assert not flight.breached
     assert flight.taken_over >= 1 and flight.arrived is not None
@@ -83,9 +85,9 @@ def test_a_mission_over_the_antimeridian_is_kept_from_traffic_and_fence_and_flow
     assert later and max(map(off_the_mission, later)) < 60.0  # it rounds the waypoints
 
 
-@pytest.mark.parametrize("both", [True, False])
+@pytest.mark.parametrize("both_ways", [True, False])
 def test_after_a_link_that_was_cut_the_failsafes_auto_is_watched_and_taken_over_from(
-    both: bool,
+    both_ways: bool,
 ) -> None:
     """While a plan is flown, both ways or to the autopilot alone; when it is back another aircraft
     comes from ahead, a minute away.
@@ -97,19 +99,19 @@ def test_after_a_link_that_was_cut_the_failsafes_auto_is_watched_and_taken_over_
         rows.append(row)
         if row.mode == Mode.GUIDED and seconds > 65.0 and not cut:
             cut["from"] = seconds
-            relay.lose(to_program=both, to_autopilot=True)
+            relay.lose(to_program=both_ways, to_autopilot=True)
         elif row.mode == Mode.AUTO and "from" in cut and "auto" not in cut:
             cut["auto"] = seconds
         elif "auto" in cut and "to" not in cut and seconds > cut["auto"] + 5.0:
             cut["to"] = seconds
             relay.mend()
             meet.append(Oncoming(rows[-21], row))
-        for other in meet:
-            at = other.place(seconds)
+        for intruder in meet:
+            at = intruder.place(seconds)
             apart[0] = min(apart[0], math.dist(at, (row.x, row.y)))
             if seconds - cut.get("told", 0.0) >= 1.0:
                 cut["told"] = seconds
-                sitl.traffic(0xB00001, *at, other.track, other.speed, row.above)
+                sitl.traffic(0xB00001, *at, intruder.track, intruder.speed, row.above)
 
     meet = list[Oncoming]()
     failsafe = {"FS_GCS_ENABL": 1, "MAV_GCS_SYSID": 245, "FS_LONG_ACTN": 4, "FS_LONG_TIMEOUT": 3}

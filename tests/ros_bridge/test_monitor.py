@@ -187,10 +187,10 @@ def test_monitored_flight_is_saved_without_the_runner(flight: Flight):
     assert status.measured and abs(status.cross_track) < 1.0 and abs(status.along_track) < 5.0
     assert 0.0 <= status.runner_silence < 5.0
     flight.client.spin(lambda: flight.shown and flight.shown[-1].intruder_ids)
-    shown = flight.shown[-1]
-    assert len(shown.track_deg) == len(shown.track_region) == len(shown.track_loss) == 72
-    assert list(shown.intruder_ids) == ["4b1a2c"]
-    assert GuidanceBands.REGION_FREE in shown.track_region and shown.recovery == -1
+    bands = flight.shown[-1]
+    assert len(bands.track_deg) == len(bands.track_region) == len(bands.track_loss) == 72
+    assert list(bands.intruder_ids) == ["4b1a2c"]
+    assert GuidanceBands.REGION_FREE in bands.track_region and bands.recovery == -1
     flight.tick()
     assert flight.says[-1].trajectory_revision == flight.revision
 
@@ -206,8 +206,8 @@ def test_monitored_flight_is_saved_without_the_runner(flight: Flight):
     # How soon, the slow test says: other tests run beside this one.
     time_to_backup(flight)
     flight.client.spin(lambda: "new001" in flight.shown[-1].intruder_ids)
-    shown = flight.shown[-1]
-    level = dict(zip(shown.intruder_ids, shown.intruder_level, strict=True))
+    bands = flight.shown[-1]
+    level = dict(zip(bands.intruder_ids, bands.intruder_level, strict=True))
     assert level["new001"] == TrafficAlert.LEVEL_WARNING
 
 
@@ -232,7 +232,9 @@ def test_monitor_requests_plans_and_finds_a_new_runner(flight: Flight):
         assert turning < PATIENCE, "no new plan was asked for"
         flight.turn(0.5 * math.pi - min(0.05 * turning, math.pi))
         flight.tick()
-    assert AssuranceStatus.STATE_REPLAN_REQUESTED in {said.state for said in flight.says}
+    assert AssuranceStatus.STATE_REPLAN_REQUESTED in {
+        monitor_status.state for monitor_status in flight.says
+    }
     flight.until(state=AssuranceStatus.STATE_MONITORING)
     flight.tick()
     assert flight.says[-1].trajectory_revision == flight.revision > before
@@ -244,7 +246,10 @@ def test_monitor_requests_plans_and_finds_a_new_runner(flight: Flight):
     ahead = (x + 60.0 * 75.0 * math.cos(heading), y + 60.0 * 75.0 * math.sin(heading))
     flight.other = (*ahead, heading + math.pi, flight.client.now())
     flight.until(state=AssuranceStatus.STATE_BACKUP)
-    assert any("planner has not answered within 3 s" in said.reasons for said in flight.says)
+    assert any(
+        "planner has not answered within 3 s" in monitor_status.reasons
+        for monitor_status in flight.says
+    )
     flight.runner = Process("ros_bridge.runner", flight.number)
     status = flight.until(state=AssuranceStatus.STATE_MONITORING)
     assert status.trajectory_revision > last

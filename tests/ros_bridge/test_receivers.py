@@ -53,15 +53,15 @@ def listening(*sources: str, own: str = "", shows_own: bool = False) -> Iterator
 
 def taken(live: LiveReports, send: Callable[[], Any], count: int) -> list[Report | FieldError]:
     """Return what comes while something is sent again and again."""
-    found: list[Report | FieldError] = []
+    outcomes: list[Report | FieldError] = []
 
     def holds() -> bool:
         send()
-        found.extend(one for one, _ in live.take())
-        return len(found) >= count
+        outcomes.extend(outcome for outcome, _ in live.take())
+        return len(outcomes) >= count
 
     eventually(holds, 20.0)
-    return found
+    return outcomes
 
 
 def test_a_list_of_sources_is_read_and_a_wrong_one_refused() -> None:
@@ -85,10 +85,10 @@ def test_a_list_of_sources_is_read_and_a_wrong_one_refused() -> None:
 
 
 def test_a_port_that_is_taken_is_said_at_once() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", 0))
-        source = f"gdl90://127.0.0.1:{other.getsockname()[1]}"
-        for refused in (check_ports, lambda some: LiveReports(some, "", time.time_ns)):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        source = f"gdl90://127.0.0.1:{listener.getsockname()[1]}"
+        for refused in (check_ports, lambda sources: LiveReports(sources, "", time.time_ns)):
             with pytest.raises(ValueError, match="cannot be listened at: Address already in use"):
                 refused([source])
     check_ports([source])
@@ -108,9 +108,13 @@ def test_datagrams_over_udp_become_reports() -> None:
             device.sendto(content, ("127.0.0.1", port))
             device.sendto(b"\x7e\x14\x7e", ("127.0.0.1", port))
 
-        found = taken(live, send, 4)
-        assert {one.identifier for one in found if isinstance(one, Report)} == {"4b1234"}
-        assert any(isinstance(one, FieldError) and one.field == "message" for one in found)
+        outcomes = taken(live, send, 4)
+        assert {outcome.identifier for outcome in outcomes if isinstance(outcome, Report)} == {
+            "4b1234"
+        }
+        assert any(
+            isinstance(outcome, FieldError) and outcome.field == "message" for outcome in outcomes
+        )
         assert live.take_problem() == ""
 
 
@@ -123,8 +127,8 @@ def test_sentences_over_tcp_become_reports_and_again_after_a_new_connection() ->
             connection, _ = server.accept()
             with connection:
                 text = f"{rmc()}\n{gga()}\n{pflaa()}\n".encode()
-                found = taken(live, partial(connection.sendall, text), 1)
-                assert isinstance(found[0], Report) and found[0].identifier == "flarm:dd8f12"
+                outcomes = taken(live, partial(connection.sendall, text), 1)
+                assert isinstance(outcomes[0], Report) and outcomes[0].identifier == "flarm:dd8f12"
 
 
 def test_an_aircraft_has_the_same_name_in_all_feeds() -> None:
@@ -146,8 +150,8 @@ def test_an_aircraft_has_the_same_name_in_all_feeds() -> None:
             text = f"{rmc()}\n{gga()}\n{pflaa(kind=1, id='4B1234')}\n"
             second.sendall(text.encode())
             device.sendto(framed(heartbeat(7), aircraft()), ("127.0.0.1", port))
-            found = taken(live, lambda: None, 3)
-        assert [getattr(one, "identifier", one) for one in found] == ["4b1234"] * 3
+            outcomes = taken(live, lambda: None, 3)
+        assert [getattr(outcome, "identifier", outcome) for outcome in outcomes] == ["4b1234"] * 3
 
 
 def test_the_ownship_of_one_feed_is_no_traffic_in_another() -> None:
@@ -164,9 +168,9 @@ def test_the_ownship_of_one_feed_is_no_traffic_in_another() -> None:
 
 
 def test_the_mavlink_program_refuses_what_it_could_not_listen_at() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", 0))
-        source = f"gdl90://127.0.0.1:{other.getsockname()[1]}"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        source = f"gdl90://127.0.0.1:{listener.getsockname()[1]}"
         with pytest.raises(InputError, match=r"--adsb gdl90://.*Address already in use"):
             options_of(["--connect", "udp:0.0.0.0:14550", "--adsb", source])
 
@@ -189,21 +193,21 @@ def test_the_display_shows_what_a_device_sends_and_its_ownship() -> None:
     ):
         try:
             assert process.stdout is not None
-            with watching(process.stdout.readline()) as seen:
+            with watching(process.stdout.readline()) as await_picture:
 
-                def both(picture: Any) -> Any:
+                def both_drawn(picture: Any) -> Any:
                     second = int(time.time()) % 86_400
                     own = aircraft(10, address=0x4B0001, latitude=47.05)
                     beacon = aircraft(type=5)
                     content = framed(heartbeat(second), own, aircraft(), beacon)
                     device.sendto(content, ("127.0.0.1", port))
                     left_out = health(picture, "traffic left out")
-                    known = picture["own"] and shown(picture, "4b1234") and left_out
-                    return picture if known else None
+                    is_drawn = picture["own"] and shown(picture, "4b1234") and left_out
+                    return picture if is_drawn else None
 
-                picture = seen(both)
+                picture = await_picture(both_drawn)
                 assert picture["own"]["id"] == "4b0001"
-                assert [one["id"] for one in picture["traffic"]] == ["4b1234"]
+                assert [intruder["id"] for intruder in picture["traffic"]] == ["4b1234"]
                 assert picture["traffic"][0]["relative_altitude"] == 0.0
                 assert "ground station" in health(picture, "traffic left out")["text"]
         finally:

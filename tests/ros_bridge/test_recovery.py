@@ -55,8 +55,8 @@ def test_an_alert_that_cannot_be_read_counts_as_long_as_others():
 def own_reports(situation: Situation, begin: float, end: float, *, y: float = 0.0, ahead=0.0):
     """Return the situation after the ownship's reports at 5 Hz, by a source of its name."""
     for tick in range(round(begin * 5.0), round(end * 5.0)):
-        held = tick / 5.0 + ahead
-        own = aircraft(75.0 * held, y, 0.0, 75.0, id="own", time=at(held))
+        seconds_flown = tick / 5.0 + ahead
+        own = aircraft(75.0 * seconds_flown, y, 0.0, 75.0, id="own", time=at(seconds_flown))
         situation = updates.ownship(situation, own, at(tick / 5.0), RULES)
     return situation
 
@@ -65,8 +65,8 @@ def twins(situation: Situation, begin: float, end: float) -> Situation:
     for tick in range(round(begin * 5.0), round(end * 5.0)):
         situation = own_reports(situation, tick / 5.0, (tick + 1) / 5.0)
         late = at(tick / 5.0 + 0.1)
-        other = aircraft(75.0 * tick / 5.0, 2_000.0, 0.0, 75.0, id="own", time=late)
-        situation = updates.ownship(situation, other, late, RULES)
+        second_aircraft = aircraft(75.0 * tick / 5.0, 2_000.0, 0.0, 75.0, id="own", time=late)
+        situation = updates.ownship(situation, second_aircraft, late, RULES)
     return situation
 
 
@@ -111,10 +111,10 @@ def test_runner_and_monitor_agree_about_a_name_at_two_near_places(apart: float, 
             supervision = step_monitor(supervision, situation, at(seconds))
             states.append(State(int(supervision.monitor.state[0])))
     assert set(states) == {State.MONITORING}
-    wanted = task(situation, at(20.0 - every), SETTINGS)
-    [intruder] = wanted.intruders
+    requested = task(situation, at(20.0 - every), SETTINGS)
+    [intruder] = requested.intruders
     assert intruder.position_std == pytest.approx(0.5 * apart, rel=0.4)
-    assert any("scatters" in note.text for note in wanted.notes)
+    assert any("scatters" in note.text for note in requested.notes)
 
 
 def test_a_name_that_cannot_be_used_stands_short_and_on_one_line_everywhere():

@@ -131,7 +131,7 @@ def named(uas_id: bytes = SERIAL, mac: bytes = MAC, kind: int = 1, body: int = 2
 
 
 def placed(mac: bytes = MAC, **fields: Any) -> Any:
-    known = {
+    values = {
         "status": 2,
         "direction": 9_000,
         "speed_horizontal": 1_500,
@@ -149,15 +149,15 @@ def placed(mac: bytes = MAC, **fields: Any) -> Any:
         "timestamp": float(PAST_HOUR),
         "timestamp_accuracy": 2,
     } | fields
-    return wired(dialect.MAVLink_open_drone_id_location_message(0, 0, padded(mac), **known))
+    return wired(dialect.MAVLink_open_drone_id_location_message(0, 0, padded(mac), **values))
 
 
 def packed(content: str) -> Any:
-    whole = bytes.fromhex(content)
-    messages = list(whole[3:].ljust(225, b"\0"))
+    pack = bytes.fromhex(content)
+    messages = list(pack[3:].ljust(225, b"\0"))
     return wired(
         dialect.MAVLink_open_drone_id_message_pack_message(
-            0, 0, padded(MAC), whole[1], whole[2], messages
+            0, 0, padded(MAC), pack[1], pack[2], messages
         )
     )
 
@@ -192,28 +192,28 @@ def report(**fields: Any) -> Any:
 
 
 def test_a_drone_becomes_a_report_under_its_name() -> None:
-    found = report()
-    assert found.identifier == NAME == identifier("", NAME)
-    assert found.place == pytest.approx((47.1, 8.2))
-    assert (found.east, found.north) == pytest.approx((15.0, 0.0), abs=1e-9)
-    assert (found.altitude.value, found.altitude.reference) == (550.0, "wgs84")
-    assert (found.altitude.vertical_speed, found.altitude.error) == (1.0, 10.0)
-    assert found.position_std == pytest.approx(10.0 / 2.448)
-    assert found.velocity_std == pytest.approx(1.0 / 2.448, rel=0.1)
-    assert found.velocity_std > 1.0 / 2.448
-    assert found.time == round(BOOT * SECOND)
-    assert found.time_std == pytest.approx(0.2 / math.sqrt(3.0))
-    assert (found.category, found.callsign) == (14, SERIAL.decode())
+    drone_report = report()
+    assert drone_report.identifier == NAME == identifier("", NAME)
+    assert drone_report.place == pytest.approx((47.1, 8.2))
+    assert (drone_report.east, drone_report.north) == pytest.approx((15.0, 0.0), abs=1e-9)
+    assert (drone_report.altitude.value, drone_report.altitude.reference) == (550.0, "wgs84")
+    assert (drone_report.altitude.vertical_speed, drone_report.altitude.error) == (1.0, 10.0)
+    assert drone_report.position_std == pytest.approx(10.0 / 2.448)
+    assert drone_report.velocity_std == pytest.approx(1.0 / 2.448, rel=0.1)
+    assert drone_report.velocity_std > 1.0 / 2.448
+    assert drone_report.time == round(BOOT * SECOND)
+    assert drone_report.time_std == pytest.approx(0.2 / math.sqrt(3.0))
+    assert (drone_report.category, drone_report.callsign) == (14, SERIAL.decode())
 
 
 @pytest.mark.parametrize(("content", "fields"), PACKS)
 def test_a_pack_is_what_the_reference_encoder_made_of_the_values(
     content: str, fields: dict[str, Any]
 ) -> None:
-    (first, who), (second, where) = remote_id.unpack(packed(content))
+    (first, basic_id), (second, where) = remote_id.unpack(packed(content))
     assert (first, second) == ("OPEN_DRONE_ID_BASIC_ID", "OPEN_DRONE_ID_LOCATION")
-    known = remote_id.basic_id(who)
-    assert known is not None and known.name == NAME
+    identity = remote_id.basic_id(basic_id)
+    assert identity is not None and identity.name == NAME
     assert {name: getattr(where, name) for name in fields} == fields
     assert remote_id.address_of(where) == MAC.hex()
 
@@ -223,9 +223,9 @@ def test_a_pack_is_taken_like_its_messages() -> None:
     (track,) = after.situation.traffic.values()
     assert track.last is not None and track.last.identifier == NAME
     assert track.last.time == round((BOOT - 1.0) * SECOND)
-    left = received(packed(PACKS[1][0]), packed(PACKS[2][0]))
-    assert not left.situation.traffic
-    assert left.left_out == {"on the ground": 1, "without a position": 1}
+    on_ground = received(packed(PACKS[1][0]), packed(PACKS[2][0]))
+    assert not on_ground.situation.traffic
+    assert on_ground.left_out == {"on the ground": 1, "without a position": 1}
     for size, count in ((24, 2), (25, 0), (25, 10)):
         message = packed(PACKS[0][0])
         message.single_message_size, message.msg_pack_size = size, count
@@ -236,9 +236,9 @@ def test_the_time_is_that_of_the_hour_and_wraps_with_it() -> None:
     base = UTC - PAST_HOUR + 3600  # a full hour
     for past, stamp, age in ((2.0, 0.5, 1.5), (0.5, 3599.0, 1.5), (2.0, 2.4, 0.0), (0.0, 0.3, 0.0)):
         after = received(clock(base + past), named(), placed(timestamp=stamp))
-        found = after.situation.traffic[NAME].last
-        assert found is not None
-        assert found.time / SECOND == pytest.approx(BOOT - age, abs=1e-5)
+        last = after.situation.traffic[NAME].last
+        assert last is not None
+        assert last.time / SECOND == pytest.approx(BOOT - age, abs=1e-5)
     track = received(clock(base + 60.0), named(), placed(timestamp=3599.0)).situation.traffic[NAME]
     assert track.fault is not None and "timestamp is 61.0 s old" in track.fault.message
     assert track.sightings[0].sighting.place is not None
@@ -253,15 +253,15 @@ def test_a_time_that_is_unknown_is_not_exact() -> None:
         received(clock(), named(), placed(timestamp=math.nan)),
         received(clock(), named(), placed(timestamp_accuracy=0)),
     ):
-        found = after.situation.traffic[NAME].last
-        assert found is not None and found.time == round(BOOT * SECOND)
-        assert found.time_std == pytest.approx(worst)
+        last = after.situation.traffic[NAME].last
+        assert last is not None and last.time == round(BOOT * SECOND)
+        assert last.time_std == pytest.approx(worst)
 
 
 def test_unknown_accuracies_stay_unknown() -> None:
-    found = report(horizontal_accuracy=0, speed_accuracy=0, vertical_accuracy=0)
-    assert (found.position_std, found.velocity_std) == (None, None)
-    assert found.altitude.error == 150.0
+    drone_report = report(horizontal_accuracy=0, speed_accuracy=0, vertical_accuracy=0)
+    assert (drone_report.position_std, drone_report.velocity_std) == (None, None)
+    assert drone_report.altitude.error == 150.0
     assert report(horizontal_accuracy=15, speed_accuracy=9).position_std is None
     metres = (18_520, 7_408, 3_704, 1_852, 926, 555.6, 185.2, 92.6, 30, 10, 3, 1)
     for code, radius in enumerate(metres, 1):
@@ -269,8 +269,8 @@ def test_unknown_accuracies_stay_unknown() -> None:
 
 
 def test_the_altitude_is_by_pressure_where_no_other_is_known() -> None:
-    found = report(altitude_geodetic=-1000.0).altitude
-    assert (found.value, found.reference, found.error) == (500.0, "pressure", 25.0)
+    altitude = report(altitude_geodetic=-1000.0).altitude
+    assert (altitude.value, altitude.reference, altitude.error) == (500.0, "pressure", 25.0)
     assert report(altitude_geodetic=-1000.0, altitude_barometric=-1000.0).altitude is None
     assert report(speed_vertical=6_300).altitude.vertical_speed is None
 
@@ -296,11 +296,11 @@ def test_what_cannot_be_planned_with_is_a_fault_with_its_place(
 
 
 def test_what_hovers_needs_no_direction_and_what_flies_is_not_on_the_ground() -> None:
-    found = report(speed_horizontal=0, direction=36_100)
-    assert (found.east, found.north) == (0.0, 0.0)
+    drone_report = report(speed_horizontal=0, direction=36_100)
+    assert (drone_report.east, drone_report.north) == (0.0, 0.0)
     assert report(status=1, speed_horizontal=3_000).speed == pytest.approx(30.0)
-    left = received(clock(), named(), placed(status=1, speed_horizontal=0, speed_vertical=0))
-    assert left.left_out == {"on the ground": 1} and not left.situation.traffic
+    on_ground = received(clock(), named(), placed(status=1, speed_horizontal=0, speed_vertical=0))
+    assert on_ground.left_out == {"on the ground": 1} and not on_ground.situation.traffic
 
 
 @pytest.mark.parametrize(
@@ -337,8 +337,8 @@ def test_the_own_drone_is_no_traffic() -> None:
     assert not own.situation.traffic and own.left_out == {without: 1, "own echo": 1}
     stated = Reading({}, own_drone=remote_id.names_of(SERIAL.decode()))
     for mac in (MAC, b""):
-        told = received(own_position(), named(mac=mac), placed(mac=mac), reading=stated)
-        assert not told.situation.traffic and told.left_out == {"own echo": 1}
+        echo = received(own_position(), named(mac=mac), placed(mac=mac), reading=stated)
+        assert not echo.situation.traffic and echo.left_out == {"own echo": 1}
     late = received(own_position(), named(), placed(), named(mac=b""), placed())
     assert not late.situation.traffic
     nameless = received(own_position(), placed(mac=b""))
@@ -348,8 +348,8 @@ def test_the_own_drone_is_no_traffic() -> None:
 def test_one_of_the_own_name_that_flies_elsewhere_or_otherwise_counts() -> None:
     stated = Reading({}, own_drone=remote_id.names_of(SERIAL.decode()))
     for message in (placed(latitude=472_000_000), placed(direction=27_000)):
-        other = received(own_position(), named(), message, reading=stated)
-        assert list(other.situation.traffic) == [NAME]
+        after = received(own_position(), named(), message, reading=stated)
+        assert list(after.situation.traffic) == [NAME]
 
 
 def test_drones_of_a_receiver_that_tells_no_transmitter_count() -> None:
@@ -365,8 +365,8 @@ def test_drones_of_a_receiver_that_tells_no_transmitter_count() -> None:
 
 
 def test_of_many_transmitters_the_latest_are_remembered_and_none_is_hidden() -> None:
-    many = [placed(n.to_bytes(6, "big")) for n in range(1, 400)]
-    after = received(*many)
+    crowd = [placed(n.to_bytes(6, "big")) for n in range(1, 400)]
+    after = received(*crowd)
     assert len(after.drones) == 256
     assert "rid-mac:00000000018f" in after.situation.traffic
 
@@ -414,14 +414,14 @@ def test_no_location_raises_or_leaves_the_range(fields: dict[str, Any]) -> None:
 
 def is_possible(item: tuple[str, Any]) -> bool:
     name, track = item
-    found = track.last
-    if found is None:
+    last = track.last
+    if last is None:
         return track.fault is not None and name == identifier("", name)
     return (
-        abs(found.latitude) <= 90.0
-        and abs(found.longitude) <= 180.0
-        and found.speed <= FASTEST
-        and (found.altitude is None or -1_000.0 <= found.altitude.value <= 30_000.0)
-        and 0.0 < found.time_std < 1.0
-        and found.time <= round((BOOT + 10.0) * SECOND)
+        abs(last.latitude) <= 90.0
+        and abs(last.longitude) <= 180.0
+        and last.speed <= FASTEST
+        and (last.altitude is None or -1_000.0 <= last.altitude.value <= 30_000.0)
+        and 0.0 < last.time_std < 1.0
+        and last.time <= round((BOOT + 10.0) * SECOND)
     )

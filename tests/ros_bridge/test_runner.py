@@ -87,11 +87,11 @@ def world(client: Client, only_world: World) -> World:
     """Return the world with the ownship at the origin and all others far away, whatever the test
     before left.
     """
-    others = only_world.begin_anew()
+    names = only_world.begin_anew()
 
     def apart() -> None:
         only_world.ownship()
-        for name in others:
+        for name in names:
             only_world.intruder(-60_000.0, -60_000.0, -math.pi / 2.0, id=name)
         client.idle(0.05)
 
@@ -110,7 +110,7 @@ def ask(client: Client, **more) -> GenerateTrajectory.Response:
 
 def answer(
     client: Client,
-    wanted: Code,
+    code: Code,
     meanwhile: Callable[[], None] | None = None,
     field: str | None = None,
     **more,
@@ -121,7 +121,7 @@ def answer(
     end = time.monotonic() + PATIENCE
     while True:
         response = ask(client, **more)
-        right = response.status == wanted and field in (None, response.field)
+        right = response.status == code and field in (None, response.field)
         if right or time.monotonic() > end:
             assert right, f"{Code(response.status).name} {response.field}: {response.message}"
             return response
@@ -146,7 +146,7 @@ def test_missing_inputs_are_refused_one_by_one_until_a_plan():
             client.close()
             process.stop()
     assert response.message == "" and response.field == ""
-    assert Advisory.WIND_UNKNOWN in [one.code for one in response.advisories]
+    assert Advisory.WIND_UNKNOWN in [advisory.code for advisory in response.advisories]
     assert "ownship.wind is unknown and taken as calm" in response.advisory
     assert len(response.trajectory.waypoints) == 20
     assert response.trajectory.intruder_ids == []
@@ -175,10 +175,13 @@ def test_safe_plan_is_published_and_latched(client: Client, world: World):
     markers = client.hear(MarkerArray, f"{NODE}/output/markers", qos.LATCHED)
     # The views follow the answer, so the latched ones may still be those of the plan before, which
     # had no traffic.
-    shown = {"plan", "waypoints", "indices", "traffic", "names"}
+    namespaces = {"plan", "waypoints", "indices", "traffic", "names"}
     client.spin(
         lambda: (
-            plans and paths and markers and {marker.ns for marker in markers[-1].markers} >= shown
+            plans
+            and paths
+            and markers
+            and {marker.ns for marker in markers[-1].markers} >= namespaces
         )
     )
     assert plans[-1] == response.trajectory
@@ -203,8 +206,8 @@ def test_trajectory_carries_the_certificate_that_proves_it(
     file = tmp_path / "plan.json"
     file.write_bytes(bytes(plans[-1].certificate))
     command = [sys.executable, "-m", "agents.check", file]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and "accepted" in done.stdout, done.stderr
+    process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert process.returncode == 0 and "accepted" in process.stdout, process.stderr
     # It is the plan's own: the same places, in the frame about the geo-reference.
     points = trajectory(plans[-1]).points
     at = FRAME.place([point.latitude for point in points], [point.longitude for point in points])
@@ -229,7 +232,9 @@ def test_areas_are_kept_clear_of_and_a_faulty_message_is_refused(client: Client,
 
     def away(response: GenerateTrajectory.Response) -> float:
         points = trajectory(response.trajectory).points
-        at = FRAME.place([one.latitude for one in points], [one.longitude for one in points])
+        at = FRAME.place(
+            [waypoint.latitude for waypoint in points], [waypoint.longitude for waypoint in points]
+        )
         return float(signed_distance(ahead, at.x, at.y).min())
 
     end = time.monotonic() + PATIENCE
@@ -295,10 +300,10 @@ def test_a_bad_ownship_is_refused_until_a_good_one_comes(
     client: Client, world: World, change, code, field
 ):
     def bad() -> None:
-        given = dict(change)
-        if "ahead" in given:
-            given["time"] = client.now() + round(given.pop("ahead") * 1e9)
-        world.ownship(**given)
+        fields = dict(change)
+        if "ahead" in fields:
+            fields["time"] = client.now() + round(fields.pop("ahead") * 1e9)
+        world.ownship(**fields)
 
     bad()
     # A second report of another place would confirm it.
@@ -333,9 +338,9 @@ def set_to(client: Client, name: str, value: float):
         ParameterType.PARAMETER_BOOL if isinstance(value, bool) else ParameterType.PARAMETER_DOUBLE
     )
     field = "bool_value" if isinstance(value, bool) else "double_value"
-    given = Parameter(name=name, value=ParameterValue(type=kind, **{field: value}))
+    parameter = Parameter(name=name, value=ParameterValue(type=kind, **{field: value}))
     [result] = client.call(
-        SetParameters, f"{NODE}/set_parameters", SetParameters.Request(parameters=[given])
+        SetParameters, f"{NODE}/set_parameters", SetParameters.Request(parameters=[parameter])
     ).results
     return result
 
@@ -352,8 +357,8 @@ def test_traffic_whose_clock_is_behind_is_stale_and_not_forgotten(client: Client
     def arrive() -> None:
         world.intruder(9_000.0, 0.0, math.pi, time=client.now() - 3_600_000_000_000, id="behind")
 
-    found = answer(client, Code.STALE_INTRUDER, arrive)
-    assert found.field == "intruder behind.header.stamp"
+    response = answer(client, Code.STALE_INTRUDER, arrive)
+    assert response.field == "intruder behind.header.stamp"
 
 
 def test_an_aircraft_is_not_forgotten_while_it_counts(client: Client):
@@ -383,7 +388,7 @@ def test_parameters_have_ranges(client: Client):
 def test_diagnostics_name_policy_and_aircraft(client: Client):
     health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
     client.spin(lambda: health)
-    values = {one.key: one.value for one in health[-1].status[0].values}
+    values = {pair.key: pair.value for pair in health[-1].status[0].values}
     assert values["policy sha256"] == Policy.load().sha256
     assert values["aircraft"].endswith("separation 1000 m, margin 210 m")
 
@@ -404,12 +409,12 @@ def test_a_publisher_that_does_not_fit_is_reported(client: Client):
 
 def test_deactivation_withdraws_the_plan(client: Client, world: World):
     plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
-    held = answer(client, Code.SAFE, world.ownship).trajectory
-    client.spin(lambda: plans and plans[-1].revision == held.revision)
+    published = answer(client, Code.SAFE, world.ownship).trajectory
+    client.spin(lambda: plans and plans[-1].revision == published.revision)
     change = ChangeState.Request()
     change.transition.id = 4
     assert client.call(ChangeState, f"{NODE}/change_state", change, once=True).success
-    client.spin(lambda: plans[-1].revision > held.revision)
+    client.spin(lambda: plans[-1].revision > published.revision)
     assert plans[-1].status == Trajectory.STATUS_WITHDRAWN
     assert plans[-1].waypoints == []
     answer(client, Code.NOT_ACTIVE)
@@ -439,21 +444,21 @@ def test_traffic_outside_the_domain_shows_in_answer_and_diagnostics(client: Clie
         client.idle(0.1)
     heard = len(health)
     client.spin(lambda: len(health) > heard)
-    values = {one.key: one.value for one in health[-1].status[0].values}
+    values = {pair.key: pair.value for pair in health[-1].status[0].values}
     assert "intruder_speed is 140 m/s" in values["outside domain"]
 
 
 @pytest.mark.parametrize(
-    "how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+    "signal_number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
 )
-def test_the_process_ends_in_order(how: signal.Signals):
+def test_the_process_ends_in_order(signal_number: signal.Signals):
     with domain() as number:
         process, client = Process("ros_bridge.runner", number), Client(number)
         try:
             assert client.call(GetState, f"{NODE}/get_state", GetState.Request())
         finally:
             client.close()
-        code, output = process.stop(how)
+        code, output = process.stop(signal_number)
     assert code == 0, output
     assert "Traceback" not in output
 
@@ -474,11 +479,13 @@ def test_simulated_time_that_is_zero_or_steps_back_voids_everything():
                 client.say(Clock, "/clock", Clock(clock=time_message(seconds * 10**9)), 10)
 
             answer(client, Code.NO_OWNSHIP, lambda: clock(100))
-            held = answer(client, Code.SAFE, lambda: world.ownship(time=100 * 10**9)).trajectory
-            assert held.header.stamp.sec == 100
+            published = answer(
+                client, Code.SAFE, lambda: world.ownship(time=100 * 10**9)
+            ).trajectory
+            assert published.header.stamp.sec == 100
             answer(client, Code.NO_OWNSHIP, lambda: clock(50))
             client.spin(lambda: plans and plans[-1].status == Trajectory.STATUS_WITHDRAWN)
-            assert plans[-1].revision > held.revision
+            assert plans[-1].revision > published.revision
 
             # What is heard first after the clock has stepped back is judged by the new time alone.
             answer(client, Code.SAFE, lambda: world.ownship(time=50 * 10**9))

@@ -44,11 +44,11 @@ class Scene:
         self.begun, self.go_on = threading.Event(), threading.Event()
         really = planning.plan_task
 
-        def plan_when_told(wanted, policy, *, exhaustive):
+        def plan_when_told(requested, policy, *, exhaustive):
             if exhaustive:
                 self.begun.set()
                 assert self.go_on.wait(20.0)
-            return really(wanted, policy, exhaustive=False)
+            return really(requested, policy, exhaustive=False)
 
         patch.setattr(planning, "plan_task", plan_when_told)
         node.trigger_configure()
@@ -76,9 +76,9 @@ class Scene:
 
     def searching(self):
         """Ask so that a long search begins, and return its answer to come."""
-        asked = self.ask(Request.REASON_ALERT)
+        future = self.ask(Request.REASON_ALERT)
         self.client.spin(self.begun.is_set)
-        return asked
+        return future
 
 
 @pytest.fixture
@@ -157,7 +157,7 @@ def test_node_plans_once_before_its_first_request(monkeypatch: pytest.MonkeyPatc
     planned: list[Any] = []
     really = planner.plan
     monkeypatch.setattr(
-        planner, "plan", lambda *given, **more: planned.append(really(*given, **more))
+        planner, "plan", lambda *arguments, **more: planned.append(really(*arguments, **more))
     )
     with running_beside(planning.Runner) as (node, client):
         node.trigger_configure()
@@ -213,16 +213,16 @@ def ask_for_plan(world: World) -> GenerateTrajectory.Response:
 
 
 def becomes(
-    world: World, wanted: Code, reported: Callable[[int], None]
+    world: World, code: Code, reported: Callable[[int], None]
 ) -> GenerateTrajectory.Response:
     """Report and ask until the answer is the wanted one."""
     for number in range(round(PATIENCE / _EVERY)):
         reported(number)
         world.client.idle(_EVERY)
         response = ask_for_plan(world)
-        if response.status == wanted:
+        if response.status == code:
             return response
-    raise AssertionError(f"{Code(response.status).name} {response.message}, expected {wanted.name}")
+    raise AssertionError(f"{Code(response.status).name} {response.message}, expected {code.name}")
 
 
 def test_echo_of_the_ownship_before_its_first_state_is_no_intruder(world: World):
@@ -232,11 +232,11 @@ def test_echo_of_the_ownship_before_its_first_state_is_no_intruder(world: World)
     response = becomes(world, Code.SAFE, lambda _: world.ownship(id="4b1a2c"))
     assert list(response.trajectory.intruder_ids) == []
 
-    def both(_: int) -> None:
+    def report_both(_: int) -> None:
         world.ownship(id="4b1a2c")
         world.intruder(0.0, 0.0, 0.0, 75.0, id="4B1A2C")
 
-    report_for(world, 1.0, both)
+    report_for(world, 1.0, report_both)
     assert ask_for_plan(world).status == Code.SAFE
 
 
@@ -282,16 +282,16 @@ def test_two_aircraft_under_one_id_are_told_apart(world: World):
     becomes(world, Code.SAFE, lambda _: world.ownship(id="4b1a2c"))
     began = world.client.now()
 
-    def both(number: int) -> None:
+    def report_both(number: int) -> None:
         world.ownship(id="4b1a2c", valid=0xE5)
         for x, y in ((60_000.0, 0.0), (8_000.0, 8_000.0)):
             flown = 75.0 * (world.client.now() - began) / 1e9
             world.intruder(x - flown, y, math.pi, 75.0, id="shared")
 
-    both(0)
+    report_both(0)
     # One report of each is a jump, more of either show two aircraft.
     assert becomes(world, Code.INVALID_INTRUDER, lambda _: None).field == "intruder shared.position"
-    response = becomes(world, Code.SAFE, both)
-    seen = {*response.trajectory.intruder_ids, *response.excluded_ids}
-    assert seen == {"shared", "shared#2"}
+    response = becomes(world, Code.SAFE, report_both)
+    identifiers = {*response.trajectory.intruder_ids, *response.excluded_ids}
+    assert identifiers == {"shared", "shared#2"}
     assert "several aircraft" in response.advisory

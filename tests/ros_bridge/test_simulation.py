@@ -71,17 +71,17 @@ def test_an_ownship_that_nobody_commands_any_more_holds_course_and_speed():
 @pytest.mark.slow
 def test_a_wind_carries_all_and_changes_nothing_between_them():
     wind = Wind(12.0, -8.0)
-    still = EncounterFlight(encounter_at(), PAPER, C208_PUBLISHED)
+    calm = EncounterFlight(encounter_at(), PAPER, C208_PUBLISHED)
     windy = EncounterFlight(encounter_at(), PAPER, C208_PUBLISHED, wind=wind)
-    away = math.hypot(still.goal[0] - still.own.x, still.goal[1] - still.own.y)
-    seconds = away / still.own.speed
-    moved = [new - old for old, new in zip(still.goal, windy.goal, strict=True)]
+    away = math.hypot(calm.goal[0] - calm.own.x, calm.goal[1] - calm.own.y)
+    seconds = away / calm.own.speed
+    moved = [new - old for old, new in zip(calm.goal, windy.goal, strict=True)]
     assert moved == pytest.approx([12.0 * seconds, -8.0 * seconds])
-    while not (still.over() and windy.over()):
-        still.step()
+    while not (calm.over() and windy.over()):
+        calm.step()
         windy.step()
-    assert windy.reached == pytest.approx(still.reached, abs=2.0)
-    assert windy.truth.separation == still.truth.separation
+    assert windy.reached == pytest.approx(calm.reached, abs=2.0)
+    assert windy.truth.separation == calm.truth.separation
 
 
 def test_what_flies_through_an_area_in_a_wind_is_seen_to():
@@ -97,9 +97,9 @@ def test_what_flies_through_an_area_in_a_wind_is_seen_to():
             flight.step()
         assert flight.truth.clear == pytest.approx(-300.0, abs=10.0)
     assert not make_log(clear=-0.1).keeps_promise
-    shown = table([make_log(clear=-0.1)])
-    assert "SAFE plans in an area: x 0" in shown
-    assert "below 1000 m: none" in shown
+    text = table([make_log(clear=-0.1)])
+    assert "SAFE plans in an area: x 0" in text
+    assert "below 1000 m: none" in text
 
 
 def test_a_plan_of_a_wind_is_flown_over_the_ground_that_it_names():
@@ -107,9 +107,9 @@ def test_a_plan_of_a_wind_is_flown_over_the_ground_that_it_names():
     start = VehicleState(1_000.0, 500.0, 0.3, 75.0)
     points = [Waypoint(n, *start_at(start, 10.0 * n), 10.0 * n) for n in (1, 2)]
     line = Flying(legs(plan_states(start, points, wind=wind)), 0, wind)
-    here = at(line.legs_after(began), np.float64(7.0))
-    there = over_ground(VehicleState(*map(float, here)), wind, began + 7.0)
-    assert tuple(there) == pytest.approx(tuple(start_at(start, 7.0)), abs=1e-3)
+    in_air = at(line.legs_after(began), np.float64(7.0))
+    on_ground = over_ground(VehicleState(*map(float, in_air)), wind, began + 7.0)
+    assert tuple(on_ground) == pytest.approx(tuple(start_at(start, 7.0)), abs=1e-3)
 
 
 def start_at(start: VehicleState, time: float) -> VehicleState:
@@ -133,13 +133,13 @@ def test_flown_plan_keeps_its_separation(kind: str, bound: float):
     own = flight.own
     east, north = (flight.goal[0] - own.x) / 10.0, (flight.goal[1] - own.y) / 10.0
     route = [RoutePoint(n, own.x + east * n, own.y + north * n) for n in range(10, 90, 10)]
-    made = plan(own, list(flight.traffic.values()), route, Policy.load(), OPTIONS)
-    assert made.safe
-    flight.fly(legs(plan_states(own, made.waypoints)), 0.0, plan=True)
+    answer = plan(own, list(flight.traffic.values()), route, Policy.load(), OPTIONS)
+    assert answer.safe
+    flight.fly(legs(plan_states(own, answer.waypoints)), 0.0, plan=True)
     while not flight.over() and flight.time < 300.0:
         flight.step()
     assert flight.truth.error < bound
-    assert flight.truth.separation == pytest.approx(made.min_separation, abs=2.0 * bound)
+    assert flight.truth.separation == pytest.approx(answer.min_separation, abs=2.0 * bound)
 
 
 def test_only_intruders_that_exist_fly():
@@ -177,8 +177,10 @@ def test_jsbsim_is_loaded_for_vehicles_that_need_it():
         "vehicle('kinematic', VehicleState(0.0, 0.0, 0.0, 70.0), C208_PUBLISHED); "
         "print('jsbsim' in sys.modules, 'rclpy' in sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "False"]
+    process = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert process.stdout.split() == ["False", "False"]
     assert VEHICLES[0] == "kinematic"
 
 
@@ -194,7 +196,7 @@ def heard(quality: Quality, seconds: float, seed: int = 0, names: tuple[str, ...
     for number in range(round(seconds / STEP)):
         time = round(number * STEP, 6)
         truth = {name: VehicleState(70.0 * time, 0.0, 0.0, 70.0) for name in names}
-        result += [(time, one) for one in receiver.receive(time, truth)]
+        result += [(time, report) for report in receiver.receive(time, truth)]
     return result
 
 
@@ -205,19 +207,19 @@ def heard(quality: Quality, seconds: float, seed: int = 0, names: tuple[str, ...
 )
 def test_reports_come_once_in_order_at_rate_and_latency(rate, latency, seed):
     reports = heard(Quality(rate, latency), 20.0, seed)
-    times = [one.time for _, one in reports]
+    times = [report.time for _, report in reports]
     assert times == sorted(set(times))
     # The period is met on average, each report within the step of the world.
     assert len(times) == pytest.approx((20.0 - latency) * rate, abs=2.0)
-    for arrival, one in reports:
-        assert latency - 1e-6 <= arrival - one.time < latency + STEP
-        assert one.state == VehicleState(70.0 * one.time, 0.0, 0.0, 70.0)
+    for arrival, report in reports:
+        assert latency - 1e-6 <= arrival - report.time < latency + STEP
+        assert report.state == VehicleState(70.0 * report.time, 0.0, 0.0, 70.0)
 
 
 def test_aircraft_report_at_the_start_and_then_at_moments_of_their_own():
     names = tuple(f"n{number}" for number in range(20))
     reports = heard(Quality(rate=1.0), 3.0, names=names)
-    assert {one.identifier for time, one in reports if time == 0.0} == set(names)
+    assert {report.identifier for time, report in reports if time == 0.0} == set(names)
     assert len({time for time, _ in reports if time > 0.0}) > 8
 
 
@@ -225,9 +227,11 @@ def test_losses_and_noise_are_as_configured():
     quality = Quality(10.0, dropout=0.3, position_std=20.0, velocity_std=2.0)
     reports = heard(quality, 400.0)
     assert len(reports) == pytest.approx(2800, abs=5.0 * math.sqrt(4000 * 0.3 * 0.7))
-    x = np.array([one.state.x - 70.0 * one.time for _, one in reports])
-    north = np.array([one.state.speed * math.sin(one.state.heading) for _, one in reports])
-    east = np.array([one.state.speed * math.cos(one.state.heading) - 70.0 for _, one in reports])
+    x = np.array([report.state.x - 70.0 * report.time for _, report in reports])
+    north = np.array([report.state.speed * math.sin(report.state.heading) for _, report in reports])
+    east = np.array(
+        [report.state.speed * math.cos(report.state.heading) - 70.0 for _, report in reports]
+    )
     for values, spread in ((x, 20.0), (north, 2.0), (east, 2.0)):
         assert float(values.std()) == pytest.approx(spread, rel=0.08)
         assert abs(float(values.mean())) < 5.0 * spread / math.sqrt(len(values))
@@ -311,11 +315,11 @@ def take_up(late: float) -> PlanFlight:
     own = flight.own
     east, north = (flight.goal[0] - own.x) / 10.0, (flight.goal[1] - own.y) / 10.0
     route = [RoutePoint(n, own.x + east * n, own.y + north * n) for n in range(10, 90, 10)]
-    made = plan(own, list(flight.traffic.values()), route, Policy.load(), OPTIONS)
-    assert made.safe
+    answer = plan(own, list(flight.traffic.values()), route, Policy.load(), OPTIONS)
+    assert answer.safe
     while flight.time < late - 1e-6:
         flight.step()
-    flight.fly(legs(plan_states(own, made.waypoints)), 0.0, plan=True)
+    flight.fly(legs(plan_states(own, answer.waypoints)), 0.0, plan=True)
     while flight.time < late + 60.0:
         flight.step()
     (record,) = flight.plans
@@ -336,35 +340,37 @@ def test_a_plan_taken_up_late_is_left_by_more_than_the_flight_was_off_then():
 
 
 def test_a_promise_is_broken_only_where_all_that_it_assumes_was_kept():
-    held = PlanFlight(10.0, 10.1, 0.1, 0.0, error=3.0, error_at=40.0, separation=999.0)
-    assert held.promise(1_000.0, 25.0) is Promise.BROKEN
-    assert "the promise of SAFE is broken" in held.explanation(1_000.0, 25.0)
-    turned = replace(held, strayed=180.0)
+    flown = PlanFlight(10.0, 10.1, 0.1, 0.0, error=3.0, error_at=40.0, separation=999.0)
+    assert flown.promise(1_000.0, 25.0) is Promise.BROKEN
+    assert "the promise of SAFE is broken" in flown.explanation(1_000.0, 25.0)
+    turned = replace(flown, strayed=180.0)
     assert turned.promise(1_000.0, 25.0) is Promise.NOT_PROMISED
     assert "an intruder left its straight course by 180 m" in turned.explanation(1_000.0, 25.0)
-    off = replace(held, error=30.0)
+    off = replace(flown, error=30.0)
     assert off.promise(1_000.0, 25.0) is Promise.NOT_PROMISED
     assert "because the vehicle did not follow it more closely" in off.explanation(1_000.0, 25.0)
-    kept_all = replace(held, separation=1_000.0)
+    kept_all = replace(flown, separation=1_000.0)
     assert kept_all.promise(1_000.0, 25.0) is Promise.KEPT and not kept_all.explanation(
         1_000.0, 25.0
     )
     # A distance that is no number is never called kept.
-    assert replace(held, separation=math.nan).promise(1_000.0, 25.0) is Promise.BROKEN
+    assert replace(flown, separation=math.nan).promise(1_000.0, 25.0) is Promise.BROKEN
 
 
 @pytest.mark.slow
 def test_an_intruder_that_turns_is_seen_to_leave_its_course():
     flight = EncounterFlight(encounter_at("maneuvering"), PAPER, C208_PUBLISHED)
     straight = EncounterFlight(encounter_at("head_on"), PAPER, C208_PUBLISHED)
-    for one in (flight, straight):
-        ahead = VehicleState(one.own.x, one.own.y, one.own.heading, one.own.speed)
+    for simulated in (flight, straight):
+        ahead = VehicleState(
+            simulated.own.x, simulated.own.y, simulated.own.heading, simulated.own.speed
+        )
         reach = 300.0 * ahead.speed
         x, y = ahead.x + reach * math.cos(ahead.heading), ahead.y + reach * math.sin(ahead.heading)
         line = legs(plan_states(ahead, [Waypoint(0, x, y, ahead.heading, ahead.speed, 300.0)]))
-        one.fly(line, 0.0, plan=True)
-        while one.time < 120.0:
-            one.step()
+        simulated.fly(line, 0.0, plan=True)
+        while simulated.time < 120.0:
+            simulated.step()
     assert flight.plans[0].strayed > 100.0
     assert straight.plans[0].strayed < 1.0
 

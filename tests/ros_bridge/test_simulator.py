@@ -90,11 +90,14 @@ def test_route_passes_the_goal_and_is_long_enough_for_every_plan():
         encounters_of_seed(scenario("circle", PAPER), 0, 3, 1), PAPER, C208_PUBLISHED
     )
     route = conversions.published_route(route_of(flight, FRAME, 1_000.0))
-    at = FRAME.place([one.latitude for one in route], [one.longitude for one in route])
+    at = FRAME.place(
+        [route_point.latitude for route_point in route],
+        [route_point.longitude for route_point in route],
+    )
     assert (float(at.x[0]), float(at.y[0])) == pytest.approx(flight.goal, abs=1e-3)
     # A plan at 100 m/s takes 400 s and goes no further.
     assert math.hypot(float(at.x[-1]) - flight.own.x, float(at.y[-1]) - flight.own.y) > 45_000.0
-    assert len({one.index for one in route}) == len(route) == 10
+    assert len({route_point.index for route_point in route}) == len(route) == 10
 
 
 @pytest.mark.skipif(importlib.util.find_spec("jsbsim") is None, reason="JSBSim is not installed")
@@ -109,7 +112,7 @@ def test_encounter_that_cannot_be_flown_is_a_logged_failure():
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    ("argument", "says"),
     [
         ("vehicle:=glider", "vehicle is 'glider', expected one of kinematic, point_mass, c208"),
         ("scenario:=sideways", "scenario 'sideways' is unknown"),
@@ -119,9 +122,9 @@ def test_encounter_that_cannot_be_flown_is_a_logged_failure():
         ("flightgear:=localhost:5550", "flightgear: vehicle is kinematic, expected c208"),
     ],
 )
-def test_bad_parameters_are_refused_in_one_sentence(given: str, says: str):
+def test_bad_parameters_are_refused_in_one_sentence(argument: str, says: str):
     with pytest.raises(InputError, match=re.escape(says)):
-        main(["--ros-args", "-p", given])
+        main(["--ros-args", "-p", argument])
 
 
 # What is flown: plans called SAFE that the monitor names, its backup, and nothing else.
@@ -154,9 +157,9 @@ def test_the_monitor_decides_which_plan_is_flown():
         message(9, Trajectory.STATUS_BACKUP),
     )
 
-    def select(*said: int) -> SimpleNamespace | None:
-        if said:
-            guidance.hear(word(*said), NOW)
+    def select(*words: int) -> SimpleNamespace | None:
+        if words:
+            guidance.hear(word(*words), NOW)
         return guidance.select(NOW)
 
     assert guidance.add_plan(first) and select() is None
@@ -307,10 +310,10 @@ def test_encounter_is_flown_safely_and_recorded(tmp_path: Path):
     )
     decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
     file = tmp_path / "flight.mcap"
-    done = run_demo("--scenarios", "crossing_right", "--record", str(file), "--rate", "100")
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "1 of 1 encounters had a plan called SAFE" in done.stdout
-    judged = done.stdout.split("plans that were flown\n\n")[1].splitlines()
+    process = run_demo("--scenarios", "crossing_right", "--record", str(file), "--rate", "100")
+    assert process.returncode == 0, process.stdout + process.stderr
+    assert "1 of 1 encounters had a plan called SAFE" in process.stdout
+    judged = process.stdout.split("plans that were flown\n\n")[1].splitlines()
     assert judged[1].startswith("crossing_right 0")
     assert judged[1].split()[-1] in ("kept", "exceeded")
 
@@ -326,10 +329,12 @@ def test_encounter_is_flown_safely_and_recorded(tmp_path: Path):
     plans = messages["/rlcas_runner/output/trajectory"]
     assert plans[0].status == 1 and len(plans[0].waypoints) == 20
     assert plans[0].min_separation >= 1_025.0
-    assert {said.fly for said in messages["/rlcas_monitor/output/status"]} == {0, 1}
+    assert {recorded.fly for recorded in messages["/rlcas_monitor/output/status"]} == {0, 1}
     assert messages["/rlcas_runner/input/traffic"][0].id == "4b0001"
     values = {
-        one.key: one.value for said in messages["/diagnostics"] for one in said.status[0].values
+        pair.key: pair.value
+        for recorded in messages["/diagnostics"]
+        for pair in recorded.status[0].values
     }
     assert values["policy sha256"] == Policy.load().sha256
     assert len(messages["/clock"]) > 500 and messages["/rlcas_runner/output/markers"]
@@ -341,8 +346,10 @@ def test_a_head_on_encounter_is_resolved_by_a_climb():
     assert uas.vertical is not None
     # The margin holds what is flown until the plan is taken up, too.
     parameters = {"aircraft": "uas", "maneuvers": "vertical", "vertical_margin_m": 10.0}
-    given = [f"{name}:={value}" for name, value in (parameters | {"use_sim_time": "true"}).items()]
-    arguments = [part for one in given for part in ("-p", one)]
+    settings = [
+        f"{name}:={value}" for name, value in (parameters | {"use_sim_time": "true"}).items()
+    ]
+    arguments = [part for setting in settings for part in ("-p", setting)]
     with running_beside(Simulator, aircraft="uas", monitor=False, rate=100.0) as (node, client):
         runner = Process(
             "ros_bridge.runner", client.context.get_domain_id(), "--ros-args", *arguments
@@ -359,8 +366,8 @@ def test_a_head_on_encounter_is_resolved_by_a_climb():
 
 
 def children(process: int) -> list[int]:
-    found = Path(f"/proc/{process}/task").glob("*/children")
-    return [int(one) for file in found for one in file.read_text().split()]
+    files = Path(f"/proc/{process}/task").glob("*/children")
+    return [int(number) for file in files for number in file.read_text().split()]
 
 
 def alive(process: int) -> bool:
@@ -424,11 +431,11 @@ def test_full_disk_ends_a_recording_in_one_sentence_and_keeps_it(tmp_path: Path)
         "ros_bridge.demo",
         *command,
     ]
-    done = subprocess.run(
+    process = subprocess.run(
         limited, cwd=ROOT, capture_output=True, text=True, timeout=1_200, check=False
     )
-    assert done.returncode == 1, done.stderr
-    assert f"error: {file}: File too large" in done.stderr and "Traceback" not in done.stderr
+    assert process.returncode == 1, process.stderr
+    assert f"error: {file}: File too large" in process.stderr and "Traceback" not in process.stderr
     assert not file.exists()
     with (tmp_path / "flight.partial.mcap").open("rb") as stream:
         assert sum(1 for _ in reader.make_reader(stream).iter_messages()) > 100
@@ -466,10 +473,10 @@ def rows(text: str) -> list[dict[str, str]]:
 @pytest.mark.slow
 def test_noise_of_traffic_asks_for_few_new_plans():
     """With 30 m and 3 m/s of noise and reports 1 to 2 s old."""
-    done = run_demo("--scenarios", "noisy", "--each", "3", seconds=900.0)
-    assert done.returncode == 0, done.stdout + done.stderr
-    table = rows(done.stdout)
-    assert len(table) == 3 and "3 of 3 encounters had a plan called SAFE" in done.stdout
+    process = run_demo("--scenarios", "noisy", "--each", "3", seconds=900.0)
+    assert process.returncode == 0, process.stdout + process.stderr
+    table = rows(process.stdout)
+    assert len(table) == 3 and "3 of 3 encounters had a plan called SAFE" in process.stdout
     assert np.median([int(row["re-plans"]) for row in table]) <= 3
     assert max(float(row["backup, s"]) for row in table) <= 10.0
 
@@ -477,11 +484,11 @@ def test_noise_of_traffic_asks_for_few_new_plans():
 @pytest.mark.slow
 def test_another_aircraft_is_flown_safely_at_its_own_separation():
     uas = ("--aircraft", "configs/aircraft/uas.yaml", "--outside-domain", "allow")
-    done = run_demo(*uas, "--scenarios", "crossing_right")
-    assert done.returncode == 0, done.stdout + done.stderr
+    process = run_demo(*uas, "--scenarios", "crossing_right")
+    assert process.returncode == 0, process.stdout + process.stderr
     assert (
-        "1 of 1 encounters had a plan called SAFE" in done.stdout
-        and "below 610 m: none" in done.stdout
+        "1 of 1 encounters had a plan called SAFE" in process.stdout
+        and "below 610 m: none" in process.stdout
     )
 
 
@@ -490,9 +497,9 @@ def test_another_aircraft_is_flown_safely_at_its_own_separation():
 def test_the_four_scenarios_are_flown_safely(vehicle: str):
     if vehicle == "c208":
         pytest.importorskip("jsbsim")
-    done = run_demo("--vehicle", vehicle)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "4 of 4 encounters had a plan called SAFE" in done.stdout
+    process = run_demo("--vehicle", vehicle)
+    assert process.returncode == 0, process.stdout + process.stderr
+    assert "4 of 4 encounters had a plan called SAFE" in process.stdout
 
 
 IMPATIENT = """
@@ -507,7 +514,7 @@ main()
 def test_simulator_alone_names_the_missing_nodes():
     with domain() as number:
         alone = {"ROS_DOMAIN_ID": str(number), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-c", IMPATIENT, "--ros-args", "-p", "monitor:=false"],
             cwd=ROOT,
             env=os.environ | alone,
@@ -516,8 +523,8 @@ def test_simulator_alone_names_the_missing_nodes():
             timeout=1_200,
             check=False,
         )
-    assert done.returncode == 1
-    assert "the runner has not answered within 3 s" in done.stdout + done.stderr
+    assert process.returncode == 1
+    assert "the runner has not answered within 3 s" in process.stdout + process.stderr
 
 
 def begin_file(file: Path) -> tuple[GrowingFile, Any, int]:
@@ -525,10 +532,10 @@ def begin_file(file: Path) -> tuple[GrowingFile, Any, int]:
         "mcap.writer", reason="mcap is not installed; to have it: make ros"
     )
     growing = GrowingFile(file)
-    made = writer.Writer(growing)
-    made.start(profile="ros2", library="test")
-    schema = made.register_schema("a/msg/B", "ros2msg", b"int32 a")
-    return growing, made, made.register_channel("/topic", "cdr", schema)
+    mcap = writer.Writer(growing)
+    mcap.start(profile="ros2", library="test")
+    schema = mcap.register_schema("a/msg/B", "ros2msg", b"int32 a")
+    return growing, mcap, mcap.register_channel("/topic", "cdr", schema)
 
 
 def messages(file: Path) -> list[int]:
@@ -539,20 +546,20 @@ def messages(file: Path) -> list[int]:
         return [message.sequence for _, _, message in reader.make_reader(stream).iter_messages()]
 
 
-def add(made: Any, channel: int, number: int, size: int = 8) -> None:
-    made.add_message(
+def add(mcap: Any, channel: int, number: int, size: int = 8) -> None:
+    mcap.add_message(
         channel, log_time=number, publish_time=number, sequence=number, data=bytes(size)
     )
 
 
 def test_file_is_readable_after_each_flush_and_at_the_end(tmp_path: Path):
     file = tmp_path / "one.mcap"
-    growing, made, channel = begin_file(file)
+    growing, mcap, channel = begin_file(file)
     for number in range(20):
-        add(made, channel, number)
-        made.flush()
+        add(mcap, channel, number)
+        mcap.flush()
         assert messages(file) == list(range(number + 1))
-    made.finish()
+    mcap.finish()
     growing.close(finished=True)
     with file.open("rb") as stream:
         reader = pytest.importorskip(
@@ -565,17 +572,17 @@ def test_file_is_readable_after_each_flush_and_at_the_end(tmp_path: Path):
 
 def test_file_that_can_grow_no_more_holds_what_it_held(tmp_path: Path):
     file = tmp_path / "one.mcap"
-    growing, made, channel = begin_file(file)
-    add(made, channel, 0)
-    made.flush()
-    held = file.read_bytes()
+    growing, mcap, channel = begin_file(file)
+    add(mcap, channel, 0)
+    mcap.flush()
+    content = file.read_bytes()
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (len(held) + 100, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(content) + 100, hard))
     try:
         with pytest.raises(OSError, match="File too large") as caught:
             for number in range(1, 50):
-                add(made, channel, number)
-                made.flush()
+                add(mcap, channel, number)
+                mcap.flush()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     growing.close(finished=False)

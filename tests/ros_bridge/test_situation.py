@@ -48,26 +48,26 @@ from tests.ros_bridge.scenes import (
 
 
 def test_complete_situation_is_a_task():
-    wanted = task(situation_after(crossing()), NOW, SETTINGS)
-    assert wanted.own == pytest.approx((0.0, 0.0, 0.0, 75.0), abs=1e-6)
-    assert wanted.identifiers == ("4b1a2c",)
-    assert wanted.intruders[0].state == pytest.approx(
+    requested = task(situation_after(crossing()), NOW, SETTINGS)
+    assert requested.own == pytest.approx((0.0, 0.0, 0.0, 75.0), abs=1e-6)
+    assert requested.identifiers == ("4b1a2c",)
+    assert requested.intruders[0].state == pytest.approx(
         (8_000.0, -8_000.0, math.pi / 2.0, 75.0), abs=1e-6
     )
-    assert [place.index for place in wanted.points] == list(range(7, 17))
-    assert wanted.points[0].x == pytest.approx(5_000.0, abs=1e-6)
-    assert [(one.code, one.field) for one in wanted.notes] == [
+    assert [place.index for place in requested.points] == list(range(7, 17))
+    assert requested.points[0].x == pytest.approx(5_000.0, abs=1e-6)
+    assert [(note.code, note.field) for note in requested.notes] == [
         (AdvisoryCode.WIND_UNKNOWN, "ownship.wind")
     ]
 
 
 def test_what_an_intruder_does_not_report_is_assumed_and_said_by_its_name():
     unknown = Unknown(200.0, 2.0)
-    wanted = task(situation_after(crossing(valid=0x05)), NOW, replace(SETTINGS, unknown=unknown))
-    assert (wanted.intruders[0].position_std, wanted.intruders[0].velocity_std) == unknown[:2]
+    requested = task(situation_after(crossing(valid=0x05)), NOW, replace(SETTINGS, unknown=unknown))
+    assert (requested.intruders[0].position_std, requested.intruders[0].velocity_std) == unknown[:2]
     assert [
-        in_terms_of_messages(note.field, wanted.identifiers)
-        for note in wanted.notes
+        in_terms_of_messages(note.field, requested.identifiers)
+        for note in requested.notes
         if note.code is AdvisoryCode.ASSUMED
     ] == ["intruder 4b1a2c.position_std", "intruder 4b1a2c.velocity_std"]
 
@@ -147,11 +147,11 @@ def test_a_turning_ownship_is_advanced_along_its_arc():
 
 
 def test_missing_input_is_named():
-    whole = situation_after(crossing())
-    assert refusal(whole, 0) == (Code.NO_CLOCK, "clock")
-    assert refusal(replace(whole, origin=NOTHING)) == (Code.NO_GEO_REFERENCE, "geo_reference")
-    assert refusal(replace(whole, own=Situation().own)) == (Code.NO_OWNSHIP, "ownship")
-    assert refusal(replace(whole, route=NOTHING)) == (Code.NO_ROUTE, "route")
+    complete = situation_after(crossing())
+    assert refusal(complete, 0) == (Code.NO_CLOCK, "clock")
+    assert refusal(replace(complete, origin=NOTHING)) == (Code.NO_GEO_REFERENCE, "geo_reference")
+    assert refusal(replace(complete, own=Situation().own)) == (Code.NO_OWNSHIP, "ownship")
+    assert refusal(replace(complete, route=NOTHING)) == (Code.NO_ROUTE, "route")
     assert refusal(situation_after(crossing(), alerts=[alert("4b1a2c", "beef01")])) == (
         Code.NO_INTRUDER,
         "intruder beef01",
@@ -218,10 +218,12 @@ def test_places_far_from_the_geo_reference_are_refused_or_left_out():
     )
     far = aircraft(301_000.0, 0.0, 0.0, 75.0)
     # The planner leaves out what cannot come near.
-    wanted = task(situation_after(far), NOW, SETTINGS)
-    _, excluded, _ = check_request(wanted.own, wanted.intruders, wanted.points, wanted.options)
-    assert wanted.identifiers == ("4b1a2c",)
-    assert [one.apart for one in excluded] == [Apart.FAR]
+    requested = task(situation_after(far), NOW, SETTINGS)
+    _, excluded, _ = check_request(
+        requested.own, requested.intruders, requested.points, requested.options
+    )
+    assert requested.identifiers == ("4b1a2c",)
+    assert [exclusion.apart for exclusion in excluded] == [Apart.FAR]
 
 
 @pytest.mark.parametrize(
@@ -254,17 +256,19 @@ def test_another_aircraft_with_the_ownships_id_counts():
 
 
 def test_alert_names_an_aircraft_in_any_case():
-    wanted = task(situation_after(crossing(id="4B1A2C "), alerts=[alert("4b1A2c")]), NOW, SETTINGS)
-    assert wanted.identifiers == ("4b1a2c",)
+    requested = task(
+        situation_after(crossing(id="4B1A2C "), alerts=[alert("4b1A2c")]), NOW, SETTINGS
+    )
+    assert requested.identifiers == ("4b1a2c",)
 
 
 def test_copy_of_the_ownship_under_another_id_is_noted():
-    wanted = task(
+    requested = task(
         situation_after(aircraft(30.0, -20.0, 0.02, 76.0, id="tisb01"), crossing()), NOW, SETTINGS
     )
-    assert wanted.identifiers == ("4b1a2c", "tisb01")
-    copies = [note for note in wanted.notes if note.code is AdvisoryCode.POSSIBLE_COPY]
-    assert [in_terms_of_messages(note.field, wanted.identifiers) for note in copies] == [
+    assert requested.identifiers == ("4b1a2c", "tisb01")
+    copies = [note for note in requested.notes if note.code is AdvisoryCode.POSSIBLE_COPY]
+    assert [in_terms_of_messages(note.field, requested.identifiers) for note in copies] == [
         "intruder tisb01"
     ]
 
@@ -273,16 +277,19 @@ def test_msl_heights_are_comparable_with_the_undulation_only():
     own = aircraft(
         0.0, 0.0, 0.0, 75.0, id="own", valid=0x07, altitude=1_000.0, altitude_reference=1
     )
-    other = crossing(valid=0x07, altitude=2_000.0, altitude_reference=2)
-    without = task(situation_after(other, own=own), NOW, SETTINGS)
+    intruder = crossing(valid=0x07, altitude=2_000.0, altitude_reference=2)
+    without = task(situation_after(intruder, own=own), NOW, SETTINGS)
     assert (
         without.intruders[0].altitude is not None
         and without.intruders[0].altitude.reference == "msl"
     )
     undulated = geo_reference(geoid_undulation_valid=True, geoid_undulation=47.5)
-    with_it = task(situation_after(other, own=own, reference=undulated), NOW, SETTINGS)
-    assert with_it.intruders[0].altitude is not None
-    assert (with_it.intruders[0].altitude.value, with_it.intruders[0].altitude.reference) == (
+    with_undulation = task(situation_after(intruder, own=own, reference=undulated), NOW, SETTINGS)
+    assert with_undulation.intruders[0].altitude is not None
+    assert (
+        with_undulation.intruders[0].altitude.value,
+        with_undulation.intruders[0].altitude.reference,
+    ) == (
         2_047.5,
         "wgs84",
     )
@@ -293,18 +300,18 @@ def test_the_wind_is_planned_in_and_narrows_nothing(east: float, north: float):
     settings = replace(SETTINGS, unknown=USUAL._replace(reported_wind_std=0.7))
     blows = SimpleNamespace(x=east, y=north, z=0.0)
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0x25, wind=blows)
-    wanted = task(situation_after(own=own), NOW, settings)
-    assert wanted.options == settings.options
-    assert wanted.wind == pytest.approx((east, north, 0.7))
-    assert wanted.notes == ()
+    requested = task(situation_after(own=own), NOW, settings)
+    assert requested.options == settings.options
+    assert requested.wind == pytest.approx((east, north, 0.7))
+    assert requested.notes == ()
 
 
 def test_an_unknown_wind_may_blow_from_anywhere():
     unknown = Unknown(wind_std=4.0, reported_wind_std=0.7)
-    wanted = task(situation_after(), NOW, replace(SETTINGS, unknown=unknown))
-    assert wanted.wind == (0.0, 0.0, 4.0)
-    said = [note.text for note in wanted.notes if note.code is AdvisoryCode.WIND_UNKNOWN]
-    assert said == ["is unknown and taken as calm within 4 m/s (one sigma)"]
+    requested = task(situation_after(), NOW, replace(SETTINGS, unknown=unknown))
+    assert requested.wind == (0.0, 0.0, 4.0)
+    texts = [note.text for note in requested.notes if note.code is AdvisoryCode.WIND_UNKNOWN]
+    assert texts == ["is unknown and taken as calm within 4 m/s (one sigma)"]
 
 
 def test_the_wind_turns_with_true_north_into_the_frame():
@@ -312,10 +319,10 @@ def test_the_wind_turns_with_true_north_into_the_frame():
     blows = SimpleNamespace(x=10.0, y=0.0, z=0.0)
     at = far.place(FRAME.latitude, FRAME.longitude)
     own = aircraft(float(at.x), float(at.y), 0.0, 75.0, id="own", valid=0x25, wind=blows, frame=far)
-    wanted = task(situation_after(own=own, frame=far), NOW, SETTINGS)
+    requested = task(situation_after(own=own, frame=far), NOW, SETTINGS)
     turn = float(at.convergence)
     assert abs(turn) > 0.01
-    assert (wanted.wind.east, wanted.wind.north) == pytest.approx(
+    assert (requested.wind.east, requested.wind.north) == pytest.approx(
         (10.0 * math.cos(turn), 10.0 * math.sin(turn)), abs=1e-9
     )
 
@@ -346,11 +353,13 @@ def test_a_turn_of_the_track_is_planned_as_one_through_the_air():
 @pytest.mark.parametrize("share", [0.25, 0.5, 0.9, 1.01])
 def test_a_wind_is_refused_only_where_the_aircraft_cannot_fly_against_it(name: str, share: float):
     """10 m/s are a quarter of what a small aircraft flies, and an ordinary day."""
-    given = aircraft_of(name, "")
-    settings = replace(SETTINGS, options=Options.for_aircraft(given))
-    speed = share * given.limits.speed_max
+    aircraft_named = aircraft_of(name, "")
+    settings = replace(SETTINGS, options=Options.for_aircraft(aircraft_named))
+    speed = share * aircraft_named.limits.speed_max
     blows = SimpleNamespace(x=-0.6 * speed, y=0.8 * speed, z=0.0)
-    east = given.limits.speed_max + blows.x  # it flies east through the air, as fast as it can
+    east = (
+        aircraft_named.limits.speed_max + blows.x
+    )  # it flies east through the air, as fast as it can
     own = aircraft(
         0.0,
         0.0,
@@ -373,28 +382,30 @@ def test_a_plan_survives_its_way_over_the_ellipsoid(origin: tuple[float, float])
     situation = situation_after(
         aircraft(8_000.0, -8_000.0, math.pi / 2.0, 75.0, frame=frame), frame=frame
     )
-    wanted = task(situation, NOW, SETTINGS)
-    result = plan(wanted.own, wanted.intruders, wanted.points, Policy.load(), wanted.options)
-    points = plan_points(result, wanted)
+    requested = task(situation, NOW, SETTINGS)
+    result = plan(
+        requested.own, requested.intruders, requested.points, Policy.load(), requested.options
+    )
+    points = plan_points(result, requested)
     assert len(points) == 20
     assert [place.of_route for place in points] == [False] * 19 + [True]
-    start = start_point(frame, wanted.own, wanted.time, wanted.own_altitude)
-    own, waypoints = to_frame(frame, Published(b"", 1, wanted.time, start, points, ()))
-    assert own == pytest.approx(tuple(wanted.own), abs=1e-6)
-    for back, out in zip(waypoints, result.waypoints, strict=True):
-        assert back.index == out.index
-        assert math.hypot(back.x - out.x, back.y - out.y) <= 1e-6
-        assert abs(math.remainder(back.heading - out.heading, 2.0 * math.pi)) <= 1e-9
-        assert back.speed == out.speed
-        assert back.time == pytest.approx(out.time, abs=1e-9)
+    start = start_point(frame, requested.own, requested.time, requested.own_altitude)
+    own, waypoints = to_frame(frame, Published(b"", 1, requested.time, start, points, ()))
+    assert own == pytest.approx(tuple(requested.own), abs=1e-6)
+    for back, sent in zip(waypoints, result.waypoints, strict=True):
+        assert back.index == sent.index
+        assert math.hypot(back.x - sent.x, back.y - sent.y) <= 1e-6
+        assert abs(math.remainder(back.heading - sent.heading, 2.0 * math.pi)) <= 1e-9
+        assert back.speed == sent.speed
+        assert back.time == pytest.approx(sent.time, abs=1e-9)
     # Ground speed and track of each waypoint point to where the aircraft is a second later.
     at = frame.geodetic(
         np.array([w.x + w.speed * math.cos(w.heading) for w in waypoints]),
         np.array([w.y + w.speed * math.sin(w.heading) for w in waypoints]),
     )
     for place, latitude, longitude in zip(points, at.latitude, at.longitude, strict=True):
-        here = LocalFrame(place.latitude, place.longitude).place(latitude, longitude)
-        track = math.degrees(math.atan2(float(here.x), float(here.y)))
+        place_back = LocalFrame(place.latitude, place.longitude).place(latitude, longitude)
+        track = math.degrees(math.atan2(float(place_back.x), float(place_back.y)))
         assert abs(math.remainder(track - place.track_deg, 360.0)) <= 1e-3
 
 
@@ -419,39 +430,44 @@ def at(
     return task(situation, now, SETTINGS)
 
 
-def revalidate(plan: Plan, asked: PlanTask, present: PlanTask) -> Plan:
-    late, now = (present.time - asked.time) / SECOND, present
+def revalidate(plan: Plan, plan_task: PlanTask, present: PlanTask) -> Plan:
+    late, now = (present.time - plan_task.time) / SECOND, present
     return recheck(plan, late, now.own, now.intruders, now.points, now.options, now.own_altitude)
 
 
 @pytest.fixture(scope="module")
-def asked() -> PlanTask:
+def plan_task() -> PlanTask:
     return at(0.0, (9_000.0, 0.0, math.pi))
 
 
 @pytest.fixture(scope="module")
-def made(asked: PlanTask) -> Plan:
-    result = plan(asked.own, asked.intruders, asked.points, Policy.load(), asked.options)
+def safe_plan(plan_task: PlanTask) -> Plan:
+    result = plan(
+        plan_task.own, plan_task.intruders, plan_task.points, Policy.load(), plan_task.options
+    )
     assert result.safe
     return result
 
 
-def test_plan_without_delay_is_unchanged(made: Plan, asked: PlanTask):
-    assert revalidate(made, asked, asked) is made
+def test_plan_without_delay_is_unchanged(safe_plan: Plan, plan_task: PlanTask):
+    assert revalidate(safe_plan, plan_task, plan_task) is safe_plan
 
 
 @pytest.mark.parametrize("late", [0.5, 2.0])
-def test_ownship_on_its_prediction_keeps_the_plan(made: Plan, asked: PlanTask, late: float):
+def test_ownship_on_its_prediction_keeps_the_plan(
+    safe_plan: Plan, plan_task: PlanTask, late: float
+):
     roomy = replace(
-        asked.options, requirement=asked.options.requirement._replace(margin=0.0, separation=950.0)
+        plan_task.options,
+        requirement=plan_task.options.requirement._replace(margin=0.0, separation=950.0),
     )
     present = replace(at(late, (9_000.0 - 75.0 * late, 0.0, math.pi)), options=roomy)
-    assert revalidate(made, asked, present).safe
+    assert revalidate(safe_plan, plan_task, present).safe
 
 
-def test_intruder_off_its_prediction_voids_the_plan(made: Plan, asked: PlanTask):
-    side = math.copysign(1.0, made.waypoints[1].y)
-    late = revalidate(made, asked, at(2.0, (2_500.0, side * 600.0, math.pi)))
+def test_intruder_off_its_prediction_voids_the_plan(safe_plan: Plan, plan_task: PlanTask):
+    side = math.copysign(1.0, safe_plan.waypoints[1].y)
+    late = revalidate(safe_plan, plan_task, at(2.0, (2_500.0, side * 600.0, math.pi)))
     assert not late.safe
     assert late.reasons[0].message.startswith(
         "plan was found 2.0 s after the request and is too late"
@@ -459,11 +475,13 @@ def test_intruder_off_its_prediction_voids_the_plan(made: Plan, asked: PlanTask)
     assert "separation" in late.reasons[0].message
 
 
-def test_an_ownship_that_turned_away_cannot_join_it(made: Plan, asked: PlanTask):
-    away = revalidate(made, asked, at(4.0, (8_700.0, 0.0, math.pi), own=(0.0, 0.0, math.pi)))
+def test_an_ownship_that_turned_away_cannot_join_it(safe_plan: Plan, plan_task: PlanTask):
+    away = revalidate(
+        safe_plan, plan_task, at(4.0, (8_700.0, 0.0, math.pi), own=(0.0, 0.0, math.pi))
+    )
     assert not away.safe
 
 
-def test_unsafe_plan_stays_unsafe(made: Plan, asked: PlanTask):
-    unsafe = replace(made, status=type(made.status).UNRESOLVED)
-    assert revalidate(unsafe, asked, at(1.0, (8_925.0, 0.0, math.pi))) is unsafe
+def test_unsafe_plan_stays_unsafe(safe_plan: Plan, plan_task: PlanTask):
+    unsafe = replace(safe_plan, status=type(safe_plan.status).UNRESOLVED)
+    assert revalidate(unsafe, plan_task, at(1.0, (8_925.0, 0.0, math.pi))) is unsafe

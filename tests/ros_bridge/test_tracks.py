@@ -367,18 +367,20 @@ def test_a_velocity_that_differs_from_the_places_is_taken_from_them(
     assert (f"{80.0 * (unit - 1.0):+.0f} m/s" in correction) == (unit != 1.0)
 
 
-@pytest.mark.parametrize("said", [5.0, -5.0, 0.0, 5.0 / 0.3048])
-def test_a_vertical_speed_that_differs_from_the_altitudes_is_taken_from_them(said: float):
+@pytest.mark.parametrize("reported_climb", [5.0, -5.0, 0.0, 5.0 / 0.3048])
+def test_a_vertical_speed_that_differs_from_the_altitudes_is_taken_from_them(reported_climb: float):
     track = UNKNOWN
     for second in range(30):
         plain = replace(report(float(second)), position_std=5.0)
-        altitude = Altitude(30.48 * round((900.0 + 5.0 * second) / 30.48), "pressure", said)
-        one = replace(plain, altitude=altitude)
-        track = take_in(track, one, "it", one.time, RULES)
+        altitude = Altitude(
+            30.48 * round((900.0 + 5.0 * second) / 30.48), "pressure", reported_climb
+        )
+        climbing = replace(plain, altitude=altitude)
+        track = take_in(track, climbing, "it", climbing.time, RULES)
     assert track.fault is None and track.course is not None and track.estimate is not None
     believed = track.estimate.altitude
     assert believed is not None and track.last is not None
-    if said == 5.0:
+    if reported_climb == 5.0:
         assert believed == track.last.altitude and not track.course.corrections
         return
     assert believed.climb(10.0)[0] == pytest.approx(5.0, abs=believed.climb_error)
@@ -386,7 +388,7 @@ def test_a_vertical_speed_that_differs_from_the_altitudes_is_taken_from_them(sai
     (correction,) = track.course.corrections
     assert correction[0] == "altitude.vertical_speed" and "taken from altitudes" in correction[1]
     # What changes its reference, or says no vertical speed any more, begins anew.
-    for altitude in (Altitude(900.0, "wgs84", said), Altitude(900.0, "pressure")):
+    for altitude in (Altitude(900.0, "wgs84", reported_climb), Altitude(900.0, "pressure")):
         later = replace(report(30.0), altitude=altitude)
         assert take_in(track, later, "it", later.time, RULES).estimate.altitude == altitude
 
@@ -458,8 +460,10 @@ def test_reports_in_whole_numbers_are_tracked_in_floats(monkeypatch: pytest.Monk
         return single.follow(tracks, reports, dt)
 
     monkeypatch.setattr(courses, "follow", follow)
-    whole = [replace(report(second), position_std=30, velocity_std=3) for second in (0.0, 1.0)]
-    _, checks = feed(*whole)
+    in_integers = [
+        replace(report(second), position_std=30, velocity_std=3) for second in (0.0, 1.0)
+    ]
+    _, checks = feed(*in_integers)
     assert checks == [ReportCheck.TAKEN, ReportCheck.TAKEN]
     assert types == {float, bool}
 

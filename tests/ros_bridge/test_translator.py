@@ -161,7 +161,7 @@ def test_traffic_that_cannot_be_translated_is_named():
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    ("settings", "says"),
     [
         ([], "own_source and traffic_source are both none"),
         (
@@ -172,9 +172,9 @@ def test_traffic_that_cannot_be_translated_is_named():
         (["traffic_source:=adsb"], "adsb needs the package mavros_msgs"),
     ],
 )
-def test_bad_parameters_are_refused_in_one_sentence(given, says):
+def test_bad_parameters_are_refused_in_one_sentence(settings, says):
     with pytest.raises(InputError, match=re.escape(says)):
-        main(["--ros-args", *(part for one in given for part in ("-p", one))])
+        main(["--ros-args", *(part for setting in settings for part in ("-p", setting))])
 
 
 # mavros and NovAtel over real DDS: their packages are built from their definitions, and the
@@ -229,14 +229,14 @@ def build_package(package: str, folder: Path, prefix: Path) -> None:
         "--prefix",
         str(prefix),
     ]
-    done = subprocess.run(
+    process = subprocess.run(
         [*command, "--build", str(folder / "build" / package)],
         cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
+    assert process.returncode == 0, process.stderr
 
 
 @pytest.mark.slow
@@ -257,7 +257,7 @@ def test_translator_reads_the_messages_of_mavros_and_novatel(
             "ros_bridge.translator",
             number,
             "--ros-args",
-            *(part for one in sources for part in ("-p", one)),
+            *(part for entry in sources for part in ("-p", entry)),
         )
         script = tmp_path / "drivers_of_others.py"
         script.write_text(SENDER, encoding="utf-8")
@@ -268,10 +268,11 @@ def test_translator_reads_the_messages_of_mavros_and_novatel(
             own = client.hear(AircraftState, f"{NODE}/input/ownship", qos.SENSOR)
             traffic = client.hear_traffic()
             client.spin(
-                lambda: own and {one.id for one in traffic} >= {"000001", "000002", "000003"}, 30.0
+                lambda: own and {entry.id for entry in traffic} >= {"000001", "000002", "000003"},
+                30.0,
             )
             client.idle(1.0)
-            states = {one.id: one for one in traffic}
+            states = {entry.id: entry for entry in traffic}
         finally:
             client.close()
     assert set(states) == {"000001", "000002", "000003"}
@@ -290,11 +291,11 @@ DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference" / "ros-paramet
 
 
 def test_the_docs_are_current():
-    wanted = (
+    advice = (
         "expected the output of `python -m ros_bridge.transport.parameters` in "
         "docs/reference/ros-parameters.md"
     )
-    assert parameters.reference() in DOCS.read_text(encoding="utf-8"), wanted
+    assert parameters.reference() in DOCS.read_text(encoding="utf-8"), advice
 
 
 def test_the_layout_for_viewers_names_what_is_recorded():
@@ -303,8 +304,11 @@ def test_the_layout_for_viewers_names_what_is_recorded():
     )
     recorded = {f"/{name.removeprefix('/')}": kind for kind, name, _ in topics.EVERY}
     panels = layout["configById"]
-    shown = [*panels["3D!plan"]["topics"], panels["DiagnosticSummary!health"]["topicToRender"]]
-    assert set(shown) <= set(recorded)
+    shown_topics = [
+        *panels["3D!plan"]["topics"],
+        panels["DiagnosticSummary!health"]["topicToRender"],
+    ]
+    assert set(shown_topics) <= set(recorded)
     values = [path["value"] for panel in panels.values() for path in panel.get("paths", [])]
     assert len(values) == 5
     for topic, _, field in (value.rpartition(".") for value in values):
@@ -316,16 +320,23 @@ def test_the_layout_for_viewers_names_what_is_recorded():
 @pytest.mark.parametrize("node", parameters.NODES)
 def test_defaults_lie_in_their_ranges_and_names_are_unique(node: str):
     every = list(parameters.of(node))
-    numbers = [one for one in every if one.low is not None and not isinstance(one.default, str)]
-    assert all(one.low <= one.default <= one.high and one.meaning for one in numbers)
-    assert len({one.name for one in every}) == len(every)
+    numbers = [
+        parameter
+        for parameter in every
+        if parameter.low is not None and not isinstance(parameter.default, str)
+    ]
+    assert all(
+        parameter.low <= parameter.default <= parameter.high and parameter.meaning
+        for parameter in numbers
+    )
+    assert len({parameter.name for parameter in every}) == len(every)
 
 
-@pytest.mark.parametrize("given", [{"separaton": 2000.0}, {"marign": 500.0}, {"margin": math.nan}])
-def test_unknown_and_undefined_values_are_refused_by_name(given: dict[str, float]):
+@pytest.mark.parametrize("values", [{"separaton": 2000.0}, {"marign": 500.0}, {"margin": math.nan}])
+def test_unknown_and_undefined_values_are_refused_by_name(values: dict[str, float]):
     with (
-        pytest.raises((ValueError, ParameterException), match=next(iter(given))),
-        running_beside(Monitor, **given),
+        pytest.raises((ValueError, ParameterException), match=next(iter(values))),
+        running_beside(Monitor, **values),
     ):
         pass
 
@@ -337,8 +348,8 @@ def test_parameters_of_the_node_itself_are_taken():
 
 @pytest.mark.parametrize("node", [Runner, Monitor])
 def test_default_margin_is_an_aircrafts(node: Any):
-    with running_beside(node) as (made, _):
-        assert made.get_parameter("margin").value == 210.0
+    with running_beside(node) as (started, _):
+        assert started.get_parameter("margin").value == 210.0
 
 
 @pytest.mark.parametrize(
@@ -422,10 +433,10 @@ def test_public_names_exist(room: str):
 def test_core_and_sim_load_no_ros():
     rooms = ", ".join(f"ros_bridge.{room}" for room in ("core", "sim", "transport", "nodes"))
     program = f"import sys, {rooms}; print('rclpy' in sys.modules)"
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    assert done.stdout.strip() == "False"
+    assert process.stdout.strip() == "False"
 
 
 @pytest.mark.parametrize(
@@ -526,7 +537,7 @@ def test_the_program_of_the_page_gets_the_answers_of_the_page(
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "PYTHONPATH": str(ROOT),
         }
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "ask.py"],
             cwd=tmp_path,
             env=environment,
@@ -535,5 +546,5 @@ def test_the_program_of_the_page_gets_the_answers_of_the_page(
             timeout=1_200,
             check=False,
         )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == printed
+    assert process.returncode == 0, process.stderr
+    assert process.stdout == printed

@@ -109,9 +109,9 @@ def read(reader: str, scene: Scene, unsaid: frozenset[str]) -> Report | FieldErr
             altitude=scene.height,
             altitude_type=0,
         )
-        found = adsb_vehicle(message, {0: "pressure"})
-        assert found is not None
-        return found
+        outcome = adsb_vehicle(message, {0: "pressure"})
+        assert outcome is not None
+        return outcome
     row: dict[str, Any] = {"hex": "4b1a2c", "lat": latitude, "lon": longitude}
     row |= {"gs": scene.speed / KNOT, "track": math.degrees(scene.track)}
     optional = {
@@ -126,16 +126,16 @@ def read(reader: str, scene: Scene, unsaid: frozenset[str]) -> Report | FieldErr
         live = AircraftJson(Traffic("0wn"))
         first = json.dumps({"now": 0.0, "aircraft": []})
         assert list(live.reports_of(first, NOW - SECOND)) == []
-        [found] = live.reports_of(json.dumps({"now": 1.0, "aircraft": [row]}), NOW)
-        return found
+        [outcome] = live.reports_of(json.dumps({"now": 1.0, "aircraft": [row]}), NOW)
+        return outcome
     live = BaseStation(Traffic("0wn"))
     day = "" if "age" in unsaid else "2026/01/01"
     values = [str(row.get(name, "")) for name in ("alt_baro", "gs", "track")]
     rate = str(row.get("baro_rate", ""))
-    both = f"{values[0]},{values[1]},{values[2]},{latitude},{longitude},{rate},,,,,0"
+    numbers = f"{values[0]},{values[1]},{values[2]},{latitude},{longitude},{rate},,,,,0"
     clock = "" if "age" in unsaid else "12:00:00.000"
-    [found] = live.reports_of(f"MSG,3,1,1,4B1A2C,1,{day},{clock},{day},{clock},,{both}", NOW)
-    return found
+    [outcome] = live.reports_of(f"MSG,3,1,1,4B1A2C,1,{day},{clock},{day},{clock},,{numbers}", NOW)
+    return outcome
 
 
 def _of_message(scene: Scene, unsaid: frozenset[str]) -> Report | FieldError:
@@ -155,32 +155,36 @@ def _of_message(scene: Scene, unsaid: frozenset[str]) -> Report | FieldError:
     return conversions.aircraft(message, "intruder 4b1a2c")
 
 
-def situation_of(found: Report | FieldError) -> Situation:
+def situation_of(outcome: Report | FieldError) -> Situation:
     """Return a situation with what was read, and an ownship whose altitude and climb are known."""
     own = aircraft(0.0, 0.0, 0.0, 75.0, id="own", valid=0xC5 | 0x0A)
     own.altitude, own.altitude_reference = OWN_HEIGHT, 3
     situation = situation_after(own=own)
-    if isinstance(found, FieldError):
-        track = note_refused(UNKNOWN, found, NOW, RULES)
+    if isinstance(outcome, FieldError):
+        track = note_refused(UNKNOWN, outcome, NOW, RULES)
     else:
-        track = take_in(UNKNOWN, found, "intruder 4b1a2c", NOW, RULES)
+        track = take_in(UNKNOWN, outcome, "intruder 4b1a2c", NOW, RULES)
     return replace(situation, traffic={"4b1a2c": track})
 
 
-def out(wanted: PlanTask) -> bool:
+def out(requested: PlanTask) -> bool:
     """Return whether the planner leaves the intruder out."""
     _, excluded, _ = check_request(
-        wanted.own, wanted.intruders, wanted.points, wanted.options, wanted.own_altitude
+        requested.own,
+        requested.intruders,
+        requested.points,
+        requested.options,
+        requested.own_altitude,
     )
     return bool(excluded)
 
 
-def end(wanted: PlanTask) -> float:
+def end(requested: PlanTask) -> float:
     """Return until when the planner looks, s."""
     high = Altitude(20_000.0, "pressure", 0.0)
     far = Intruder(VehicleState(0.0, 9e5, 0.0, 75.0), altitude=high)
     _, [excluded], _ = check_request(
-        wanted.own, [far], wanted.points, wanted.options, wanted.own_altitude
+        requested.own, [far], requested.points, requested.options, requested.own_altitude
     )
     return excluded.until
 
@@ -207,19 +211,19 @@ def test_no_aircraft_is_left_out_that_the_worst_case_brings_near(reader: str) ->
         for _ in range(SCENES):
             scene = draw_scene(rng)
             try:
-                wanted = task(situation_of(read(reader, scene, unsaid)), NOW, SETTINGS)
+                requested = task(situation_of(read(reader, scene, unsaid)), NOW, SETTINGS)
             except Refusal as refusal:
                 assert "age" in unsaid and reader in ("aircraft.json", "BaseStation"), refusal
                 judged["refused"] += 1
                 continue
-            if not wanted.identifiers:  # sighted at some time of the last minute, and far away
+            if not requested.identifiers:  # sighted at some time of the last minute, and far away
                 assert "age" in unsaid and "altitude" not in unsaid
                 climbs = (-worst, scene.climb, worst) if "climb" in unsaid else (scene.climb,)
                 assert nearest(scene, climbs, horizon) > OPTIONS.vertical_filter
                 judged["out"] += 1
                 continue
-            assert wanted.identifiers == ("4b1a2c",)
-            left_out = out(wanted)
+            assert requested.identifiers == ("4b1a2c",)
+            left_out = out(requested)
             judged["out" if left_out else "in"] += 1
             climbs = (-worst, scene.climb, worst) if "climb" in unsaid else (scene.climb,)
             if left_out:
@@ -229,15 +233,15 @@ def test_no_aircraft_is_left_out_that_the_worst_case_brings_near(reader: str) ->
                 # All that matters is known: nobody is kept in for fear. Receivers that round the
                 # age leave a second of climb open.
                 assert nearest(scene, climbs, horizon) < OPTIONS.vertical_filter + 10.0
-            _spread(reader, scene, unsaid, wanted)
-            _says(reader, unsaid, wanted)
+            _spread(reader, scene, unsaid, requested)
+            _says(reader, unsaid, requested)
     assert judged["out"] > SCENES and judged["in"] > SCENES
     assert (judged["refused"] > SCENES) == (reader in ("aircraft.json", "BaseStation"))
 
 
-def _spread(reader: str, scene: Scene, unsaid: frozenset[str], wanted: PlanTask) -> None:
+def _spread(reader: str, scene: Scene, unsaid: frozenset[str], requested: PlanTask) -> None:
     """Check the standard deviations that are planned with: those said, or else those assumed."""
-    [intruder] = wanted.intruders
+    [intruder] = requested.intruders
     never = {
         "mavros": {"position_std", "velocity_std"},
         "BaseStation": {"position_std", "velocity_std"},
@@ -252,13 +256,15 @@ def _spread(reader: str, scene: Scene, unsaid: frozenset[str], wanted: PlanTask)
     assert intruder.velocity_std == pytest.approx(velocity, rel=1e-3)
 
 
-def _says(reader: str, unsaid: frozenset[str], wanted: PlanTask) -> None:
+def _says(reader: str, unsaid: frozenset[str], requested: PlanTask) -> None:
     """Check that every assumption is said, and no other."""
-    said = [
-        *wanted.notes,
-        *assumed_climbs(wanted.own_altitude, wanted.intruders, wanted.options),
+    advisories = [
+        *requested.notes,
+        *assumed_climbs(requested.own_altitude, requested.intruders, requested.options),
     ]
-    fields = {str(one.field) for one in said if one.code is AdvisoryCode.ASSUMED}
+    fields = {
+        str(advisory.field) for advisory in advisories if advisory.code is AdvisoryCode.ASSUMED
+    }
     expected = {
         f"intruders[0].{name}"
         for name in ("position_std", "velocity_std")
@@ -273,19 +279,19 @@ def _says(reader: str, unsaid: frozenset[str], wanted: PlanTask) -> None:
 def test_a_recording_of_the_display_leaves_open_what_was_not_said(reader: str) -> None:
     rng = np.random.default_rng(54)
     for unsaid in CHOICES:
-        found = read(reader, draw_scene(rng), unsaid)
-        one = found.sighting if isinstance(found, FieldError) else found
-        assert one is not None
-        fields = scene_messages.aircraft(one)
+        outcome = read(reader, draw_scene(rng), unsaid)
+        report = outcome.sighting if isinstance(outcome, FieldError) else outcome
+        assert report is not None
+        fields = scene_messages.aircraft(report)
         velocity = SimpleNamespace(**({"x": 0.0, "y": 0.0} | fields.pop("velocity")))
         header = SimpleNamespace(stamp=SimpleNamespace(**fields.pop("header")["stamp"]))
         message = aircraft(0.0, 0.0, 0.0, 0.0, header=header, velocity=velocity, **fields)
-        if isinstance(one, Report):
-            assert conversions.aircraft(message, "recorded") == one
+        if isinstance(report, Report):
+            assert conversions.aircraft(message, "recorded") == report
             continue
         with pytest.raises(FieldError) as refused:
             conversions.aircraft(message, "recorded")
-        assert refused.value.sighting == one
+        assert refused.value.sighting == report
 
 
 def test_an_own_climb_that_is_unknown_counts_either_way() -> None:
@@ -297,17 +303,17 @@ def test_an_own_climb_that_is_unknown_counts_either_way() -> None:
         own.altitude, own.altitude_reference = OWN_HEIGHT, 3
         own.header.stamp = stamp(NOW - SECOND)
         situation = replace(situation, own=situation_after(own=own).own)
-        wanted = task(situation, NOW, SETTINGS)
-        if out(wanted):
-            later = scene.height + scene.climb * (scene.age + end(wanted)) - OWN_HEIGHT
-            reach = OPTIONS.unknown_climb * (1.0 + end(wanted))
+        requested = task(situation, NOW, SETTINGS)
+        if out(requested):
+            later = scene.height + scene.climb * (scene.age + end(requested)) - OWN_HEIGHT
+            reach = OPTIONS.unknown_climb * (1.0 + end(requested))
             assert abs(later) - reach > OPTIONS.vertical_filter - 0.1
 
 
 def test_the_vertical_gap_is_the_least_over_all_that_is_possible() -> None:
     rng = np.random.default_rng(53)
     for _ in range(2_000):
-        own, other = (
+        own, intruder = (
             Altitude(
                 float(rng.uniform(0.0, 3_000.0)),
                 "msl",
@@ -317,14 +323,16 @@ def test_the_vertical_gap_is_the_least_over_all_that_is_possible() -> None:
             for _ in range(2)
         )
         age, horizon = float(rng.uniform(0.0, 5.0)), 60.0
-        gap = vertical_gap(own, other, age, horizon, 10.0)
+        gap = vertical_gap(own, intruder, age, horizon, 10.0)
         for _ in range(20):
             rates = [
-                rng.uniform(-10.0, 10.0) if one.vertical_speed is None else one.vertical_speed
-                for one in (own, other)
+                rng.uniform(-10.0, 10.0)
+                if altitude.vertical_speed is None
+                else altitude.vertical_speed
+                for altitude in (own, intruder)
             ]
-            off = [rng.uniform(-one.error, one.error) for one in (own, other)]
+            off = [rng.uniform(-altitude.error, altitude.error) for altitude in (own, intruder)]
             for t in np.linspace(0.0, horizon, 4):
                 mine = own.value + off[0] + rates[0] * t
-                theirs = other.value + off[1] + rates[1] * (age + t)
+                theirs = intruder.value + off[1] + rates[1] * (age + t)
                 assert abs(theirs - mine) >= abs(gap) - 1e-6
