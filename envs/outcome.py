@@ -42,7 +42,7 @@ def judge(
     """Judge a step by its smallest separation (m) and by goal distance (m) and time (s) at its end,
     ``[...]``.
 
-    A violation outweighs everything else in the same step; the goal outweighs the time limit.
+    A loss of separation outweighs everything else in the same step; the goal the time limit.
     """
     violation = separation < rules.separation
     reached = xp.logical_and(goal_distance <= rules.goal_radius, xp.logical_not(violation))

@@ -154,7 +154,7 @@ def _lines_of_seed(summary: Mapping[str, Any]) -> list[str]:
         ),
         "resolved, of all": f"{evaluation['success_rate']:.2%}",
         "resolved, of the resolvable": f"{evaluation['success_given_resolvable']:.2%}",
-        "separation violated": f"{evaluation['violation_rate']:.2%}",
+        "losses of separation": f"{evaluation['violation_rate']:.2%}",
         "out of time": f"{evaluation['timeout_rate']:.2%}",
         "proven unresolvable": f"{evaluation['unresolvable_proven']}",
         "undecided (counted as resolvable)": f"{evaluation['undecided']}",

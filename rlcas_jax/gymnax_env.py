@@ -50,9 +50,9 @@ class Deconfliction(Environment[EnvState, EnvParams]):
     Observation, action and reward are those of :class:`envs.gym.gymnasium_env.DeconflictionEnv`:
     float32 ``[8]`` of the most critical intruder, or with K > 1 intruders a dict of ``own``
     ``[4]``, ``traffic`` ``[K, 4]`` and ``mask`` ``[K]``; float32 ``[2]`` in [-1, 1], acceleration
-    and yaw rate as parts of the limits; -100 at a violation, +100 at the goal, -10 at the time
-    limit, else 0, or the points of ``rewards``. ``terminated`` at a violation and at the goal; the
-    time limit truncates.
+    and yaw rate as parts of the limits; -100 at a loss of separation, +100 at the goal, -10 at the
+    time limit, else 0, or the points of ``rewards``. ``terminated`` at a loss of separation and at
+    the goal; the time limit truncates.
     ``info``: ``separation`` (smallest in the step, m), ``goal_distance`` (m), ``violation`` and
     ``reached``.
 

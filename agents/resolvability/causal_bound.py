@@ -70,7 +70,7 @@ class Causal(NamedTuple):
 
     @property
     def solved(self) -> Array:
-        """Whether the goal was reached without a violation, bool ``[N]``."""
+        """Whether the goal was reached without a loss of separation, bool ``[N]``."""
         return self.outcome == Outcome._fields.index("reached")
 
 

@@ -241,15 +241,15 @@ def _figures(flights: Sequence[Row]) -> Row:
 def table(rows: Sequence[Row]) -> str:
     """Return the figures as a table."""
     lines = [
-        f"{'':20} {'':15} flights losses breaches arrivals  least, m  path, m  in AUTO, %  on its "
-        "track, %"
+        f"{'':20} {'':15} flights losses geofence violations arrivals  least, m  path, m  "
+        "in AUTO, %  on its track, %"
     ]
     for line in figures(rows):
         path = "-" if line["path_m"] is None else f"{line['path_m']:.0f}"
         track = "-" if line["on_track"] is None else f"{100.0 * line['on_track']:.0f}"
         lines.append(
             f"{line['kind']:20} {line['method']:15} {line['flights']:7} {line['losses']:6} "
-            f"{line['breaches']:8} {line['arrivals']:8} {line['least_separation_m']:10.0f} "
+            f"{line['breaches']:19} {line['arrivals']:8} {line['least_separation_m']:10.0f} "
             f"{path:>8} {100.0 * line['on_mission']:11.0f} {track:>16}"
         )
     return "\n".join(lines)

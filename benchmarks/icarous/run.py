@@ -190,10 +190,10 @@ HEAD = (
     "by",
     "flights",
     "with a loss",
-    "with a fence violated",
+    "with a geofence violated",
     "arrived",
     "solved",
-    "path excess, %",
+    "extra track distance, %",
     "slowest answer, s of the processor",
     "violated while called SAFE",
 )

@@ -60,10 +60,11 @@ class DeconflictionEnv(gymnasium.Env[Any, np.ndarray]):
         a row that holds an intruder); see :class:`envs.observation.SetObservation`.
     Action: float32 ``[2]`` in [-1, 1], acceleration and yaw rate as parts of the aircraft's limits
         (the paper's: 0.5 m/s^2 and 3 deg/s), positive to the left; values beyond are clipped.
-    Reward: sparse; -100 at a violation, +100 at the goal, -10 at ``t_max``, else 0; with
+    Reward: sparse; -100 at a loss of separation, +100 at the goal, -10 at ``t_max``, else 0; with
         ``rewards`` that table, points.
-    Termination: ``terminated`` at a violation (closest approach within a step, by continuous
-        motion) and at the goal; ``truncated`` at ``t_max``, because the observation holds no clock.
+    Termination: ``terminated`` at a loss of separation (closest approach within a step, by
+        continuous motion) and at the goal; ``truncated`` at ``t_max``, because the observation
+        holds no clock.
     Info: ``separation`` (smallest in the step, m), ``min_separation`` (since the start, m),
         ``goal_distance`` (m), ``time`` (s), ``outcome`` (one of
         :data:`envs.gym.gymnasium_contract.OUTCOMES`), ``encounter`` (its number; -1 for one given).

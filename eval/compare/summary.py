@@ -18,7 +18,7 @@ from eval.metrics.standards import Sample, standards
 from eval.metrics.summary import print_table
 from eval.metrics.volumes import VOLUMES
 from eval.metrics.weighted import ratio
-from eval.plots.style import BLUE, GREY, ORANGE, SKY, VERMILION, scenario_title, tidy
+from eval.plots.style import BLUE, GREY, LOSS, ORANGE, SKY, VERMILION, scenario_title, tidy
 from eval.stats.intervals import interval, mean_interval, number, percent, share
 from eval.stats.paired import mcnemar_exact, pairs, tango
 
@@ -187,14 +187,14 @@ def show(summary: Mapping[str, Any]) -> None:
         "limits",
         "success",
         "resolvable *",
-        "violation",
+        "loss of separation",
         "time-out",
         "risk ratio **",
-        "path excess",
+        "extra track distance",
     ]
     names += ["over witness", "difference", "p"] if witness else ["difference", "p"]
     rows = [_cells(row, witness=witness) for row in summary["entries"]]
-    print_table(title, names, rows, _notes(summary, witness=witness), 240)
+    print_table(title, names, rows, _notes(summary, witness=witness), 280)
 
 
 def _cells(row: Mapping[str, Any], *, witness: bool) -> list[str]:
@@ -217,7 +217,7 @@ def _notes(summary: Mapping[str, Any], *, witness: bool) -> list[str]:
         f"in brackets: {level} intervals (Clopper-Pearson, of differences Tango's, of ratios a "
         "bootstrap)",
         "* success of all that are not proven unresolvable within the row's own limits",
-        "** violations with the resolver / without it",
+        "** losses of separation with the resolver / without it",
         "difference: of success from the first row's; p: McNemar's exact",
     ]
     if witness:
@@ -225,7 +225,7 @@ def _notes(summary: Mapping[str, Any], *, witness: bool) -> list[str]:
             "witness: the shortest flight known to resolve each encounter, found knowing the "
             "intruders' future: no resolver, but a mark; where none is known it flies on as none "
             "does",
-            "over witness: path excess less the witness's, in points, where both succeed",
+            "over witness: extra track distance less the witness's, in points, where both succeed",
         ]
     if summary["weighted"]:
         notes.append(
@@ -254,7 +254,7 @@ def draw(summary: Mapping[str, Any]) -> Figure:
     apart.axvline(0.0, color="#999999", linewidth=0.8)
     apart.set_xlabel(f"success less that of\n{rows[0]['name']}, points")
     _draw_intervals(cost, rows, [row["path_excess_mean"] for row in rows])
-    cost.set_xlabel("mean path excess, %")
+    cost.set_xlabel("mean extra track\ndistance, %")
     # Room for the whole mark of one that is 0.
     cost.set_xlim(-0.04 * max(cost.get_xlim()[1], 1.0), None)
     for axes in (ends, apart, cost):
@@ -270,9 +270,12 @@ def draw(summary: Mapping[str, Any]) -> Figure:
 def _draw_outcomes(axes: Axes, rows: Sequence[Mapping[str, Any]]) -> None:
     """Draw how the flights of each entry ended, a bar an entry, with their names."""
     places, left = range(len(rows)), np.zeros(len(rows))
-    for key, colour in (("success", SKY), ("timeout", ORANGE), ("violation", VERMILION)):
+    for key, label, colour in (
+        ("success", "success", SKY),
+        ("timeout", "time-out", ORANGE),
+        ("violation", LOSS, VERMILION),
+    ):
         part = 100.0 * np.array([row[f"{key}_rate"]["value"] for row in rows])
-        label = key.replace("timeout", "time-out")
         axes.barh(places, part, left=left, color=colour, label=label, height=0.7)
         left += part
     # A mark, not a resolver: the figure alone must say so.

@@ -175,7 +175,7 @@
     const above = (value) => (Number.isNaN(value) ? Infinity : value);
     const nearest = (a, b) => above(columns.min_separation_m[a]) - above(columns.min_separation_m[b]) || a - b;
     // What nobody could have solved comes last.
-    const rank = ["violation", "breach of an area", "time-out", "success", "proven unresolvable"];
+    const rank = ["loss of separation", "geofence violation", "time-out", "success", "proven unresolvable"];
     const rankOf = (row) => rank.indexOf(data.kinds[kinds[row]]);
     const orders = {
       failures: (a, b) => rankOf(a) - rankOf(b) || nearest(a, b),
@@ -235,7 +235,7 @@
     ["altitude_deviation_m", "off the first altitude", 1, "m"],
     ["climbs", "climbs and descents", 0, ""],
     ["duration_s", "duration", 1, "s"],
-    ["path_excess", "path excess", 2, "%", 100],
+    ["path_excess", "extra track distance", 2, "%", 100],
     ["goal_distance_m", "left to the goal", 0, "m"],
     ["heading_reversals", "heading reversals", 0, ""],
     ["verdict", "verdict"],
@@ -264,12 +264,18 @@
     ["d_cpa_m", "straight CPA at", 0, "m"],
   ];
 
+  // What outcomes are called elsewhere on the page.
+  const OUTCOMES = { reached: "success", violation: "loss of separation", timeout: "time-out", breach: "geofence violation" };
+
   function facts() {
     const row = state.row;
     const pairs = [];
     for (const [name, label, digits, unit, factor] of FACTS)
       if (columns[name]) pairs.push([label, fixed(columns[name][row] * (factor ?? 1), digits, unit)]);
-      else if (texts[name]) pairs.push([label, texts[name](row).replaceAll("_", " ")]);
+      else if (texts[name]) {
+        const text = texts[name](row);
+        pairs.push([label, OUTCOMES[text] ?? text.replaceAll("_", " ")]);
+      }
     const witness = state.flight?.witness;
     if (witness) pairs.push(["resolving flight", `${fixed(witness.separation, 0, "m")}, ${fixed(witness.arrival, 0, "s")}`]);
     $("facts").replaceChildren(

@@ -1,5 +1,5 @@
 """What a run of the evaluations found, in a few lines or as a table: targets met, missed and
-undecided.
+inconclusive.
 """
 
 import sys
@@ -12,8 +12,8 @@ from eval.evidence.listed import Evidence
 from eval.evidence.tables import cells_of
 from eval.metrics.summary import print_table
 
-_STATES = ("missed", "undecided", "met", "without a target", "not measured")
-_WORDS = {"yes": "met", "undecided": "undecided", "no": "missed", "open": "not measured"}
+_STATES = ("missed", "inconclusive", "met", "without a target", "not measured")
+_WORDS = {"yes": "met", "inconclusive": "inconclusive", "no": "missed", "open": "not measured"}
 _NAMED = 12  # results that a line names
 _CELLS = {
     "target": "{claim}",
@@ -71,7 +71,7 @@ def _names(state: str, rows: Sequence[Sequence[str]]) -> str:
     """
     texts = []
     for name, size, target, measured, _ in rows:
-        notes = [f"{measured}, target {target}"] if state in ("missed", "undecided") else []
+        notes = [f"{measured}, target {target}"] if state in ("missed", "inconclusive") else []
         notes += [size] if " of " in size and state != "not measured" else []
         texts.append(f"{name} ({', '.join(notes)})" if notes else name)
     more = f", and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""

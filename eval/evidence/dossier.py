@@ -102,7 +102,7 @@ class Evaluated(NamedTuple):
     title: str
     size: str  # encounters, of how many listed
     claimed: str
-    met: str  # yes, undecided or no
+    met: str  # yes, inconclusive or no
     measured: str
     origin: str  # commit and machine
 
@@ -278,8 +278,8 @@ def _result_reasons(
         result = evaluated[name]
         if result.met == "no":
             reasons.append(Reason(State.NOT_MET, f"{name}: {result.measured}"))
-        if result.met == "undecided":
-            reasons.append(Reason(State.OPEN, f"{name}: {result.size}, undecided"))
+        if result.met == "inconclusive":
+            reasons.append(Reason(State.OPEN, f"{name}: {result.size}, inconclusive"))
         elif result.met == "open":
             reasons.append(Reason(State.OPEN, f"{name}: {result.size}, without the claimed figure"))
         elif name in small:

@@ -14,6 +14,13 @@ from eval.evidence.listed import Entry, Evidence, Table
 _BLOCK = re.compile(r"(<!-- evidence: (\S+) -->\n).*?(<!-- /evidence -->)", re.DOTALL)
 _FIGURE = re.compile(r"\{([^{}:]+)(?::([^{}]*))?\}")
 _FINE = 20_000  # encounters from which on a rate has a third decimal
+_CLAIMED = {
+    "safe_plans_broken": "SAFE plans that broke their promise",
+    "safe_plans_violated": "SAFE plans that lost the separation",
+    "violation_of_safe/count": "SAFE plans that lost the separation",
+    "violations": "SAFE plans that broke their promise",
+}
+"""What claimed figures are called, where it is not their key."""
 
 
 def pages(root: Path) -> list[Path]:
@@ -92,7 +99,7 @@ def _unmet(listed: Evidence, results: Mapping[str, Any], names: list[str]) -> li
         name: cells_of(listed.results[name], results[name], {"verdict": "{met}"})["verdict"]
         for name in names
     }
-    order = ("no", "open", "undecided")
+    order = ("no", "open", "inconclusive")
     return [name for state in order for name in names if states[name] == state]
 
 
@@ -124,8 +131,8 @@ def row_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) 
 def cells_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]) -> dict[str, str]:
     """Return the cells of a result by the names of their columns.
 
-    ``met`` of a claim is yes, no, undecided, or open where the result lacks the figure; ``gap`` is
-    by how much the value misses the bound, ``why`` for what reason.
+    ``met`` of a claim is yes, no, inconclusive, or open where the result lacks the figure; ``gap``
+    is by how much the value misses the bound, ``why`` for what reason.
     """
     figures = {**result, **result["figures"], "command": f"`{result['command']}`"}
     if entry.claim is not None:
@@ -136,20 +143,20 @@ def cells_of(entry: Entry, result: Mapping[str, Any], columns: Mapping[str, str]
         elif isinstance(value, dict):
             figures["claim"] = f"{sign} {_percent(bound, 0)} %"
         else:
-            figures["claim"] = f"{key} {sign} {bound:g}".replace("_", " ")
+            figures["claim"] = f"{_CLAIMED.get(key, key)} {sign} {bound:g}"
         figures["met"] = _met(value, sign, bound)
         figures["found"] = _format_value(value, "" if entry.ratio is None else ".3f")
         if figures["met"] == "no":
             figures["gap"] = _gap(entry, value, bound)
             figures["why"] = entry.missed or "not known"
-        elif figures["met"] == "undecided":
+        elif figures["met"] == "inconclusive":
             figures["why"] = "the interval contains the target: more encounters decide"
     return {name: _cell(cell, figures) for name, cell in columns.items()}
 
 
 def _met(figure: Any, sign: str, bound: float) -> str:
     """Return whether a figure meets a bound: a number itself, a rate by its 95 % interval, all of
-    which must; what a part of it meets is undecided.
+    which must; what a part of it meets is inconclusive.
     """
     if not isinstance(figure, dict):
         figure = dict.fromkeys(("value", "low", "high"), figure)
@@ -158,7 +165,7 @@ def _met(figure: Any, sign: str, bound: float) -> str:
     ends = [_meets(figure[end], sign, bound) for end in ("low", "high")]
     if all(ends):
         return "yes"
-    return "undecided" if any(ends) else "no"
+    return "inconclusive" if any(ends) else "no"
 
 
 def _gap(entry: Entry, figure: Any, bound: float) -> str:

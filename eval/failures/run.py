@@ -50,7 +50,7 @@ examples:
 
 
 FAILURES = ("narrow loss", "deep loss", "time-out")
-_DEEP = 0.95  # a violation that keeps this share of the separation is a narrow loss
+_DEEP = 0.95  # a loss of separation that keeps this share of the separation is a narrow loss
 # Ranges of the angle between the courses at the start, degrees; the upper end of the last belongs
 # to it.
 _COURSES = ((0.0, 30.0), (30.0, 60.0), (60.0, 135.0), (135.0, 180.0))

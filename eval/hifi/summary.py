@@ -20,15 +20,15 @@ _COVERED = 0.99  # share of the flights that a margin covers
 _ROUNDING = 5.0  # m, to which a margin is rounded up
 _RATES = {
     "success_rate": "goal reached, separation kept",
-    "violation_rate": "violations of the required separation",
-    "breach_rate": "breaches of areas",
+    "violation_rate": "losses of separation",
+    "breach_rate": "geofence violations",
     "timeout_rate": "time-outs",
     "failed_rate": "aircraft lost",
     "refused_rate": "plans that were not flown, with a reason",
     "plan_safe_rate": "plans called SAFE",
     "safe_of_resolvable": "plans called SAFE and flown, of those that can be resolved",
     "success_of_safe": "success of SAFE plans",
-    "breach_of_safe": "breaches of areas by SAFE plans",
+    "breach_of_safe": "geofence violations by SAFE plans",
     "violation_of_safe": "SAFE plans that lost the separation, for either reason",
     "plan_climbs_rate": "SAFE plans that climb or descend",
     "backup_used_rate": "flights that used the backup",
@@ -36,7 +36,7 @@ _RATES = {
 """What the rates are called in the table."""
 _LOSSES = {"safe_plans_broken": "broken", "safe_plans_not_promised": "not_promised"}
 _SAFE_PLANS = {"safe_plans_broken": BROKEN, "safe_plans_not_promised": NOT_PROMISED}
-"""What the parts of the violations of SAFE plans are called in the table, above their rate."""
+"""What the parts of the losses of SAFE plans are called in the table, above their rate."""
 _LARGEST = {
     "cross_track_rms_m": ("cross-track, root mean square", "m"),
     "cross_track_max_m": ("cross-track", "m"),
@@ -47,7 +47,7 @@ _LARGEST = {
     "path_definition_max_m": ("path definition", "m"),
     "total_error_max_m": ("total", "m"),
     "altitude_error_max_m": ("altitude", "m"),
-    "separation_loss_m": ("separation lost against the plan", "m"),
+    "separation_loss_m": ("separation less than planned by", "m"),
 }
 """What the errors are called in the table, and their units."""
 _ERRORS = (*(name for name in ERRORS if name != "accumulated_m_s"), "separation_loss_m")

@@ -15,16 +15,16 @@ from eval.stats.intervals import ends, mean_interval, number, quantiles, share
 _RATES = (
     ("success of all encounters", "success_rate"),
     ("success of those not proven unresolvable", "success_given_resolvable"),
-    ("violations of the required separation", "violation_rate"),
+    ("losses of separation", "violation_rate"),
     ("time-outs", "timeout_rate"),
-    ("breaches of areas", "breach_rate"),
+    ("geofence violations", "breach_rate"),
     ("proven unresolvable", "unresolvable_rate"),
     ("undecided (they count as resolvable)", "undecided_rate"),
-    ("violations without a resolver", "baseline_violation_rate"),
+    ("losses of separation without a resolver", "baseline_violation_rate"),
     ("policy alone: success of those not proven unresolvable", "policy_success_given_resolvable"),
-    ("policy alone: violations", "policy_violation_rate"),
+    ("policy alone: losses of separation", "policy_violation_rate"),
     ("plan flown once: success of those not proven unresolvable", "plan_success_given_resolvable"),
-    ("plan flown once: violations", "plan_violation_rate"),
+    ("plan flown once: losses of separation", "plan_violation_rate"),
     ("plans called SAFE, of those not proven unresolvable", "plan_safe_given_resolvable"),
     ("flights that used the backup", "backup_used_rate"),
     ("flights that climbed or descended", "climbed_rate"),
@@ -53,9 +53,9 @@ class _Form(NamedTuple):
 
 _PERCENT = _Form(".2f", 100.0, " %")
 _MEANS = (
-    ("mean score (+100 goal, -100 violation, -10 time-out)", "score_mean", _Form("+.2f")),
-    ("risk ratio: violations with the resolver / without it", "risk_ratio", _Form(".4f")),
-    ("mean path excess of the successes", "path_excess_mean", _PERCENT),
+    ("mean score (+100 goal, -100 loss of separation, -10 time-out)", "score_mean", _Form("+.2f")),
+    ("risk ratio: losses of separation with the resolver / without it", "risk_ratio", _Form(".4f")),
+    ("mean extra track distance of the successes", "path_excess_mean", _PERCENT),
 )
 _QUANTILES = (
     ("smallest separation of all flights", "min_separation_m_quantiles", "0", ".1f"),
@@ -67,13 +67,15 @@ _QUANTILES = (
     ("largest error of the follower of SAFE plans", "follower_error_m_quantiles", "1", ".4f"),
 )
 BROKEN = "SAFE plans that broke their promise (must be 0)"
-NOT_PROMISED = "separations lost to intruders that left their reported motion, not promised by SAFE"
+NOT_PROMISED = (
+    "losses of separation to intruders that left their reported motion, not promised by SAFE"
+)
 """What the two parts of the losses of SAFE plans are called, before their sum."""
 _SAFE_PLANS = (
     (BROKEN, "safe_plans_broken"),
     (NOT_PROMISED, "safe_plans_not_promised"),
     ("SAFE plans that lost the separation, for either reason", "safe_plans_violated"),
-    ("SAFE plans that entered an area's clearance, flown once", "safe_plans_in_areas"),
+    ("SAFE plans that violated a geofence, flown once", "safe_plans_in_areas"),
 )
 
 

@@ -55,7 +55,7 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
     kinds = kinds_of(table)
     km = np.maximum(table["distance_m"] / _ONE_KM, _NEAREST_KM)
     handles = []
-    # What is proven unresolvable is a violation in the table, too: the others are said to be less.
+    # Of the losses of separation in the table, what is proven unresolvable is marked as such.
     some_lost = (kinds == "proven unresolvable").any()
     other = " that could be resolved" if some_lost else ""
     counted = dict.fromkeys(MARKERS, other) | {"success": "", "proven unresolvable": ""}
@@ -75,7 +75,8 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
     rings = [mark for mark in marks if low <= mark <= high]
     _set_polar_axes(polar, ends, rings)
     _set_plane_axes(plane, ends, rings)
-    legend(figure, handles[::-1], len(handles), 10, markerscale=1.8)
+    columns = len(handles) if len(handles) <= 4 else 3
+    legend(figure, handles[::-1], columns, 10, markerscale=1.8)
     return figure
 
 

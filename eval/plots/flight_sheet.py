@@ -21,6 +21,7 @@ from eval.plots.style import (
     BREACH,
     GREEN,
     GREY,
+    LOSS,
     PURPLE,
     SKY,
     VERMILION,
@@ -132,7 +133,7 @@ def choose_encounters(table: Mapping[str, np.ndarray]) -> list[int]:
     kinds = kinds_of(table)
     counting, lost, successes = (
         np.concatenate([np.flatnonzero(kinds == name) for name in names])
-        for names in (("violation", BREACH, "time-out"), ("proven unresolvable",), ("success",))
+        for names in ((LOSS, BREACH, "time-out"), ("proven unresolvable",), ("success",))
     )
     room = min(PANELS, len(kinds))
     most = max(_FAILURES_SHOWN, room - len(successes))  # failures

@@ -25,7 +25,8 @@ ORANGE = "#E69F00"
 VERMILION = "#D55E00"
 PURPLE = "#CC79A7"
 GREY = "#8C8C8C"
-BREACH = "breach of an area"
+LOSS = "loss of separation"
+BREACH = "geofence violation"
 # In the order in which they are drawn: what matters comes last and lies on top.
 MARKERS: dict[str, dict[str, Any]] = {
     "success": {"marker": "o", "color": "#8CBFE0", "s": 3.0, "linewidths": 0.0},
@@ -38,7 +39,7 @@ MARKERS: dict[str, dict[str, Any]] = {
     },
     "time-out": {"marker": "^", "color": ORANGE, "s": 20.0, "linewidths": 0.0},
     BREACH: {"marker": "D", "color": PURPLE, "s": 14.0, "linewidths": 0.0},
-    "violation": {"marker": "x", "color": VERMILION, "s": 20.0, "linewidths": 1.1},
+    LOSS: {"marker": "x", "color": VERMILION, "s": 20.0, "linewidths": 1.1},
 }
 
 
@@ -46,7 +47,7 @@ def kinds_of(table: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return how each encounter is to be marked, a key of :data:`MARKERS`."""
     words = {
         "reached": "success",
-        "violation": "violation",
+        "violation": LOSS,
         "timeout": "time-out",
         "breach": BREACH,
     }

@@ -1,1 +1,1 @@
-"""Rare violations by splitting: ``python -m eval.rare``."""
+"""Rare losses of separation by splitting: ``python -m eval.rare``."""

@@ -16,7 +16,7 @@ import numpy as np
 from commands.command import visible
 from envs.areas import Area
 from eval.flights.among_areas import outlines
-from eval.plots.style import BREACH, MARKERS, spread
+from eval.plots.style import BREACH, LOSS, MARKERS, spread
 from eval.report.bands import TRACKS, bands_data, wind_data
 from eval.report.flights import Replayed
 from eval.report.folder import Run
@@ -87,7 +87,7 @@ def choose(run: Run, most: int, requested: Sequence[int] = ()) -> list[Choice]:
     # Failures that count, what no policy could have solved, and a look at how it usually goes.
     groups = (
         ("asked for", np.array(requested, dtype=int), most),
-        ("failures", np.flatnonzero(np.isin(kinds, ("violation", BREACH, "time-out"))), most),
+        ("failures", np.flatnonzero(np.isin(kinds, (LOSS, BREACH, "time-out"))), most),
         ("proven unresolvable", np.flatnonzero(kinds == "proven unresolvable"), most),
         ("close successes", nearest, NEAREST),
         ("other successes", np.flatnonzero(success & ~near), OTHERS),

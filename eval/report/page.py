@@ -19,7 +19,7 @@ from commands.command import visible
 from commands.progress import group_digits
 from eval.flights.aircraft import lines_about
 from eval.metrics.summary import Line, headline
-from eval.plots.style import BREACH, MARKERS
+from eval.plots.style import BREACH, LOSS, MARKERS
 from eval.report.data import NEAR, NEAREST, Choice, json_text
 from eval.report.folder import Run
 
@@ -126,8 +126,8 @@ def _row(line: Line) -> str:
 
 
 def _lost_causes(run: Run) -> dict[str, int]:
-    """Return how many violations and time-outs are proven unresolvable, by the key of their
-    rate.
+    """Return how many losses of separation, geofence violations and time-outs are proven
+    unresolvable, by the key of their rate.
     """
     lost = run.kinds == "proven unresolvable"
     return {
@@ -141,15 +141,15 @@ def _lost_encounters(run: Run) -> str:
     where all were.
     """
     sentences = [
-        _numbers(run, "violation", "Violations"),
-        _numbers(run, BREACH, "Breaches of areas"),
+        _numbers(run, LOSS, "Losses of separation"),
+        _numbers(run, BREACH, "Geofence violations"),
         _numbers(run, "time-out", "Time-outs"),
         _numbers(run, "proven unresolvable", "Proven unresolvable"),
     ]
     if sentences[-1]:
         sentences.append(
-            "These are a kind of their own in filter and plots; the table counts their violations "
-            "and time-outs too."
+            "These are a kind of their own in filter and plots; the table counts their losses "
+            "of separation and time-outs too."
         )
     text = " ".join(sentence for sentence in sentences if sentence)
     return f"<p>{text}</p>" if text else ""

@@ -681,7 +681,7 @@ def test_the_table_names_every_rate_and_error_of_a_summary() -> None:
     }
     summary = summarise(table, 0.95)
     rates = rate_rows(summary)
-    assert [row[1:] for row in rates if row[0] == "violations of the required separation"] == [
+    assert [row[1:] for row in rates if row[0] == "losses of separation"] == [
         ("33.33 %", "0.84 % to 90.57 %", "1 of 3")
     ]
     shares = [

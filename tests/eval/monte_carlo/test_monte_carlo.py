@@ -448,10 +448,10 @@ def test_the_table_on_standard_output(
     for words in (
         "success of all encounters",
         "success of those not proven unresolvable",
-        "violations",
+        "losses of separation",
         "time-outs",
         "mean score",
-        "path excess",
+        "extra track distance",
     ):
         assert words in output
     assert "95 % interval" in output

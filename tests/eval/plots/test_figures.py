@@ -20,14 +20,14 @@ from eval.flights.recorded import Track, fly_recorded
 from eval.flights.simulate import OUTCOMES
 from eval.plots.encounters import draw_all, initial_conditions, separation_histogram
 from eval.plots.flight_sheet import PANELS, Panel, choose_encounters, draw, trajectory_sheet
-from eval.plots.style import kinds_of
+from eval.plots.style import MARKERS, kinds_of
 from tests.eval.plots.test_titles import assert_inside
 
 
 def table_of(counts: dict[str, int]) -> dict[str, np.ndarray]:
     """Return a table with so many encounters of each kind."""
     kinds = np.random.default_rng(0).permutation(np.repeat(list(counts), list(counts.values())))
-    words = {"success": "reached", "time-out": "timeout"}
+    words = {"success": "reached", "time-out": "timeout", "geofence violation": "breach"}
     outcome = np.array([words.get(kind, "violation") for kind in kinds], dtype=object)
     n = len(kinds)
     return {
@@ -49,22 +49,22 @@ def table_of(counts: dict[str, int]) -> dict[str, np.ndarray]:
     [
         ({"success": 100}, {"success": 12}),
         ({"success": 3}, {"success": 3}),
-        ({"violation": 100}, {"violation": 12}),
-        ({"success": 100, "violation": 2}, {"violation": 2, "success": 10}),
-        ({"success": 100, "violation": 50}, {"violation": 8, "success": 4}),
-        ({"success": 1, "violation": 50}, {"violation": 11, "success": 1}),
+        ({"loss of separation": 100}, {"loss of separation": 12}),
+        ({"success": 100, "loss of separation": 2}, {"loss of separation": 2, "success": 10}),
+        ({"success": 100, "loss of separation": 50}, {"loss of separation": 8, "success": 4}),
+        ({"success": 1, "loss of separation": 50}, {"loss of separation": 11, "success": 1}),
         (
-            {"success": 99, "violation": 50, "time-out": 25, "proven unresolvable": 25},
-            {"violation": 4, "time-out": 2, "proven unresolvable": 2, "success": 4},
+            {"success": 99, "loss of separation": 50, "time-out": 25, "proven unresolvable": 25},
+            {"loss of separation": 4, "time-out": 2, "proven unresolvable": 2, "success": 4},
         ),
         # Those that nobody could resolve end after seconds: one or two tell what they are.
         (
-            {"success": 99, "violation": 2, "proven unresolvable": 9},
-            {"violation": 2, "proven unresolvable": 2, "success": 8},
+            {"success": 99, "loss of separation": 2, "proven unresolvable": 9},
+            {"loss of separation": 2, "proven unresolvable": 2, "success": 8},
         ),
         (
-            {"success": 1, "violation": 2, "proven unresolvable": 5},
-            {"violation": 2, "proven unresolvable": 5, "success": 1},
+            {"success": 1, "loss of separation": 2, "proven unresolvable": 5},
+            {"loss of separation": 2, "proven unresolvable": 5, "success": 1},
         ),
     ],
 )
@@ -77,7 +77,7 @@ def test_sheet_shows_failures_first(counts: dict[str, int], expected: dict[str, 
 
 
 @pytest.mark.parametrize(
-    "kinds", [("success",), ("violation",), ("success", "violation", "time-out")]
+    "kinds", [("success",), ("loss of separation",), ("success", "loss of separation", "time-out")]
 )
 def test_every_kind_is_in_the_legend_with_its_number(kinds: tuple[str, ...]) -> None:
     figure = initial_conditions(table_of({kind: 1_200 + i for i, kind in enumerate(kinds)}))
@@ -86,9 +86,13 @@ def test_every_kind_is_in_the_legend_with_its_number(kinds: tuple[str, ...]) -> 
 
 
 def test_a_legend_that_counts_less_than_the_table_says_so() -> None:
-    figure = initial_conditions(table_of({"violation": 2, "proven unresolvable": 9}))
+    figure = initial_conditions(table_of({"loss of separation": 2, "proven unresolvable": 9}))
     texts = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert texts == {"violation that could be resolved (2)", "proven unresolvable (9)"}
+    assert texts == {"loss of separation that could be resolved (2)", "proven unresolvable (9)"}
+
+
+def test_a_legend_of_every_kind_has_room() -> None:
+    assert_inside(initial_conditions(table_of(dict.fromkeys(MARKERS, 1_200))))
 
 
 def test_a_sheet_of_one_flight_is_one_panel_wide() -> None:
@@ -143,7 +147,7 @@ def test_altitudes_are_drawn_about_the_own_ones(tmp_path: Path) -> None:
 
 
 def test_histogram_counts_every_flight_and_splits_at_the_requirement() -> None:
-    table = table_of({"success": 500, "violation": 20})
+    table = table_of({"success": 500, "loss of separation": 20})
     axes = separation_histogram(table, 1_000.0).axes[0]
     bars = [patch for patch in axes.patches if hasattr(patch, "get_width")]
     assert sum(bar.get_height() for bar in bars) == 520

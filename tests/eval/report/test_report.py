@@ -164,7 +164,7 @@ def test_an_unwritable_target_fails_before_anything_is_flown(
 @pytest.mark.slow
 def test_flights_come_out_as_the_table_says(report_run: Path) -> None:
     run = read_run(report_run)
-    failed = {int(number) for number in np.flatnonzero(run.kinds == "violation")[:2]}
+    failed = {int(number) for number in np.flatnonzero(run.kinds == "loss of separation")[:2]}
     numbers = [*range(6), *sorted(failed)]
     flights = list(fly_again(run, evaluation_of(run), numbers, failed))
     assert [flight.number for flight in flights] == numbers
@@ -189,7 +189,7 @@ def test_the_bands_of_a_flight_are_those_of_its_single_moments(report_run: Path)
     run = read_run(report_run)
     evaluation = evaluation_of(run)
     options = evaluation.options
-    number = int(np.flatnonzero(run.kinds == "violation")[0])
+    number = int(np.flatnonzero(run.kinds == "loss of separation")[0])
     flight = next(fly_again(run, evaluation, [number], set(), {number}))
     bands, track = flight.bands, flight.track
     assert bands is not None and bands.tracks.shape == (track.own.shape[1], 72)
@@ -249,7 +249,7 @@ def test_bands_count_in_each_intruders_own_separation() -> None:
 
 def test_a_saved_encounter_is_what_the_display_opens(copy: Path) -> None:
     run = read_run(copy)
-    number = int(np.flatnonzero(run.kinds == "violation")[0])
+    number = int(np.flatnonzero(run.kinds == "loss of separation")[0])
     report.main([str(copy), "--tracks", "1", "--save", str(number), "--bands", "0"])
     recording = read(copy / "encounters" / f"{number}.json")
     assert recording.length == run.table["duration_s"][number]
@@ -352,7 +352,7 @@ def test_failures_come_first_and_nobody_twice(kinds: list[str], most: int) -> No
     chosen = choose(run, most, [0][:most])
     numbers = np.concatenate([choice.numbers for choice in chosen]) if chosen else np.array([])
     assert len(set(numbers.tolist())) == len(numbers) <= most
-    failures = np.flatnonzero((run.kinds == "violation") | (run.kinds == "time-out"))
+    failures = np.flatnonzero((run.kinds == "loss of separation") | (run.kinds == "time-out"))
     if most > len(failures):
         assert set(failures) <= set(numbers)
     by_group = {choice.group: choice for choice in chosen}
@@ -367,7 +367,7 @@ def test_failures_come_first_and_nobody_twice(kinds: list[str], most: int) -> No
 def test_a_large_run_keeps_its_points_bounded_and_its_failures() -> None:
     kinds = ["success"] * 60_000
     for number in range(0, 60_000, 100):
-        kinds[number] = "violation"
+        kinds[number] = "loss of separation"
     replayed = np.arange(0, 500)
     numbers = points(run_of(kinds), replayed)
     assert len(numbers) == len(set(numbers.tolist())) == POINTS
@@ -395,7 +395,7 @@ def test_the_page_says_what_the_summary_says(report_run: Path, report_page: Path
     rows = dict(re.findall(r'<tr><th scope="row">([^<]*)</th><td>([^<]*)</td>', text))
     assert rows["success of all encounters"] == f"{100 * summary['success_rate']['value']:.2f} %"
     assert (
-        rows["risk ratio: violations with the resolver / without it"]
+        rows["risk ratio: losses of separation with the resolver / without it"]
         == f"{summary['risk_ratio']:.4f}"
     )
     assert len(rows) == len(headline(summary, {}))
@@ -435,10 +435,10 @@ def test_table_and_filter_count_the_unresolvable_alike(report_run: Path) -> None
     run = run._replace(table=table, kinds=kinds_of(table))
     text = page(run, [], page_data(run, np.arange(len(verdict)), {}), "nothing")
     assert f"{len(lost)} of {len(verdict)}, 2 of them proven unresolvable" in text
-    assert f"> violation ({len(lost) - 2})</label>" in text
+    assert f"> loss of separation ({len(lost) - 2})</label>" in text
     assert "> proven unresolvable (2)</label>" in text
     assert f'<a href="#{lost[0]}">{lost[0]}</a>, <a href="#{lost[1]}">{lost[1]}</a>' in text
-    own = f'Violations ({len(lost) - 2}): <a href="#{lost[2]}">'
+    own = f'Losses of separation ({len(lost) - 2}): <a href="#{lost[2]}">'
     assert text.index(own) < text.index('Proven unresolvable (2): <a href="')
 
 

@@ -104,14 +104,14 @@ def test_the_filter_leaves_only_what_is_ticked(opened: Opened) -> None:
     assert all(int(re.search(r"(\d+) m ·", text)[1]) <= 1_050 for text in opened.list_entries())
 
 
-def test_it_opens_with_the_violations_and_ends_with_what_nobody_could_solve(
+def test_it_opens_with_the_losses_and_ends_with_what_nobody_could_solve(
     opened: Opened, report_page: Path
 ) -> None:
-    rank = ["violation", "time-out", "success", "proven unresolvable"]
+    rank = ["loss of separation", "time-out", "success", "proven unresolvable"]
     kinds = [next(kind for kind in rank if f"· {kind} ·" in text) for text in opened.list_entries()]
-    assert "violation" in kinds and "success" in kinds
+    assert "loss of separation" in kinds and "success" in kinds
     assert kinds == sorted(kinds, key=rank.index)
-    assert "· violation ·" in opened.text("#chosen")
+    assert "· loss of separation ·" in opened.text("#chosen")
 
 
 def test_goal_tracks_and_separation_differ_in_the_legend(opened: Opened) -> None:
@@ -145,7 +145,7 @@ def test_the_replay_shows_which_ways_are_free(opened: Opened, report_page: Path)
         " const seen = new Set(); for (let i = 0; i < data.length; i += 4) if (data[i + 3] === 255)"
         " seen.add((data[i] << 16) | (data[i + 1] << 8) | data[i + 2]); return [...seen]; })()"
     )
-    assert 0xA8002D in colours  # it is a violation: warnings at the end
+    assert 0xA8002D in colours  # it is a loss of separation: warnings at the end
 
 
 def test_the_keyboard_is_enough(opened: Opened) -> None:
