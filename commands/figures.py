@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-OWN_COLOUR, INTRUDER_COLOUR = "#0072B2", "#D55E00"
+OWN_COLOUR, INTRUDER_COLOUR, AREA_COLOUR = "#0072B2", "#D55E00", "#CC79A7"
 _ROOM = 0.3, 50.0  # above and below the own altitudes: a share of their range, m at least
 _MINUS = re.compile(r"(?<![\w)\]])-(?=[\d.])")
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from benchmarks.ardupilot.encounters import GOAL
 from benchmarks.measure import parse_names, report
 from commands.command import Parser, require
+from commands.figures import AREA_COLOUR, INTRUDER_COLOUR, OWN_COLOUR
 from eval.plots.style import legend, sample
 from ros_bridge.mavlink.flight import Encounter, Intruder, Result, Row, apart, fly, place_of
 from ros_bridge.mavlink.flight_picture import draw
@@ -119,10 +120,10 @@ def overview(flights: Mapping[str, Result], file: Path) -> None:
         axis.set_title(f"{name}{least}", fontsize=8)
     handles = [
         sample("mission (AUTO)", color="0.5", linewidth=2.0),
-        sample("steered (GUIDED)", color="C0", linewidth=2.0),
-        sample("traffic", color="C3", linewidth=0.8, linestyle="--"),
+        sample("steered (GUIDED)", color=OWN_COLOUR, linewidth=2.0),
+        sample("traffic", color=INTRUDER_COLOUR, linewidth=0.8, linestyle="--"),
         sample("when nearest", color="black", marker="o", markersize=3, linestyle=""),
-        sample("fence", color="C1", alpha=0.3, marker="s", markersize=8, linestyle=""),
+        sample("geofence", color=AREA_COLOUR, alpha=0.35, marker="s", markersize=8, linestyle=""),
     ]
     title = "east and north, m; beside each name the smallest distance from traffic"
     legend(figure, handles, len(handles), 8, title=title, title_fontsize=8)
@@ -132,17 +133,19 @@ def overview(flights: Mapping[str, Result], file: Path) -> None:
 
 def _draw(axis: "Axes", situation: Situation, flight: Result) -> None:
     cruise = Encounter(0, (), 0.0, 0.0).cruise
-    for mode, colour in ((Mode.AUTO, "0.5"), (Mode.GUIDED, "C0")):
+    for mode, colour in ((Mode.AUTO, "0.5"), (Mode.GUIDED, OWN_COLOUR)):
         rows = [row for row in flight.rows if row.mode == mode]
         axis.plot([row.x for row in rows], [row.y for row in rows], ".", ms=1.5, color=colour)
     nearest = min(flight.rows, key=lambda row: _separation(row, situation, cruise))
-    axis.plot(nearest.x, nearest.y, "o", ms=3, color="C0")
+    axis.plot(nearest.x, nearest.y, "o", ms=3, color=OWN_COLOUR)
     for other in situation.intruders:
         places = [place_of(other, row.time, cruise) for row in flight.rows[::10]]
-        axis.plot([p[0] for p in places], [p[1] for p in places], "--", lw=0.8, color="C3")
-        axis.plot(*place_of(other, nearest.time, cruise)[:2], "o", ms=3, color="C3")
+        axis.plot(
+            [p[0] for p in places], [p[1] for p in places], "--", lw=0.8, color=INTRUDER_COLOUR
+        )
+        axis.plot(*place_of(other, nearest.time, cruise)[:2], "o", ms=3, color=INTRUDER_COLOUR)
     if situation.fence:
-        axis.fill(*zip(*situation.fence, strict=True), color="C1", alpha=0.3)
+        axis.fill(*zip(*situation.fence, strict=True), color=AREA_COLOUR, alpha=0.35)
     axis.set(xlim=(600.0, 4_000.0), ylim=(-900.0, 900.0), aspect="equal")
     axis.tick_params(labelsize=6)
 

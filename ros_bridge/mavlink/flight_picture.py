@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from commands.figures import INTRUDER_COLOUR, OWN_COLOUR, draw_altitudes
+from commands.figures import AREA_COLOUR, INTRUDER_COLOUR, OWN_COLOUR, draw_altitudes
 from ros_bridge.mavlink.flight import (
     SEPARATION,
     Encounter,
@@ -57,7 +57,9 @@ def _draw_tracks(axis: "Axes", encounter: Encounter, flight: Result) -> None:
         ]
         axis.plot(*zip(*places_in_mode, strict=True), lw=2, color=colour, label=mode.name)
     if encounter.fence:
-        axis.fill(*zip(*encounter.fence, strict=True), color="C1", alpha=0.3, label="fence")
+        axis.fill(
+            *zip(*encounter.fence, strict=True), color=AREA_COLOUR, alpha=0.35, label="geofence"
+        )
     axis.set(xlabel="east, m", ylabel="north, m", aspect="equal")
     axis.set_xlim(rows[0].x - _ROOM, rows[-1].x + _ROOM)
     axis.set_ylim(min(row.y for row in rows) - _ROOM, max(row.y for row in rows) + _ROOM)
