@@ -18,7 +18,7 @@ from envs.formats.areas import read_near_areas
 from envs.formats.local_frame import LocalFrame
 from eval.areas.config import AreasConfig
 from eval.plots import save as picture_folder
-from eval.plots.style import SKY, VERMILION
+from eval.plots.style import PURPLE, SKY
 from eval.runner.options import config_option, default_folder, load_with_options
 
 _DESCRIPTION = """\
@@ -31,7 +31,7 @@ examples:
   python -m eval.areas areas.geojson --latitude 47 --longitude 8 --out runs/areas
   python -m eval.areas --config runs/areas/config.yaml --out runs/again          repeat one"""
 
-_COLOURS = {Keep.OUT: VERMILION, Keep.IN: SKY}
+_COLOURS = {Keep.OUT: PURPLE, Keep.IN: SKY}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

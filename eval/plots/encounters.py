@@ -75,7 +75,7 @@ def initial_conditions(table: Mapping[str, np.ndarray]) -> Figure:
     rings = [mark for mark in marks if low <= mark <= high]
     _set_polar_axes(polar, ends, rings)
     _set_plane_axes(plane, ends, rings)
-    columns = len(handles) if len(handles) <= 4 else 3
+    columns = len(handles) if len(handles) <= 3 else math.ceil(len(handles) / 2)
     legend(figure, handles[::-1], columns, 10, markerscale=1.8)
     return figure
 

@@ -1,4 +1,4 @@
-"""Configuration of an advisory map, and of proofs box by box."""
+"""Configuration of a map of commands, and of proofs box by box."""
 
 from pydantic import Field, field_validator
 

@@ -1,4 +1,4 @@
-"""The advisory map: turn rate and acceleration that a policy commands, over the intruder's
+"""The map of commands: turn rate and acceleration that a policy commands, over the intruder's
 place.
 """
 
@@ -63,7 +63,7 @@ def policy_map(advisories: Sequence[Advisory], aircraft: Aircraft, policy: str) 
     for below in axes[-1]:
         below.set_xlabel("intruder to the right, km")
     figure.suptitle(
-        f"Advisory map of {policy}: the command for every place of the intruder\n"
+        f"Commands of {policy} for every place of the intruder\n"
         f"ownship at the origin, heading up, {scene.own_speed:g} m/s; intruder "
         f"{scene.intruder_speed:g} m/s; "
         f"goal at {_KM * scene.goal_distance:g} km, bearing "

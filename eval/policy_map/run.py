@@ -1,4 +1,4 @@
-"""Advisory map and chatter of a policy: ``python -m eval.policy_map --out runs/map``."""
+"""Map of commands and chatter of a policy: ``python -m eval.policy_map --out runs/map``."""
 
 import argparse
 import math
