@@ -31,6 +31,11 @@ VERTICAL_MARGIN = 15.0
 """Added to it for what the autopilot leaves of its plan's altitude, m
 (docs/reference/mavlink-measured.md)."""
 
+_DESCRIPTION = (
+    "Watch the mission of an ArduPilot autopilot for conflicts with traffic and fences: advise, or "
+    "with --fly avoid them. More: docs/howto/mavlink.md."
+)
+
 _HEIGHTS = ("floor", "ceiling", "vertical_separation", "vertical_margin")
 """Options of plans that may climb."""
 
@@ -222,7 +227,7 @@ def _categories(separations: str, vertical: str) -> Categories:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="python -m ros_bridge.mavlink", description=__doc__)
+    parser = Parser(prog="python -m ros_bridge.mavlink", description=_DESCRIPTION)
     add = parser.add_argument
     add(
         "--connect",
