@@ -76,7 +76,7 @@ class Sampler(NamedTuple):
     """(scenario, draws ``[N, D]`` in [0, 1), numpy or jax.numpy) -> encounters ``[N]``, and which
     of them meet the scenario's conditions, bool ``[N]``. Each row follows from its own draws."""
     shared: int  # draws that an encounter takes
-    each: int  # draws that each of its intruders takes besides
+    per_intruder: int  # draws that each of its intruders takes besides
     numbers: Callable[[Aircraft], Mapping[str, Any]] = _no_changes
     """(ownship) -> the fields of :class:`Scenario` in which it differs from ``circle``."""
     modifiers: tuple[str, ...] = ()
@@ -109,7 +109,7 @@ class Modifier(NamedTuple):
     """(scenario, encounters ``[N]``, draws ``[N, D]``, numpy or jax.numpy) -> the encounters
     changed, and which of them meet the modifier's conditions, bool ``[N]``."""
     shared: int = 0  # draws that an encounter takes
-    each: int = 0  # draws that each of its intruders takes besides
+    per_intruder: int = 0  # draws that each of its intruders takes besides
     numbers: Callable[[Aircraft], Mapping[str, Any]] = _no_changes
     """(ownship) -> fields of :class:`Scenario` that it sets."""
     heeded: Callable[[Encounter], Array] | None = None
@@ -172,7 +172,7 @@ class Scenario:
 
     def width(self, part: Sampler | Modifier) -> int:
         """Return the draws that the sampler or a modifier takes in one attempt."""
-        return part.shared + part.each * self.intruders[1]
+        return part.shared + part.per_intruder * self.intruders[1]
 
 
 def pad(encounter: Encounter, count: int, xp: ArrayModule) -> Encounter:

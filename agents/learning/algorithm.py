@@ -38,7 +38,7 @@ class Rollout(NamedTuple):
     """The same after the last step, ``[N]``."""
     noise: Float[Array, "T N 2"]
     """What :meth:`Algorithm.act` was given."""
-    kept: Any
+    action_data: Any
     """What :meth:`Algorithm.act` returned to be kept, ``[T, N, ...]``."""
     reward: Float[Array, "T N"]
     """Of each step, scaled, shaping included."""

@@ -167,7 +167,7 @@ def samples(
     """Return the samples of a rollout, leading axes ``[N, T]``, and how well the critic predicts
     them.
     """
-    mean, log_std = rollout.kept, state.actor["params"]["log_std"]
+    mean, log_std = rollout.action_data, state.actor["params"]["log_std"]
     action = mean + jnp.exp(log_std) * rollout.noise
     log_prob = gaussian_log_prob(action, mean, log_std)
     value_t = _values(state.critic, rollout.observation, networks)

@@ -61,5 +61,5 @@ def _numbers(aircraft: Aircraft) -> Mapping[str, Any]:
     return {"vertical_miss": MISS * aircraft.vertical.separation, "vertical_rate": RATE}
 
 
-layered = Modifier("layered", change=put_at_levels, each=2, numbers=_numbers)
+layered = Modifier("layered", change=put_at_levels, per_intruder=2, numbers=_numbers)
 """Intruders are at other levels, or come through that of the ownship."""

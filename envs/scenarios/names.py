@@ -226,7 +226,7 @@ def _check_sampler(name: str, sampler: Sampler) -> None:
         raise EncounterError(f"scenario {name!r}: expected a name without +, which adds modifiers")
     if name in MODIFIERS:
         raise EncounterError(f"scenario {name!r} is a modifier; expected another name")
-    for key in ("shared", "each"):
+    for key in ("shared", "per_intruder"):
         count: object = getattr(sampler, key)
         if not isinstance(count, int) or count < 0:
             raise EncounterError(

@@ -35,6 +35,6 @@ def _numbers(aircraft: Aircraft) -> Mapping[str, Any]:
 
 
 own_separations = Modifier(
-    "own_separations", change=draw_separations, each=1, numbers=_numbers, rounds=6
+    "own_separations", change=draw_separations, per_intruder=1, numbers=_numbers, rounds=6
 )
 """Each intruder has a separation of its own."""

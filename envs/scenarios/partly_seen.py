@@ -39,5 +39,5 @@ def cover_in_part(
     return encounter._replace(coverage=coverage), xp.ones_like(draws[:, 0], dtype=bool)
 
 
-partly_seen = Modifier("partly_seen", change=cover_in_part, shared=2, each=2)
+partly_seen = Modifier("partly_seen", change=cover_in_part, shared=2, per_intruder=2)
 """Not all intruders are reported at all times."""

@@ -57,7 +57,7 @@ def answer(
 
 def _modifier(name: str, shares: Shares) -> Modifier:
     decides = "how intruders answer the ownship", "how intruders turn"
-    return Modifier(name, decides, partial(answer, shares=shares), each=5)
+    return Modifier(name, decides, partial(answer, shares=shares), per_intruder=5)
 
 
 giving_way = _modifier("giving_way", Shares(gives_way=1.0, turns_into=0.0))

@@ -54,5 +54,5 @@ def stand_beside_the_way(
     return encounter._replace(intruders=intruders), accepted & ~xp.any(blocks, axis=-1)
 
 
-standing = Modifier("standing", change=stand_beside_the_way, each=5, moves=True, rounds=6)
+standing = Modifier("standing", change=stand_beside_the_way, per_intruder=5, moves=True, rounds=6)
 """Each intruder stands, drifts or flies."""

@@ -94,7 +94,7 @@ class _Several(NamedTuple):
         return {"intruders": (self.fewest, self.most), "attempts": self.attempts}
 
 
-_CIRCLE = Sampler(conflict_point, shared=7, each=7)
+_CIRCLE = Sampler(conflict_point, shared=7, per_intruder=7)
 _FEW = _CIRCLE._replace(numbers=_Several(1, 4, attempts=48), together=True)
 
 SHIPPED: dict[str, Sampler] = {

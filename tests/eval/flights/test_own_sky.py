@@ -52,7 +52,7 @@ def in_a_valley(chosen: Any, draws: Any, xp: Any) -> Any:
 
 
 def valley(mode: str = "plan", **more: Any) -> ReadyEvaluation:
-    register("valley", Sampler(in_a_valley, shared=7, each=7))
+    register("valley", Sampler(in_a_valley, shared=7, per_intruder=7))
     source = scenario("valley", PAPER, radius=(6e3, 8e3))
     return ReadyEvaluation(Evaluation(None, source, None, 3, PAPER, mode, **more), Policy.load())
 
