@@ -11,6 +11,7 @@ those that climb or descend searched, by what they meet at their altitudes.
 """
 
 import math
+from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -24,7 +25,7 @@ from agents.manoeuvres.simulator import integrate
 from agents.planner.judge.validator import validate
 from agents.planner.request.options import L, Narrowed, Options
 from envs.angles import wrap
-from envs.arrays import Array, Float, Shaped
+from envs.arrays import Array, Float, Int, Shaped
 from envs.frames import Air
 from envs.kinematics import UNLIMITED, Limits, VehicleState, advance
 from envs.relative import chord
@@ -83,8 +84,15 @@ class Surroundings(NamedTuple):
     share: Array = None
 
 
-Around = tuple[Surroundings, ...]
-"""By the codes of Sense; in the plane backups only level off."""
+class Around(NamedTuple):
+    """What backups of ownships ``[N]`` may meet, looked up where it is needed."""
+
+    senses: tuple[Sense, ...]  # of which there are backups; the first levels off
+    find: Callable[[Sense, Int[Array, " M"]], Surroundings]  # of ownships by their numbers
+
+    def of(self, rows: Int[Array, " M"]) -> "Around":
+        """Return what is around some of the ownships."""
+        return Around(self.senses, lambda sense, numbers: self.find(sense, rows[numbers]))
 
 
 class Backup(NamedTuple):
@@ -138,12 +146,17 @@ def backup_states(
 
 
 def surroundings(traffic: Traffic, areas: Shaped[Array, " N"] = None) -> Surroundings:
-    """Return what backups ``[N]`` may meet that can all be flown: intruders ``[N, K]`` and areas as
-    of now, object ``[N]``, None: none.
+    """Return what backups ``[N]`` in the plane may meet: intruders ``[N, K]`` and areas as of now,
+    object ``[N]``, None: none.
     """
     count = len(traffic.mask)
     areas = no_areas(count) if areas is None else areas
     return Surroundings(traffic, areas, np.ones(count, dtype=bool))
+
+
+def in_plane(meets: Surroundings) -> Around:
+    """Return what is around ownships ``[N]`` whose backups stay in the plane."""
+    return Around((Sense.LEVEL_OFF,), lambda _, rows: take(meets, rows))
 
 
 def refresh(
@@ -158,21 +171,26 @@ def refresh(
     """
     exists = np.isfinite(previous.started)
     result = map_leaves(np.array, previous)
-    held = np.where(previous.sense < len(around), previous.sense, Sense.LEVEL_OFF)
-    for sense, meets in zip(Sense, around, strict=False):
+    held = np.where(np.isin(previous.sense, around.senses), previous.sense, Sense.LEVEL_OFF)
+    for sense in around.senses:
         rows = np.flatnonzero(held == sense)
         if rows.size:
-            continued = _continue(*take((previous, own, meets, time), rows), thresholds, sense)
+            before, states, when = take((previous, own, time), rows)
+            meets = around.find(sense, rows)
+            continued = _continue(before, states, meets, when, thresholds, sense)
             scatter(result, rows, continued)
-    level, *climbing = zip(Sense, around, strict=False)
-    for senses in ([level], climbing):
+    level, *climbing = around.senses
+    for senses in ((level,), climbing):
         # Those that climb and descend are searched where none is safe that levels off.
-        unsafe = ~result.safe
-        for sense, meets in senses:
-            rows = np.flatnonzero(unsafe & meets.possible)
-            for first in range(0, rows.size, _BLOCK):
-                part = rows[first : first + _BLOCK]
-                other = search(*take((own, meets, time), part), thresholds, sense)
+        unsafe = np.flatnonzero(~result.safe)
+        for sense in senses if unsafe.size else ():
+            meets = around.find(sense, unsafe)
+            possible = np.flatnonzero(meets.possible)
+            for first in range(0, possible.size, _BLOCK):
+                block = possible[first : first + _BLOCK]
+                part = unsafe[block]
+                states, when = take((own, time), part)
+                other = search(states, take(meets, block), when, thresholds, sense)
                 current = take(result, part)
                 grades = grade(other) - grade(current)
                 gain = _value(other) > _value(current) + thresholds.backup_gain
@@ -392,7 +410,8 @@ def _relative(
     The flight ``[S, N * F]`` begins at the time numbered ``first`` of the tracks ``[N, T, K]``.
     """
     count, at = tracks.x.shape[0], first + sample
-    x, y = (field[sample].reshape(count, -1, 1) for field in (flown.x, flown.y))
+    shape = count, flown.x.shape[-1] // max(count, 1), 1
+    x, y = (field[sample].reshape(shape) for field in (flown.x, flown.y))
     return tracks.x[:, at, None] - x, tracks.y[:, at, None] - y
 
 

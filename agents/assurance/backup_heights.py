@@ -4,7 +4,7 @@ A backup that climbs does so until a leg ends from which on the ceiling would be
 level after that; so its corners are at its plan states, whose altitudes say all of it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import accumulate
 
@@ -26,7 +26,7 @@ from agents.kernel.traffic import Traffic
 from agents.planner.judge.profile import profile_faults
 from agents.planner.request.options import L, Narrowed, Options
 from agents.planner.request.reports import Intruder
-from envs.arrays import Array, Float
+from envs.arrays import Array, Float, Int
 from envs.frames import Air, F
 from envs.kinematics import VehicleState
 from envs.profile import (
@@ -38,25 +38,27 @@ from envs.profile import (
     levelling,
     rise_to_level,
 )
+from envs.trees import take
 
 
-def around_backups(
+def in_space(
     own: VehicleState[Air],
     traffic: Traffic,
-    backups: Sequence[BackupMeets],
+    find_met: Callable[[Sense, Int[Array, " M"]], BackupMeets],
     thresholds: Thresholds[Narrowed],
 ) -> Around:
-    """Return what backups of ownships ``[N]`` may meet, of intruders ``[N, K]``, by what each sense
-    meets. One that climbs or descends is possible only where the ownship is slow enough for it.
+    """Return what is around ownships ``[N]`` among intruders ``[N, K]``, by what is met in a sense.
+    A climb or descent is possible only where the ownship is slow enough for it.
     """
-    around = list[Surroundings]()
-    for sense, meets in zip(Sense, backups, strict=True):
-        met, possible = meets.met, meets.possible
+
+    def find(sense: Sense, rows: Array) -> Surroundings:
+        met, possible, share = find_met(sense, rows)
         if sense is not Sense.LEVEL_OFF:
-            possible = possible & (own.speed <= fastest_in(sense, thresholds))
-        share = np.repeat(meets.share, met.times, axis=1)
-        around.append(Surroundings(met.columns(traffic), met.areas, possible, share))
-    return tuple(around)
+            possible = possible & (own.speed[rows] <= fastest_in(sense, thresholds))
+        shares = np.repeat(share, met.times, axis=1)
+        return Surroundings(met.columns(take(traffic, rows)), met.areas, possible, shares)
+
+    return Around(tuple(Sense), find)
 
 
 def backup_profile(sense: Sense, own: Altitude | None, options: Options[L]) -> Profile | None:

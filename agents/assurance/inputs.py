@@ -5,6 +5,7 @@ but the causes; the last good one stays and ages.
 """
 
 import math
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ from agents.planner.request.options import Narrowed
 from agents.planner.request.reports import AHEAD
 from agents.policy.domain import excess
 from envs.angles import wrap
-from envs.arrays import Array, Bool, Float, Shaped
+from envs.arrays import Array, Bool, Float, Int, Shaped
 from envs.frames import Air
 from envs.kinematics import FASTEST, VehicleState, velocity
 from envs.tracking.tracker import Sightings, belief, carried_turn, plausible_turn
@@ -59,8 +60,9 @@ class Inputs(NamedTuple):
     # how a plan that climbs is flown, and what it meets; None: one in the plane, which meets what
     # window and areas say
     on_profile: OnProfile | None = None
-    # what backups meet by their altitudes, by the codes of Sense; none: in the plane, likewise
-    backups: tuple[BackupMeets, ...] = ()
+    # finds what backups meet by their altitudes: those of a code of Sense, of ownships by their
+    # numbers [M]; None: in the plane, likewise
+    backups: Callable[[Any, Int[Array, " M"]], BackupMeets] | None = None
 
 
 class Memory(NamedTuple):

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.assurance.areas import judge_remaining_plans
-from agents.assurance.backup import Around, Backup, refresh, surroundings
-from agents.assurance.backup_heights import around_backups
+from agents.assurance.backup import Around, Backup, in_plane, refresh, surroundings
+from agents.assurance.backup_heights import in_space
 from agents.assurance.climbs import Met
 from agents.assurance.conformance import floor, has, measure, required_separations
 from agents.assurance.inputs import Inputs, advance, update
@@ -74,9 +74,9 @@ def step(
     )
 
     sighted = np.flatnonzero(~(idle | blind))
-    around: Around = (surroundings(traffic, memory.areas),)
-    if inputs.backups:
-        around = around_backups(own, traffic, inputs.backups, thresholds)
+    around = in_plane(surroundings(traffic, memory.areas))
+    if inputs.backups is not None:
+        around = in_space(own, traffic, inputs.backups, thresholds)
     backup = _refresh_backups(monitor.backup, sighted, own, around, time, thresholds)
     causes |= np.where(~idle & ~backup.safe, int(Cause.BACKUP_UNSAFE), 0)
     causes |= np.where(~idle & (backup.depth > 0.0), int(Cause.BACKUP_IN_AREA), 0)
@@ -157,7 +157,8 @@ def _refresh_backups(
     """Return backups ``[N]`` of which those in some rows are as of now."""
     if rows.size == 0:
         return backup
-    fresh = refresh(*take((backup, own, around, time), rows), thresholds)
+    previous, states, when = take((backup, own, time), rows)
+    fresh = refresh(previous, states, around.of(rows), when, thresholds)
     result = map_leaves(np.array, backup)
     scatter(result, rows, fresh)
     return result

@@ -13,6 +13,7 @@ program that has no messages, only metres and seconds, has its plan watched by i
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -266,7 +267,7 @@ def _space(
 def _in_space(watch: Watch, inputs: Inputs, space: Space, own_altitude: Altitude | None) -> Inputs:
     """Return inputs with what plan and backup meet by their altitudes."""
     options, climb, time = watch.thresholds.options, watch.climb, float(inputs.time[0])
-    inputs = inputs._replace(backups=space.find_backups_met(own_altitude))
+    inputs = inputs._replace(backups=partial(space.find_backups_met, own_altitude))
     if climb is None:
         return inputs
     error = np.array([climb.error(own_altitude, time)])

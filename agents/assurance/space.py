@@ -20,9 +20,10 @@ from agents.kernel.levels import Altitude, Line, steady
 from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder
 from envs.areas import Area
-from envs.arrays import Array, Shaped
+from envs.arrays import Array, Int, Shaped
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
+from envs.trees import take
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,18 +49,18 @@ class Space:
             met[0] = may_be_met(self.areas, self.own, flight, self.ends, self.thresholds)
         return met
 
-    def find_backups_met(self, own: Altitude | None) -> tuple[BackupMeets, ...]:
-        """Return what backups from an altitude meet, by the codes of Sense, ``[1]``."""
+    def find_backups_met(
+        self, own: Altitude | None, sense: Sense, rows: Int[Array, " M"]
+    ) -> BackupMeets:
+        """Return what backups of a sense from an altitude meet, ``[M]``: none of ``[1]``, or it."""
         options = self.thresholds.options
-        flights = {sense: backup_flight(sense, own, options) for sense in Sense}
-        return tuple(
-            BackupMeets(
-                self.find_met(flight),
-                np.array([is_possible(sense, flight)]),
-                shares_kept(self.reports, flight, options)[None],
-            )
-            for sense, flight in flights.items()
+        flight = backup_flight(sense, own, options)
+        meets = BackupMeets(
+            self.find_met(flight),
+            np.array([is_possible(sense, flight)]),
+            shares_kept(self.reports, flight, options)[None],
         )
+        return take(meets, rows)
 
 
 def hold(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:

@@ -232,7 +232,7 @@ def _meetings(
     own, intruders = heights.own, heights.intruders
     inputs: dict[str, Any] = {"window": find_met_holding(own, intruders, options).all_times}
     if options.climbs and flights.profile is not None:
-        inputs["backups"] = find_backups_met(own, intruders, options)
+        inputs["backups"] = partial(find_backups_met, own, intruders, options)
         inputs["on_profile"] = on_profiles(flights.profile, own, intruders, time, options)
     return inputs
 

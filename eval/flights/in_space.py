@@ -19,6 +19,7 @@ from agents.planner.request.reports import Intruder
 from agents.planner.search.in_space import Climber
 from envs.aircraft import Aircraft
 from envs.altitudes import LEVEL, REFERENCE, Altitudes, at_step, climb_at
+from envs.arrays import Array, Int
 from envs.encounters import Encounter, EncounterError
 from envs.frames import Air
 from envs.kinematics import VehicleState
@@ -104,24 +105,24 @@ def who_counts(traffic: Traffic, window: Window) -> Traffic:
 
 
 def find_backups_met(
-    own: Sequence[Altitude], intruders: Sequence[Sequence[Intruder[Air]]], options: Options[L]
-) -> tuple[BackupMeets, ...]:
-    """Return when intruders count for backups ``[M]`` from the own altitudes, by the codes of
-    Sense.
+    own: Sequence[Altitude],
+    intruders: Sequence[Sequence[Intruder[Air]]],
+    options: Options[L],
+    sense: Sense,
+    rows: Int[Array, " M"],
+) -> BackupMeets:
+    """Return what backups of a sense meet from the own altitudes, of ownships by their numbers,
+    ``[M]``.
     """
-    return tuple(
-        BackupMeets(
-            _find_met(flights, intruders, options),
-            np.array([is_possible(sense, flight) for flight in flights], dtype=bool),
-            np.stack(
-                [
-                    shares_kept(reports, flight, options)
-                    for reports, flight in zip(intruders, flights, strict=True)
-                ]
-            ),
-        )
-        for sense in Sense
-        for flights in ([backup_flight(sense, altitude, options) for altitude in own],)
+    flights = [backup_flight(sense, own[row], options) for row in rows.tolist()]
+    some = [intruders[row] for row in rows.tolist()]
+    shares = [
+        shares_kept(reports, flight, options) for reports, flight in zip(some, flights, strict=True)
+    ]
+    return BackupMeets(
+        _find_met(flights, some, options),
+        np.array([is_possible(sense, flight) for flight in flights], dtype=bool),
+        np.stack(shares),
     )
 
 

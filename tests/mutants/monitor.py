@@ -156,7 +156,7 @@ _OF_BACKUP_HEIGHTS = (
         "replace(own, error=own.error + farther), options.vertical_margin",
         "replace(own, error=own.error + farther), 0.0",
     ),
-    ("possible & (own.speed <= fastest_in(sense, thresholds))", "possible"),
+    ("possible & (own.speed[rows] <= fastest_in(sense, thresholds))", "possible"),
     ("if limit is not None and limit.reference != own.reference:", "if False:"),
     ("if corner > ends[0]:", "if False:"),
     ("if not profile_faults(profile, own, options):", "if True:"),
@@ -173,8 +173,8 @@ _OF_BACKUP = (
         "return continued._replace(safe=continued.safe & exists & meets.possible)",
         "return continued._replace(safe=continued.safe & exists)",
     ),
-    ("rows = np.flatnonzero(unsafe & meets.possible)", "rows = np.flatnonzero(unsafe)"),
-    ("unsafe = ~result.safe\n", "unsafe = result.safe | True\n"),
+    ("possible = np.flatnonzero(meets.possible)", "possible = np.arange(unsafe.size)"),
+    ("unsafe = np.flatnonzero(~result.safe)", "unsafe = np.arange(result.safe.size)"),
     ("clearance = np.fmax(clearance, lost_in_height[:, None, :, step + sample - 1])", "pass"),
 )
 

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from agents.assurance import single as watching
-from agents.assurance.backup import STEPS, backup_states, refresh, resting, search, surroundings
+from agents.assurance.backup import (
+    STEPS,
+    backup_states,
+    in_plane,
+    refresh,
+    resting,
+    search,
+    surroundings,
+)
 from agents.assurance.monitor import Cause, FlyMode, State, Thresholds
 from agents.kernel.clearance import Clearance, clearance
 from agents.kernel.separation import Separation
@@ -156,10 +164,10 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
     own = VehicleState(zero, zero, zero, zero + 75.0)
     none = resting(1, THRESHOLDS)
     away = Traffic.straight(other(9_000.0, 0.0, math.pi))
-    first = refresh(none, own, (surroundings(away),), zero, THRESHOLDS)
+    first = refresh(none, own, in_plane(surroundings(away)), zero, THRESHOLDS)
     assert first.safe[0] and first.course[0] != 0.0
     moved = own._replace(x=own.x + 75.0)
-    second = refresh(first, moved, (surroundings(away),), zero + 1.0, THRESHOLDS)
+    second = refresh(first, moved, in_plane(surroundings(away)), zero + 1.0, THRESHOLDS)
     assert second.safe[0] and second.started[0] == 1.0
     assert second.course[0] == first.course[0] and second.plan_states.x[0, 0] == 75.0
     np.testing.assert_allclose(second.legs.x[0, 0, 0], 75.0)
@@ -170,7 +178,7 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
             first.course[0] + math.pi,
         )
     )
-    third = refresh(second, moved, (surroundings(into),), zero + 2.0, THRESHOLDS)
+    third = refresh(second, moved, in_plane(surroundings(into)), zero + 2.0, THRESHOLDS)
     assert third.safe[0] and third.course[0] != first.course[0]
     np.testing.assert_allclose(
         third.legs.heading[0, -1, 0], third.plan_states.heading[0, -2], atol=1e-6
@@ -194,14 +202,14 @@ def test_an_unsafe_backup_is_exchanged_for_much_more_clearance_only() -> None:
     best = search(own, surroundings(near), zero, THRESHOLDS)
     assert not best.safe[0]
     slightly = best._replace(course=best.course - 0.02 * np.sign(best.course))
-    kept = refresh(slightly, own, (surroundings(near),), zero + 1.0, THRESHOLDS)
+    kept = refresh(slightly, own, in_plane(surroundings(near)), zero + 1.0, THRESHOLDS)
     assert (
         kept.clearance[0] < best.clearance[0]
         and kept.course[0] == slightly.course[0]
         and not kept.safe[0]
     )
     wrong = best._replace(course=zero, speed=zero + 75.0)
-    changed = refresh(wrong, own, (surroundings(near),), zero + 1.0, THRESHOLDS)
+    changed = refresh(wrong, own, in_plane(surroundings(near)), zero + 1.0, THRESHOLDS)
     assert changed.course[0] == best.course[0]
 
 
