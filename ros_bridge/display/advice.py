@@ -85,7 +85,7 @@ def advise(picture: Picture) -> Advice:
     if monitor is not None:
         plan, code = _plan_to_fly(picture, monitor.fly)
         if plan is not None:
-            # A backup levels off where the ownship may climb.
+            # A backup without altitudes of its own levels off where the ownship may climb.
             level = LEVEL if code is Do.BACKUP and bands is not None and bands.climbs else None
             return _follow(plan, own, code, level)
         if monitor.state is State.MONITORING and picture.plan is not None:

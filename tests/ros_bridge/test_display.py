@@ -330,6 +330,16 @@ def test_a_backup_levels_off_where_the_ownship_may_climb():
     assert "climb" not in page_document(flat, NOW)["advice"]
 
 
+def test_a_backup_that_climbs_says_how_far():
+    message = climbing_plan()
+    message.status = 5
+    scene = take(take(solid_scene(), BACKUP, message, NOW), STATUS, status(2), NOW)
+    picture = page_document(scene, NOW)
+    assert picture["backup"]["profile"][-1][1] == 500.0
+    advice = picture["advice"]
+    assert advice["do"] == "backup" and (advice["climb"], advice["altitude"]) == (2.5, 600.0)
+
+
 def test_where_no_direction_is_free_a_free_climb_is():
     bands = guidance(range(72), region=3, recovery=30, **up_and_down(range(3, 7), region=3))
     bands.intruder_ids, bands.intruder_level, bands.intruder_loss = ["4b1a2c"], [3], [9.0]
