@@ -172,14 +172,16 @@ def refresh(
     exists = np.isfinite(previous.started)
     result = map_leaves(np.array, previous)
     held = np.where(np.isin(previous.sense, around.senses), previous.sense, Sense.LEVEL_OFF)
+    level, *climbing = around.senses
     for sense in around.senses:
         rows = np.flatnonzero(held == sense)
-        if rows.size:
+        # A climb ends where to level off is safe from here on.
+        for going_on in dict.fromkeys((sense, level)) if rows.size else ():
             before, states, when = take((previous, own, time), rows)
-            meets = around.find(sense, rows)
-            continued = _continue(before, states, meets, when, thresholds, sense)
-            scatter(result, rows, continued)
-    level, *climbing = around.senses
+            meets = around.find(going_on, rows)
+            continued = _continue(before, states, meets, when, thresholds, going_on)
+            taken = continued.safe | (going_on is sense)
+            scatter(result, rows[taken], take(continued, taken))
     for senses in ((level,), climbing):
         # Those that climb and descend are searched where none is safe that levels off.
         unsafe = np.flatnonzero(~result.safe)

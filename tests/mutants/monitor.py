@@ -175,6 +175,7 @@ _OF_BACKUP = (
     ),
     ("possible = np.flatnonzero(meets.possible)", "possible = np.arange(unsafe.size)"),
     ("unsafe = np.flatnonzero(~result.safe)", "unsafe = np.arange(result.safe.size)"),
+    ("dict.fromkeys((sense, level))", "(sense,)"),
     ("clearance = np.fmax(clearance, lost_in_height[:, None, :, step + sample - 1])", "pass"),
 )
 

@@ -29,7 +29,7 @@ from agents.planner.request.request import Request
 from envs.aircraft import Vertical
 from envs.areas import Area
 from envs.frames import Air
-from envs.profile import Profile, climbing, first_corner
+from envs.profile import Profile, climbing, first_corner, rise_to_level
 from envs.trees import map_leaves
 from envs.waypoints import PlanStates
 
@@ -115,21 +115,27 @@ def conflicts(
 
 
 def nominal(start: Start, options: Options[L]) -> Profile:
-    """Return the profile that regains the route's altitude as soon as may be, and keeps it.
+    """Return the profile that regains the route's altitude as soon as may be, and keeps it; from a
+    climb that cannot change so far at once it levels off first.
 
     Raises:
         RequestError: no plan lasts long enough for that.
     """
-    profile = _back(start, [], [], options.vertical, 1.0)
-    faults = [] if profile is None else profile_faults(profile, start.own, options)
-    if profile is None or faults:
-        why = f": {faults[0].message}" if faults else ""
-        problem = (
-            f"is {start.own.value:g} m, {start.target - start.own.value:+.0f} m from the route's, "
-            f"expected one that can be regained within a plan{why}"
-        )
-        raise RequestError(Field(Subject.OWN_ALTITUDE, "value"), problem)
-    return profile
+    why, acceleration = "", options.vertical.acceleration
+    level = start.own.value + rise_to_level(start.climb, acceleration)
+    for times, altitudes in (([], []), ([start.times[0]], [level])):
+        profile = _back(start, times, altitudes, options.vertical, 1.0)
+        if profile is None:
+            continue
+        faults = profile_faults(profile, start.own, options)
+        if not faults:
+            return profile
+        why = why or f": {faults[0].message}"
+    problem = (
+        f"is {start.own.value:g} m, {start.target - start.own.value:+.0f} m from the route's, "
+        f"expected one that can be regained within a plan{why}"
+    )
+    raise RequestError(Field(Subject.OWN_ALTITUDE, "value"), problem)
 
 
 def profiles(start: Start, until: float, options: Options[L]) -> Iterator[Profile]:

@@ -144,18 +144,21 @@ def test_a_backup_that_climbs_or_descends_keeps_what_it_has_promised(
     above: float, sense: Sense
 ) -> None:
     for seed in range(2):
-        flight = Flight(ring(np.random.default_rng(seed), 6_500.0, above))
+        flight, senses = Flight(ring(np.random.default_rng(seed), 6_500.0, above)), list[Sense]()
         for time in range(45):
             assessment = flight.step(float(time))
             assert assessment.fly is FlyMode.BACKUP
             assert not causes_of(assessment.measured) & Cause.BACKUP_UNSAFE, (seed, time)
-            assert flight.sense is sense
+            senses.append(flight.sense)
             for part, flown in enumerate(flight.fly(np.linspace(0.0, 1.0, 6))):
                 moment = time + 0.2 * part
                 kept = [share_kept(flown, later(other, moment)) for other in flight.others.values()]
                 assert min(kept) >= 1.0 - 1e-6, (seed, moment)
-        # It has passed all of them.
-        assert abs(flight.own.altitude.value - LEVEL) > 100.0
+        # It has passed all of them, and climbed or descended no farther than that takes.
+        changed = senses.index(Sense.LEVEL_OFF)
+        assert set(senses[:changed]) == {sense} and set(senses[changed:]) == {Sense.LEVEL_OFF}
+        rise = abs(flight.own.altitude.value - LEVEL - above) - VERTICAL.separation
+        assert 0.0 <= rise <= 30.0
 
 
 def test_a_backup_levels_off_where_that_is_safe() -> None:
@@ -238,12 +241,18 @@ def test_a_climb_ends_where_the_altitude_is_lost() -> None:
     flight.step(0.0)
     flight.fly(np.array([0.0, 1.0]))
     assert flight.sense is Sense.CLIMB
+    assessment = flight.step(1.0, own_altitude=None)
+    assert flight.sense is Sense.LEVEL_OFF
+    assert causes_of(assessment.measured) & Cause.BACKUP_UNSAFE
+
+
+def test_a_climb_ends_where_the_traffic_has_gone() -> None:
+    flight = Flight(ring(np.random.default_rng(1), 6_500.0, -60.0))
+    flight.step(0.0)
+    flight.fly(np.array([0.0, 1.0]))
     gone, flight.others = tuple(flight.others), {}
     flight.step(1.0, gone=gone)
-    assert flight.sense is Sense.CLIMB
-    assessment = flight.step(2.0, own_altitude=None)
     assert flight.sense is Sense.LEVEL_OFF
-    assert not causes_of(assessment.measured) & Cause.BACKUP_UNSAFE
 
 
 def test_an_aircraft_that_may_not_climb_has_backups_in_the_plane_alone() -> None:

@@ -12,6 +12,7 @@ import pytest
 from agents.config.world import AircraftConfig
 from agents.kernel.levels import Altitude
 from agents.planner.answer import Plan, RequestError, Source
+from agents.planner.judge.profile import profile_faults
 from agents.planner.planner import plan
 from agents.planner.recheck import recheck
 from agents.planner.request.options import Maneuvers, Options
@@ -354,6 +355,21 @@ def test_a_route_gives_the_altitude_that_is_regained() -> None:
     answer = plan(OWN, [], route, POLICY, options(), own_altitude=LEVEL)
     assert answer.safe
     assert answer.waypoints[-1].altitude == pytest.approx(2_200.0)
+
+
+@pytest.mark.parametrize("above", [-150.0, 0.0, 150.0])
+@pytest.mark.parametrize("share", [-1.0, 1.0])
+def test_the_route_is_regained_from_the_steepest_climb_and_descent(
+    above: float, share: float
+) -> None:
+    climb = share * (VERTICAL.climb_max if share > 0.0 else VERTICAL.descent_max)
+    own = Altitude(LEVEL.value + above, "msl", climb)
+    route = [replace(point, altitude=LEVEL.value) for point in ROUTE]
+    answer = plan(OWN, [], route, POLICY, options(), own_altitude=own)
+    assert answer.safe
+    profile = profile_of(own.value, climb, answer.waypoints, VERTICAL.acceleration)
+    assert profile is not None and not profile_faults(profile, own, options())
+    assert profile.altitude[-1] == pytest.approx(LEVEL.value)
 
 
 def test_a_plan_that_comes_late_is_checked_on_what_is_left_of_its_profile() -> None:
