@@ -169,38 +169,58 @@ def refresh(
     """Return the backups for this step, ``[N]``, from those of the step before, by the present
     states and what is around them; time on the monitor's clock, s.
     """
-    exists = np.isfinite(previous.started)
-    result = map_leaves(np.array, previous)
-    held = np.where(np.isin(previous.sense, around.senses), previous.sense, Sense.LEVEL_OFF)
+    result = _hold(previous, own, around, time, thresholds)
     level, *climbing = around.senses
-    for sense in around.senses:
-        rows = np.flatnonzero(held == sense)
-        # A climb ends where to level off is safe from here on.
-        for going_on in dict.fromkeys((sense, level)) if rows.size else ():
-            before, states, when = take((previous, own, time), rows)
-            meets = around.find(going_on, rows)
-            continued = _continue(before, states, meets, when, thresholds, going_on)
-            taken = continued.safe | (going_on is sense)
-            scatter(result, rows[taken], take(continued, taken))
+    # Those that climb and descend are searched where none is safe that levels off.
     for senses in ((level,), climbing):
-        # Those that climb and descend are searched where none is safe that levels off.
         unsafe = np.flatnonzero(~result.safe)
         for sense in senses if unsafe.size else ():
             meets = around.find(sense, unsafe)
             possible = np.flatnonzero(meets.possible)
             for first in range(0, possible.size, _BLOCK):
                 block = possible[first : first + _BLOCK]
-                part = unsafe[block]
-                states, when = take((own, time), part)
+                rows = unsafe[block]
+                states, when = take((own, time), rows)
                 other = search(states, take(meets, block), when, thresholds, sense)
-                current = take(result, part)
-                grades = grade(other) - grade(current)
-                gain = _value(other) > _value(current) + thresholds.backup_gain
-                better = (grades < 0) | ((grades == 0) & gain)
-                if sense is Sense.LEVEL_OFF:
-                    better |= ~exists[part]
-                scatter(result, part[better], take(other, better))
+                _exchange(result, rows, other, previous, thresholds)
     return result
+
+
+def _hold(
+    previous: Backup,
+    own: VehicleState[Air],
+    around: Around,
+    time: Array,
+    thresholds: Thresholds[Narrowed],
+) -> Backup:
+    """Return the backups of the step before with what is found of them now; a climb or descent
+    ends where to level off is safe from here on.
+    """
+    result, level = map_leaves(np.array, previous), around.senses[0]
+    held = np.where(np.isin(previous.sense, around.senses), previous.sense, level)
+    for sense in around.senses:
+        rows = np.flatnonzero(held == sense)
+        for going_on in dict.fromkeys((sense, level)) if rows.size else ():
+            before, states, when = take((previous, own, time), rows)
+            meets = around.find(going_on, rows)
+            continued = _continue(before, states, meets, when, thresholds, going_on)
+            taken = continued.safe | (going_on is sense)
+            scatter(result, rows[taken], take(continued, taken))
+    return result
+
+
+def _exchange(
+    result: Backup, rows: Array, other: Backup, previous: Backup, thresholds: Thresholds[Narrowed]
+) -> None:
+    """Put other backups ``[M]`` in the place of those in some rows, where they are better by more
+    than the hysteresis, or where there was none.
+    """
+    current = take(result, rows)
+    grades = grade(other) - grade(current)
+    gain = _value(other) > _value(current) + thresholds.backup_gain
+    never = ~np.isfinite(previous.started[rows]) & (other.sense == Sense.LEVEL_OFF)
+    better = never | (grades < 0) | ((grades == 0) & gain)
+    scatter(result, rows[better], take(other, better))
 
 
 def _continue(
