@@ -61,6 +61,7 @@ _ENOUGH = 0.3  # separations of clearance beyond which more is worth nothing
 _TURN_COST = 0.03  # separations of clearance that a radian of turn must yield
 _TRIED = 3  # of the family that are validated
 _BLOCK = 256  # aircraft searched for at once
+_SAME_SPEED = 1e-6  # by which a speed may be greater for rounding's sake, m/s
 
 
 class Sense(IntEnum):
@@ -176,7 +177,8 @@ def refresh(
         unsafe = np.flatnonzero(~result.safe)
         for sense in senses if unsafe.size else ():
             meets = around.find(sense, unsafe)
-            possible = np.flatnonzero(meets.possible)
+            slow = own.speed[unsafe] <= fastest_in(sense, thresholds) + _SAME_SPEED
+            possible = np.flatnonzero(meets.possible & (slow | (sense is level)))
             for first in range(0, possible.size, _BLOCK):
                 block = possible[first : first + _BLOCK]
                 rows = unsafe[block]
@@ -194,18 +196,22 @@ def _hold(
     thresholds: Thresholds[Narrowed],
 ) -> Backup:
     """Return the backups of the step before with what is found of them now; a climb or descent
-    ends where to level off is safe from here on.
+    ends where it is not possible any more, and where to level off is safe from here on.
     """
     result, level = map_leaves(np.array, previous), around.senses[0]
     held = np.where(np.isin(previous.sense, around.senses), previous.sense, level)
     for sense in around.senses:
         rows = np.flatnonzero(held == sense)
-        for going_on in dict.fromkeys((sense, level)) if rows.size else ():
-            before, states, when = take((previous, own, time), rows)
-            meets = around.find(going_on, rows)
-            continued = _continue(before, states, meets, when, thresholds, going_on)
-            taken = continued.safe | (going_on is sense)
-            scatter(result, rows[taken], take(continued, taken))
+        if rows.size == 0:
+            continue
+        before, states, when = take((previous, own, time), rows)
+        meets = around.find(sense, rows)
+        scatter(result, rows, _continue(before, states, meets, when, thresholds, sense))
+        if sense is not level:
+            meets_level = around.find(level, rows)
+            levelled = _continue(before, states, meets_level, when, thresholds, level)
+            ends = levelled.safe | ~meets.possible
+            scatter(result, rows[ends], take(levelled, ends))
     return result
 
 
@@ -239,7 +245,7 @@ def _continue(
     speed = np.where(exists, previous.speed, own.speed)
     turns = _Turns(np.arange(own.x.size), course, speed)
     continued = _judge(turns, own, meets, time, thresholds, sense)
-    return continued._replace(safe=continued.safe & exists & meets.possible)
+    return continued._replace(safe=continued.safe & exists)
 
 
 class _Turns(NamedTuple):

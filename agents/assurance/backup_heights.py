@@ -16,19 +16,16 @@ from agents.assurance.backup import (
     Sense,
     Surroundings,
     climb_of,
-    fastest_in,
     sample_times,
 )
 from agents.assurance.climbs import BackupMeets
-from agents.assurance.thresholds import Thresholds
 from agents.kernel.levels import Altitude, Gap, Line, gap_between, lines, steady
 from agents.kernel.traffic import Traffic
 from agents.planner.judge.profile import profile_faults
-from agents.planner.request.options import L, Narrowed, Options
+from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder
 from envs.arrays import Array, Float, Int
-from envs.frames import Air, F
-from envs.kinematics import VehicleState
+from envs.frames import F
 from envs.profile import (
     Height,
     Profile,
@@ -42,19 +39,14 @@ from envs.trees import take
 
 
 def in_space(
-    own: VehicleState[Air],
-    traffic: Traffic,
-    find_met: Callable[[Sense, Int[Array, " M"]], BackupMeets],
-    thresholds: Thresholds[Narrowed],
+    traffic: Traffic, find_met: Callable[[Sense, Int[Array, " M"]], BackupMeets]
 ) -> Around:
-    """Return what is around ownships ``[N]`` among intruders ``[N, K]``, by what is met in a sense.
-    A climb or descent is possible only where the ownship is slow enough for it.
+    """Return what is around ownships ``[N]`` among intruders ``[N, K]``, by what is met in a
+    sense.
     """
 
     def find(sense: Sense, rows: Array) -> Surroundings:
         met, possible, share = find_met(sense, rows)
-        if sense is not Sense.LEVEL_OFF:
-            possible = possible & (own.speed[rows] <= fastest_in(sense, thresholds))
         shares = np.repeat(share, met.times, axis=1)
         return Surroundings(met.columns(take(traffic, rows)), met.areas, possible, shares)
 

@@ -76,7 +76,7 @@ def step(
     sighted = np.flatnonzero(~(idle | blind))
     around = in_plane(surroundings(traffic, memory.areas))
     if inputs.backups is not None:
-        around = in_space(own, traffic, inputs.backups, thresholds)
+        around = in_space(traffic, inputs.backups)
     backup = _refresh_backups(monitor.backup, sighted, own, around, time, thresholds)
     causes |= np.where(~idle & ~backup.safe, int(Cause.BACKUP_UNSAFE), 0)
     causes |= np.where(~idle & (backup.depth > 0.0), int(Cause.BACKUP_IN_AREA), 0)

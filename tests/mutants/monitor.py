@@ -156,7 +156,6 @@ _OF_BACKUP_HEIGHTS = (
         "replace(own, error=own.error + farther), options.vertical_margin",
         "replace(own, error=own.error + farther), 0.0",
     ),
-    ("possible & (own.speed[rows] <= fastest_in(sense, thresholds))", "possible"),
     ("if limit is not None and limit.reference != own.reference:", "if False:"),
     ("if corner > ends[0]:", "if False:"),
     ("if not profile_faults(profile, own, options):", "if True:"),
@@ -169,13 +168,10 @@ _OF_BACKUP_HEIGHTS = (
 )
 
 _OF_BACKUP = (
-    (
-        "return continued._replace(safe=continued.safe & exists & meets.possible)",
-        "return continued._replace(safe=continued.safe & exists)",
-    ),
-    ("possible = np.flatnonzero(meets.possible)", "possible = np.arange(unsafe.size)"),
+    ("ends = levelled.safe | ~meets.possible", "ends = levelled.safe"),
+    ("ends = levelled.safe | ~meets.possible", "ends = ~meets.possible"),
+    ("meets.possible & (slow | (sense is level))", "meets.possible"),
     ("unsafe = np.flatnonzero(~result.safe)", "unsafe = np.arange(result.safe.size)"),
-    ("dict.fromkeys((sense, level))", "(sense,)"),
     ("clearance = np.fmax(clearance, lost_in_height[:, None, :, step + sample - 1])", "pass"),
 )
 
@@ -256,7 +252,7 @@ _CHANGES = {
         (_CONFORMANCE, _AREAS, _BACKUP, _MONITOR, _CLIMBS),
     ),
     "agents/assurance/climbs.py": (_OF_CLIMBS, (_CLIMBS,)),
-    "agents/assurance/backup.py": (_OF_BACKUP, (_BACKUP_HEIGHTS,)),
+    "agents/assurance/backup.py": (_OF_BACKUP, (_BACKUP, _BACKUP_HEIGHTS)),
     "agents/assurance/backup_heights.py": (_OF_BACKUP_HEIGHTS, (_BACKUP_HEIGHTS, _CLIMBS)),
     "agents/planner/judge/profile.py": (_OF_PROFILES, (_CLIMBS,)),
     "agents/assurance/inputs.py": (_OF_INPUTS, (_INPUTS, _FRAMES, _OUTSIDE)),

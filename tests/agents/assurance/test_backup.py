@@ -11,6 +11,9 @@ import pytest
 from agents.assurance import single as watching
 from agents.assurance.backup import (
     STEPS,
+    Around,
+    Sense,
+    Surroundings,
     backup_states,
     in_plane,
     refresh,
@@ -26,10 +29,10 @@ from agents.kernel.trajectory import trajectory
 from agents.planner.answer import Plan, Status
 from agents.planner.judge.validator import validate
 from agents.planner.planner import plan
-from agents.planner.request.options import Options
+from agents.planner.request.options import Maneuvers, Options
 from agents.planner.request.request import Intruder
 from agents.policy.inference import Policy
-from envs.aircraft import PAPER
+from envs.aircraft import PAPER, Vertical
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.trees import take
 from envs.waypoints import PlanStates, RoutePoint, at, legs
@@ -211,6 +214,24 @@ def test_an_unsafe_backup_is_exchanged_for_much_more_clearance_only() -> None:
     wrong = best._replace(course=zero, speed=zero + 75.0)
     changed = refresh(wrong, own, in_plane(surroundings(near)), zero + 1.0, THRESHOLDS)
     assert changed.course[0] == best.course[0]
+
+
+def test_a_climb_that_is_not_possible_any_more_is_given_up_without_a_gain() -> None:
+    zero, climb = np.zeros(1), np.full(1, Sense.CLIMB, dtype=np.int8)
+    own = VehicleState(zero, zero, zero, zero + 75.0)
+    aircraft = PAPER._replace(vertical=Vertical(5.0, 5.0, 1.0, separation=137.0))
+    options = Options.for_aircraft(aircraft, requirement=REQUIREMENT, maneuvers=Maneuvers.BOTH)
+    thresholds = Thresholds.for_plans(options)
+    near = surroundings(Traffic.straight(other(1_800.0, 300.0, math.pi, 75.0)))
+    before = search(own, near, zero, thresholds)._replace(sense=climb)
+
+    def find(sense: Sense, rows: np.ndarray) -> Surroundings:
+        return take(near._replace(possible=np.array([sense is Sense.LEVEL_OFF])), rows)
+
+    around = Around((Sense.LEVEL_OFF, Sense.CLIMB), find)
+    after = refresh(before, own, around, zero + 1.0, thresholds)
+    assert not after.safe[0] and after.sense[0] == Sense.LEVEL_OFF
+    assert after.course[0] == before.course[0]
 
 
 # The monitor at work for one aircraft, in plain words (whole encounters:

@@ -274,6 +274,10 @@ def test_one_too_fast_for_a_climb_within_its_airspeed_does_not_climb() -> None:
         assert (flight.sense is Sense.CLIMB) is climbs
         airspeed = np.hypot(flight.watch.monitor.backup.plan_states.speed, VERTICAL.climb_max)
         assert not climbs or airspeed.max() <= limits.speed_max + 1e-9
+        # One that climbs already goes on, and slows down.
+        flight.own = Flown(OWN._replace(x=speed, speed=slow + 0.01), START)
+        flight.step(1.0)
+        assert (flight.sense is Sense.CLIMB) is climbs
 
 
 def test_a_backup_does_not_climb_into_an_area_above() -> None:
