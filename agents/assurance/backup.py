@@ -135,12 +135,12 @@ def backup_states(
     """
     limits, state, states = thresholds.manoeuvre, own, [own]
     to_turn = wrap(course - own.heading, np)
-    for duration in _durations(thresholds):
+    for duration in durations(thresholds.options):
         turn, gain = _controls(to_turn, speed - state.speed, duration, limits)
         state = advance(state, gain / duration, turn / duration, duration, UNLIMITED, np)
         to_turn = to_turn - turn
         states.append(state)
-    times = np.cumsum((0.0, *_durations(thresholds)))
+    times = np.cumsum((0.0, *durations(thresholds.options)))
     times = np.broadcast_to(times, (own.x.size, times.size))
     x, y, heading, velocity = (np.stack(field, axis=-1) for field in zip(*states, strict=True))
     return PlanStates(x, y, wrap(heading, np), velocity, times.copy())
@@ -410,7 +410,7 @@ def _estimate(
         lost_in_height = (shares - 1.0) * base[..., None]
     to_turn, least = wrap(turns.course - own.heading, np), np.full(own.x.size, np.inf)
     step = 0
-    for duration in _durations(thresholds):
+    for duration in durations(thresholds.options):
         turn, gain = _controls(to_turn, turns.speed - own.speed, duration, thresholds.manoeuvre)
         shape = (round(duration / stride), own.x.size)
         acceleration = np.broadcast_to(gain / duration, shape)
@@ -472,9 +472,9 @@ def straight_east(count: int, times: Float[Array, " W"], limits: Limits) -> Plan
     return PlanStates(speed * time, zero, zero.copy(), zero + speed, time)
 
 
-def _durations(thresholds: Thresholds[L]) -> list[float]:
+def durations(options: Options[L]) -> list[float]:
     """Return the durations of a backup's legs, s."""
-    return [steps * thresholds.options.aircraft.dt for steps in STEPS]
+    return [steps * options.aircraft.dt for steps in STEPS]
 
 
 def _controls(

@@ -11,11 +11,11 @@ from itertools import accumulate
 import numpy as np
 
 from agents.assurance.backup import (
-    STEPS,
     Around,
     Sense,
     Surroundings,
     climb_of,
+    durations,
     sample_times,
 )
 from agents.assurance.climbs import BackupMeets
@@ -69,7 +69,7 @@ def backup_profile(sense: Sense, own: Altitude | None, options: Options[L]) -> P
     limit = options.ceiling if sense is Sense.CLIMB else options.floor
     if limit is not None and limit.reference != own.reference:
         return None
-    rate, ends = _rate(sense, climb, options), ends_of_legs(options)
+    rate, ends = _rate(sense, climb, options), list(accumulate(durations(options)))
     corner = first_corner(rate - climb, acceleration)
     if corner > ends[0]:
         return None
@@ -89,11 +89,6 @@ def _rate(sense: Sense, climb: float, options: Options[L]) -> float:
     """
     most = largest_change(options.vertical_margin, options.vertical.acceleration)
     return min(max(climb_of(sense, options), climb - most), climb + most)
-
-
-def ends_of_legs(options: Options[L]) -> list[float]:
-    """Return when the legs of a backup end, s after it begins."""
-    return [steps * options.aircraft.dt for steps in accumulate(STEPS)]
 
 
 def backup_flight(sense: Sense, own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:
@@ -120,20 +115,21 @@ def shares_kept(
     times, unknown = sample_times(options), options.unknown_climb
     shares = np.zeros((len(reports), times.size))
     for begin, end, own in flight:
-        parts = [
-            (number, vertical, *gap_between(own, report.altitude, report.age, vertical, unknown))
-            for number, report in enumerate(reports)
-            if report.altitude is not None and report.altitude.reference == own.reference
-            for vertical in (report.vertical(options),)
-        ]
-        if not parts:
+        numbers, separations, gaps = list[int](), list[float](), list[Gap]()
+        for number, report in enumerate(reports):
+            other, separation = report.altitude, report.vertical(options)
+            if other is not None and other.reference == own.reference:
+                numbers.append(number)
+                separations.append(separation)
+                gaps.append(gap_between(own, other, report.age, separation, unknown))
+        if not gaps:
             break
-        number, vertical, *fields = np.array(parts).T[..., None]
-        gap, (climb, own_spread) = Gap(*fields), own.climb(unknown)
+        vertical, gap = np.array(separations)[:, None], Gap(*np.array(gaps).T[..., None])
+        climb, own_spread = own.climb(unknown)
         during = np.flatnonzero((times >= begin) & (times <= end))
         above = np.abs(gap.above + (gap.climb - climb) * times[during])
         errors = gap.near - vertical + (gap.widens + own_spread) * times[during]
-        shares[number.astype(int), during] = np.maximum(above - errors, 0.0) / vertical
+        shares[np.array(numbers)[:, None], during] = np.maximum(above - errors, 0.0) / vertical
     return shares
 
 
