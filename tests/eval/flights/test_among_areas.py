@@ -168,7 +168,7 @@ def test_breaches_are_counted_and_drawn() -> None:
     assert lines["breach_rate"].counted.startswith("1 of 2")
     numbers = [0, 1]
     figure = trajectory_sheet(table, numbers, fly_recorded(flying, numbers), PAPER.rules())
-    assert "breach of an area" in figure.axes[0].get_title()
+    assert "geofence violation" in figure.axes[0].get_title()
     drawn = sum(len(axes.patches) for axes in figure.axes)
     assert drawn > 2 * 2  # goal and required separation, and areas beside them
 
