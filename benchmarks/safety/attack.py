@@ -7,19 +7,20 @@ its plan does too: in another batch the policy's network rounds differently.
 
 import warnings
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from agents.check import accept
-from agents.planner.answer import WAYPOINTS, Plan, RequestError
+from agents.planner.answer import Plan, RequestError
 from agents.planner.planner import plan_many
+from agents.planner.publish.certificate import Evidence
 from agents.planner.request.request import Options, in_wind
 from agents.policy.inference import Policy
-from benchmarks.safety import published, sky
+from benchmarks.safety import heights, published, sky
 from benchmarks.safety.adversary import (
     FAMILIES,
     VARIANTS,
@@ -38,7 +39,7 @@ from envs.arrays import Array
 from envs.frames import Air
 from envs.kinematics import Limits
 from envs.trees import map_leaves, take
-from envs.waypoints import ARCS, PlanStates, legs
+from envs.waypoints import ARCS, PlanStates, Waypoint, legs
 
 __all__ = ["HUNDRED", "REFLOWN", "Batch", "Tally", "attack", "judge", "tasks"]
 
@@ -49,8 +50,17 @@ REFLOWN = 0.05
 """Share of SAFE plans that the follower flies."""
 
 _SHOWN = 10  # numbers of each check in the last line
-_SKY = ("wind", "uncertain wind", "areas", "windows", "own separations", "all of these")
-_CERTIFICATES = ("right", "moved and right", "moved and wrong")
+_SKY = (
+    "wind",
+    "uncertain wind",
+    "areas",
+    "windows",
+    "own separations",
+    "all of these",
+    "climbs and descents",
+    "floor or ceiling",
+)
+_CERTIFICATES = ("right", "moved and right", "moved and wrong", "without a profile")
 
 
 class Batch(NamedTuple):
@@ -71,13 +81,20 @@ class Batch(NamedTuple):
     """Whether the requests are scaled to an aircraft drawn by the batch's first number; else the
     paper's.
     """
+    in_space: bool = False
+    """Whether plans may climb and descend, with vertical limits drawn by the batch's first number.
+    """
 
     @property
     def aircraft(self) -> Aircraft:
         """Whose requests they are."""
-        if not self.any_aircraft:
-            return PAPER
-        return random_aircraft(np.random.default_rng([self.seed, self.hundreds[0]]))
+        drawn = PAPER
+        if self.any_aircraft:
+            drawn = random_aircraft(np.random.default_rng([self.seed, self.hundreds[0]]))
+        if not self.in_space:
+            return drawn
+        rng = np.random.default_rng([self.seed, self.hundreds[0], 57])
+        return drawn._replace(vertical=heights.random_vertical(drawn, rng))
 
 
 @dataclass
@@ -167,14 +184,18 @@ def tasks(
     family: str = "",
     *,
     any_aircraft: bool = False,
+    in_space: bool = False,
 ) -> Iterator[Batch]:
     """Return the batches of requests ``first .. first + count - 1``, the first ``single`` of them
-    one by one too.
+    one by one too; those in space all one by one, and only so.
     """
+    single = count if in_space else single
     side_by_side = Batch(seed, (), first, first + count, False, family, any_aircraft)
-    one_by_one = side_by_side._replace(end=first + single, single=True)
+    one_by_one = side_by_side._replace(end=first + single, single=True, in_space=in_space)
     for hundred in range(first // HUNDRED * HUNDRED, first + single if single else 0, HUNDRED):
         yield one_by_one._replace(hundreds=(hundred,))
+    if in_space:
+        return
     for begin in range(first // block * block, first + count, block):
         alike: dict[int, list[int]] = {}
         for hundred in range(begin, begin + block, HUNDRED):
@@ -196,6 +217,10 @@ def attack(batch: Batch, policy: Policy) -> Tally:
         policy = policy.for_aircraft(aircraft, outside="allow")
         options = list(variants(aircraft).values())[requests.variant[0]]
         counts = (requests.number >= batch.first) & (requests.number < batch.end)
+        if batch.in_space:
+            options = heights.climbing(
+                options, np.random.default_rng([batch.seed, batch.hundreds[0], 58])
+            )
         if batch.single:
             _one_by_one(tally, batch.seed, take(requests, counts), policy, options)
         else:
@@ -308,6 +333,9 @@ def _one_by_one(tally: Tally, seed: int, requests: Drawn, policy: Policy, option
         if arrays is not None:
             judged.append(arrays)
             places.append(row)
+    if options.climbs:  # they are planned in no other way
+        tally.requests.update(_families(requests, np.arange(len(requests.number))))
+        tally.safe.update(_families(requests, np.array(places, dtype=int)))
     if judged:
         plans: published.AsArrays = map_leaves(lambda *fields: np.stack(fields), *judged)
         answered = take(requests, np.array(places))._replace(request=plans.request)
@@ -322,6 +350,8 @@ def _ask(
     """
     number, unit = int(requests.number[row]), options.aircraft.separation
     question = published.question(seed, number, take(requests.request, row), unit)
+    if options.climbs:
+        question, options = published.in_space(question, options, seed, number)
     try:
         answer = question.ask(policy, options)
     except RequestError:
@@ -332,19 +362,40 @@ def _ask(
         return None
     tally.single[answer.status.value] += 1
     faults = published.faults(question, answer, options)
-    names = _what_stands_around(question)
+    names = _what_stands_around(question, answer, options)
     tally.counts.update(names)
     arrays = None
-    if answer.safe and len(answer.waypoints) == WAYPOINTS:
+    if answer.safe and not {"count", "altitudes"} & set(faults):
         tally.counts.update(f"{name}, safe" for name in names)
         arrays = published.as_arrays(question, answer, options)
         flown = fly(arrays.plan_states)
-        faults += sky.faults(question.sky, flown, options, question.altitude)
-        moved = sky.move(question.sky, np.random.default_rng([seed, number, 55]))
+        faults += _faults_around(question, question.sky, answer.waypoints, flown, options)
+        rng = np.random.default_rng([seed, number, 55])
+        moved = sky.move(question.sky, rng)
         faults += _certificates(tally, question, answer, flown, moved, options)
+        if options.climbs:
+            faults += _moved_altitude(tally, question, answer, flown, rng, options)
     for fault in faults:
         _blame(tally, fault, requests, row)
     return arrays
+
+
+def _faults_around(
+    question: published.Question,
+    around: sky.Sky,
+    waypoints: Sequence[Waypoint],
+    flown: Flown,
+    options: Options,
+) -> list[str]:
+    """Return what a plan with these waypoints breaks of what stands around it, and of what an
+    aircraft can do up and down.
+    """
+    altitude = question.altitude
+    faults = sky.faults(around, flown, options, altitude, waypoints)
+    if options.climbs:
+        assert altitude is not None
+        faults += heights.faults(altitude, waypoints, flown, around.areas, options)
+    return faults
 
 
 def _certificates(
@@ -370,11 +421,44 @@ def _certificates(
         }
     if moved.wind is not None:
         data["wind"]["std"] = moved.wind.std
-    bad = sky.faults(moved, flown, options, question.altitude)
+    bad = bool(_faults_around(question, moved, answer.waypoints, flown, options))
+    return wrong + _decide(tally, data, bad=bad)
+
+
+def _moved_altitude(
+    tally: Tally,
+    question: published.Question,
+    answer: Plan,
+    flown: Flown,
+    rng: np.random.Generator,
+    options: Options,
+) -> list[str]:
+    """Return what the independent checker decides wrongly of the certificate of a plan with the
+    altitude of one waypoint moved.
+    """
+    assert isinstance(answer.evidence, Evidence)
+    moved = replace(answer, waypoints=heights.move(answer.waypoints, rng))
+    evidence = replace(answer.evidence, published=moved.waypoints)
+    bad = bool(_faults_around(question, question.sky, moved.waypoints, flown, options))
+    if not bad:
+        plan: published.AsArrays = take(published.as_arrays(question, moved, options), None)
+        route = Route(plan.request.route_x, plan.request.route_y, plan.request.points, plan.last)
+        result = resimulate(
+            plan.plan_states, plan.request.own, plan.request.traffic, route, options, options.limits
+        )
+        bad = any(result.wrong[CHECKS.index(check), 0] for check in ("required", "separation"))
+    try:
+        data = parse_json(evidence.certificate())
+    except ValueError:  # such as an altitude that cannot be reached
+        tally.counts["certificate without a profile"] += 1
+        return [] if bad else ["profile of a right plan refused"]
+    return _decide(tally, data, bad=bad)
+
+
+def _decide(tally: Tally, data: dict[str, Any], *, bad: bool) -> list[str]:
+    """Count a certificate of something moved, and return what the checker decides wrongly of it."""
     tally.counts[f"certificate moved and {'wrong' if bad else 'right'}"] += 1
-    if bad and _is_accepted(data):
-        wrong.append("wrong certificate accepted")
-    return wrong
+    return ["wrong certificate accepted"] if bad and _is_accepted(data) else []
 
 
 def _is_accepted(data: dict[str, Any]) -> bool:
@@ -385,8 +469,8 @@ def _is_accepted(data: dict[str, Any]) -> bool:
     return True
 
 
-def _what_stands_around(question: published.Question) -> list[str]:
-    """Return which of :data:`_SKY` a request has."""
+def _what_stands_around(question: published.Question, answer: Plan, options: Options) -> list[str]:
+    """Return which of :data:`_SKY` a request has, and whether its plan changes its altitude."""
     wind, areas = question.sky
     holds = {
         "wind": wind is not None,
@@ -396,6 +480,11 @@ def _what_stands_around(question: published.Question) -> list[str]:
         "own separations": any(intruder.separation is not None for intruder in question.intruders),
     }
     holds["all of these"] = all(holds.values())
+    altitudes = {
+        round(point.altitude, 3) for point in answer.waypoints if point.altitude is not None
+    }
+    holds["climbs and descents"] = options.climbs and len(altitudes) > 1
+    holds["floor or ceiling"] = options.floor is not None or options.ceiling is not None
     return [name for name in _SKY if holds[name]]
 
 

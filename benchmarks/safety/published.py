@@ -9,6 +9,7 @@ judged by is where that leads in the air mass, by this package's own arithmetic.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -20,18 +21,24 @@ from agents.planner.planner import plan
 from agents.planner.request.reports import with_state
 from agents.planner.request.request import Altitude, Intruder, Options, Request
 from agents.policy.inference import Policy
+from benchmarks.safety import heights
 from benchmarks.safety.resimulation import CLOSE, displacement
 from benchmarks.safety.sky import Sky, draw_sky
 from envs.arrays import Array
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
-from envs.trees import take
-from envs.waypoints import PlanStates, RoutePoint
+from envs.trees import map_leaves, take
+from envs.waypoints import PlanStates, RoutePoint, Waypoint
 
-__all__ = ["STILL", "AsArrays", "Question", "as_arrays", "faults", "question"]
+__all__ = ["STILL", "AsArrays", "Question", "as_arrays", "faults", "in_space", "question"]
 
 STILL = Sky(None, ())
 """Still air without areas."""
+
+_WINDOWS = WAYPOINTS + 2
+"""Most times in which an intruder may count beside a plan that climbs: one for each of its lines,
+and one to spare.
+"""
 
 
 class Question(NamedTuple):
@@ -100,6 +107,25 @@ def question(seed: int, number: int, request: Request, unit: float) -> Question:
     ]
     own = _over_ground(own_air, sky.air_velocity, 0.0)
     return Question(own, reports, route, altitude, _in_wind(truth, intruders, sky), sky)
+
+
+def in_space(
+    question: Question, options: Options, seed: int, number: int
+) -> tuple[Question, Options]:
+    """Return a request of the attack with altitudes near each other, and the options of its plan,
+    which may climb and descend.
+    """
+    rng = np.random.default_rng([seed, number, 56])
+    own = heights.draw_own(options, rng)
+    options = heights.draw_options(options, own, rng)
+    areas = heights.draw_levels(question.sky.areas, own, options, rng)
+    changed = question._replace(
+        intruders=heights.draw_reports(question.intruders, question.own, own, options, rng),
+        route=heights.draw_route(question.route, own, options, rng),
+        altitude=own,
+        sky=question.sky._replace(areas=areas),
+    )
+    return changed, options
 
 
 def _draw_report(rng: np.random.Generator, intruder: Traffic) -> Intruder[Air]:
@@ -212,11 +238,16 @@ def faults(question: Question, answer: Plan, options: Options) -> list[str]:
     if len(answer.waypoints) != WAYPOINTS:
         return [*wrong, "count"]
     wrong += _index_faults(question, answer, options)
+    if any((point.altitude is None) is options.climbs for point in answer.waypoints):
+        return [*wrong, "altitudes"]
     times = np.arange(0.0, answer.waypoints[-1].time, CLOSE)
     above_or_below = [
         exclusion.number for exclusion in answer.excluded if exclusion.apart is Apart.VERTICALLY
     ]
-    if any(_may_be_level(question, number, times, options).any() for number in above_or_below):
+    if any(
+        _may_be_level(question, answer.waypoints, number, times, options).any()
+        for number in above_or_below
+    ):
         wrong.append("vertical")
     return wrong
 
@@ -239,28 +270,26 @@ def _index_faults(question: Question, answer: Plan, options: Options) -> list[st
     return wrong
 
 
-def _may_be_level(question: Question, number: int, times: Array, options: Options) -> Array:
+def _may_be_level(
+    question: Question,
+    waypoints: Sequence[Waypoint],
+    number: int,
+    times: Array,
+    options: Options,
+) -> Array:
     """Return at which times, s, an intruder may be nearer above or below than its vertical
     separation, bool.
     """
     own, report = question.altitude, question.intruders[number]
     other = report.altitude
-    if own is None or other is None or own.reference != other.reference:
+    low_high = heights.own_band(own, waypoints, times, options)
+    if own is None or low_high is None or other is None or own.reference != other.reference:
         return np.ones(len(times), dtype=bool)
-    low, high = _heights(own, times, options)
-    low_other, high_other = _heights(other, times + report.age, options)
+    low, high = low_high
+    low_other, high_other = heights.band(other, times + report.age, options)
     away = np.maximum(low_other - high, low - high_other)
     own_least = report.vertical_separation
-    return away <= (options.vertical_filter if own_least is None else own_least)
-
-
-def _heights(altitude: Altitude, since: Array, options: Options) -> tuple[Array, Array]:
-    """Return between which heights an aircraft is, m, so long after its report, s."""
-    climb, off = altitude.vertical_speed, altitude.climb_error
-    if climb is None:
-        climb, off = 0.0, options.unknown_climb
-    middle, width = altitude.value + climb * since, altitude.error + off * np.abs(since)
-    return middle - width, middle + width
+    return away <= (options.vertical_separation if own_least is None else own_least)
 
 
 def as_arrays(question: Question, answer: Plan, options: Options) -> AsArrays:
@@ -278,22 +307,31 @@ def as_arrays(question: Question, answer: Plan, options: Options) -> AsArrays:
 
 
 def _counted(question: Question, answer: Plan, options: Options) -> Traffic:
-    """Return the intruders ``[K]`` with when each counts, without those left out as above or
-    below.
+    """Return the intruders ``[K]`` with when each counts, without those left out as above or below;
+    of a plan that climbs each stands there as often as it may count, ``[K W]``.
     """
-    mask = np.zeros(np.shape(question.truth.traffic.mask), dtype=bool)
-    mask[: len(question.intruders)] = True
-    mask[
-        [exclusion.number for exclusion in answer.excluded if exclusion.apart is Apart.VERTICALLY]
-    ] = False
+    traffic = question.truth.traffic
+    windows = _WINDOWS if options.climbs else 1
+    places = np.size(traffic.mask)
+    left_out = {
+        exclusion.number for exclusion in answer.excluded if exclusion.apart is Apart.VERTICALLY
+    }
     times = np.arange(0.0, answer.waypoints[-1].time + CLOSE, CLOSE)
-    begin, end = np.full((2, mask.size), np.inf)
-    for k in np.flatnonzero(mask):
-        level = times[_may_be_level(question, int(k), times, options)]
-        begin[k], end[k] = (level[0], level[-1]) if level.size else (np.inf, -np.inf)
+    begin, end = np.full((places, windows), np.inf), np.full((places, windows), -np.inf)
+    for k in range(len(question.intruders)):
+        if k in left_out and not options.climbs:
+            continue
+        level = _may_be_level(question, answer.waypoints, k, times, options)
+        edges = np.diff(np.concatenate([[False], level, [False]]).astype(np.int8))
+        first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+        if not options.climbs:  # beside a steady climb it counts in one time
+            first, last = first[:1], last[-1:]
         # What counts at the request has counted before.
-        begin[k] = begin[k] if begin[k] > 0.0 else -np.inf
-    return question.truth.traffic._replace(mask=mask, window=Window(begin, end))
+        begin[k, : first.size] = np.where(first == 0, -np.inf, times[first])
+        end[k, : last.size] = times[last]
+    repeated: Traffic = map_leaves(lambda field: np.repeat(field, windows, axis=-1), traffic)
+    window = Window(begin.ravel(), end.ravel())
+    return repeated._replace(mask=window.begin <= window.end, window=window)
 
 
 def _plan_states(question: Question, answer: Plan) -> PlanStates[Air]:

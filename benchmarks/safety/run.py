@@ -3,10 +3,11 @@
 
 Numbered requests (:mod:`benchmarks.safety.adversary`) are planned by the batch core, the first of
 them through ``agents.planner.plan`` too, and every plan called SAFE is judged by
-:mod:`benchmarks.safety.resimulation`; 1 in 20 is flown by the follower as well. ``--first N
---requests 1`` repeats request N: the batch that it is planned in follows from its number. With
-``--out`` what is done is written down batch by batch, and the same command goes on after it. The
-last line is one JSON object; exit status 1 means that a violation was found.
+:mod:`benchmarks.safety.resimulation`; 1 in 20 is flown by the follower as well. With ``--space``
+plans may climb and descend (:mod:`benchmarks.safety.heights`). ``--first N --requests 1`` repeats
+request N: the batch that it is planned in follows from its number. With ``--out`` what is done is
+written down batch by batch, and the same command goes on after it. The last line is one JSON
+object; exit status 1 means that a violation was found.
 """
 
 import argparse
@@ -34,7 +35,7 @@ BLOCK = 6_400
 """Consecutive requests of which those with the same options are planned side by side."""
 
 # Options that an attack which is gone on with has in common with its beginning.
-_SAME = "requests", "single", "seed", "first", "family", "any_aircraft", "block"
+_SAME = "requests", "single", "seed", "first", "family", "any_aircraft", "space", "block"
 _FILE = "batches.jsonl"
 
 _POLICY: list[Policy] = []  # of a worker
@@ -81,6 +82,7 @@ def main(arguments: list[str] | None = None) -> int:
         block=options.block,
         family=options.family,
         any_aircraft=options.any_aircraft,
+        in_space=options.space,
     )
     with _open_record(options) as record:
         for batch_tally in record.tallies.values():
@@ -93,6 +95,7 @@ def main(arguments: list[str] | None = None) -> int:
         "first": options.first,
         "complete": complete,
         "any_aircraft": options.any_aircraft,
+        "space": options.space,
         "block": options.block,
     } | tally.figures()
     for name, (requests, safe) in figures["families"].items():
@@ -118,13 +121,15 @@ def _parse(arguments: list[str] | None) -> argparse.Namespace:
         action="store_true",
         help="another aircraft, drawn at random, for each batch",
     )
+    help_text = "plans may climb and descend; all go through plan, and only through plan"
+    add("--space", action="store_true", help=help_text)
     add("--workers", type=whole(1), default=cores(), help="processes (default: one for every core)")
     block = f"requests planned side by side, a multiple of {HUNDRED} (default {BLOCK})"
     add("--block", type=whole(HUNDRED), default=BLOCK, help=block)
     add("--out", type=Path, help="folder of what is done and of the violations, as JSON lines")
     options = parser.parse_args(arguments)
     _check(parser, options)
-    options.single = min(options.single, options.requests)
+    options.single = options.requests if options.space else min(options.single, options.requests)
     return options
 
 

@@ -6,6 +6,7 @@ acceleration there. Nothing of :mod:`envs.area_geometry` or :mod:`envs.wind` is 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,10 +15,12 @@ import shapely
 
 from agents.planner.request.options import Options
 from agents.planner.request.request import Altitude, Request
+from benchmarks.safety.heights import Band, own_band
 from benchmarks.safety.resimulation import Flown
 from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.arrays import Array
 from envs.kinematics import Limits
+from envs.waypoints import Waypoint
 from envs.wind import Wind
 
 __all__ = ["Sky", "draw_sky", "faults", "move"]
@@ -154,7 +157,13 @@ def move(sky: Sky, rng: np.random.Generator) -> Sky:
     return sky._replace(areas=tuple(areas))
 
 
-def faults(sky: Sky, flown: Flown, options: Options, altitude: Altitude | None) -> list[str]:
+def faults(
+    sky: Sky,
+    flown: Flown,
+    options: Options,
+    altitude: Altitude | None,
+    waypoints: Sequence[Waypoint] = (),
+) -> list[str]:
     """Return what a plan breaks: ``area``, ``speed``, ``acceleration`` or ``turn rate in another
     wind``.
 
@@ -163,9 +172,15 @@ def faults(sky: Sky, flown: Flown, options: Options, altitude: Altitude | None) 
         flown: the plan in the air mass, sampled, fields ``[S]``.
         options: how it was made, with the limits of the vehicle.
         altitude: of the ownship at the request.
+        waypoints: of the plan; not needed of one in the plane.
     """
     over_ground = flown.place + sky.air_velocity * flown.time
-    keeps = [_keeps(area, flown.time, over_ground, options, altitude) for area in sky.areas]
+    own = own_band(altitude, waypoints, flown.time, options)
+    reference = "" if altitude is None else altitude.reference
+    keeps = [
+        _keeps(area, flown.time, over_ground, options, _counts(area, flown.time, own, reference))
+        for area in sky.areas
+    ]
     wrong = [] if all(keeps) else ["area"]
     if sky.wind is not None and sky.wind.std > 0.0:
         seldom = Flown(*(field[::_PIECE] for field in flown))
@@ -197,11 +212,8 @@ def _in_other_winds(flown: Flown, error: float, limits: Limits) -> list[str]:
     return [f"{name} in another wind" for name, bad in checks.items() if bad.any()]
 
 
-def _keeps(
-    area: Area, time: Array, place: Array, options: Options, altitude: Altitude | None
-) -> bool:
+def _keeps(area: Area, time: Array, place: Array, options: Options, counts: Array) -> bool:
     """Return whether places over the ground keep what they must of an area while it counts."""
-    counts = _counts(area, time, options, altitude)
     if not counts.any():
         return True
     inner = place - complex(*area.velocity) * time  # in the area's frame
@@ -240,19 +252,17 @@ def _nearest(area: Area, places: Array, grown: Array, counts: Array) -> float:
     return min(float(at.min(initial=np.inf)), float(between.min(initial=np.inf)))
 
 
-def _counts(area: Area, time: Array, options: Options, altitude: Altitude | None) -> Array:
-    """Return when an area is valid and the ownship may be level with it, bool."""
+def _counts(area: Area, time: Array, own: Band | None, reference: str) -> Array:
+    """Return when an area is valid and the ownship, whose altitudes have a reference, may be level
+    with it, bool.
+    """
     counts = (time >= area.valid_from) & (time <= area.valid_until)
-    if altitude is None or area.keep is Keep.IN:
+    if own is None or area.keep is Keep.IN:
         return counts
-    climb, off = altitude.vertical_speed, altitude.climb_error
-    if climb is None:
-        climb, off = 0.0, options.unknown_climb
-    middle, width = altitude.value + climb * time, altitude.error + off * time
-    if area.floor is not None and area.floor.reference == altitude.reference:
-        counts &= middle + width >= area.floor.value
-    if area.ceiling is not None and area.ceiling.reference == altitude.reference:
-        counts &= middle - width <= area.ceiling.value
+    if area.floor is not None and area.floor.reference == reference:
+        counts &= own.high >= area.floor.value
+    if area.ceiling is not None and area.ceiling.reference == reference:
+        counts &= own.low <= area.ceiling.value
     return counts
 
 
