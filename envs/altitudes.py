@@ -23,6 +23,20 @@ class Altitudes(NamedTuple):
     intruders: Array
     """Of the intruders, ``[..., K, T + 1]``, T >= 1: rows are a time step apart. The altitude
     changes evenly between them, and after the last one as before it."""
+    too_high: Array | None = None
+    """By how much their altimeters read higher than the ownship's, all the time, m, ``[..., K]``;
+    None: all read alike."""
+    stated_error: Array | None = None
+    """By how much reports of their altitudes say that these may be off either way, m,
+    ``[..., K]``; None: nothing."""
+
+
+def as_reported(altitudes: Altitudes) -> Altitudes:
+    """Return altitudes of which the intruders' are what their altimeters read."""
+    if altitudes.too_high is None:
+        return altitudes
+    read = altitudes.intruders + altitudes.too_high[..., None]
+    return altitudes._replace(intruders=read, too_high=None)
 
 
 def steady(altitude: Array, climb: Array, dt: float, xp: ArrayModule = np) -> Array:

@@ -190,9 +190,13 @@ def _altitudes(altitudes: Altitudes, batch: tuple[int, ...], wide: tuple[int, ..
             f"altitudes.intruders has shape {np.shape(altitudes.intruders)}; expected "
             f"{(*wide, 'T + 1')} with T of 1 or more"
         )
+    too_high, error = altitudes.too_high, altitudes.stated_error
+    name, positive = "altitudes.stated_error", (0.0, math.inf)
     return Altitudes(
         _part("altitudes.own", altitudes.own, batch, {}),
         _part("altitudes.intruders", altitudes.intruders, (*wide, *rows), {}),
+        None if too_high is None else _part("altitudes.too_high", too_high, wide, {}),
+        None if error is None else _part(name, error, wide, {name: positive}),
     )
 
 

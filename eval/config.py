@@ -159,6 +159,9 @@ class TrafficConfig(Strict):
     """Noise of reported velocities, one sigma per axis, m/s."""
     latency: float = Field(default=0.0, ge=0.0, le=20.0)
     """Age of reports when they are used, s; at most two time steps of the aircraft."""
+    altitude_std: float = Field(default=0.0, ge=0.0, le=500.0)
+    """Error of the intruder's altimeter beside the ownship's, the same in all of an encounter, one
+    sigma, m; reports say that they may be off by two of them. With vertical_miss."""
     sensor_range: float | None = Field(default=None, gt=0.0, le=1_000_000.0)
     """Distance beyond which no intruder is reported, m; null: any."""
     field_of_view_deg: float = Field(default=360.0, gt=0.0, le=360.0)
@@ -173,6 +176,11 @@ class TrafficConfig(Strict):
                     f"{key} is [{low:g}, {high:g}]; expected [low, high] within {least:g} to "
                     f"{most:g}"
                 )
+        if self.altitude_std > 0.0 and self.vertical_miss is None:
+            raise ConfigError(
+                f"altitude_std is {self.altitude_std:g} m without vertical_miss; expected 0 where "
+                "all are at one level"
+            )
         if self.cpa_time[1] > self.ahead:
             raise ConfigError(
                 f"cpa_time is up to {self.cpa_time[1]:g} s; expected at most ahead, "

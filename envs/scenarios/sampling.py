@@ -177,10 +177,13 @@ def _check_shapes(scenario: Scenario, drawn: object, count: int) -> None:
         if getattr(encounter, name) is not None:
             _check_shape(f"{where} {name}", getattr(encounter, name), (count,))
     if encounter.altitudes is not None:
-        own, intruders = encounter.altitudes
-        _check_shape(f"{where} altitudes.own", own, (count,))
-        rows = max(2, *getattr(intruders, "shape", ())[-1:])
-        _check_shape(f"{where} altitudes.intruders", intruders, (*wide, rows))
+        altitudes = encounter.altitudes
+        _check_shape(f"{where} altitudes.own", altitudes.own, (count,))
+        rows = max(2, *getattr(altitudes.intruders, "shape", ())[-1:])
+        _check_shape(f"{where} altitudes.intruders", altitudes.intruders, (*wide, rows))
+        for name in ("too_high", "stated_error"):
+            if getattr(altitudes, name) is not None:
+                _check_shape(f"{where} altitudes.{name}", getattr(altitudes, name), wide)
 
 
 def _check_shape(where: str, tree: Any, expected: tuple[int, ...]) -> None:

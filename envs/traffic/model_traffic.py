@@ -61,6 +61,8 @@ _OWN_DRAWS = 5
 _MISS = 4  # place of the draw of the miss distance
 _DRAWS_OF_HEIGHT = 2  # after the model's: of the own altitude and of the vertical distance
 _STREAM = 1 << 32  # of the first attempt's draws: beyond those of starts and reports (envs.starts)
+_STREAM_OF_ALTIMETERS = 1 << 33  # beyond those of all attempts
+_STATED_SIGMAS = 2.0  # of an altimeter's error
 _FREE = FASTEST._replace(speed_min=0.0)
 _SAME = 0.5  # the closest approach counts as found again within this, m
 
@@ -94,6 +96,9 @@ class ModelTraffic:
     position_std: float = 0.0  # of reports, one sigma per axis, m
     velocity_std: float = 0.0  # likewise, m/s
     latency: float = 0.0  # age of reports, s, at most two time steps
+    # error of the intruder's altimeter beside the ownship's, the same in all of an encounter, one
+    # sigma, m; reports state two of them
+    altitude_std: float = 0.0
     sensor_range: float = math.inf  # beyond which nobody is reported, m
     field_of_view: float = 2.0 * math.pi  # in which intruders are reported, ahead, rad
 
@@ -166,7 +171,14 @@ def encounters_with(
     altitudes = encounters_drawn.altitudes
     if altitudes is not None:
         rows = _rows_at_steps(altitudes.intruders, traffic.aircraft.dt)
-        encounters = encounters._replace(altitudes=altitudes._replace(intruders=rows))
+        altitudes = altitudes._replace(intruders=rows)
+        if traffic.altitude_std > 0.0:
+            draws = numbers.normals(seed, first, count, (1,), _STREAM_OF_ALTIMETERS)
+            altitudes = altitudes._replace(
+                too_high=traffic.altitude_std * draws,
+                stated_error=np.full(draws.shape, _STATED_SIGMAS * traffic.altitude_std),
+            )
+        encounters = encounters._replace(altitudes=altitudes)
     return _reported(encounters, traffic), encounters_drawn.weight
 
 

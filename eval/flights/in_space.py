@@ -18,7 +18,7 @@ from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder
 from agents.planner.search.in_space import Climber
 from envs.aircraft import Aircraft
-from envs.altitudes import LEVEL, REFERENCE, Altitudes, at_step, climb_at
+from envs.altitudes import LEVEL, REFERENCE, Altitudes, as_reported, at_step, climb_at
 from envs.arrays import Array, Int
 from envs.encounters import Encounter, EncounterError
 from envs.frames import Air
@@ -46,14 +46,15 @@ def reports(altitudes: Altitudes, step: int, dt: float) -> list[list[Intruder[Ai
     """Return what reports say of the altitudes of intruders ``[M, K]`` after some time steps of
     dt, s; all else of them stands in arrays.
     """
-    rows = altitudes.intruders
+    rows, errors = as_reported(altitudes).intruders, altitudes.stated_error
     heights = at_step(rows, np.float64(step)), climb_at(rows, np.float64(step), dt)
+    errors = np.zeros(rows.shape[:-1]) if errors is None else errors
     return [
         [
-            Intruder(_NOWHERE, altitude=Altitude(value, REFERENCE, climb))
-            for value, climb in zip(values, climbs, strict=True)
+            Intruder(_NOWHERE, altitude=Altitude(value, REFERENCE, climb, error))
+            for value, climb, error in zip(*fields, strict=True)
         ]
-        for values, climbs in zip(*(height.tolist() for height in heights), strict=True)
+        for fields in zip(*(field.tolist() for field in (*heights, errors)), strict=True)
     ]
 
 

@@ -9,6 +9,7 @@ from agents.planner.request.request import in_wind
 from agents.planner.search.in_space import plan_each_in_space
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
+from envs.altitudes import as_reported
 from envs.encounters import Encounter
 from envs.follower import PERIOD
 from envs.frames import Air
@@ -160,8 +161,9 @@ def promised_separation(
         reported = take(known_at_start(encounters, aircraft), rows)
         reported = reported._replace(intruders=intruders, intent=straight)
         if reported.altitudes is not None:
-            evenly = reported.altitudes.intruders[..., :2]
-            reported = reported._replace(altitudes=reported.altitudes._replace(intruders=evenly))
+            altitudes = as_reported(reported.altitudes)
+            evenly = altitudes._replace(intruders=altitudes.intruders[..., :2])
+            reported = reported._replace(altitudes=evenly)
         flown = fly_once(reported, take(plans, rows), aircraft, options)
         result[rows] = flown.flights.min_separation
     return result

@@ -20,7 +20,6 @@ def report_flights(
 ) -> Trajectories[F]:
     """Return flights of encounters ``[N]`` with their intruders as reported, not a number where
     there is no report; noise as of :func:`~envs.perception.perceive_flights`, None: exact.
-    Altitudes stay as they are.
     """
     others = flown.intruders
     reported = others if noise is None else perceive_flights(others, starts.sensor, noise, dt)
@@ -30,6 +29,12 @@ def report_flights(
         time = np.arange(len(flown.own.x))[:, None, None] * dt
         with np.errstate(invalid="ignore"):
             covered = covered & report(own, others, starts.coverage, time, np)
+    altitudes = flown.altitudes
+    if altitudes is not None and starts.altitudes is not None:
+        too_high = starts.altitudes.too_high
+        read = altitudes.intruders if too_high is None else altitudes.intruders + too_high
+        altitudes = altitudes._replace(intruders=read)
     return flown._replace(
-        intruders=map_leaves(lambda field: np.where(covered, field, np.nan), reported)
+        altitudes=altitudes,
+        intruders=map_leaves(lambda field: np.where(covered, field, np.nan), reported),
     )

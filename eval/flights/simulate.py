@@ -14,7 +14,7 @@ import numpy as np
 from agents.baselines.baselines import Observation, StepResolver
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
-from envs.altitudes import climb_at
+from envs.altitudes import as_reported, climb_at
 from envs.draws import normals
 from envs.encounters import Encounter
 from envs.frames import Air
@@ -230,9 +230,10 @@ def _look(
     )
     observation = observation._replace(number=air.number)
     if state.altitudes is not None:
+        altitudes = as_reported(state.altitudes)
         observation = observation._replace(
-            above=above_own(state, 0.0),
-            climb=climb_at(state.altitudes.intruders, state.steps[:, None], aircraft.dt),
+            above=above_own(state._replace(altitudes=altitudes), 0.0),
+            climb=climb_at(altitudes.intruders, state.steps[:, None], aircraft.dt),
         )
     if state.coverage is None:
         return observation, None

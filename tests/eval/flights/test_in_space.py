@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from agents.baselines.baselines import Observation
 from agents.config.world import AircraftConfig
 from agents.planner.request.options import Maneuvers, Options
 from agents.policy.inference import Policy
@@ -18,6 +19,7 @@ from commands.command import InputError
 from envs.aircraft import Aircraft
 from envs.altitudes import LEVEL, Altitudes, at_step, climb_at, steady
 from envs.encounters import Encounter, EncounterError
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.perception import Coverage
 from envs.scenarios import sample, scenario
@@ -28,11 +30,13 @@ from envs.traffic.model_traffic import ModelTraffic, encounters_with
 from envs.trees import map_leaves
 from eval.config import TrafficConfig
 from eval.flights.chunks import Conditioned, Evaluation, ReadyEvaluation, columns
-from eval.flights.in_space import at_one_level
+from eval.flights.in_space import at_one_level, reports
+from eval.flights.plan_mode import plan_at_start
 from eval.flights.recorded import fly_in_mode, fly_recorded
+from eval.flights.reported import report_flights
 from eval.flights.simulate import OUTCOMES, Flights, Unmitigated, fly
 from eval.flights.sources import read_model_traffic
-from eval.flights.trajectories import TrajectoryRecorder
+from eval.flights.trajectories import Trajectories, TrajectoryRecorder
 from eval.monte_carlo import run as monte_carlo
 from tests.envs.formats.test_track_files import ONE
 from tests.envs.traffic.test_encounter_model import SMALL
@@ -369,3 +373,102 @@ def test_traffic_of_a_model_has_the_sensors_that_are_stated(tmp_path: Path) -> N
     sentence = rf"latency is {late.latency:g} s; expected at most two time steps"
     with pytest.raises(EncounterError, match=sentence):
         read_model_traffic(path, late, C208)
+
+
+def with_altimeters(starts: Encounter, too_high: float) -> Encounter:
+    """Return encounters whose intruders' altimeters all read too high, m, and say so."""
+    assert starts.altitudes is not None
+    off = np.full(starts.mask.shape, too_high)
+    altitudes = starts.altitudes._replace(too_high=off, stated_error=np.abs(off))
+    return starts._replace(altitudes=altitudes)
+
+
+def test_resolvers_hear_what_altimeters_read_and_losses_are_judged_by_the_truth() -> None:
+    starts, heard = layered(), list[np.ndarray]()
+
+    class Listener(Unmitigated):
+        def decide(
+            self, observation: Observation, memory: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray]:
+            assert observation.above is not None
+            heard.append(observation.above)
+            return super().decide(observation, memory)
+
+    told = [
+        fly(encounters, Listener(UAS), UAS, endless=True)
+        for encounters in (starts, with_altimeters(starts, 40.0))
+    ]
+    right, high = heard[: len(heard) // 2], heard[len(heard) // 2 :]
+    for true, read in zip(right, high, strict=True):
+        np.testing.assert_allclose(read, true + 40.0, atol=1e-9)
+    map_leaves(np.testing.assert_array_equal, *told)
+    altitudes = with_altimeters(starts, 40.0).altitudes
+    assert altitudes is not None and starts.altitudes is not None
+    for read, true in zip(
+        reports(altitudes, 2, UAS.dt), reports(starts.altitudes, 2, UAS.dt), strict=True
+    ):
+        for report, truth in zip(read, true, strict=True):
+            assert report.altitude is not None and truth.altitude is not None
+            assert report.altitude == replace(
+                truth.altitude, value=pytest.approx(truth.altitude.value + 40.0), error=40.0
+            )
+
+
+def test_alerts_are_of_what_altimeters_read() -> None:
+    starts = layered()
+    flown = fly_recorded_straight(starts)
+    reported = report_flights(with_altimeters(starts, -25.0), flown, None, UAS.dt)
+    assert reported.altitudes is not None and flown.altitudes is not None
+    lower = flown.altitudes.intruders - 25.0
+    np.testing.assert_allclose(reported.altitudes.intruders, lower, atol=1e-9)
+    np.testing.assert_array_equal(reported.altitudes.own, flown.altitudes.own)
+
+
+def fly_recorded_straight(starts: Encounter) -> Trajectories[Air]:
+    """Return the flights without a resolver."""
+    recorder = TrajectoryRecorder(starts)
+    fly(starts, Unmitigated(UAS), UAS, recorder=recorder, endless=True)
+    return recorder.stack()
+
+
+def test_plans_keep_away_by_what_altimeters_may_be_off(policy: Policy) -> None:
+    # All at one level; they read 100 m below it, of which only one kind of report says that it may
+    # be wrong.
+    starts = at_one_level(encounters_of_seed(scenario("circle", UAS), 3, 0, COUNT))
+    wrong = with_altimeters(starts, -100.0)
+    assert wrong.altitudes is not None
+    unsaid = wrong._replace(altitudes=wrong.altitudes._replace(stated_error=None))
+    options = Options.for_aircraft(UAS, maneuvers=Maneuvers.VERTICAL)
+    said, trusting = (
+        plan_at_start(encounters, policy, UAS, options).candidates for encounters in (wrong, unsaid)
+    )
+    assert said.safe.all() and trusting.safe.all()
+    # Trusted, they are far enough below the way straight on.
+    assert (trusting.cost < said.cost).all()
+    assert said.profile is not None and trusting.profile is not None
+    for careful, level in zip(said.profile, trusting.profile, strict=True):
+        assert np.ptp(level.altitude) == 0.0
+        assert np.abs(careful.altitude - LEVEL).max() > VERTICAL.separation
+
+
+def test_altimeters_of_a_model_s_traffic() -> None:
+    path = recorded_path("encounter_models") / "uncor_1200code_v2p1.txt"
+    how = TrafficConfig(vertical_miss=100.0, miss=900.0, min_initial_separation=0.0)
+    plain = read_model_traffic(path, how, UAS)
+    (drawn, weights), (bare, bare_weights) = (
+        encounters_with(traffic, 3, 0, 60) for traffic in (replace(plain, altitude_std=20.0), plain)
+    )
+    altitudes, exact = drawn.altitudes, bare.altitudes
+    assert altitudes is not None and exact is not None and exact.too_high is None
+    assert altitudes.too_high is not None and altitudes.stated_error is not None
+    np.testing.assert_array_equal(altitudes.intruders, exact.intruders)
+    np.testing.assert_array_equal(weights, bare_weights)
+    assert (altitudes.stated_error == 40.0).all()
+    # Four standard errors of 60 draws.
+    assert abs(altitudes.too_high.mean()) < 4.0 * 20.0 / math.sqrt(60.0)
+    assert altitudes.too_high.std() == pytest.approx(20.0, rel=4.0 / math.sqrt(120.0))
+    later, _ = encounters_with(replace(plain, altitude_std=20.0), 3, 50, 10)
+    assert later.altitudes is not None
+    np.testing.assert_array_equal(later.altitudes.too_high, altitudes.too_high[50:60])
+    with pytest.raises(ValueError, match="altitude_std is 20 m without vertical_miss"):
+        TrafficConfig(altitude_std=20.0)
