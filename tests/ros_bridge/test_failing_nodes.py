@@ -3,6 +3,7 @@
 import math
 import uuid
 from collections.abc import Callable, Iterator
+from itertools import cycle, repeat
 from typing import Any
 
 import pytest
@@ -18,7 +19,8 @@ from rlcas_msgs.srv import GenerateTrajectory
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
 from ros_bridge.core import updates
-from ros_bridge.core.fields import Code
+from ros_bridge.core.fields import SECOND, Code, nanoseconds
+from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.replies import geodetic_points, start_point
 from ros_bridge.nodes import monitor
 from ros_bridge.nodes.monitor import Monitor
@@ -85,7 +87,7 @@ class Scene:
             ],
         )
         self.world.begin_anew()
-        self.world.ownship()
+        self.world.ownship(time=now)  # where the plan begins, however long this process waits
         self.client.say(Trajectory, f"{NODE}/output/trajectory", message, qos.LATCHED)
 
 
@@ -115,22 +117,41 @@ def test_bands_that_fail_never_end_the_monitor(watched: Scene, monkeypatch: pyte
 def test_a_judgement_that_fails_is_denied_and_then_nothing_is_to_be_flown(
     watched: Scene, monkeypatch: pytest.MonkeyPatch
 ):
-    watched.until(lambda: watched.said)
-    watched.plan()
-    watched.until(lambda: watched.said[-1].fly == AssuranceStatus.FLY_PLAN)
+    step_monitor, judged = monitor.step_monitor, list[int]()
+    failures = repeat(False)  # of the judgements to come: whether each fails
+
+    def step(supervision: Any, situation: Any, moment: int) -> Any:
+        if next(failures):
+            fail()
+        judged.append(moment)
+        return step_monitor(supervision, situation, moment)
+
     with monkeypatch.context() as broken:
-        broken.setattr(monitor, "step_monitor", fail)
+        broken.setattr(monitor, "step_monitor", step)
+        watched.until(lambda: watched.said)
+        watched.plan()
+        watched.until(lambda: watched.said[-1].fly == AssuranceStatus.FLY_PLAN)
         before = len(watched.said)
+        # A failure is told for seconds: where every second judgement fails, all are denied.
+        failures = cycle([True, False])
+        watched.until(lambda: watched.said[-1].state == AssuranceStatus.STATE_DENIED)
+        watched.until(lambda: watched.said[-1].fly == AssuranceStatus.FLY_PLAN)
+        assert watched.said[-1].state == AssuranceStatus.STATE_DENIED
+        failures = repeat(True)
         watched.until(lambda: watched.said[-1].fly == AssuranceStatus.FLY_NOTHING)
-        since = [
+        denied = [
             status
             for status in watched.said[before:]
             if status.state == AssuranceStatus.STATE_DENIED
         ]
-        assert any(status.fly == AssuranceStatus.FLY_PLAN for status in since)
-        assert all("the judgement failed: ValueError" in status.reasons[-1] for status in since)
-        assert all(not status.measured for status in since)
-        assert watched.said[-1] in since
+        assert watched.said[-1] in denied
+        for status in denied:
+            assert "the judgement failed: ValueError" in status.reasons[-1]
+            assert not status.measured
+            moment = nanoseconds(status.header.stamp)
+            silence = (moment - max(time for time in judged if time <= moment)) / SECOND
+            late = silence > USUAL_FRESHNESS.monitor
+            assert status.fly == (AssuranceStatus.FLY_NOTHING if late else AssuranceStatus.FLY_PLAN)
         watched.until(lambda: watched.is_told("the judgement failed: ValueError: operands"))
 
 
