@@ -177,8 +177,8 @@ def refresh(
         unsafe = np.flatnonzero(~result.safe)
         for sense in senses if unsafe.size else ():
             meets = around.find(sense, unsafe)
-            slow = own.speed[unsafe] <= fastest_in(sense, thresholds) + _SAME_SPEED
-            possible = np.flatnonzero(meets.possible & (slow | (sense is level)))
+            fits = (sense is level) | _fits_climb(own.speed[unsafe], sense, thresholds)
+            possible = np.flatnonzero(meets.possible & fits)
             for first in range(0, possible.size, _BLOCK):
                 block = possible[first : first + _BLOCK]
                 rows = unsafe[block]
@@ -280,12 +280,22 @@ def search(
 def _family(own: VehicleState[Air], thresholds: Thresholds[Narrowed], sense: Sense) -> _Turns:
     """Return all turns of the family, those of one ownship after those of another, ``[N * F]``."""
     count, slowest = own.x.size, thresholds.manoeuvre.speed_min
-    fastest = max(slowest, fastest_in(sense, thresholds))
+    fastest = fastest_in(sense, thresholds)
     of, change = np.repeat(np.arange(count), _FAMILY_TURN.size), np.tile(_FAMILY_SPEED, count)
     held = np.clip(own.speed, slowest, fastest)[of]
     extreme = np.where(change > 0.0, fastest, slowest)
     course = wrap(own.heading[of] + np.tile(_FAMILY_TURN, count), np)
     return _Turns(of, course, np.where(change == 0.0, held, extreme))
+
+
+def _fits_climb(
+    speed: Float[Array, " M"], sense: Sense, thresholds: Thresholds[L]
+) -> Shaped[Array, " M"]:
+    """Return whether a climb or descent of a sense is within the limits of the airspeed, bool: from
+    speeds, m/s, and at each that the family may reach.
+    """
+    fastest = fastest_in(sense, thresholds)
+    return (speed <= fastest + _SAME_SPEED) & (thresholds.manoeuvre.speed_min <= fastest)
 
 
 def fastest_in(sense: Sense, thresholds: Thresholds[L]) -> float:

@@ -170,7 +170,8 @@ _OF_BACKUP_HEIGHTS = (
 _OF_BACKUP = (
     ("ends = levelled.safe | ~meets.possible", "ends = levelled.safe"),
     ("ends = levelled.safe | ~meets.possible", "ends = ~meets.possible"),
-    ("meets.possible & (slow | (sense is level))", "meets.possible"),
+    ("meets.possible & fits", "meets.possible"),
+    (" & (thresholds.manoeuvre.speed_min <= fastest)", ""),
     ("unsafe = np.flatnonzero(~result.safe)", "unsafe = np.arange(result.safe.size)"),
     ("clearance = np.fmax(clearance, lost_in_height[:, None, :, step + sample - 1])", "pass"),
 )

@@ -280,6 +280,23 @@ def test_one_too_fast_for_a_climb_within_its_airspeed_does_not_climb() -> None:
         assert (flight.sense is Sense.CLIMB) is climbs
 
 
+def test_nothing_climbs_where_even_the_least_speed_is_too_fast_for_it() -> None:
+    others = ring(np.random.default_rng(1), 6_500.0, -60.0)
+    climber = VERTICAL._replace(climb_max=20.0, acceleration=5.0)
+    fastest = math.sqrt(PAPER.limits.speed_max**2 - climber.climb_max**2)
+    for least, climbs in ((fastest - 0.05, True), (fastest + 0.05, False)):
+        limits = PAPER.limits._replace(speed_min=least)
+        options = Options.for_aircraft(
+            PAPER._replace(vertical=climber, limits=limits),
+            maneuvers=Maneuvers.BOTH,
+            deadline_s=math.inf,
+        )
+        # Slower than its decisions, as the vehicle may be.
+        flight = Flight(others, options, Flown(OWN._replace(speed=fastest - 0.5), START))
+        flight.step(0.0)
+        assert (flight.sense is Sense.CLIMB) is climbs
+
+
 def test_a_backup_does_not_climb_into_an_area_above() -> None:
     above = Area(Circle(0.0, 0.0, 30_000.0), floor=Level(LEVEL + 60.0, "msl"))
     below = Area(Circle(0.0, 0.0, 30_000.0), ceiling=Level(LEVEL - 60.0, "msl"))
