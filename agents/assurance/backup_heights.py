@@ -18,7 +18,7 @@ from agents.assurance.backup import (
     durations,
     sample_times,
 )
-from agents.assurance.climbs import BackupMeets
+from agents.assurance.climbs import BackupMeets, Met
 from agents.kernel.levels import Altitude, Gap, Line, gap_between, lines, steady
 from agents.kernel.traffic import Traffic
 from agents.planner.judge.profile import profile_faults
@@ -133,8 +133,20 @@ def shares_kept(
     return shares
 
 
-def is_possible(sense: Sense, flight: Sequence[Line]) -> bool:
-    """Return whether a backup can be flown, by its altitude: one that climbs or descends only where
-    that is known.
+def backups_met(
+    sense: Sense,
+    flights: Sequence[Sequence[Line]],
+    reports: Sequence[Sequence[Intruder[F]]],
+    met: Met,
+    options: Options[L],
+) -> BackupMeets:
+    """Return what backups of a sense meet, ``[M]``, by their altitudes (:func:`backup_flight`), the
+    intruders ``[K]`` about each, and when these count. One that climbs or descends is possible only
+    where its altitude is known.
     """
-    return sense is Sense.LEVEL_OFF or bool(flight)
+    possible = [sense is Sense.LEVEL_OFF or bool(flight) for flight in flights]
+    shares = [
+        shares_kept(intruders, flight, options)
+        for intruders, flight in zip(reports, flights, strict=True)
+    ]
+    return BackupMeets(met, np.array(possible, dtype=bool), np.stack(shares))

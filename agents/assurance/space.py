@@ -7,11 +7,9 @@ or descends. Without either, or where the ownship has left the profile, its pres
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from agents.assurance.areas import may_be_met
 from agents.assurance.backup import Sense
-from agents.assurance.backup_heights import backup_flight, is_possible, shares_kept
+from agents.assurance.backup_heights import backup_flight, backups_met
 from agents.assurance.climbs import BackupMeets, Climb, Met, times_met
 from agents.assurance.inputs import no_areas
 from agents.assurance.state import FlyMode
@@ -55,12 +53,8 @@ class Space:
         """Return what backups of a sense from an altitude meet, ``[M]``: none of ``[1]``, or it."""
         options = self.thresholds.options
         flight = backup_flight(sense, own, options)
-        meets = BackupMeets(
-            self.find_met(flight),
-            np.array([is_possible(sense, flight)]),
-            shares_kept(self.reports, flight, options)[None],
-        )
-        return take(meets, rows)
+        met = self.find_met(flight)
+        return take(backups_met(sense, [flight], [self.reports], met, options), rows)
 
 
 def hold(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:

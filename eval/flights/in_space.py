@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents.assurance.backup import Sense
-from agents.assurance.backup_heights import backup_flight, is_possible, shares_kept
+from agents.assurance.backup_heights import backup_flight, backups_met
 from agents.assurance.climbs import BackupMeets, Climb, Met, OnProfile, times_met
 from agents.assurance.inputs import no_areas
 from agents.kernel.levels import Altitude, Line, steady
@@ -116,15 +116,9 @@ def find_backups_met(
     ``[M]``.
     """
     flights = [backup_flight(sense, own[row], options) for row in rows.tolist()]
-    some = [intruders[row] for row in rows.tolist()]
-    shares = [
-        shares_kept(reports, flight, options) for reports, flight in zip(some, flights, strict=True)
-    ]
-    return BackupMeets(
-        _find_met(flights, some, options),
-        np.array([is_possible(sense, flight) for flight in flights], dtype=bool),
-        np.stack(shares),
-    )
+    reports_of = [intruders[row] for row in rows.tolist()]
+    met = _find_met(flights, reports_of, options)
+    return backups_met(sense, flights, reports_of, met, options)
 
 
 def find_met_on_profiles(

@@ -163,7 +163,7 @@ _OF_BACKUP_HEIGHTS = (
         "return min(max(climb_of(sense, options), climb - most), climb + most)",
         "return climb_of(sense, options)",
     ),
-    ("return sense is Sense.LEVEL_OFF or bool(flight)", "return True"),
+    ("[sense is Sense.LEVEL_OFF or bool(flight) for flight in flights]", "[True for _ in flights]"),
     ("options.ceiling if sense is Sense.CLIMB else options.floor", "options.ceiling"),
 )
 
