@@ -65,7 +65,7 @@ def _numbers(area: Area) -> tuple[float, ...]:
 
 
 @scalar
-def box_distance_of_one(area: FlatArea, x: float, y: float) -> float:
+def scalar_box_distance(area: FlatArea, x: float, y: float) -> float:
     """Return the distance of a place in an area's own frame from the rectangle around it, m."""
     east = max(area.west - x, x - area.east, 0.0)
     north = max(area.south - y, y - area.north, 0.0)
@@ -102,7 +102,7 @@ def chord_bound(
 
 
 @scalar
-def chord_distances_of_one(
+def scalar_chord_distances(
     area: FlatArea,
     lines: Array,
     x0: float,
@@ -216,7 +216,7 @@ def _winds(area: FlatArea, lines: Array, x: float, y: float) -> bool:
     """Return :func:`envs.area_geometry.inside` of a place; nothing winds about one beyond the
     rectangle.
     """
-    if box_distance_of_one(area, x, y) > 0.0:
+    if scalar_box_distance(area, x, y) > 0.0:
         return False
     winding = 0.0
     for e in range(int(area.first_edge), int(area.end_edge)):

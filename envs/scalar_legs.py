@@ -100,7 +100,7 @@ def _fly(
         turn, gain = arcs[4, arc] * step, arcs[5, arc] * step
         turned, gained = turned + turn, gained + gain
         heading, speed = start[2] + (turned - turn), start[3] + (gained - gain)
-        dx, dy = displacement_of_one(heading, speed, arcs[4, arc], arcs[5, arc], step)
+        dx, dy = scalar_displacement(heading, speed, arcs[4, arc], arcs[5, arc], step)
         x, y = x + dx, y + dy
         arcs[0, arc], arcs[1, arc] = start[0] + (x - dx), start[1] + (y - dy)
         arcs[2, arc], arcs[3, arc] = heading, speed
@@ -108,7 +108,7 @@ def _fly(
 
 
 @scalar
-def displacement_of_one(
+def scalar_displacement(
     heading: float, speed: float, yaw_rate: float, acceleration: float, duration: float
 ) -> tuple[float, float]:
     """Return :func:`envs.waypoints.displacement` of one arc in plain floats, m."""

@@ -25,7 +25,7 @@ from agents.kernel.scalar_pieces import PIECE, write_arcs, write_whole_legs
 from agents.kernel.trajectory import STRAIGHT, Trajectory
 from envs.arrays import Array, Record
 from envs.compiled import Arguments, Entry, scalar
-from envs.flat_areas import SIDE, FlatArea, box_distance_of_chord, chord_distances_of_one, flat
+from envs.flat_areas import SIDE, FlatArea, box_distance_of_chord, flat, scalar_chord_distances
 from envs.waypoints import ARCS, Legs, PlanStates
 
 
@@ -184,7 +184,7 @@ def _chord_bounds(
     is known to occur, m.
     """
     area, lost = keep.area, _chord_error(piece) - _least_gain(keep.area, piece)
-    bound, first, last = chord_distances_of_one(
+    bound, first, last = scalar_chord_distances(
         area, keep.lines, *begin, *end, keep.required + lost, keep.side[0]
     )
     # Where the area counts for a part of a piece only, its ends decide nothing.

@@ -9,7 +9,7 @@ import numpy as np
 from agents.kernel.trajectory import FINE, SHARES, WEIGHTS, Pieces, Trajectory
 from envs.arrays import Array, Float, Record, Shaped
 from envs.compiled import scalar
-from envs.scalar_legs import ARCS, displacement_of_one
+from envs.scalar_legs import ARCS, scalar_displacement
 
 PIECE = np.dtype([(name, float) for name in Pieces._fields[2:]])
 """A piece: the numbers of :class:`agents.kernel.trajectory.Pieces` after its row and leg."""
@@ -68,7 +68,7 @@ def _leave_out_past(piece: Record) -> None:
     """Let a piece that began before time 0 begin where it is then."""
     if piece.begin < 0.0 and piece.end > 0.0:
         past = -piece.begin
-        east, north = displacement_of_one(
+        east, north = scalar_displacement(
             piece.heading, piece.speed, piece.yaw_rate, piece.acceleration, past
         )
         piece.begin = 0.0

@@ -32,7 +32,7 @@ from agents.kernel.scalar_clearance import (
 )
 from agents.kernel.scalar_pieces import PIECE, write_arcs, write_whole_legs
 from agents.kernel.traffic import STRAIGHT as STRAIGHT_TURN
-from agents.kernel.traffic import WINDOW_EDGE, Traffic, Window, growth_of_one, place_in_turn
+from agents.kernel.traffic import WINDOW_EDGE, Traffic, Window, place_in_turn, scalar_growth
 from agents.kernel.trajectory import STRAIGHT, Trajectory
 from envs.arrays import Array, Record
 from envs.backend import FLOATS
@@ -227,7 +227,7 @@ def _inside(intruder: Record, piece: Record) -> bool:
 @scalar
 def _required(intruder: Record, time: float) -> float:
     """Return the distance that is required at a time, s, m."""
-    return intruder.required + growth_of_one(
+    return intruder.required + scalar_growth(
         intruder.position_std, intruder.velocity_std, intruder.age, time, intruder.sigmas
     )
 

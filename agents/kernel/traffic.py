@@ -214,7 +214,7 @@ def advance_reports(reports: Traffic, age: Float[Array, "... K"]) -> Traffic:
 
 
 @scalar
-def uncertainty_of_one(position_std: float, velocity_std: float, age: float, time: float) -> float:
+def scalar_uncertainty(position_std: float, velocity_std: float, age: float, time: float) -> float:
     """Return :func:`uncertainty` of one intruder in plain floats, m."""
     drift = velocity_std * (age + time)
     return math.sqrt(position_std * position_std + drift * drift)
@@ -236,14 +236,14 @@ def growth(traffic: Traffic, time: Float[Array, "..."], sigmas: float) -> Float[
 
 
 @scalar
-def growth_of_one(
+def scalar_growth(
     position_std: float, velocity_std: float, age: float, time: float, sigmas: float
 ) -> float:
     """Return :func:`growth` of one intruder in plain floats, m."""
     if velocity_std == 0.0:
         return 0.0
-    later = uncertainty_of_one(position_std, velocity_std, age, max(time, 0.0))
-    return sigmas * (later - uncertainty_of_one(position_std, velocity_std, age, 0.0))
+    later = scalar_uncertainty(position_std, velocity_std, age, max(time, 0.0))
+    return sigmas * (later - scalar_uncertainty(position_std, velocity_std, age, 0.0))
 
 
 def separations(traffic: Traffic, requirement: Requirement) -> Float[Array, "... K"]:

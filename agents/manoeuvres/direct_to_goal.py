@@ -57,7 +57,7 @@ def end_speed(
 
 
 @scalar
-def arc_end_of_one(state: VehicleState[F], arc: float, length: float) -> tuple[float, float]:
+def scalar_arc_end(state: VehicleState[F], arc: float, length: float) -> tuple[float, float]:
     """Return :func:`arc_end` of one arc of plain floats, m."""
     half = 0.5 * arc
     chord = length * (math.sin(half) / half if half != 0.0 else 1.0)

@@ -5,8 +5,8 @@ accelerating or at a steady speed; intruders fly straight on. A manoeuvre is a c
 between points of its path, and the separation along a chord is that of its closest point: within
 some hundredths of a separation of that of the path.
 
-:class:`MinSeparationOfOne` is :func:`min_separation` for one scene: numpy's calls, or where it is
-compiled the loops of :func:`min_separations_of_one`. Tests hold the three together.
+:class:`ScalarMinSeparation` is :func:`min_separation` for one scene: numpy's calls, or where it is
+compiled the loops of :func:`scalar_min_separations`. Tests hold the three together.
 """
 
 import math
@@ -202,7 +202,7 @@ def _chords(turn: float, radius: float) -> _Chords:
     return _Chords(times, np.cos(middle), np.sin(middle), shortening)
 
 
-class MinSeparationOfOne:
+class ScalarMinSeparation:
     """:func:`min_separation` for one scene of plain floats after the other: what follows from the
     limits alone is computed once.
     """
@@ -251,10 +251,10 @@ class MinSeparationOfOne:
 
 
 @scalar
-def min_separations_of_one(
+def scalar_min_separations(
     scene: Scene, distance_scale: np.ndarray, fixed: np.ndarray, acceleration: np.ndarray
 ) -> np.ndarray:
-    """Return what :class:`MinSeparationOfOne` does, in loops to be compiled.
+    """Return what :class:`ScalarMinSeparation` does, in loops to be compiled.
 
     Args:
         scene: of plain floats, the intruders' fields arrays.
@@ -333,7 +333,7 @@ def steering(scene: Scene, xp: ArrayModule) -> Array:
 
 
 @scalar
-def turns_of_one(scene: Scene) -> np.ndarray:
+def scalar_turns(scene: Scene) -> np.ndarray:
     """Return :func:`steering` of one scene of plain floats."""
     turns = _SIGNS_OF_ALL.copy()
     turns[-_TO_GOAL:] = _turn_to_goal(scene, EXACT_FLOATS)

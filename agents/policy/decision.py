@@ -1,7 +1,7 @@
 """A decision of the policy for one aircraft, in plain floats and loops: what is compiled
 (:mod:`envs.compiled`) for the planner's flights, in which one decision follows from the other.
 
-Without numba :meth:`agents.policy.set_network.SetNetwork.of_one` gives the same, by numpy.
+Without numba :meth:`agents.policy.set_network.SetNetwork.scalar_action` gives the same, by numpy.
 """
 
 import math
@@ -13,11 +13,11 @@ from numpy.typing import DTypeLike
 from agents.policy.candidate_manoeuvres import (
     COUNT,
     THROTTLES,
-    MinSeparationOfOne,
-    min_separations_of_one,
-    turns_of_one,
+    ScalarMinSeparation,
+    scalar_min_separations,
+    scalar_turns,
 )
-from agents.policy.scene import mirror_one, scene_of_one
+from agents.policy.scene import scalar_mirror, scalar_scene
 from agents.policy.set_features import ALIKE, course_to_goal, intruder_part, margin_of, own_part
 from envs.aircraft import ratios
 from envs.arrays import Array
@@ -44,7 +44,7 @@ class Decider(NamedTuple):
 
     limits: Limits  # of the aircraft
     separation: float  # m
-    fixed: np.ndarray  # as of :func:`agents.policy.candidate_manoeuvres.min_separations_of_one`
+    fixed: np.ndarray  # as of :func:`agents.policy.candidate_manoeuvres.scalar_min_separations`
     acceleration: np.ndarray
     encoder: FlatLayers  # of each intruder
     trunk: FlatLayers
@@ -59,7 +59,7 @@ def _flat(layers: Layers) -> FlatLayers:
 def decider(
     limits: Limits,
     separation: float,
-    min_separation: MinSeparationOfOne,
+    min_separation: ScalarMinSeparation,
     encoder: Layers,
     trunk: Layers,
 ) -> Decider:
@@ -78,7 +78,7 @@ def example(dtype: DTypeLike = np.float32) -> Decider:
     """Return a policy of the types that compiled code takes: a network in float32."""
     layers: Layers = [(np.zeros((1, 1), dtype), np.zeros(1, dtype))]
     limits = Limits(1.0, 2.0, -1.0, 1.0, 1.0)
-    return decider(limits, 1.0, MinSeparationOfOne(ratios(limits, 1.0)), layers, layers)
+    return decider(limits, 1.0, ScalarMinSeparation(ratios(limits, 1.0)), layers, layers)
 
 
 @scalar
@@ -125,12 +125,12 @@ def inputs_of(
     """Return the inputs of the aircraft, those of each intruder, and how the scene is mirrored, 1
     or -1; arguments as of :func:`decide`.
     """
-    unmirrored = scene_of_one(
+    unmirrored = scalar_scene(
         own, intruders, goal_x, goal_y, decider.limits, decider.separation, FLOATS
     )
-    scene, sign = mirror_one(unmirrored, distance_scale, FLOATS)
-    separation = min_separations_of_one(scene, distance_scale, decider.fixed, decider.acceleration)
-    margin, best = _margins(separation, turns_of_one(scene))
+    scene, sign = scalar_mirror(unmirrored, distance_scale, FLOATS)
+    separation = scalar_min_separations(scene, distance_scale, decider.fixed, decider.acceleration)
+    margin, best = _margins(separation, scalar_turns(scene))
     flight = own_part(scene, 0.0, FLOATS)
     mine = np.empty(len(flight) + len(best) + COUNT)
     _write(mine, flight + best)

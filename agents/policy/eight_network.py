@@ -87,7 +87,7 @@ class EightNetwork:
             observe(own, critical, goal_x, goal_y, self._scales, np).astype(np.float32)
         )
 
-    def of_one(
+    def scalar_action(
         self,
         own: VehicleState[Air],
         intruders: Sequence[VehicleState[Air]],

@@ -188,7 +188,7 @@ class Policy:
             return [*self._unlike]
         intruders, distance_scale = self._most_critical(own, intruders, distance_scale)
         box = novelty.box_of(self.sha256, self.inputs)
-        mine, traffic, _ = self._resolver.inputs_of_one(
+        mine, traffic, _ = self._resolver.scalar_inputs(
             own, intruders, goal_x, goal_y, distance_scale
         )
         return [*self._unlike, *novelty.departures(box, self.inputs, mine, traffic)]
@@ -303,7 +303,9 @@ class Policy:
         if len(intruders) > self.most:
             self.check_intruders(len(intruders))
             intruders, distance_scale = self._most_critical(own, intruders, distance_scale)
-        throttle, steering = self._resolver.of_one(own, intruders, goal_x, goal_y, distance_scale)
+        throttle, steering = self._resolver.scalar_action(
+            own, intruders, goal_x, goal_y, distance_scale
+        )
         if not (isfinite(throttle) and isfinite(steering)):
             raise ValueError(NOT_FINITE)
         return FLOATS.clip(throttle, -1.0, 1.0), FLOATS.clip(steering, -1.0, 1.0)

@@ -125,7 +125,7 @@ def _within_sight(x: Array, y: Array, xp: ArrayModule) -> tuple[Array, Array]:
 
 
 @scalar
-def scene_of_one(
+def scalar_scene(
     own: VehicleState[Air],
     intruders: VehicleState[Air],
     goal_x: float,
@@ -259,7 +259,7 @@ def mirror(scene: Scene, xp: ArrayModule) -> tuple[Scene, Array]:
 
 
 @scalar
-def mirror_one(scene: Scene, distance_scale: Array, xp: ArrayModule) -> tuple[Scene, float]:
+def scalar_mirror(scene: Scene, distance_scale: Array, xp: ArrayModule) -> tuple[Scene, float]:
     """Return :func:`mirror` of a scene of plain floats, whose lists or arrays it overwrites;
     distance scales ``[K]``.
     """

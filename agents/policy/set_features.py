@@ -212,7 +212,7 @@ BUILT_IN = (
 """The toolkit's own inputs; unit "1" also marks what is squashed to (-1, 1) (:func:`soft`)."""
 
 
-def set_inputs_of_one(
+def scalar_set_inputs(
     scene: Scene, distance_scale: Sequence[float], separation: np.ndarray, inputs: InputTable
 ) -> tuple[list[float], list[list[float]]]:
     """Return the inputs for one mirrored scene of plain floats: for the ownship, and a list for
@@ -222,13 +222,13 @@ def set_inputs_of_one(
     scene, ``[22]``. The user's own inputs are computed on arrays of one scene.
     """
     margin = margin_of(separation, np)
-    best = _best(margin, candidate_manoeuvres.turns_of_one(scene), np)
+    best = _best(margin, candidate_manoeuvres.scalar_turns(scene), np)
     own = [*own_part(scene, 0.0, FLOATS), *map(float, best), *margin.tolist()]
     course = course_to_goal(scene, FLOATS)
     intruders = zip(scene.x, scene.y, scene.vx, scene.vy, distance_scale, strict=True)
     traffic = [list(intruder_part(*state, scene.own_speed, course, FLOATS)) for state in intruders]
     if inputs is not TABLE:
-        batch = batch_of_one(scene)
+        batch = scene_arrays(scene)
         for row in inputs.extra:
             values = evaluate_input(row, batch, np)[0]
             if row.of == OWNSHIP:
@@ -241,7 +241,7 @@ def set_inputs_of_one(
     return own, traffic
 
 
-def batch_of_one(scene: Scene) -> Scene:
+def scene_arrays(scene: Scene) -> Scene:
     """Return a scene of plain floats as one of arrays ``[1]`` and ``[1, K]``, with one absent
     intruder where there is none.
     """

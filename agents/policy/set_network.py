@@ -11,11 +11,11 @@ from copy import copy
 import numpy as np
 from numpy.typing import DTypeLike
 
-from agents.policy.candidate_manoeuvres import MinSeparationOfOne
+from agents.policy.candidate_manoeuvres import ScalarMinSeparation
 from agents.policy.decision import INPUTS_OF, Decider, Layers, decider
 from agents.policy.file import PolicyFile
-from agents.policy.scene import Scene, mirror_one, scene, scene_of_one, unpack_rows
-from agents.policy.set_features import InputTable, SetInputs, set_inputs, set_inputs_of_one
+from agents.policy.scene import Scene, scalar_mirror, scalar_scene, scene, unpack_rows
+from agents.policy.set_features import InputTable, SetInputs, scalar_set_inputs, set_inputs
 from envs.aircraft import Aircraft, ratios
 from envs.angles import atan2
 from envs.arrays import Array, ArrayModule
@@ -99,7 +99,7 @@ class SetNetwork:
         scenes = scene(own, intruders, mask, goal_x, goal_y, limits, separation, np)
         return self._of_scenes(scenes._replace(distance_scale=distance_scale))
 
-    def of_one(
+    def scalar_action(
         self,
         own: VehicleState[Air],
         intruders: Sequence[VehicleState[Air]],
@@ -108,7 +108,7 @@ class SetNetwork:
         distance_scale: Sequence[float] | None = None,
     ) -> tuple[float, float]:
         """Return the action of one aircraft in plain floats."""
-        mine, traffic, sign = self.inputs_of_one(own, intruders, goal_x, goal_y, distance_scale)
+        mine, traffic, sign = self.scalar_inputs(own, intruders, goal_x, goal_y, distance_scale)
         x = np.empty(len(self._trunk[0][0]), self._dtype)
         x[: self._own_size] = mine
         if traffic:
@@ -123,7 +123,7 @@ class SetNetwork:
         acceleration, yaw_rate = one_through(x, self._trunk)
         return acceleration, yaw_rate * sign
 
-    def inputs_of_one(
+    def scalar_inputs(
         self,
         own: VehicleState[Air],
         intruders: Sequence[VehicleState[Air]],
@@ -141,12 +141,12 @@ class SetNetwork:
         limits, separation = self._aircraft.limits, self._aircraft.separation
         distance_scales = [1.0] * len(intruders) if distance_scale is None else distance_scale
         fields: VehicleState[Air] = VehicleState(*_transposed(intruders))
-        unmirrored = scene_of_one(own, fields, goal_x, goal_y, limits, separation, FLOATS)
-        mirrored, sign = mirror_one(
+        unmirrored = scalar_scene(own, fields, goal_x, goal_y, limits, separation, FLOATS)
+        mirrored, sign = scalar_mirror(
             unmirrored._replace(distance_scale=distance_scale), distance_scales, FLOATS
         )
         separations = self._min_separation(mirrored)
-        return *set_inputs_of_one(mirrored, distance_scales, separations, self._inputs), sign
+        return *scalar_set_inputs(mirrored, distance_scales, separations, self._inputs), sign
 
     def _of_scenes(self, scenes: Scene) -> np.ndarray:
         """Return the actions ``[N, 2]`` for scenes ``[N]`` with K >= 1 places for intruders."""
@@ -189,8 +189,8 @@ def _transposed(states: Sequence[VehicleState[Air]]) -> Sequence[Sequence[float]
     return list(zip(*states, strict=True)) or [()] * len(VehicleState._fields)
 
 
-def _min_separation(aircraft: Aircraft) -> MinSeparationOfOne:
-    return MinSeparationOfOne(ratios(aircraft.limits, aircraft.separation))
+def _min_separation(aircraft: Aircraft) -> ScalarMinSeparation:
+    return ScalarMinSeparation(ratios(aircraft.limits, aircraft.separation))
 
 
 def actions(inputs: SetInputs, encoder: Layers, trunk: Layers, xp: ArrayModule) -> Array:

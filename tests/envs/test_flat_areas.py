@@ -9,10 +9,10 @@ from envs.area_geometry import Parts, chord_distances
 from envs.areas import Area, Circle, Keep, Polygon
 from envs.flat_areas import (
     SIDE,
-    box_distance_of_one,
     chord_bound,
-    chord_distances_of_one,
     flat,
+    scalar_box_distance,
+    scalar_chord_distances,
 )
 
 SQUARE = ((-900.0, -900.0), (900.0, -900.0), (900.0, 900.0), (-900.0, 900.0))
@@ -47,10 +47,10 @@ def test_chords_are_as_far_as_by_arrays(keep: Keep, enough: float) -> None:
         np.testing.assert_allclose(bounds, expected.bound, atol=1e-9, rtol=0.0)
         side = np.full(1, np.nan, SIDE).view(np.recarray)[0]
         distances = [
-            chord_distances_of_one(flat_areas[a], lines, *chord, enough, side)
+            scalar_chord_distances(flat_areas[a], lines, *chord, enough, side)
             for chord in zip(*parts, strict=True)
         ]
         np.testing.assert_allclose(np.transpose(distances), expected, atol=1e-9, rtol=0.0)
         if keep is Keep.OUT:
-            box = [box_distance_of_one(flat_areas[a], *place) for place in zip(x0, y0, strict=True)]
+            box = [scalar_box_distance(flat_areas[a], *place) for place in zip(x0, y0, strict=True)]
             assert np.all(np.array(box) <= np.maximum(expected.begin, 0.0) + 1e-9)

@@ -14,13 +14,13 @@ from agents.manoeuvres.direct_to_goal import (
     DirectRoute,
     DirectTask,
     arc_end,
-    arc_end_of_one,
     direct,
+    scalar_arc_end,
 )
 from envs.area_geometry import Parts, chord_distances, gain, own_frame
 from envs.arrays import Array, Bool, Float, Int
 from envs.compiled import scalar
-from envs.flat_areas import box_distance_of_one, chord_bound, flat
+from envs.flat_areas import chord_bound, flat, scalar_box_distance
 from envs.frames import Air
 from envs.kinematics import VehicleState
 
@@ -101,16 +101,16 @@ def _least(
     return least
 
 
-class AreasOfOne(NamedTuple):
+class AreaRecords(NamedTuple):
     """What one request keeps from areas, as compiled code takes it."""
 
     areas: Array  # records [A], as of :func:`envs.flat_areas.flat`
     lines: Array  # records of edges, [E]
 
 
-def areas_of_one(areas: Sequence[ActiveArea], required: Sequence[Float[Array, "1"]]) -> AreasOfOne:
+def area_records(areas: Sequence[ActiveArea], required: Sequence[Float[Array, "1"]]) -> AreaRecords:
     """Return areas from which one request must keep distances, m, ``[1]`` each."""
-    return AreasOfOne(
+    return AreaRecords(
         *flat(
             [active.area for active in areas],
             [active.begin for active in areas],
@@ -121,8 +121,8 @@ def areas_of_one(areas: Sequence[ActiveArea], required: Sequence[Float[Array, "1
 
 
 @scalar
-def clearance_of_one(
-    around: AreasOfOne,
+def scalar_clearance(
+    around: AreaRecords,
     begin: tuple[float, float, float],
     end: tuple[float, float, float],
     most: float,
@@ -140,7 +140,7 @@ def clearance_of_one(
         required = area.required - min(area.gain * begin[2], area.gain * end[2])
         if area.sign > 0.0:
             dx, dy = x1 - x0, y1 - y0
-            far = box_distance_of_one(area, x0, y0) + box_distance_of_one(area, x1, y1)
+            far = scalar_box_distance(area, x0, y0) + scalar_box_distance(area, x1, y1)
             if 0.5 * (far - math.sqrt(dx * dx + dy * dy)) > max(least + required, 0.0):
                 continue
         bound = chord_bound(area, around.lines, x0, y0, x1, y1, required)
@@ -149,8 +149,8 @@ def clearance_of_one(
 
 
 @scalar
-def way_clear_of_one(
-    around: AreasOfOne,
+def scalar_way_clear(
+    around: AreaRecords,
     own: VehicleState[Air],
     goal: tuple[float, float],
     way: DirectRoute,
@@ -163,11 +163,11 @@ def way_clear_of_one(
     place = own.x, own.y, time
     for number in range(1, _PARTS + 1):
         turned, lasts = way.side * way.turn * number / _PARTS, way.turning * number / _PARTS
-        x, y = arc_end_of_one(own, turned, own.speed * lasts)
+        x, y = scalar_arc_end(own, turned, own.speed * lasts)
         after = x, y, time + lasts
-        if not clearance_of_one(around, place, after, sag) >= sag:
+        if not scalar_clearance(around, place, after, sag) >= sag:
             return False
         place = after
     pace = 0.5 * (own.speed + way.speed)
     arrival = time + way.turning + (way.straight + task.radius) / pace
-    return clearance_of_one(around, place, (goal[0], goal[1], arrival), sag) >= sag
+    return scalar_clearance(around, place, (goal[0], goal[1], arrival), sag) >= sag

@@ -18,21 +18,21 @@ from agents.manoeuvres.simulator import Effort, fly_one_away
 from agents.planner.request.options import Narrowed, Options, task_of
 from agents.planner.request.request import Request
 from agents.planner.search.areas_ahead import (
-    AreasOfOne,
-    areas_of_one,
-    clearance_of_one,
-    way_clear_of_one,
+    AreaRecords,
+    area_records,
+    scalar_clearance,
+    scalar_way_clear,
 )
 from agents.planner.search.continuation import (
     CROWD,
-    ContinuationOfOne,
     IntruderBeyond,
     RouteLegs,
+    ScalarContinuation,
     continuation_lines,
-    growth_of_one,
+    growth_beyond,
     lines_clear,
-    of_one,
     route_continuation,
+    scalar_continuation,
 )
 from agents.planner.search.rollout import Rollout
 from envs.angles import wrap
@@ -88,13 +88,13 @@ class Intruder:
     required: Array  # separation, m
 
 
-class SurroundingsOfOne(NamedTuple):
+class ScalarSurroundings(NamedTuple):
     """What the manoeuvres of one request are tested against."""
 
     intruders: Array  # records of Intruder that exist, nearest first, [K]
     tracks: Array  # records of Track of the latest stride, written in place, [K]
-    continuation: ContinuationOfOne  # with uncertainty and windows of the intruders
-    areas: AreasOfOne
+    continuation: ScalarContinuation  # with uncertainty and windows of the intruders
+    areas: AreaRecords
     goal: tuple[float, float]  # at the request, m
     drift: tuple[float, float]  # m/s
     task: DirectTask
@@ -103,7 +103,7 @@ class SurroundingsOfOne(NamedTuple):
     most: float  # clearance beyond which more is not told, m
 
 
-class EffortOfOne(NamedTuple):
+class ScalarEffort(NamedTuple):
     """When manoeuvres are given up, as of :class:`agents.manoeuvres.simulator.Effort`."""
 
     least: float
@@ -112,7 +112,7 @@ class EffortOfOne(NamedTuple):
 
 
 @dataclass
-class FlightOfOne:
+class ManoeuvreFlight:
     """A manoeuvre under way; a record that is written in place, or columns ``[M]``."""
 
     turn: Array  # these as of :class:`agents.manoeuvres.escape_manoeuvre.Manoeuvre`
@@ -150,15 +150,15 @@ def _fly_on(
     flights: Array,
     plan_states: Array,
     spacing: int,
-    around: SurroundingsOfOne,
-    effort: EffortOfOne,
+    around: ScalarSurroundings,
+    effort: ScalarEffort,
 ) -> Progress:
     """Fly manoeuvres stride by stride until enough is computed for a call; return how far they
     came: the stride is beyond the last one where none is left in the air.
 
     Args:
         progress: how far they came before.
-        flights: records of FlightOfOne, ``[M]``.
+        flights: records of ManoeuvreFlight, ``[M]``.
         plan_states: x, y, heading and speed every so many strides, ``[M, P, 4]``.
         spacing: strides from one of these to the next.
         around: what the flights are tested against.
@@ -201,7 +201,7 @@ def _fly_on(
 
 
 @scalar
-def _move(stride: int, around: SurroundingsOfOne) -> None:
+def _move(stride: int, around: ScalarSurroundings) -> None:
     """Write the intruders about the stride that ends where the given one begins."""
     tracks, intruders, continuation = around.tracks, around.intruders, around.continuation
     end = stride * around.stride
@@ -214,21 +214,21 @@ def _move(stride: int, around: SurroundingsOfOne) -> None:
         track.x0, track.y0, track.vx0, track.vy0 = track.x, track.y, track.vx, track.vy
         track.x, track.y, track.heading, track.speed = moved.x, moved.y, moved.heading, moved.speed
         track.vx, track.vy = velocity(moved, FLOATS)
-        track.later = intruder.required + growth_of_one(spread, latest, continuation.sigmas)
-        track.required = intruder.required + growth_of_one(spread, end, continuation.sigmas)
+        track.later = intruder.required + growth_beyond(spread, latest, continuation.sigmas)
+        track.required = intruder.required + growth_beyond(spread, end, continuation.sigmas)
         counts = end >= spread.begin - WINDOW_EDGE
         if not (counts and end - around.stride <= spread.end + WINDOW_EDGE):
             track.required = -math.inf
 
 
 @scalar
-def _state_of(flight: FlightOfOne) -> VehicleState[Air]:
+def _state_of(flight: ManoeuvreFlight) -> VehicleState[Air]:
     """Return where a manoeuvre is."""
     return VehicleState(flight.x, flight.y, wrap(flight.course, FLOATS), flight.speed)
 
 
 @scalar
-def _note(plan_states: Array, row: int, column: int, flight: FlightOfOne) -> None:
+def _note(plan_states: Array, row: int, column: int, flight: ManoeuvreFlight) -> None:
     """Write the state of a manoeuvre among its plan states."""
     state = _state_of(flight)
     plan_states[row, column, 0] = state.x
@@ -238,7 +238,7 @@ def _note(plan_states: Array, row: int, column: int, flight: FlightOfOne) -> Non
 
 
 @scalar
-def _fly_stride(flight: FlightOfOne, number: int, around: SurroundingsOfOne) -> None:
+def _fly_stride(flight: ManoeuvreFlight, number: int, around: ScalarSurroundings) -> None:
     """Fly a stride of a manoeuvre, and note how far it stays from intruders and areas."""
     dt, limits = around.stride, around.task.limits
     manoeuvre = Manoeuvre(
@@ -269,7 +269,7 @@ def _fly_stride(flight: FlightOfOne, number: int, around: SurroundingsOfOne) -> 
     clearance = min(flight.clearance, around.most)
     clearance = _clearance(before, after, clearance, around.tracks, dt)
     begin, end = number * dt, (number + 1) * dt
-    flight.clearance = clearance_of_one(
+    flight.clearance = scalar_clearance(
         around.areas, (before.x, before.y, begin), (after.x, after.y, end), clearance
     )
 
@@ -300,7 +300,7 @@ def _clearance(
 
 
 @scalar
-def _way_back(flight: FlightOfOne, time: float, around: SurroundingsOfOne) -> tuple[bool, int]:
+def _way_back(flight: ManoeuvreFlight, time: float, around: ScalarSurroundings) -> tuple[bool, int]:
     """Return whether the way back is clear at a time, s, and how much was looked at; note what
     blocks it.
 
@@ -318,7 +318,7 @@ def _way_back(flight: FlightOfOne, time: float, around: SurroundingsOfOne) -> tu
         if not _continuation_clear_of(before - count, lines, slack, around):
             return False, _WAY_PAIRS
     of_areas = _EDGE_PAIRS * len(around.areas.lines)
-    if before == 2 * count and not way_clear_of_one(around.areas, own, aim, way, time, task):
+    if before == 2 * count and not scalar_way_clear(around.areas, own, aim, way, time, task):
         return False, of_areas
     for k in range(count):
         if not _clear_of(k, own, way, time, slack, around):
@@ -331,7 +331,7 @@ def _way_back(flight: FlightOfOne, time: float, around: SurroundingsOfOne) -> tu
             flight.blocker = count + k
             return False, looked
     flight.blocker = 2 * count
-    return way_clear_of_one(around.areas, own, aim, way, time, task), looked
+    return scalar_way_clear(around.areas, own, aim, way, time, task), looked
 
 
 @scalar
@@ -341,7 +341,7 @@ def _clear_of(
     way: DirectRoute,
     time: float,
     slack: float,
-    around: SurroundingsOfOne,
+    around: ScalarSurroundings,
 ) -> bool:
     """Return whether a direct route keeps clear of an intruder."""
     track, spread = around.tracks[k], around.continuation.intruders[k]
@@ -352,7 +352,7 @@ def _clear_of(
 
 
 @scalar
-def _continuation_clear_of(k: int, lines: Array, slack: float, around: SurroundingsOfOne) -> bool:
+def _continuation_clear_of(k: int, lines: Array, slack: float, around: ScalarSurroundings) -> bool:
     """Return whether the route beyond the goal keeps clear of an intruder."""
     required = around.intruders[k].required + slack
     return lines_clear(
@@ -364,14 +364,14 @@ def _examples() -> list[tuple[Any, ...]]:
     """Return arguments of the types that are flown with."""
     zero = np.zeros(1)
     legs, intruders = RouteLegs(*[zero] * 5), IntruderBeyond(*[zero] * 9)
-    continuation = ContinuationOfOne(
+    continuation = ScalarContinuation(
         records(legs._asdict()), 0.0, 0.0, zero, records(intruders._asdict()), 0.0, 0.0
     )
-    around = SurroundingsOfOne(
+    around = ScalarSurroundings(
         intruders=records(vars(Intruder(*[zero] * 7))),
         tracks=records(vars(Track(*[zero] * 12))),
         continuation=continuation,
-        areas=areas_of_one((), ()),
+        areas=area_records((), ()),
         goal=(0.0, 0.0),
         drift=(0.0, 0.0),
         task=DirectTask(Limits(*[0.0] * 5), 0.0, 0.0, 0.0),
@@ -380,7 +380,7 @@ def _examples() -> list[tuple[Any, ...]]:
         most=0.0,
     )
     own: VehicleState[Air] = VehicleState(*[zero] * 4)
-    flights, limit = takeoff(own, Manoeuvre(*[zero] * 8)), EffortOfOne(0.0, 0.0, 1)
+    flights, limit = takeoff(own, Manoeuvre(*[zero] * 8)), ScalarEffort(0.0, 0.0, 1)
     return [(Progress(0, 0, 0), flights, np.zeros((1, 1, 4)), 1, around, limit)]
 
 
@@ -388,9 +388,9 @@ FLY_ON = Entry(_fly_on, _examples)
 """Fly manoeuvres on for at most a millisecond."""
 
 
-def surroundings_of_one(
+def scalar_surroundings(
     request: Request, goal: Int[Array, "1"], options: Options[Narrowed], stride: float, last: int
-) -> SurroundingsOfOne:
+) -> ScalarSurroundings:
     """Return what manoeuvres of one request are tested against, in strides of some seconds up to
     the one numbered ``last``.
     """
@@ -411,13 +411,13 @@ def surroundings_of_one(
     separations = required[order]
     none = np.zeros(order.size)
     state = intruders.state
-    return SurroundingsOfOne(
+    return ScalarSurroundings(
         intruders=records(
             vars(Intruder(*state, intruders.turn_rate, intruders.turn_time, separations))
         ),
         tracks=records(vars(Track(*[none] * 12))),
-        continuation=of_one(continuation, 0),
-        areas=areas_of_one(active, away),
+        continuation=scalar_continuation(continuation, 0),
+        areas=area_records(active, away),
         goal=to,
         drift=(float(east[0]), float(north[0])),
         task=map_leaves(float, task_of(options)),
@@ -429,10 +429,10 @@ def surroundings_of_one(
 
 def takeoff(own: VehicleState[Air], manoeuvre: Manoeuvre) -> Shaped[Array, " M"]:
     """Return manoeuvres ``[M]`` of a request ``[1]`` at their beginning, records of
-    :class:`FlightOfOne`.
+    :class:`ManoeuvreFlight`.
     """
     zero = np.zeros(manoeuvre.turn.size)
-    flights = FlightOfOne(
+    flights = ManoeuvreFlight(
         *manoeuvre[:-1],
         *(zero + field for field in own),
         to_turn=manoeuvre.turn,
@@ -472,10 +472,10 @@ def fly_one_out(
     Returns:
         The manoeuvres, and their clearance until then, m, ``[M]``.
     """
-    around = surroundings_of_one(request, goal, options, stride, last)
+    around = scalar_surroundings(request, goal, options, stride, last)
     flights = takeoff(request.own, manoeuvre)
     plan_states = np.full((flights.size, last // spacing + 1, 4), np.nan)
-    limit = EffortOfOne(float(effort.least), float(effort.good), int(effort.enough))
+    limit = ScalarEffort(float(effort.least), float(effort.good), int(effort.enough))
     progress = Progress(0, 0, 0)
     while progress.stride <= last and not effort.ends():
         progress = FLY_ON(progress, flights, plan_states, spacing, around, limit)

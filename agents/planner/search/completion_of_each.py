@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.manoeuvres.direct_to_goal import DirectTask, arc_end_of_one
+from agents.manoeuvres.direct_to_goal import DirectTask, scalar_arc_end
 from agents.planner.search.onward import (
     Leg,
     Onward,
@@ -17,7 +17,7 @@ from agents.planner.search.onward import (
     duration,
     end_of,
     leg_to,
-    meet_of_one,
+    scalar_leg_to_meet,
 )
 from envs.angles import wrap
 from envs.arrays import Array
@@ -136,7 +136,7 @@ def _next_leg(
         leg = leg_to(Onward(place, state, time, to_goal), None, time, whole.task, FLOATS)
         return leg, leg.reached
     drift = routes.east[n], routes.north[n]
-    return meet_of_one(Onward(place, state, time, to_goal), drift, whole.task)
+    return scalar_leg_to_meet(Onward(place, state, time, to_goal), drift, whole.task)
 
 
 @scalar
@@ -235,7 +235,7 @@ def _on_pieces(pieces: Array, when: float) -> VehicleState[Air]:
     turn_rate, acceleration, seconds = piece[5], piece[6], when - piece[0]
     arc = turn_rate * seconds
     length = (began.speed + 0.5 * acceleration * seconds) * seconds
-    x, y = arc_end_of_one(began, arc, length)
+    x, y = scalar_arc_end(began, arc, length)
     return VehicleState(x, y, began.heading + arc, began.speed + acceleration * seconds)
 
 

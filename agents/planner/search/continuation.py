@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.traffic import Traffic, predict, uncertainty, uncertainty_of_one
-from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, arc_end_of_one, arrival, direct
+from agents.kernel.traffic import Traffic, predict, scalar_uncertainty, uncertainty
+from agents.manoeuvres.direct_to_goal import DirectTask, arc_end, arrival, direct, scalar_arc_end
 from agents.planner.request.options import Narrowed, Options, task_of
 from agents.planner.request.request import Request
 from envs.arrays import Array, Bool, Float, Int
@@ -202,7 +202,7 @@ class IntruderBeyond(NamedTuple):
     end: Array
 
 
-class ContinuationOfOne(NamedTuple):
+class ScalarContinuation(NamedTuple):
     """The route of one request beyond its goal, as compiled code takes it, and the intruders that
     exist.
     """
@@ -216,7 +216,7 @@ class ContinuationOfOne(NamedTuple):
     until: float
 
 
-def of_one(continuation: RouteContinuation, row: int) -> ContinuationOfOne:
+def scalar_continuation(continuation: RouteContinuation, row: int) -> ScalarContinuation:
     """Return the route of the request numbered ``row``."""
     traffic, straight = take(
         take((continuation.traffic, continuation.straight), row), continuation.traffic.mask[row]
@@ -225,7 +225,7 @@ def of_one(continuation: RouteContinuation, row: int) -> ContinuationOfOne:
     spread = traffic.position_std, traffic.velocity_std, traffic.age
     window = (-always, always) if traffic.window is None else traffic.window
     intruders = IntruderBeyond(straight.x, straight.y, *velocity(straight, np), *spread, *window)
-    return ContinuationOfOne(
+    return ScalarContinuation(
         legs=records(take(continuation.legs, row)._asdict()),
         next_x=float(continuation.next_x[row]),
         next_y=float(continuation.next_y[row]),
@@ -236,13 +236,13 @@ def of_one(continuation: RouteContinuation, row: int) -> ContinuationOfOne:
     )
 
 
-def no_continuation() -> ContinuationOfOne:
+def no_continuation() -> ScalarContinuation:
     """Return a route that nobody asks for."""
     none = np.zeros(0)
     legs, intruders = (
         records(dict.fromkeys(kind._fields, none)) for kind in (RouteLegs, IntruderBeyond)
     )
-    return ContinuationOfOne(legs, 0.0, 0.0, none, intruders, 0.0, 0.0)
+    return ScalarContinuation(legs, 0.0, 0.0, none, intruders, 0.0, 0.0)
 
 
 @scalar
@@ -251,7 +251,7 @@ def continuation_clear(
     goal: tuple[float, float],
     required: Float[Array, " K"],
     time: float,
-    continuation: ContinuationOfOne,
+    continuation: ScalarContinuation,
     task: DirectTask,
 ) -> bool:
     """Return :meth:`RouteContinuation.clear` of one state in plain floats; required ``[K]``."""
@@ -267,7 +267,7 @@ def continuation_lines(
     own: VehicleState[Air],
     goal: tuple[float, float],
     time: float,
-    continuation: ContinuationOfOne,
+    continuation: ScalarContinuation,
     task: DirectTask,
 ) -> Float[Array, "L+2 6"]:
     """Return the flight beyond the goal of one state in plain floats, as lines: where each begins
@@ -277,7 +277,7 @@ def continuation_lines(
     at_goal, course, speed = arrival(own, goal, time, task, FLOATS)
     state: VehicleState[Air] = VehicleState(goal[0], goal[1], course, speed)
     way = direct(state, (continuation.next_x, continuation.next_y), at_goal, task, FLOATS)
-    x, y = arc_end_of_one(state, way.side * way.turn, speed * way.turning)
+    x, y = scalar_arc_end(state, way.side * way.turn, speed * way.turning)
     turned, turning = at_goal + way.turning, max(way.turning, 1e-9)
     chord = (x - state.x) / turning, (y - state.y) / turning
     _write_line(lines[0], (state.x, state.y), chord, at_goal, turned)
@@ -332,22 +332,22 @@ def lines_clear(
         nearest = -(x * vx + y * vy) / max(vx * vx + vy * vy, 1e-9)
         nearest = min(max(nearest, first - begin), last - begin)
         x, y = x + vx * nearest, y + vy * nearest
-        needed = required + growth_of_one(intruder, last, sigmas)
+        needed = required + growth_beyond(intruder, last, sigmas)
         if x * x + y * y < needed * abs(needed):
             return False
     return True
 
 
 @scalar
-def growth_of_one(intruder: IntruderBeyond, time: float, sigmas: float) -> float:
+def growth_beyond(intruder: IntruderBeyond, time: float, sigmas: float) -> float:
     """Return by how much the distance that is required from an intruder grows until a time,
     m.
     """
     if not intruder.velocity_std > 0.0:
         return 0.0
     position_std, velocity_std, age = intruder.position_std, intruder.velocity_std, intruder.age
-    grown = uncertainty_of_one(position_std, velocity_std, age, time)
-    return sigmas * (grown - uncertainty_of_one(position_std, velocity_std, age, 0.0))
+    grown = scalar_uncertainty(position_std, velocity_std, age, time)
+    return sigmas * (grown - scalar_uncertainty(position_std, velocity_std, age, 0.0))
 
 
 class _Lines(NamedTuple):

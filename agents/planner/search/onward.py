@@ -9,8 +9,8 @@ import numpy as np
 
 from agents.manoeuvres.direct_to_goal import (
     DirectTask,
-    arc_end_of_one,
     end_speed,
+    scalar_arc_end,
     turn_exactly_onto,
 )
 from envs.arrays import Array, ArrayModule, Float
@@ -129,7 +129,9 @@ def legs_to_meet(
 
 
 @scalar
-def meet_of_one(onward: Onward, drift: tuple[float, float], task: DirectTask) -> tuple[Leg, bool]:
+def scalar_leg_to_meet(
+    onward: Onward, drift: tuple[float, float], task: DirectTask
+) -> tuple[Leg, bool]:
     """Return the leg of :func:`legs_to_meet` in plain floats, and whether the point is met."""
     strength, time = math.hypot(drift[0], drift[1]), onward.began
     before, leg = time, leg_to(onward, drift, time, task, FLOATS)
@@ -169,5 +171,5 @@ def duration(
 def after_turn(leg: Leg, task: DirectTask) -> VehicleState[Air]:
     """Return the state of one leg, in plain floats, at the end of its turn."""
     length = leg.begin.speed * abs(leg.arc) / task.turn_rate
-    x, y = arc_end_of_one(leg.begin, leg.arc, length)
+    x, y = scalar_arc_end(leg.begin, leg.arc, length)
     return VehicleState(x, y, leg.begin.heading + leg.arc, leg.begin.speed)

@@ -13,7 +13,7 @@ from agents.kernel.traffic import predict_one
 from agents.manoeuvres.direct_to_goal import EVERY, DirectTask, direct, keeps_clear
 from agents.planner.request.options import Narrowed, Options, plain_task
 from agents.planner.search.continuation import (
-    ContinuationOfOne,
+    ScalarContinuation,
     continuation_clear,
     no_continuation,
 )
@@ -114,7 +114,7 @@ def fly(
     steps: tuple[int, int],
     intruders: Intruders,
     target: Target,
-    continuation: ContinuationOfOne,
+    continuation: ScalarContinuation,
     course: Course,
     decider: Decider,
     plan_states: Float[Array, "4 S"],
@@ -228,7 +228,7 @@ def _way_clear(
     aim: tuple[float, float],
     time: float,
     intruders: Intruders,
-    continuation: ContinuationOfOne,
+    continuation: ScalarContinuation,
     course: Course,
 ) -> bool:
     """Return whether the direct route is clear of all intruders, and among many the route beyond

@@ -25,8 +25,8 @@ from agents.planner.search.continuation import (
     CROWD,
     RouteContinuation,
     no_continuation,
-    of_one,
     route_continuation,
+    scalar_continuation,
 )
 from agents.planner.search.policy_flight import FLY, Flight
 from agents.policy.decision import Decider
@@ -256,7 +256,7 @@ def _roll_compiled(
     continuation = no_continuation()
     if crowd:
         single = slice(row, row + 1)
-        continuation = of_one(
+        continuation = scalar_continuation(
             route_continuation(take(request, single), np.array([goal]), options), 0
         )
     present, required = take((traffic, required_range), mask)

@@ -40,7 +40,7 @@ def test_decisions_are_the_same(count: int) -> None:
         goal_x, goal_y = rng.uniform(-3e4, 3e4, 2)
         fields: VehicleState[Air] = VehicleState(*np.ascontiguousarray(states.T))
         intruders: list[VehicleState[Air]] = [VehicleState(*row) for row in states]
-        interpreted = network.of_one(own, intruders, goal_x, goal_y, distance_scale.tolist())
+        interpreted = network.scalar_action(own, intruders, goal_x, goal_y, distance_scale.tolist())
         compiled_action = _DECIDE(own, fields, distance_scale, goal_x, goal_y, decider)
         np.testing.assert_allclose(compiled_action, interpreted, rtol=0.0, atol=1e-12)
 
