@@ -232,7 +232,7 @@ def in_air(area: Area, wind: Wind, seconds: float = 0.0) -> Area:
     return _replace_fields(area, velocity=velocity, shape=shape)
 
 
-def levels_kept(
+def vertical_limits(
     areas: Iterable[Area], reference: str, floor: Level | None, ceiling: Level | None
 ) -> tuple[Level | None, Level | None]:
     """Return the highest floor and the lowest ceiling of those that are given and those of areas to

@@ -41,7 +41,7 @@ from agents.kernel.trajectory import straight_on
 from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder
 from envs.aircraft import Vertical
-from envs.areas import Keep, Level, levels_kept
+from envs.areas import Keep, Level, vertical_limits
 from envs.arrays import Array, Float, Shaped
 from envs.frames import Air, F
 from envs.kinematics import VehicleState
@@ -322,7 +322,7 @@ def _limits(
     areas: tuple[ActiveArea, ...], reference: str, floor: Level | None, ceiling: Level | None
 ) -> tuple[float, float]:
     """Return the least and the greatest altitude, m, those of areas to be kept in included."""
-    lowest, highest = levels_kept((active.area for active in areas), reference, floor, ceiling)
+    lowest, highest = vertical_limits((active.area for active in areas), reference, floor, ceiling)
     return -np.inf if lowest is None else lowest.value, np.inf if highest is None else highest.value
 
 

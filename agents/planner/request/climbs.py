@@ -8,7 +8,7 @@ from agents.planner.answer import Field, RequestError, Subject
 from agents.planner.request.fields import part_value, quote
 from agents.planner.request.options import HIGHEST, LOWEST, L, Options
 from agents.planner.request.reports import check_altitude
-from envs.areas import Area, Level, levels_kept
+from envs.areas import Area, Level, vertical_limits
 from envs.profile import rise_to_level
 from envs.waypoints import RoutePoint
 
@@ -60,7 +60,7 @@ def check_climbs(
 
 def with_levels_of(areas: Sequence[Area], reference: str, options: Options[L]) -> Options[L]:
     """Return options whose floor and ceiling are also those of the areas that must not be left."""
-    floor, ceiling = levels_kept(areas, reference, options.floor, options.ceiling)
+    floor, ceiling = vertical_limits(areas, reference, options.floor, options.ceiling)
     return replace(options, floor=floor, ceiling=ceiling)
 
 
