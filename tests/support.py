@@ -36,7 +36,6 @@ __all__ = [
     "headings",
     "mirror_state",
     "move_state",
-    "one",
     "pool_of",
     "random_states",
     "recorded_path",
@@ -44,6 +43,7 @@ __all__ = [
     "speeds",
     "stack_states",
     "states",
+    "vehicle",
     "yaw_rates",
 ]
 
@@ -181,7 +181,7 @@ def random_states(
     )
 
 
-def one(x: float, y: float, heading: float, speed: float) -> VehicleState:
+def vehicle(x: float, y: float, heading: float, speed: float) -> VehicleState:
     """Return one vehicle as a batch ``[1]``."""
     return VehicleState(*(np.array([value], np.float64) for value in (x, y, heading, speed)))
 

@@ -32,7 +32,7 @@ from envs.aircraft import PAPER
 from envs.formats.track_files import read_daidalus
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.traffic.tracks import Track
-from tests.support import one
+from tests.support import vehicle
 
 UAS = AircraftConfig.of_file(Path("uas")).aircraft()
 
@@ -85,7 +85,7 @@ def test_our_edges_are_clockwise_from_north_and_agree_with_themselves() -> None:
     others = VehicleState(*(np.array([[value]]) for value in (0.0, 6_000.0, -0.5 * np.pi, 80.0)))
     # Northbound; the other one comes from ahead.
     bands = heading_bands(
-        one(0.0, 0.0, 0.5 * np.pi, 80.0),
+        vehicle(0.0, 0.0, 0.5 * np.pi, 80.0),
         Traffic.straight(others),
         Requirement(1_000.0),
         C208_PUBLISHED,

@@ -17,10 +17,10 @@ from tests.support import (
     Backend,
     mirror_state,
     move_state,
-    one,
     random_states,
     stack_states,
     states,
+    vehicle,
 )
 
 OWN_SPEED, OWN_HEADING, SPEED, HEADING, BEARING, DISTANCE, GOAL_BEARING, GOAL_DISTANCE = range(8)
@@ -56,8 +56,8 @@ def test_a_scene_by_hand() -> None:
     km behind.
     """
     own, intruder = (
-        one(1_000.0, 2_000.0, 0.5 * math.pi, 75.0),
-        one(6_000.0, 2_000.0, -math.pi, 60.0),
+        vehicle(1_000.0, 2_000.0, 0.5 * math.pi, 75.0),
+        vehicle(6_000.0, 2_000.0, -math.pi, 60.0),
     )
     observation = see(own, intruder, 1_000.0, -13_000.0)
     np.testing.assert_allclose(
@@ -93,7 +93,7 @@ def test_scales_and_clipping(
     component: int, own_speed: float, intruder_speed: float, metres: float, expected: float
 ) -> None:
     observation = see(
-        one(0.0, 0.0, 0.0, own_speed), one(metres, 0.0, 0.0, intruder_speed), metres, 0.0
+        vehicle(0.0, 0.0, 0.0, own_speed), vehicle(metres, 0.0, 0.0, intruder_speed), metres, 0.0
     )
     assert observation[component] == pytest.approx(expected, abs=1e-12)
 
@@ -214,19 +214,19 @@ def test_backends_observe_alike(backend: Backend) -> None:
 
 # The most critical of several intruders.
 
-CRUISE = one(0.0, 0.0, 0.0, 100.0)
-SOON = one(4_000.0, 200.0, -math.pi, 100.0)
+CRUISE = vehicle(0.0, 0.0, 0.0, 100.0)
+SOON = vehicle(4_000.0, 200.0, -math.pi, 100.0)
 """Head-on: inside 1500 m after (4000 - sqrt(1500^2 - 200^2)) / 200 = 12.6 s."""
-LATER = one(12_000.0, -500.0, -math.pi, 100.0)
+LATER = vehicle(12_000.0, -500.0, -math.pi, 100.0)
 """Head-on: inside 1500 m after 52.9 s."""
-NEARER_BUT_LEAVING = one(-2_000.0, 0.0, -math.pi, 100.0)
+NEARER_BUT_LEAVING = vehicle(-2_000.0, 0.0, -math.pi, 100.0)
 """The nearest of all, behind and flying away."""
-PASSING_WIDE = one(3_000.0, 1_600.0, -math.pi, 100.0)
+PASSING_WIDE = vehicle(3_000.0, 1_600.0, -math.pi, 100.0)
 """Passes 1600 m abeam after 15 s: no conflict."""
-PASSING_WIDER = one(3_000.0, 5_000.0, -math.pi, 100.0)
-INSIDE = one(800.0, 0.0, 0.0, 90.0)
+PASSING_WIDER = vehicle(3_000.0, 5_000.0, -math.pi, 100.0)
+INSIDE = vehicle(800.0, 0.0, 0.0, 90.0)
 """Nearer than the radius already, and closing down to nothing."""
-INSIDE_BUT_LEAVING = one(-900.0, 0.0, -math.pi, 90.0)
+INSIDE_BUT_LEAVING = vehicle(-900.0, 0.0, -math.pi, 90.0)
 """Nearer than the radius too, but it will come no closer."""
 
 

@@ -33,9 +33,9 @@ from tests.support import (
     angle_between,
     mirror_state,
     move_state,
-    one,
     random_states,
     states,
+    vehicle,
 )
 
 OTHER = Limits(0.0, 150.0, -0.5, 0.5, math.radians(3.0))
@@ -101,8 +101,8 @@ def test_leg_separation_is_that_of_the_real_arcs(ranges: tuple[float, float]) ->
 
 def test_leg_separation_sees_a_pass_between_the_ends_of_a_step() -> None:
     """By hand: head-on with 200 m/s of closure, 100 m before to 100 m after, 30 m aside."""
-    own, intruder = one(0.0, 0.0, 0.0, 100.0), one(100.0, 30.0, -math.pi, 100.0)
-    own_next, intruder_next = one(100.0, 0.0, 0.0, 100.0), one(0.0, 30.0, -math.pi, 100.0)
+    own, intruder = vehicle(0.0, 0.0, 0.0, 100.0), vehicle(100.0, 30.0, -math.pi, 100.0)
+    own_next, intruder_next = vehicle(100.0, 0.0, 0.0, 100.0), vehicle(0.0, 30.0, -math.pi, 100.0)
     separation = leg_separation(own, own_next, intruder, intruder_next, 1.0, np)
     np.testing.assert_allclose(separation, 30.0, atol=1e-9)
 
@@ -188,10 +188,10 @@ def test_straight_cpa_is_the_same_for_both_aircraft(own: VehicleState, other: Ve
 
 
 def test_straight_cpa_of_diverging_and_of_parallel_aircraft_is_now() -> None:
-    own = one(0.0, 0.0, 0.0, 80.0)
-    diverging = straight_cpa(own, one(-2_000.0, 0.0, -math.pi, 60.0), np)
+    own = vehicle(0.0, 0.0, 0.0, 80.0)
+    diverging = straight_cpa(own, vehicle(-2_000.0, 0.0, -math.pi, 60.0), np)
     assert (diverging.time[0], diverging.distance[0]) == (0.0, 2_000.0)
-    parallel = straight_cpa(own, one(0.0, 3_000.0, 0.0, 80.0), np)
+    parallel = straight_cpa(own, vehicle(0.0, 3_000.0, 0.0, 80.0), np)
     assert parallel.distance[0] == pytest.approx(3_000.0)
 
 
@@ -199,7 +199,9 @@ def test_straight_cpa_by_hand() -> None:
     """Crossing at right angles at 100 m/s, from 1000 m and from 2000 m: they pass 707 m apart after
     15 s.
     """
-    cpa = straight_cpa(one(-1_000.0, 0.0, 0.0, 100.0), one(0.0, 2_000.0, -0.5 * math.pi, 100.0), np)
+    cpa = straight_cpa(
+        vehicle(-1_000.0, 0.0, 0.0, 100.0), vehicle(0.0, 2_000.0, -0.5 * math.pi, 100.0), np
+    )
     assert cpa.time[0] == pytest.approx(15.0)
     assert cpa.distance[0] == pytest.approx(1_000.0 / math.sqrt(2.0))
 
@@ -219,7 +221,7 @@ def test_straight_cpa_by_hand() -> None:
 def test_bearing_by_hand(heading: float, x: float, y: float, expected: float) -> None:
     """Left positive, and through the wrap at 180 degrees."""
     degrees = math.degrees(
-        bearing(one(0.0, 0.0, math.radians(heading), 75.0), np.array([x]), np.array([y]), np)[0]
+        bearing(vehicle(0.0, 0.0, math.radians(heading), 75.0), np.array([x]), np.array([y]), np)[0]
     )
     assert (degrees - expected + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-4)
 

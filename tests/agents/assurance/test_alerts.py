@@ -27,7 +27,7 @@ from agents.kernel.traffic import Requirement, Traffic
 from envs.aircraft import PAPER, new_aircraft
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from tests.agents.scenes import THRESHOLDS, flying, on_plan, other
-from tests.support import one, random_states
+from tests.support import random_states, vehicle
 
 USUAL = Alerting.for_aircraft(PAPER)
 NOT_HELD = Alerting(USUAL.reached, USUAL.reached, hold=0.0, forget=5.0)
@@ -133,7 +133,7 @@ def test_the_loss_on_the_present_course_is_that_of_the_present_heading() -> None
     assert np.all(losses.min(axis=1)[lost] <= bands.loss[lost, 0] + 1e-9)
     assert np.isinf(losses[~traffic.mask]).all() and np.isfinite(losses).any()
     head_on = Traffic.straight(VehicleState(*(np.array([[v]]) for v in (9e3, 0.0, math.pi, 70.0))))
-    found = losses_on_course(one(0.0, 0.0, 0.0, 80.0), head_on, requirement, 120.0)
+    found = losses_on_course(vehicle(0.0, 0.0, 0.0, 80.0), head_on, requirement, 120.0)
     assert found[0, 0] == pytest.approx(8_000.0 / 150.0, abs=0.1)
 
 
@@ -142,7 +142,7 @@ def test_regions_are_the_levels_of_bands_and_the_way_out() -> None:
     for distance, expected in ((9_000.0, Region.CORRECTIVE), (4_000.0, Region.WARNING)):
         other = VehicleState(*(np.array([[v]]) for v in (distance, 0.0, math.pi, 70.0)))
         bands = heading_bands(
-            one(0.0, 0.0, 0.0, 80.0),
+            vehicle(0.0, 0.0, 0.0, 80.0),
             Traffic.straight(other),
             requirement,
             C208_PUBLISHED,
@@ -152,7 +152,7 @@ def test_regions_are_the_levels_of_bands_and_the_way_out() -> None:
         assert regions(bands, USUAL, 1_000.0).tolist() == [[Region.FREE, expected]]
     inside = VehicleState(*(np.array([[v]]) for v in (700.0, 150.0, math.pi, 80.0)))
     bands = heading_bands(
-        one(0.0, 0.0, 0.0, 80.0), Traffic.straight(inside), requirement, C208_PUBLISHED, 120.0
+        vehicle(0.0, 0.0, 0.0, 80.0), Traffic.straight(inside), requirement, C208_PUBLISHED, 120.0
     )
     found = regions(bands, USUAL, 1_000.0)[0].tolist()
     assert found.count(Region.RECOVERY) == 1

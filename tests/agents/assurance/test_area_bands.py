@@ -26,7 +26,7 @@ from envs.waypoints import ARCS, RoutePoint, at, legs, plan_states
 from tests.agents.assurance.test_bands import GOOD, path_of
 from tests.agents.kernel.test_areas import random_area
 from tests.envs.test_area_geometry import truth
-from tests.support import one, random_states
+from tests.support import random_states, vehicle
 
 MARGIN = 20.0
 REQUIREMENT = Requirement(1_000.0, margin=MARGIN)
@@ -107,7 +107,7 @@ def test_a_band_is_closed_where_its_manoeuvre_comes_too_near_to_an_area(kind: st
 
 
 def test_traffic_and_areas_are_told_apart_by_what_is_lost_first() -> None:
-    own = one(0.0, 0.0, 0.0, 80.0)
+    own = vehicle(0.0, 0.0, 0.0, 80.0)
     traffic = Traffic.straight(
         VehicleState(*(np.array([[value]]) for value in (9_000.0, 0.0, math.pi, 70.0)))
     )
@@ -132,7 +132,7 @@ def test_traffic_and_areas_are_told_apart_by_what_is_lost_first() -> None:
 
 
 def test_out_of_an_area_the_shortest_way_is_the_way_out() -> None:
-    own = one(0.0, 0.0, 0.0, 80.0)
+    own = vehicle(0.0, 0.0, 0.0, 80.0)
     # The edge to the north is the nearest; a turn to it takes 30 s.
     area = Area(Polygon(((-9e3, -9e3), (9e3, -9e3), (9e3, 2_500.0), (-9e3, 2_500.0))))
     bands = heading_bands(
@@ -148,7 +148,7 @@ def test_out_of_an_area_the_shortest_way_is_the_way_out() -> None:
 
 
 def test_an_area_that_does_not_count_or_cannot_be_reached_closes_nothing() -> None:
-    own = one(0.0, 0.0, 0.0, 80.0)
+    own = vehicle(0.0, 0.0, 0.0, 80.0)
     ahead = Area(Circle(3_000.0, 0.0, 500.0))
     for area in (
         ActiveArea(0, ahead, 0.0, 10.0),
@@ -193,7 +193,7 @@ def test_a_safe_plan_never_holds_a_band_that_an_area_closes() -> None:
             continue
         made = reconstruct(answer.waypoints)
         curves = take(legs(plan_states(own, made.waypoints)), None)
-        start = one(*own)
+        start = vehicle(*own)
         for look_ahead in (20.0, 40.0, 80.0, 120.0):
             towards = float(at(curves, np.full(1, 0.7 * look_ahead)).heading[0])
             targets = wrap(towards + np.radians([0.0, 3.0, -3.0, 30.0, -30.0]), np)

@@ -26,7 +26,7 @@ from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.trees import column, map_leaves, take
 from envs.waypoints import PlanStates, at, legs
-from tests.support import mirror_state, one, random_states
+from tests.support import mirror_state, random_states, vehicle
 
 REQUIREMENT = Requirement(1_000.0, margin=0.02, sigmas=1.0)
 LIMITS = C208_PUBLISHED
@@ -163,7 +163,7 @@ def test_a_safe_plan_never_holds_a_closed_band(name: str) -> None:
 
 
 def test_an_intruder_ahead_closes_the_way_to_it_and_the_loss_is_exact() -> None:
-    own = one(0.0, 0.0, 0.0, 80.0)
+    own = vehicle(0.0, 0.0, 0.0, 80.0)
     traffic = straight_traffic((9_000.0, 0.0, math.pi, 70.0))
     requirement = Requirement(1_000.0)
     bands = heading_bands(own, traffic, requirement, LIMITS, LOOK_AHEAD, np.radians([-90.0, 0.0]))
@@ -176,7 +176,7 @@ def test_an_intruder_ahead_closes_the_way_to_it_and_the_loss_is_exact() -> None:
 
 
 def test_flying_faster_passes_ahead_and_slower_behind() -> None:
-    own = one(0.0, 0.0, 0.0, 75.0)
+    own = vehicle(0.0, 0.0, 0.0, 75.0)
     # It crosses the course 4.5 km ahead when the ownship is there.
     traffic = straight_traffic((4_500.0, -4_500.0, 0.5 * math.pi, 75.0))
     limits = Limits(30.0, 150.0, -2.0, 2.0, 0.05)
@@ -186,7 +186,7 @@ def test_flying_faster_passes_ahead_and_slower_behind() -> None:
 
 
 def test_what_cannot_be_reached_is_judged_by_the_way_towards_it() -> None:
-    own = one(0.0, 0.0, 0.0, 75.0)
+    own = vehicle(0.0, 0.0, 0.0, 75.0)
     traffic = straight_traffic((9_000.0, 0.0, math.pi, 75.0))
     stiff = Limits(30.0, 150.0, 0.0, 0.0, 0.0)
     for compute, targets in ((speed_bands, [40.0, 75.0, 90.0]), (heading_bands, [-1.0, 0.0, 1.0])):
@@ -198,7 +198,7 @@ def test_what_cannot_be_reached_is_judged_by_the_way_towards_it() -> None:
 
 
 def test_where_nothing_is_free_the_recovery_does_not_fly_through() -> None:
-    own = one(0.0, 0.0, 0.0, 80.0)
+    own = vehicle(0.0, 0.0, 0.0, 80.0)
     traffic = straight_traffic((700.0, 150.0, math.pi, 80.0))
     bands = heading_bands(own, traffic, Requirement(1_000.0), LIMITS, LOOK_AHEAD)
     assert bands.closed.all() and (bands.loss == 0.0).all()
@@ -212,7 +212,7 @@ def test_where_nothing_is_free_the_recovery_does_not_fly_through() -> None:
 
 
 def test_there_is_no_recovery_where_a_band_is_free() -> None:
-    own = one(0.0, 0.0, 0.0, 80.0)
+    own = vehicle(0.0, 0.0, 0.0, 80.0)
     traffic = straight_traffic((9_000.0, 0.0, math.pi, 70.0))
     bands = heading_bands(own, traffic, Requirement(1_000.0), LIMITS, LOOK_AHEAD)
     assert recovery(bands, 1_000.0).index.tolist() == [-1]
@@ -265,7 +265,7 @@ def test_all_headings_of_a_free_stretch_are_free_and_closed_ones_hold_a_conflict
 
 
 def test_a_conflict_between_two_headings_closes_what_is_between_them() -> None:
-    own = one(0.0, 0.0, 0.0, 75.0)
+    own = vehicle(0.0, 0.0, 0.0, 75.0)
     # It stands 6 km away, a hundred metres wide, half-way between two of the headings.
     place = 6_000.0 * np.exp(1j * math.radians(52.5)) + 950.0j
     traffic = straight_traffic((place.real, place.imag, 0.0, 0.0))
@@ -351,7 +351,7 @@ def test_left_and_right_are_alike() -> None:
 
 
 def test_a_start_inside_the_margin_must_keep_its_distance_only() -> None:
-    own = one(0.0, 0.0, 0.0, 80.0)
+    own = vehicle(0.0, 0.0, 0.0, 80.0)
     traffic = straight_traffic((0.0, 1_005.0, 0.0, 80.0))  # abreast
     requirement = Requirement(1_000.0, margin=50.0)
     bands = heading_bands(own, traffic, requirement, LIMITS, LOOK_AHEAD, np.array([0.0, 0.3]))

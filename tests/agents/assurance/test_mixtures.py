@@ -34,7 +34,7 @@ from envs.waypoints import RoutePoint
 from envs.wind import Wind
 from tests.agents.extremes import altitudes, areas, intruders
 from tests.agents.scenes import on_plan, straight
-from tests.support import one, random_states
+from tests.support import random_states, vehicle
 
 REQUIREMENT = Requirement(1_000.0, margin=0.02, sigmas=2.0)
 LOOK_AHEAD = 120.0
@@ -85,7 +85,7 @@ def intruder_fields() -> tuple[str, ...]:
 
 def bands_of(traffic: Traffic) -> tuple[Bands, Bands]:
     """Return the bands of headings and of speeds of an ownship that flies east."""
-    given = one(0.0, 0.0, 0.0, 75.0), traffic, REQUIREMENT, C208_PUBLISHED, LOOK_AHEAD
+    given = vehicle(0.0, 0.0, 0.0, 75.0), traffic, REQUIREMENT, C208_PUBLISHED, LOOK_AHEAD
     return heading_bands(*given), speed_bands(*given)
 
 
@@ -109,10 +109,12 @@ def test_a_mixture_closes_what_one_of_its_intruders_closes(group: list[dict[str,
         np.testing.assert_allclose(mixed.loss[lost], first[lost], atol=1.1)
         assert (mixed.intruder[lost] >= 0).all()
 
-    losses = losses_on_course(one(0.0, 0.0, 0.0, 75.0), traffic_of(group), REQUIREMENT, LOOK_AHEAD)
+    losses = losses_on_course(
+        vehicle(0.0, 0.0, 0.0, 75.0), traffic_of(group), REQUIREMENT, LOOK_AHEAD
+    )
     alone_losses = [
         losses_on_course(
-            one(0.0, 0.0, 0.0, 75.0), traffic_of([alone]), REQUIREMENT, LOOK_AHEAD
+            vehicle(0.0, 0.0, 0.0, 75.0), traffic_of([alone]), REQUIREMENT, LOOK_AHEAD
         ).item()
         for alone in group
     ]
