@@ -46,7 +46,7 @@ def on_plan(time: float, count: int = 1, left: float = 0.0, ahead: float = 0.0) 
     return VehicleState(zero + SPEED * time + ahead, zero + left, zero, zero + SPEED)
 
 
-def other(
+def intruder_at(
     x: float, y: float, heading: float = 0.0, speed: float = SPEED, count: int = 1
 ) -> VehicleState:
     """Return one intruder a row, ``[count, 1]``."""
@@ -57,7 +57,7 @@ def flying(intruder: VehicleState | None = None, count: int = 1) -> Monitor:
     """Return monitors whose straight plan was made at 0 s with an intruder on a parallel course far
     away.
     """
-    traffic_state = other(*FAR, count=count) if intruder is None else intruder
+    traffic_state = intruder_at(*FAR, count=count) if intruder is None else intruder
     monitor = assurance.start(count, 1, THRESHOLDS)
     return assurance.activate(
         monitor,
@@ -71,14 +71,14 @@ def flying(intruder: VehicleState | None = None, count: int = 1) -> Monitor:
 
 
 def far(time: float, count: int = 1) -> VehicleState:
-    return other(FAR[0] + SPEED * time, FAR[1], count=count)
+    return intruder_at(FAR[0] + SPEED * time, FAR[1], count=count)
 
 
 def tell(
     monitor: Monitor,
     time: float,
     own: VehicleState | None = None,
-    seen: VehicleState | None = None,
+    intruders: VehicleState | None = None,
     **more: Any,
 ) -> tuple[Monitor, Decision]:
     """Step with a report of the ownship on its plan and of the far intruder, unless others are
@@ -86,8 +86,8 @@ def tell(
     """
     count = monitor.state.size
     own = on_plan(time, count) if own is None else own
-    seen = far(time, count) if seen is None else seen
-    return assurance.step(monitor, assurance.inputs(time, own, seen, **more), THRESHOLDS)
+    intruders = far(time, count) if intruders is None else intruders
+    return assurance.step(monitor, assurance.inputs(time, own, intruders, **more), THRESHOLDS)
 
 
 def reply(

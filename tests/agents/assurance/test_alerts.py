@@ -26,7 +26,7 @@ from agents.assurance.thresholds import Cause
 from agents.kernel.traffic import Requirement, Traffic
 from envs.aircraft import PAPER, new_aircraft
 from envs.kinematics import C208_PUBLISHED, VehicleState
-from tests.agents.scenes import THRESHOLDS, flying, on_plan, other
+from tests.agents.scenes import THRESHOLDS, flying, intruder_at, on_plan
 from tests.support import random_states, vehicle
 
 USUAL = Alerting.for_aircraft(PAPER)
@@ -160,12 +160,12 @@ def test_regions_are_the_levels_of_bands_and_the_way_out() -> None:
 
 
 def test_a_monitored_plan_has_no_alert_and_an_unsafe_one_has() -> None:
-    monitor = flying(other(30_000.0, 8_000.0, math.pi))
+    monitor = flying(intruder_at(30_000.0, 8_000.0, math.pi))
     seen = set()
     for time in range(40):
         # It turns towards the plan at 10 s.
         place = 20_000.0 - 75.0 * time, 0.0 if time >= 10 else 8_000.0, math.pi
-        given = inputs(float(time), on_plan(float(time)), other(*place))
+        given = inputs(float(time), on_plan(float(time)), intruder_at(*place))
         monitor, decision = step(monitor, given, THRESHOLDS)
         level = int(levels(decision.loss, USUAL.reached)[0])
         assert (level > 0) == bool(int(decision.causes[0]) & Cause.SEPARATION)

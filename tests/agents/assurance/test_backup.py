@@ -36,7 +36,7 @@ from envs.aircraft import PAPER, Vertical
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.trees import take
 from envs.waypoints import PlanStates, RoutePoint, at, legs
-from tests.agents.scenes import PATIENT, causes_of, flying, on_plan, other, tell
+from tests.agents.scenes import PATIENT, causes_of, flying, intruder_at, on_plan, tell
 from tests.support import random_states
 
 REQUIREMENT = Requirement(1_000.0, margin=0.1)
@@ -111,7 +111,7 @@ def test_the_past_of_a_plan_does_not_count() -> None:
     zero = np.zeros_like(seconds)
     plan_states = PlanStates(75.0 * seconds, zero, zero, zero + 75.0, seconds)
     # The intruder stands at 500 m on the way: at 7 s and more it lies behind.
-    standing = Traffic.straight(other(500.0, 0.0, 0.0, 0.0))
+    standing = Traffic.straight(intruder_at(500.0, 0.0, 0.0, 0.0))
     for now in (7.0, 13.3, 47.0):
         ahead = ahead_of(plan_states, np.array([now]), standing, 1e9)
         assert ahead.distance[0, 0] == pytest.approx(abs(75.0 * now - 500.0), abs=0.01)
@@ -166,7 +166,7 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
     zero = np.zeros(1)
     own = VehicleState(zero, zero, zero, zero + 75.0)
     none = resting(1, THRESHOLDS)
-    away = Traffic.straight(other(9_000.0, 0.0, math.pi))
+    away = Traffic.straight(intruder_at(9_000.0, 0.0, math.pi))
     first = refresh(none, own, in_plane(surroundings(away)), zero, THRESHOLDS)
     assert first.safe[0] and first.course[0] != 0.0
     moved = own._replace(x=own.x + 75.0)
@@ -175,7 +175,7 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
     assert second.course[0] == first.course[0] and second.plan_states.x[0, 0] == 75.0
     np.testing.assert_allclose(second.legs.x[0, 0, 0], 75.0)
     into = Traffic.straight(
-        other(
+        intruder_at(
             6_000.0 * math.cos(first.course[0]),
             6_000.0 * math.sin(first.course[0]),
             first.course[0] + math.pi,
@@ -191,9 +191,11 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
 def test_on_top_of_an_intruder_there_is_still_a_backup() -> None:
     zero = np.zeros(1)
     own = VehicleState(zero, zero, zero, zero + 100.9)
-    found = search(own, surroundings(Traffic.straight(other(0.0, 0.0))), zero, THRESHOLDS)
+    found = search(own, surroundings(Traffic.straight(intruder_at(0.0, 0.0))), zero, THRESHOLDS)
     assert not found.safe[0] and np.isfinite(np.stack(found.plan_states)).all()
-    nobody = take(Traffic.straight(other(0.0, 0.0)), slice(0, 1))._replace(mask=np.array([[False]]))
+    nobody = take(Traffic.straight(intruder_at(0.0, 0.0)), slice(0, 1))._replace(
+        mask=np.array([[False]])
+    )
     found = search(own._replace(speed=zero + 75.0), surroundings(nobody), zero, THRESHOLDS)
     assert found.safe[0] and found.course[0] == 0.0
 
@@ -201,7 +203,7 @@ def test_on_top_of_an_intruder_there_is_still_a_backup() -> None:
 def test_an_unsafe_backup_is_exchanged_for_much_more_clearance_only() -> None:
     zero = np.zeros(1)
     own = VehicleState(zero, zero, zero, zero + 75.0)
-    near = Traffic.straight(other(1_800.0, 300.0, math.pi, 75.0))
+    near = Traffic.straight(intruder_at(1_800.0, 300.0, math.pi, 75.0))
     best = search(own, surroundings(near), zero, THRESHOLDS)
     assert not best.safe[0]
     slightly = best._replace(course=best.course - 0.02 * np.sign(best.course))
@@ -222,7 +224,7 @@ def test_a_climb_that_is_not_possible_any_more_is_given_up_without_a_gain() -> N
     aircraft = PAPER._replace(vertical=Vertical(5.0, 5.0, 1.0, separation=137.0))
     options = Options.for_aircraft(aircraft, requirement=REQUIREMENT, maneuvers=Maneuvers.BOTH)
     thresholds = Thresholds.for_plans(options)
-    near = surroundings(Traffic.straight(other(1_800.0, 300.0, math.pi, 75.0)))
+    near = surroundings(Traffic.straight(intruder_at(1_800.0, 300.0, math.pi, 75.0)))
     before = search(own, near, zero, thresholds)._replace(sense=climb)
 
     def find(sense: Sense, rows: np.ndarray) -> Surroundings:
@@ -338,9 +340,11 @@ def test_reasons_name_the_intruders_that_they_are_about(first: Plan) -> None:
 
 
 def test_the_own_distance_from_the_plan_is_taken_off_the_separation_of_its_rest() -> None:
-    beside = other(0.0, 1_010.0)
-    monitor, _ = tell(flying(beside), 0.0, seen=beside)
+    beside = intruder_at(0.0, 1_010.0)
+    monitor, _ = tell(flying(beside), 0.0, intruders=beside)
     for time, left, there in ((1.0, -9.0, False), (2.0, -20.0, True), (3.0, -5.0, False)):
         # Away from the intruder: what counts is that it may be the other way a moment later.
-        monitor, _ = tell(monitor, time, on_plan(time, left=left), other(75.0 * time, 1_010.0))
+        monitor, _ = tell(
+            monitor, time, on_plan(time, left=left), intruder_at(75.0 * time, 1_010.0)
+        )
         assert bool(causes_of(monitor) & Cause.SEPARATION) is there

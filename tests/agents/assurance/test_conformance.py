@@ -19,8 +19,8 @@ from tests.agents.scenes import (
     causes_of,
     far,
     flying,
+    intruder_at,
     on_plan,
-    other,
     reply,
     state_of,
     straight,
@@ -40,13 +40,13 @@ def expecting(traffic: Traffic) -> Any:
 def flying_beside(position_std: float = 0.0, velocity_std: float = 0.0) -> Any:
     """Return a monitor whose plan expects an intruder beside it that is so well known."""
     known = np.full((1, 1), position_std), np.full((1, 1), velocity_std)
-    expected = Traffic.straight(other(0.0, BESIDE))
+    expected = Traffic.straight(intruder_at(0.0, BESIDE))
     return expecting(expected._replace(position_std=known[0], velocity_std=known[1]))
 
 
 def test_a_plan_is_held_to_what_it_had_to_keep_less_the_band_and_to_the_separation() -> None:
     separation, band = THRESHOLDS.requirement.separation, THRESHOLDS.separation_band
-    traffic = Traffic.straight(other(0.0, 5_000.0))
+    traffic = Traffic.straight(intruder_at(0.0, 5_000.0))
     for required in (separation, separation + 0.5 * band, separation + 40.0):
         least = floor(np.array([[required]]), traffic, THRESHOLDS).item()
         assert least >= separation
@@ -57,10 +57,10 @@ def test_a_plan_is_held_to_what_it_had_to_keep_less_the_band_and_to_the_separati
 def test_the_whole_distance_from_the_plan_is_taken_off_its_separation(
     left: float, ahead: float
 ) -> None:
-    seen = other(SPEED, BESIDE)
-    _, exact = tell(flying(other(0.0, BESIDE)), 1.0, seen=seen)
+    seen = intruder_at(SPEED, BESIDE)
+    _, exact = tell(flying(intruder_at(0.0, BESIDE)), 1.0, intruders=seen)
     own = on_plan(1.0, left=left, ahead=ahead)
-    _, off = tell(flying(other(0.0, BESIDE)), 1.0, own, seen)
+    _, off = tell(flying(intruder_at(0.0, BESIDE)), 1.0, own, seen)
     lost = exact.separation.item() - off.separation.item()
     assert lost == pytest.approx(math.hypot(left, ahead), abs=1e-6)
 
@@ -81,17 +81,17 @@ def test_nothing_accumulates_while_the_ownship_is_not_seen() -> None:
 
 
 def test_of_a_plan_that_is_not_flown_nothing_is_wanted_but_reports() -> None:
-    monitor, decision = tell(flying(), 0.0, seen=other(9_000.0, 0.0, math.pi))
+    monitor, decision = tell(flying(), 0.0, intruders=intruder_at(9_000.0, 0.0, math.pi))
     monitor, _ = reply(monitor, decision, safe=False)
     assert state_of(monitor) is State.BACKUP
     # Beside the plan, towards an intruder that flies otherwise than expected.
     monitor, decision = tell(
-        monitor, 1.0, on_plan(1.0, left=500.0), other(8_900.0, 0.0, math.pi + 0.1)
+        monitor, 1.0, on_plan(1.0, left=500.0), intruder_at(8_900.0, 0.0, math.pi + 0.1)
     )
     of_plan = Cause.CROSS_TRACK | Cause.SEPARATION | Cause.INTRUDER_DEVIATION | Cause.ACCUMULATED
     assert not causes_of(monitor) & of_plan
     assert not int(decision.intruder_causes[0, 0]) & int(of_plan)
-    gone = other(NAN, NAN)
+    gone = intruder_at(NAN, NAN)
     monitor, decision = tell(monitor, 2.0, on_plan(2.0, left=500.0), gone)
     assert causes_of(monitor) & Cause.INTRUDER_MISSING
     assert int(decision.intruder_causes[0, 0]) & int(Cause.INTRUDER_MISSING)
@@ -100,9 +100,9 @@ def test_of_a_plan_that_is_not_flown_nothing_is_wanted_but_reports() -> None:
 def test_without_a_plan_only_what_is_not_known_is_said() -> None:
     monitor = assurance.start(1, 1, THRESHOLDS)
     monitor, _ = tell(monitor, 0.0)
-    monitor, _ = tell(monitor, 1.0, seen=other(NAN, NAN))
+    monitor, _ = tell(monitor, 1.0, intruders=intruder_at(NAN, NAN))
     assert causes_of(monitor) == Cause(0)
-    monitor, _ = tell(monitor, 20.0, seen=other(NAN, NAN))
+    monitor, _ = tell(monitor, 20.0, intruders=intruder_at(NAN, NAN))
     assert causes_of(monitor) == Cause.INTRUDER_STALE
     assert state_of(monitor) is State.IDLE
 
@@ -114,9 +114,9 @@ def test_an_intruder_may_be_off_by_what_is_not_known_of_its_place(
     allowed = THRESHOLDS.intruder_position + 3.0 * math.hypot(expected, seen)
     for share, there in ((0.97, False), (1.03, True)):
         # Ahead of where it is expected: its predicted separation stays the same.
-        reported = other(share * allowed, BESIDE)
+        reported = intruder_at(share * allowed, BESIDE)
         monitor, decision = tell(
-            flying_beside(expected), 0.0, seen=reported, position_std=np.full((1, 1), seen)
+            flying_beside(expected), 0.0, intruders=reported, position_std=np.full((1, 1), seen)
         )
         assert bool(causes_of(monitor) & Cause.INTRUDER_DEVIATION) is there
         assert decision.intruder_position.item() == pytest.approx(share * allowed)
@@ -128,11 +128,11 @@ def test_an_intruder_may_fly_otherwise_by_what_is_not_known_of_its_velocity(
 ) -> None:
     allowed = THRESHOLDS.intruder_velocity + 3.0 * math.hypot(expected, seen)
     for share, there in ((0.97, False), (1.03, True)):
-        reported = other(0.0, BESIDE, speed=SPEED + share * allowed)
+        reported = intruder_at(0.0, BESIDE, speed=SPEED + share * allowed)
         monitor, _ = tell(
             flying_beside(velocity_std=expected),
             0.0,
-            seen=reported,
+            intruders=reported,
             velocity_std=np.full((1, 1), seen),
         )
         assert bool(causes_of(monitor) & Cause.INTRUDER_DEVIATION) is there
@@ -141,12 +141,12 @@ def test_an_intruder_may_fly_otherwise_by_what_is_not_known_of_its_velocity(
 def test_an_intruder_is_of_concern_by_as_much_more_as_its_own_separation() -> None:
     usual = THRESHOLDS.requirement.separation
     for more, there in ((0.0, False), (500.0, True)):
-        beside = other(0.0, THRESHOLDS.concern + 200.0)
+        beside = intruder_at(0.0, THRESHOLDS.concern + 200.0)
         own_separation = np.full((1, 1), usual + more)
         expected = Traffic.straight(beside)._replace(separation=own_separation)
         monitor = expecting(expected)
         slower = beside._replace(speed=beside.speed - 20.0)
-        monitor, _ = tell(monitor, 0.0, seen=slower, separation=own_separation)
+        monitor, _ = tell(monitor, 0.0, intruders=slower, separation=own_separation)
         assert bool(causes_of(monitor) & Cause.INTRUDER_DEVIATION) is there
 
 
@@ -154,7 +154,7 @@ def test_who_was_not_expected_deviates_where_it_comes_near() -> None:
     for y, there in ((BESIDE, True), (50_000.0, False)):
         nobody = Traffic.straight(far(0.0), np.array([[False]]))
         monitor = expecting(nobody)
-        monitor, decision = tell(monitor, 0.0, seen=other(0.0, y))
+        monitor, decision = tell(monitor, 0.0, intruders=intruder_at(0.0, y))
         assert math.isinf(decision.intruder_position.item())
         assert bool(causes_of(monitor) & Cause.INTRUDER_DEVIATION) is there
 
@@ -164,7 +164,7 @@ def test_too_small_a_separation_is_over_only_a_band_above_what_began_it() -> Non
     least, wide = requirement.separation, requirement.separation + requirement.margin + 3.0 * band
 
     def is_lost(monitor: Any, time: float, y: float) -> tuple[Any, bool]:
-        monitor, _ = tell(monitor, time, seen=other(SPEED * time, y))
+        monitor, _ = tell(monitor, time, intruders=intruder_at(SPEED * time, y))
         return monitor, bool(causes_of(monitor) & Cause.SEPARATION)
 
     _, lost = is_lost(flying(), 0.0, least + 0.5 * band)
@@ -192,12 +192,12 @@ def test_a_plan_that_began_inside_the_margin_is_held_to_what_it_kept_then() -> N
             straight(),
             np.array([True]),
             0.0,
-            Traffic.straight(other(0.0, y)),
+            Traffic.straight(intruder_at(0.0, y)),
             thresholds,
         )
         # A little farther away, and back to 1008 m at the end of the plan.
         closing = math.asin((1_048.0 - 1_008.0) / (399.0 * SPEED))
-        seen = other(SPEED, 1_048.0, -closing)
+        seen = intruder_at(SPEED, 1_048.0, -closing)
         given = assurance.inputs(1.0, on_plan(1.0), seen)
         monitor, _ = assurance.step(monitor, given, thresholds)
         assert bool(causes_of(monitor) & Cause.SEPARATION) is there

@@ -25,8 +25,8 @@ from tests.agents.scenes import (
     causes_of,
     far,
     flying,
+    intruder_at,
     on_plan,
-    other,
     reply,
     state_of,
     straight,
@@ -64,8 +64,8 @@ def test_an_own_state_that_is_no_state_is_denied_and_holds_the_backup(
 
 
 def test_a_flown_backup_goes_on_without_an_own_state() -> None:
-    ahead = [other(9_000.0 - SPEED * time, 0.0, math.pi) for time in range(3)]
-    monitor, decision = tell(flying(), 0.0, seen=ahead[0])
+    ahead = [intruder_at(9_000.0 - SPEED * time, 0.0, math.pi) for time in range(3)]
+    monitor, decision = tell(flying(), 0.0, intruders=ahead[0])
     monitor, _ = reply(monitor, decision, safe=False)
     monitor, decision = tell(monitor, 1.0, GONE, ahead[1])
     assert (
@@ -74,7 +74,7 @@ def test_a_flown_backup_goes_on_without_an_own_state() -> None:
         and not decision.replan[0]
     )
     assert np.isfinite(np.stack(assurance.references(monitor, 1.0, 0.1, 10))).all()
-    monitor, decision = tell(monitor, 2.0, seen=ahead[2])
+    monitor, decision = tell(monitor, 2.0, intruders=ahead[2])
     assert state_of(monitor) is State.BACKUP and decision.replan[0]
 
 
@@ -131,7 +131,7 @@ def test_an_intruder_that_is_missing_asks_for_a_plan_and_then_denies(value: floa
     states, asked = [], []
     for time in range(1, 8):
         seen = far(float(time))._replace(y=np.full((1, 1), value))
-        monitor, decision = tell(monitor, float(time), seen=seen)
+        monitor, decision = tell(monitor, float(time), intruders=seen)
         assert causes_of(monitor) & Cause.INTRUDER_MISSING
         states.append(state_of(monitor))
         asked.append(bool(decision.replan[0]))
@@ -145,13 +145,13 @@ def test_an_intruder_that_is_missing_asks_for_a_plan_and_then_denies(value: floa
 
 
 def test_a_lost_intruder_on_its_way_to_us_leads_to_the_backup() -> None:
-    monitor, _ = tell(flying(), 0.0, seen=other(9_000.0, 0.0, math.pi))
-    monitor, _ = tell(monitor, 6.0, seen=UNSEEN)
+    monitor, _ = tell(flying(), 0.0, intruders=intruder_at(9_000.0, 0.0, math.pi))
+    monitor, _ = tell(monitor, 6.0, intruders=UNSEEN)
     assert state_of(monitor) is State.BACKUP and causes_of(monitor) & Cause.INTRUDER_STALE
 
 
 def test_an_intruder_that_has_never_been_seen_is_denied() -> None:
-    monitor, decision = tell(flying(), 0.0, seen=UNSEEN)
+    monitor, decision = tell(flying(), 0.0, intruders=UNSEEN)
     assert (
         state_of(monitor) is State.DENIED
         and not decision.replan[0]
@@ -163,15 +163,15 @@ def test_an_intruder_that_has_never_been_seen_is_denied() -> None:
 def test_an_intruder_out_of_order_changes_nothing_but_the_causes(age: float) -> None:
     monitor, _ = tell(flying(), 0.0)
     monitor, _ = tell(monitor, 1.0)
-    monitor, decision = tell(monitor, 2.0, seen=far(30.0), age=np.full((1, 1), age))
+    monitor, decision = tell(monitor, 2.0, intruders=far(30.0), age=np.full((1, 1), age))
     assert causes_of(monitor) == Cause.INTRUDER_OUT_OF_ORDER and decision.replan[0]
     assert decision.traffic.state.x[0, 0] == pytest.approx(150.0)
 
 
 def test_an_intruder_out_of_the_mask_is_forgotten() -> None:
-    monitor, _ = tell(flying(), 0.0, seen=other(9_000.0, 0.0, math.pi))
+    monitor, _ = tell(flying(), 0.0, intruders=intruder_at(9_000.0, 0.0, math.pi))
     assert causes_of(monitor) & Cause.SEPARATION
-    monitor, _ = tell(monitor, 1.0, seen=UNSEEN, mask=np.array([[False]]))
+    monitor, _ = tell(monitor, 1.0, intruders=UNSEEN, mask=np.array([[False]]))
     assert state_of(monitor) is State.MONITORING and causes_of(monitor) == Cause(0)
 
 
@@ -366,7 +366,7 @@ def blank_traffic() -> Any:
 def test_an_aged_turn_is_advanced_along_its_arc_and_lasts_less() -> None:
     memory = blank(1, 1, np.full(1, 75.0))
     known = {"age": np.full((1, 1), 2.0), "turn_rate": np.full((1, 1), 0.03)}
-    given = assurance.inputs(3.0, on_plan(3.0), other(0.0, 0.0, 0.03), **known)
+    given = assurance.inputs(3.0, on_plan(3.0), intruder_at(0.0, 0.0, 0.03), **known)
     _, _own, traffic, *_causes = update(memory, given, THRESHOLDS)
     assert traffic.turn_rate[0, 0] == pytest.approx(0.03)
     assert traffic.turn_time[0, 0] == pytest.approx(THRESHOLDS.turn_time - 2.0)
@@ -401,7 +401,7 @@ def test_what_does_not_count_changes_nothing_that_is_remembered(time: float, age
     given = assurance.inputs(
         time,
         on_plan(1.0, left=7.0),
-        other(500.0, 9_000.0),
+        intruder_at(500.0, 9_000.0),
         own_age=np.array([age]),
         age=np.full((1, 1), age),
         position_std=np.full((1, 1), 3.0),
@@ -422,11 +422,11 @@ def test_what_does_not_count_changes_nothing_that_is_remembered(time: float, age
 
 def test_of_an_intruder_that_comes_back_nothing_from_before_counts() -> None:
     monitor, _ = tell(flying(), 0.0)
-    monitor, _ = tell(monitor, 1.0, seen=UNSEEN, mask=np.array([[False]]))
-    monitor, decision = tell(monitor, 2.0, seen=other(8_000.0, 40_000.0, 2.0))
+    monitor, _ = tell(monitor, 1.0, intruders=UNSEEN, mask=np.array([[False]]))
+    monitor, decision = tell(monitor, 2.0, intruders=intruder_at(8_000.0, 40_000.0, 2.0))
     assert decision.traffic.turn_rate[0, 0] == 0.0
     # What it sends may be older than what the one before it sent.
-    monitor, _ = tell(monitor, 3.0, seen=UNSEEN, mask=np.array([[False]]))
+    monitor, _ = tell(monitor, 3.0, intruders=UNSEEN, mask=np.array([[False]]))
     monitor, _ = tell(monitor, 4.0, age=np.full((1, 1), 2.5))
     assert not causes_of(monitor) & Cause.INTRUDER_OUT_OF_ORDER
 
@@ -448,19 +448,19 @@ def test_a_speed_is_outside_the_domain_beyond_its_range_and_its_noise(
 ) -> None:
     _, most = THRESHOLDS.traffic["intruder_speed"]
     seen = far(0.0)._replace(speed=np.full((1, 1), most + over))
-    monitor, _ = tell(flying(), 0.0, seen=seen, velocity_std=np.full((1, 1), std))
+    monitor, _ = tell(flying(), 0.0, intruders=seen, velocity_std=np.full((1, 1), std))
     assert bool(causes_of(monitor) & Cause.OUTSIDE_RANGE) is there
 
 
 def test_an_intruder_is_lost_when_its_last_report_is_older_than_plans_may_use() -> None:
     for late, there in ((-0.01, False), (0.01, True)):
         monitor, _ = tell(flying(), 0.0)
-        monitor, _ = tell(monitor, THRESHOLDS.intruder_age + late, seen=UNSEEN)
+        monitor, _ = tell(monitor, THRESHOLDS.intruder_age + late, intruders=UNSEEN)
         assert bool(causes_of(monitor) & Cause.INTRUDER_STALE) is there
 
 
 def test_nothing_is_outside_the_domain_of_an_intruder_that_has_never_been_seen() -> None:
-    monitor, _ = tell(flying(), 0.0, seen=UNSEEN)
+    monitor, _ = tell(flying(), 0.0, intruders=UNSEEN)
     assert not causes_of(monitor) & Cause.OUTSIDE_RANGE
 
 
@@ -468,7 +468,7 @@ def test_when_an_intruder_counts_goes_on_with_the_clock() -> None:
     window = Window(np.full((1, 1), 10.0), np.full((1, 1), 40.0))
     monitor, _ = tell(flying(), 0.0, window=window)
     for time in (1.0, 4.0):
-        monitor, decision = tell(monitor, time, seen=UNSEEN)
+        monitor, decision = tell(monitor, time, intruders=UNSEEN)
         left = decision.traffic.window
         assert left is not None
         assert left.begin.item() == pytest.approx(10.0 - time)
@@ -477,7 +477,7 @@ def test_when_an_intruder_counts_goes_on_with_the_clock() -> None:
 
 def test_a_turn_lasts_over_a_repeated_report() -> None:
     monitor, turn = flying(), {"turn_rate": np.full((1, 1), 0.03)}
-    monitor, _ = tell(monitor, 0.0, seen=other(*FAR), **turn)
-    again = {"seen": other(*FAR, heading=0.5), "age": np.full((1, 1), 2.0)}
+    monitor, _ = tell(monitor, 0.0, intruders=intruder_at(*FAR), **turn)
+    again = {"seen": intruder_at(*FAR, heading=0.5), "age": np.full((1, 1), 2.0)}
     _, decision = tell(monitor, 1.0, **again)
     assert decision.traffic.turn_rate.item() == pytest.approx(0.03), "that report is too old"

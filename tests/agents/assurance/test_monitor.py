@@ -20,8 +20,8 @@ from tests.agents.scenes import (
     causes_of,
     far,
     flying,
+    intruder_at,
     on_plan,
-    other,
     reply,
     state_of,
     straight,
@@ -33,7 +33,7 @@ HEAD_ON = 9_000.0  # m ahead at first: the loss of separation is more than 50 s 
 
 
 def opposing(time: float, ahead: float = HEAD_ON) -> object:
-    return other(ahead - 75.0 * time, 0.0, math.pi)
+    return intruder_at(ahead - 75.0 * time, 0.0, math.pi)
 
 
 def test_without_a_plan_nothing_is_flown_or_asked_for() -> None:
@@ -163,13 +163,13 @@ def test_small_errors_accumulate() -> None:
 
 
 def test_an_intruder_that_leaves_its_prediction_asks_for_a_plan_only_where_it_matters() -> None:
-    near = other(0.0, 1_500.0)
+    near = intruder_at(0.0, 1_500.0)
     monitor = flying(near)
-    monitor, _ = tell(monitor, 1.0, seen=other(75.0, 1_500.0))
+    monitor, _ = tell(monitor, 1.0, intruders=intruder_at(75.0, 1_500.0))
     assert state_of(monitor) is State.MONITORING
-    monitor, decision = tell(monitor, 2.0, seen=other(150.0, 1_500.0, 0.1))
+    monitor, decision = tell(monitor, 2.0, intruders=intruder_at(150.0, 1_500.0, 0.1))
     assert causes_of(monitor) & Cause.INTRUDER_DEVIATION and decision.replan[0]
-    monitor, decision = tell(flying(), 1.0, seen=other(75.0, 50_000.0, 0.1))
+    monitor, decision = tell(flying(), 1.0, intruders=intruder_at(75.0, 50_000.0, 0.1))
     assert (
         causes_of(monitor) == Cause(0)
         and decision.intruder_velocity[0] > THRESHOLDS.intruder_velocity
@@ -177,7 +177,7 @@ def test_an_intruder_that_leaves_its_prediction_asks_for_a_plan_only_where_it_ma
 
 
 def test_no_plan_and_an_unsafe_rest_lead_to_the_backup_and_only_a_safe_plan_leads_back() -> None:
-    monitor, decision = tell(flying(), 0.0, seen=opposing(0.0))
+    monitor, decision = tell(flying(), 0.0, intruders=opposing(0.0))
     assert state_of(monitor) is State.REPLAN_REQUESTED and causes_of(monitor) & Cause.SEPARATION
     assert 40.0 < decision.loss[0] < HEAD_ON / 150.0
     monitor, accepted = reply(monitor, decision, safe=False)
@@ -247,13 +247,13 @@ def test_a_planner_that_does_not_answer_is_denied_and_asked_again() -> None:
 
 def test_an_urgent_loss_does_not_wait_for_an_answer() -> None:
     near = 75.0 * 2 * 15.0 + 1_000.0
-    monitor, decision = tell(flying(), 0.0, seen=opposing(0.0, near))
+    monitor, decision = tell(flying(), 0.0, intruders=opposing(0.0, near))
     assert state_of(monitor) is State.REPLAN_REQUESTED and decision.loss[0] <= THRESHOLDS.urgent
-    monitor, _ = tell(monitor, 1.0, seen=opposing(1.0, near))
+    monitor, _ = tell(monitor, 1.0, intruders=opposing(1.0, near))
     assert state_of(monitor) is State.BACKUP
     # Where there is time, the answer is waited for.
-    monitor, _ = tell(flying(), 0.0, seen=opposing(0.0))
-    monitor, _ = tell(monitor, 1.0, seen=opposing(1.0))
+    monitor, _ = tell(flying(), 0.0, intruders=opposing(0.0))
+    monitor, _ = tell(monitor, 1.0, intruders=opposing(1.0))
     assert state_of(monitor) is State.REPLAN_REQUESTED
 
 
@@ -262,7 +262,7 @@ def test_an_urgent_loss_does_not_wait_until_a_plan_may_be_asked_for_again() -> N
     monitor, decision = tell(flying(), 0.0, on_plan(0.0, left=30.0))
     monitor, accepted = reply(monitor, decision, safe=True)
     assert accepted.all()
-    monitor, decision = tell(monitor, 1.0, seen=opposing(1.0, near))
+    monitor, decision = tell(monitor, 1.0, intruders=opposing(1.0, near))
     assert state_of(monitor) is State.BACKUP and not decision.replan[0]
 
 
@@ -271,8 +271,8 @@ def test_an_unsafe_rest_does_not_wait_where_no_plan_may_be_asked_for() -> None:
     monitor, _ = tell(flying(), 0.0)
     areas = no_areas(1)
     areas[0] = (ActiveArea(0, Area(Circle(9_000.0, 0.0, 1_000.0)), 0.0, 400.0),)
-    lost = other(NAN, NAN)
-    monitor, decision = tell(monitor, THRESHOLDS.intruder_age + 1.0, seen=lost, areas=areas)
+    lost = intruder_at(NAN, NAN)
+    monitor, decision = tell(monitor, THRESHOLDS.intruder_age + 1.0, intruders=lost, areas=areas)
     assert decision.loss[0] > THRESHOLDS.urgent and not decision.replan[0]
     assert state_of(monitor) is State.BACKUP
 
@@ -301,7 +301,7 @@ def test_only_the_answer_to_the_last_request_counts() -> None:
 
 @pytest.mark.parametrize("safe", [True, False])
 def test_an_answer_while_the_ownship_is_not_seen_changes_nothing_that_is_flown(safe: bool) -> None:
-    monitor, asked = tell(flying(), 0.0, seen=opposing(0.0))
+    monitor, asked = tell(flying(), 0.0, intruders=opposing(0.0))
     monitor, _ = tell(monitor, 1.0, NOWHERE, far(1.0) if safe else opposing(1.0))
     after, accepted = reply(monitor, asked, safe=safe, plan_states=straight(0.0))
     assert not accepted.any()
@@ -355,14 +355,14 @@ def test_while_the_ownship_is_not_seen_what_is_flown_stays() -> None:
 
 
 def test_no_plan_is_asked_for_where_it_would_begin_nowhere() -> None:
-    monitor, decision = tell(flying(), 0.0, seen=opposing(0.0))
+    monitor, decision = tell(flying(), 0.0, intruders=opposing(0.0))
     monitor, _ = reply(monitor, decision, safe=False)
     monitor, decision = tell(monitor, 5.0, NOWHERE, mask=np.array([[False]]))
     assert decision.fly[0] == FlyMode.BACKUP and not decision.replan[0]
 
 
 def test_a_refusal_is_told_as_long_as_the_backup_is_flown_for_it() -> None:
-    monitor, decision = tell(flying(), 0.0, seen=opposing(0.0))
+    monitor, decision = tell(flying(), 0.0, intruders=opposing(0.0))
     monitor, _ = reply(monitor, decision, safe=False)
     monitor, _ = tell(monitor, 1.0, mask=np.array([[False]]))
     assert causes_of(monitor) & Cause.REFUSED
@@ -382,7 +382,7 @@ def test_references_lead_along_the_plan_or_the_backup() -> None:
     monitor, decision = tell(flying(), 7.0)
     states = assurance.references(monitor, 7.0, 0.5, 4)
     np.testing.assert_allclose(states.x[:, 0], 75.0 * (7.0 + 0.5 * np.arange(5)))
-    monitor, decision = tell(monitor, 8.0, seen=opposing(8.0))
+    monitor, decision = tell(monitor, 8.0, intruders=opposing(8.0))
     monitor, _ = reply(monitor, decision, safe=False)
     states = assurance.references(monitor, 8.0, 0.5, 10)
     assert states.x[0, 0] == pytest.approx(600.0)
@@ -405,7 +405,7 @@ def test_no_start_inside_the_margin_is_refused_or_flutters(
     if margin > 1.0 and not every:
         distance = np.concatenate([distance[:50], distance[50:-50:100], distance[-50:]])
     count = distance.size
-    seen = other(0.0, 0.0, count=count)
+    seen = intruder_at(0.0, 0.0, count=count)
     if geometry == "diverging":
         seen = seen._replace(x=-distance[:, None], heading=seen.heading + math.pi)
     else:
@@ -435,7 +435,7 @@ def test_no_start_inside_the_margin_is_refused_or_flutters(
 
 
 def test_the_monitor_never_changes_what_it_is_given() -> None:
-    monitor, decision = tell(flying(), 0.0, seen=opposing(0.0))
+    monitor, decision = tell(flying(), 0.0, intruders=opposing(0.0))
 
     def flat(tree: object) -> list[np.ndarray]:
         return (
@@ -447,6 +447,6 @@ def test_the_monitor_never_changes_what_it_is_given() -> None:
     before = flat(monitor)
     reply(monitor, decision, safe=True, plan_states=PlanStates(*straight(0.0)))
     reply(monitor, decision, safe=False)
-    tell(monitor, 1.0, seen=opposing(1.0))
+    tell(monitor, 1.0, intruders=opposing(1.0))
     for old, new in zip(before, flat(monitor), strict=True):
         np.testing.assert_array_equal(old, new)

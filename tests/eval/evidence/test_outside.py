@@ -35,8 +35,8 @@ from tests.agents.scenes import (
     causes_of,
     far,
     flying,
+    intruder_at,
     on_plan,
-    other,
     state_of,
     tell,
 )
@@ -126,13 +126,13 @@ def test_nothing_that_is_no_number_passes() -> None:
         "the box is of the policy that ships: python -m eval.evidence.outside --box"
     )
     own = VehicleState(*(np.array([value]) for value in (0.0, 0.0, 0.0, NAN)))
-    reported = other(5_000.0, 0.0, math.pi)
+    reported = intruder_at(5_000.0, 0.0, math.pi)
     inputs = novelty.inputs_of(
         own, reported, np.ones((1, 1), bool), (np.array([9e3]), np.zeros(1)), PAPER
     )
     assert np.isinf(novelty.excess(box, inputs)[0]).any()
     monitor, _ = tell(flying(), 0.0)
-    monitor, _ = tell(monitor, 1.0, seen=map_leaves(lambda field: field + NAN, far(1.0)))
+    monitor, _ = tell(monitor, 1.0, intruders=map_leaves(lambda field: field + NAN, far(1.0)))
     assert causes_of(monitor) & Cause.INTRUDER_MISSING
 
 
@@ -177,11 +177,13 @@ def test_a_velocity_that_differs_a_little_is_taken_from_places_and_denies_nothin
 def test_traffic_out_of_range_is_said_and_changes_nothing_else() -> None:
     fast = 1.5 * PAPER.limits.speed_max
     monitor, decision = tell(
-        flying(other(0.0, 50_000.0, speed=fast)), 0.0, seen=other(0.0, 50_000.0, speed=fast)
+        flying(intruder_at(0.0, 50_000.0, speed=fast)),
+        0.0,
+        intruders=intruder_at(0.0, 50_000.0, speed=fast),
     )
     for time in range(1, 3):
         monitor, decision = tell(
-            monitor, float(time), seen=other(fast * time, 50_000.0, speed=fast)
+            monitor, float(time), intruders=intruder_at(fast * time, 50_000.0, speed=fast)
         )
     assert causes_of(monitor) == Cause.OUTSIDE_RANGE and state_of(monitor) is State.MONITORING
     assert "outside_domain" in reasons(decision, THRESHOLDS)[0].message
