@@ -35,12 +35,12 @@ NOT_HELD = Alerting(USUAL.reached, USUAL.reached, hold=0.0, forget=5.0)
 
 def show(alerting: Alerting, losses: list[float], step: float = 1.0) -> list[int]:
     """Return the levels that are shown of one intruder, update by update."""
-    alerts, found = no_alerts(1, 1, alerting), []
+    alerts, shown = no_alerts(1, 1, alerting), []
     exists = np.ones((1, 1), dtype=bool)
     for index, loss in enumerate(losses):
         alerts = update(alerts, np.array([index * step]), np.array([[loss]]), exists, alerting)
-        found.append(int(alerts.level[0, 0]))
-    return found
+        shown.append(int(alerts.level[0, 0]))
+    return shown
 
 
 def test_levels_follow_the_time_to_loss() -> None:
@@ -74,9 +74,9 @@ def test_a_level_is_left_later_than_it_is_reached() -> None:
 
 def test_a_raised_level_is_held() -> None:
     alerting = Alerting(USUAL.reached, USUAL.reached, hold=20.0, forget=5.0)
-    found = show(alerting, [math.inf, 20.0, 20.0] + [math.inf] * 22)
-    assert found[2:22] == [3] * 20
-    assert found[-1] == 0
+    shown = show(alerting, [math.inf, 20.0, 20.0] + [math.inf] * 22)
+    assert shown[2:22] == [3] * 20
+    assert shown[-1] == 0
 
 
 def test_one_intruders_alert_does_not_depend_on_the_others() -> None:
@@ -91,11 +91,11 @@ def test_one_intruders_alert_does_not_depend_on_the_others() -> None:
         for row in range(5):
             for k in range(3):
                 part = slice(row, row + 1), slice(k, k + 1)
-                each: Alerts = update(
+                own_alerts: Alerts = update(
                     alone[row][k], time[:1], losses[index][part], mask[index][part], USUAL
                 )
-                alone[row][k] = each
-                assert each.level[0, 0] == alerts.level[row, k]
+                alone[row][k] = own_alerts
+                assert own_alerts.level[0, 0] == alerts.level[row, k]
     assert (alerts.level[~mask[-1]] == Level.NONE).all()
 
 
@@ -133,8 +133,8 @@ def test_the_loss_on_the_present_course_is_that_of_the_present_heading() -> None
     assert np.all(losses.min(axis=1)[lost] <= bands.loss[lost, 0] + 1e-9)
     assert np.isinf(losses[~traffic.mask]).all() and np.isfinite(losses).any()
     head_on = Traffic.straight(VehicleState(*(np.array([[v]]) for v in (9e3, 0.0, math.pi, 70.0))))
-    found = losses_on_course(vehicle(0.0, 0.0, 0.0, 80.0), head_on, requirement, 120.0)
-    assert found[0, 0] == pytest.approx(8_000.0 / 150.0, abs=0.1)
+    losses_ahead = losses_on_course(vehicle(0.0, 0.0, 0.0, 80.0), head_on, requirement, 120.0)
+    assert losses_ahead[0, 0] == pytest.approx(8_000.0 / 150.0, abs=0.1)
 
 
 def test_regions_are_the_levels_of_bands_and_the_way_out() -> None:
@@ -154,14 +154,14 @@ def test_regions_are_the_levels_of_bands_and_the_way_out() -> None:
     bands = heading_bands(
         vehicle(0.0, 0.0, 0.0, 80.0), Traffic.straight(inside), requirement, C208_PUBLISHED, 120.0
     )
-    found = regions(bands, USUAL, 1_000.0)[0].tolist()
-    assert found.count(Region.RECOVERY) == 1
-    assert set(found) == {Region.WARNING, Region.RECOVERY}
+    shown = regions(bands, USUAL, 1_000.0)[0].tolist()
+    assert shown.count(Region.RECOVERY) == 1
+    assert set(shown) == {Region.WARNING, Region.RECOVERY}
 
 
 def test_a_monitored_plan_has_no_alert_and_an_unsafe_one_has() -> None:
     monitor = flying(intruder_at(30_000.0, 8_000.0, math.pi))
-    seen = set()
+    levels_shown = set()
     for time in range(40):
         # It turns towards the plan at 10 s.
         place = 20_000.0 - 75.0 * time, 0.0 if time >= 10 else 8_000.0, math.pi
@@ -171,8 +171,8 @@ def test_a_monitored_plan_has_no_alert_and_an_unsafe_one_has() -> None:
         assert (level > 0) == bool(int(decision.causes[0]) & Cause.SEPARATION)
         if decision.state[0] == State.MONITORING:
             assert level == Level.NONE
-        seen.add((int(decision.state[0]), level))
-    assert {level for _, level in seen} >= {Level.NONE, Level.PREVENTIVE}
+        levels_shown.add((int(decision.state[0]), level))
+    assert {level for _, level in levels_shown} >= {Level.NONE, Level.PREVENTIVE}
 
 
 def test_the_monitor_does_not_wait_for_an_answer_within_a_warning_only() -> None:

@@ -41,16 +41,18 @@ def nobody(count: int) -> Traffic:
 
 
 def of_rows(*areas: tuple[ActiveArea, ...]) -> Any:
-    found = no_areas(len(areas))
-    found[:] = areas
-    return found
+    rows = no_areas(len(areas))
+    rows[:] = areas
+    return rows
 
 
 def counted(*areas: Area, end: float = 900.0) -> tuple[ActiveArea, ...]:
     return tuple(ActiveArea(n, area, 0.0, end) for n, area in enumerate(areas))
 
 
-def sample(own: VehicleState, bands: Bands, number: int, one: ActiveArea, kind: str) -> np.ndarray:
+def sample(
+    own: VehicleState, bands: Bands, number: int, active: ActiveArea, kind: str
+) -> np.ndarray:
     """Return the clearances of one band's manoeuvre over the times, m, nan where the area does not
     count.
     """
@@ -65,11 +67,11 @@ def sample(own: VehicleState, bands: Bands, number: int, one: ActiveArea, kind: 
         far = far + (own.speed[0] + rate * changing) * (TIMES - changing)
         x = own.x[0] + far * np.cos(own.heading[0])
         y = own.y[0] + far * np.sin(own.heading[0])
-    area = one.area
+    area = active.area
     x, y = (v - w * TIMES for v, w in zip((x, y), area.velocity, strict=True))
     away = truth(area.shape, area.keep, x, y) + gain(area) * TIMES
-    need = required_distances(one, own.x, own.y, MARGIN)
-    return np.where((one.begin <= TIMES) & (one.end >= TIMES), away - need, np.nan)
+    need = required_distances(active, own.x, own.y, MARGIN)
+    return np.where((active.begin <= TIMES) & (active.end >= TIMES), away - need, np.nan)
 
 
 @pytest.mark.parametrize("kind", ["heading", "speed"])
@@ -139,12 +141,12 @@ def test_out_of_an_area_the_shortest_way_is_the_way_out() -> None:
         own, nobody(1), REQUIREMENT, LIMITS, LOOK_AHEAD, areas=of_rows(counted(area))
     )
     assert bands.closed.all() and (bands.loss == 0.0).all()
-    found = recovery(bands, 1_000.0)
-    assert math.sin(bands.target[0, found.index[0]]) > 0.9
-    assert 30.0 < found.opens[0] < 60.0 and found.clearance[0] < 0.0
+    way_out = recovery(bands, 1_000.0)
+    assert math.sin(bands.target[0, way_out.index[0]]) > 0.9
+    assert 30.0 < way_out.opens[0] < 60.0 and way_out.clearance[0] < 0.0
     shown = regions(bands, Alerting.for_aircraft(PAPER), 1_000.0)
-    assert shown[0, found.index[0]] == Region.RECOVERY
-    assert (np.delete(shown[0], found.index[0]) == Region.WARNING).all()
+    assert shown[0, way_out.index[0]] == Region.RECOVERY
+    assert (np.delete(shown[0], way_out.index[0]) == Region.WARNING).all()
 
 
 def test_an_area_that_does_not_count_or_cannot_be_reached_closes_nothing() -> None:
@@ -191,8 +193,8 @@ def test_a_safe_plan_never_holds_a_band_that_an_area_closes() -> None:
         answer = plan(own, [], route, policy, options, areas=areas)
         if not answer.safe:
             continue
-        made = reconstruct(answer.waypoints)
-        curves = take(legs(plan_states(own, made.waypoints)), None)
+        planned_flight = reconstruct(answer.waypoints)
+        curves = take(legs(plan_states(own, planned_flight.waypoints)), None)
         start = vehicle(*own)
         for look_ahead in (20.0, 40.0, 80.0, 120.0):
             towards = float(at(curves, np.full(1, 0.7 * look_ahead)).heading[0])

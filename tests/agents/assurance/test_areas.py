@@ -45,16 +45,16 @@ def distances(plan_states: PlanStates, areas: tuple[ActiveArea, ...], first: flo
     curves = legs(plan_states)
     times = np.arange(first, float(plan_states.time[0, -1]), STEP)
     state = at(repeat(take(curves, 0), times.size), times)
-    return [signed_distance(one.area, state.x, state.y, times - first) for one in areas]
+    return [signed_distance(active.area, state.x, state.y, times - first) for active in areas]
 
 
 def of_rows(*areas: tuple[ActiveArea, ...]) -> np.ndarray:
-    found = no_areas(len(areas))
-    found[:] = areas
-    return found
+    rows = no_areas(len(areas))
+    rows[:] = areas
+    return rows
 
 
-def some(rng: np.random.Generator, most: int = 2) -> tuple[ActiveArea, ...]:
+def random_areas(rng: np.random.Generator, most: int = 2) -> tuple[ActiveArea, ...]:
     count = int(rng.integers(1, most + 1))
     return tuple(ActiveArea(n, random_area(rng), 0.0, END) for n in range(count))
 
@@ -67,27 +67,27 @@ def test_the_rest_of_a_plan_is_lost_exactly_where_it_comes_too_near() -> None:
     since = rng.uniform(0.0, 150.0, count)
     areas = no_areas(count)
     for n in range(count):
-        areas[n] = some(rng)
+        areas[n] = random_areas(rng)
     off = rng.choice([0.0, 30.0], count)
-    found = judge_remaining_plans(plan, since, areas, off, THRESHOLDS)
+    keeps = judge_remaining_plans(plan, since, areas, off, THRESHOLDS)
     lost = 0
     for n in range(count):
         required = np.maximum(0.5 * MARGIN, off[n])
         gap, loss = math.inf, math.inf
         away = distances(take(plan_states, slice(n, n + 1)), areas[n], since[n])
-        for one, far in zip(areas[n], away, strict=True):
+        for active, far in zip(areas[n], away, strict=True):
             # Inside the clearance it must not come nearer than it is.
-            need = min(max(float(far[0]), 0.0), one.area.clearance + required)
+            need = min(max(float(far[0]), 0.0), active.area.clearance + required)
             gap = min(gap, float(far.min()) - need)
             if (far < need - 0.5).any():
                 loss = min(loss, STEP * int(np.argmax(far < need - 0.5)))
         # Of what has been flown of an arc, some metres may count.
-        assert not found.lost[n] or gap < 0.0
-        assert found.lost[n] or gap > -8.0
-        if found.lost[n] and gap < -8.0:
-            assert found.deficit[n] >= -gap - 8.0
-            assert found.loss[n] == pytest.approx(loss, abs=2.5)
-        lost += int(found.lost[n])
+        assert not keeps.lost[n] or gap < 0.0
+        assert keeps.lost[n] or gap > -8.0
+        if keeps.lost[n] and gap < -8.0:
+            assert keeps.deficit[n] >= -gap - 8.0
+            assert keeps.loss[n] == pytest.approx(loss, abs=2.5)
+        lost += int(keeps.lost[n])
     assert 4 < lost < 22
 
 
@@ -98,25 +98,25 @@ def test_a_backup_enters_an_area_only_where_all_do() -> None:
     traffic = turning(rng, count)
     areas = no_areas(count)
     for n in range(count):
-        areas[n] = some(rng)
-    found = search(own, surroundings(traffic, areas), np.zeros(count), THRESHOLDS)
-    assert 0 < np.count_nonzero(found.depth > 0.0) < count
-    assert 0 < np.count_nonzero(found.safe) < count
+        areas[n] = random_areas(rng)
+    backups = search(own, surroundings(traffic, areas), np.zeros(count), THRESHOLDS)
+    assert 0 < np.count_nonzero(backups.depth > 0.0) < count
+    assert 0 < np.count_nonzero(backups.safe) < count
     turns = np.radians(np.arange(-150.0, 151.0, 30.0))
     for n in range(count):
-        away = distances(take(found.plan_states, slice(n, n + 1)), areas[n])
+        away = distances(take(backups.plan_states, slice(n, n + 1)), areas[n])
         nearest = min(float(far.min()) for far in away)
-        assert (nearest >= -0.3) == (found.depth[n] == 0.0)
-        if found.safe[n]:
+        assert (nearest >= -0.3) == (backups.depth[n] == 0.0)
+        if backups.safe[n]:
             starts = [
-                min(float(far[0]), one.area.clearance + MARGIN)
-                for one, far in zip(areas[n], away, strict=True)
+                min(float(far[0]), active.area.clearance + MARGIN)
+                for active, far in zip(areas[n], away, strict=True)
             ]
             assert all(far.min() >= start - 0.5 for far, start in zip(away, starts, strict=True))
-        if found.depth[n] > 0.0:
-            one = take(own, np.full(turns.size, n))
-            speed = np.clip(one.speed, 50.0, 100.0)
-            every = backup_states(one, one.heading + turns, speed, THRESHOLDS)
+        if backups.depth[n] > 0.0:
+            state = take(own, np.full(turns.size, n))
+            speed = np.clip(state.speed, 50.0, 100.0)
+            every = backup_states(state, state.heading + turns, speed, THRESHOLDS)
             for row in range(turns.size):
                 away = distances(take(every, slice(row, row + 1)), areas[n])
                 assert min(float(far.min()) for far in away) < 0.0
@@ -127,7 +127,7 @@ def test_areas_of_one_row_do_not_touch_another() -> None:
     own, traffic = random_states(rng, 6, extent=3_000.0), turning(rng, 6)
     alone = search(own, surroundings(traffic), np.zeros(6), THRESHOLDS)
     areas = no_areas(6)
-    areas[2] = some(rng)
+    areas[2] = random_areas(rng)
     beside = search(own, surroundings(traffic, areas), np.zeros(6), THRESHOLDS)
     others = np.array([0, 1, 3, 4, 5])
     np.testing.assert_array_equal(alone.course[others], beside.course[others])
@@ -236,10 +236,10 @@ def test_a_wind_changes_nothing_that_the_air_mass_sees(wind: Wind) -> None:
                 velocity=(velocity[0] + float(wind.east), velocity[1] + float(wind.north)),
                 clearance=120.0,
             )
-            one, other = still.step(time, area), blown.step(time, carried)
-            assert one.state is other.state is State.REPLAN_REQUESTED
+            calm, windy = still.step(time, area), blown.step(time, carried)
+            assert calm.state is windy.state is State.REPLAN_REQUESTED
             for name in ("loss", "area_deficit"):
-                mine, same = getattr(one.measured, name), getattr(other.measured, name)
+                mine, same = getattr(calm.measured, name), getattr(windy.measured, name)
                 np.testing.assert_allclose(mine, same, atol=1e-5)
 
 

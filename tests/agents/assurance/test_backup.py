@@ -112,9 +112,9 @@ def test_the_past_of_a_plan_does_not_count() -> None:
     plan_states = PlanStates(75.0 * seconds, zero, zero, zero + 75.0, seconds)
     # The intruder stands at 500 m on the way: at 7 s and more it lies behind.
     standing = Traffic.straight(intruder_at(500.0, 0.0, 0.0, 0.0))
-    for now in (7.0, 13.3, 47.0):
-        ahead = ahead_of(plan_states, np.array([now]), standing, 1e9)
-        assert ahead.distance[0, 0] == pytest.approx(abs(75.0 * now - 500.0), abs=0.01)
+    for since in (7.0, 13.3, 47.0):
+        ahead = ahead_of(plan_states, np.array([since]), standing, 1e9)
+        assert ahead.distance[0, 0] == pytest.approx(abs(75.0 * since - 500.0), abs=0.01)
 
 
 def test_backups_are_flyable_and_their_legs_are_exact() -> None:
@@ -146,18 +146,18 @@ def test_a_search_returns_a_safe_backup_or_the_clearest() -> None:
     generator = np.random.default_rng(6)
     own = random_states(generator, 80, extent=2_000.0)
     traffic = turning(generator, 80)
-    found = search(own, surroundings(traffic), np.zeros(80), THRESHOLDS)
-    assert np.isfinite(np.stack(found.plan_states)).all()
-    checked = validate(found.plan_states, traffic, REQUIREMENT, C208_PUBLISHED)
-    np.testing.assert_allclose(checked.clearance, found.clearance)
-    assert (checked.clearance[found.safe] > -0.006).all()
-    assert 0 < found.safe.sum() < 80
+    backups = search(own, surroundings(traffic), np.zeros(80), THRESHOLDS)
+    assert np.isfinite(np.stack(backups.plan_states)).all()
+    checked = validate(backups.plan_states, traffic, REQUIREMENT, C208_PUBLISHED)
+    np.testing.assert_allclose(checked.clearance, backups.clearance)
+    assert (checked.clearance[backups.safe] > -0.006).all()
+    assert 0 < backups.safe.sum() < 80
     # None of the plain courses of the family is much clearer where none is safe.
     for turn in np.radians([0.0, 30.0, -30.0, 90.0, -90.0, 150.0, -150.0]):
         plain = backup_states(own, own.heading + turn, np.clip(own.speed, 50.0, 100.0), THRESHOLDS)
         other_clearance = validate(plain, traffic, REQUIREMENT, C208_PUBLISHED).clearance
-        worse = ~found.safe
-        gain = other_clearance[worse] - found.clearance[worse]
+        worse = ~backups.safe
+        gain = other_clearance[worse] - backups.clearance[worse]
         # A radian of turn must yield 30 m.
         assert gain.max() < 30.0 * 2.7 + 5.0
 
@@ -191,13 +191,13 @@ def test_a_backup_is_kept_while_it_passes_and_searched_for_where_it_does_not() -
 def test_on_top_of_an_intruder_there_is_still_a_backup() -> None:
     zero = np.zeros(1)
     own = VehicleState(zero, zero, zero, zero + 100.9)
-    found = search(own, surroundings(Traffic.straight(intruder_at(0.0, 0.0))), zero, THRESHOLDS)
-    assert not found.safe[0] and np.isfinite(np.stack(found.plan_states)).all()
+    backup = search(own, surroundings(Traffic.straight(intruder_at(0.0, 0.0))), zero, THRESHOLDS)
+    assert not backup.safe[0] and np.isfinite(np.stack(backup.plan_states)).all()
     nobody = take(Traffic.straight(intruder_at(0.0, 0.0)), slice(0, 1))._replace(
         mask=np.array([[False]])
     )
-    found = search(own._replace(speed=zero + 75.0), surroundings(nobody), zero, THRESHOLDS)
-    assert found.safe[0] and found.course[0] == 0.0
+    backup = search(own._replace(speed=zero + 75.0), surroundings(nobody), zero, THRESHOLDS)
+    assert backup.safe[0] and backup.course[0] == 0.0
 
 
 def test_an_unsafe_backup_is_exchanged_for_much_more_clearance_only() -> None:
@@ -207,11 +207,11 @@ def test_an_unsafe_backup_is_exchanged_for_much_more_clearance_only() -> None:
     best = search(own, surroundings(near), zero, THRESHOLDS)
     assert not best.safe[0]
     slightly = best._replace(course=best.course - 0.02 * np.sign(best.course))
-    kept = refresh(slightly, own, in_plane(surroundings(near)), zero + 1.0, THRESHOLDS)
+    held = refresh(slightly, own, in_plane(surroundings(near)), zero + 1.0, THRESHOLDS)
     assert (
-        kept.clearance[0] < best.clearance[0]
-        and kept.course[0] == slightly.course[0]
-        and not kept.safe[0]
+        held.clearance[0] < best.clearance[0]
+        and held.course[0] == slightly.course[0]
+        and not held.safe[0]
     )
     wrong = best._replace(course=zero, speed=zero + 75.0)
     changed = refresh(wrong, own, in_plane(surroundings(near)), zero + 1.0, THRESHOLDS)
@@ -330,8 +330,8 @@ def test_reasons_name_the_intruders_that_they_are_about(first: Plan) -> None:
     watch = watching.activate(watching.begin(THRESHOLDS), first, OWN, known, 0.0)
     watch, _ = watching.step(watch, 0.0, OWN, known)
     meeting = Intruder(VehicleState(9_000.0 - 75.0, 0.0, math.pi, 75.0))
-    seen = {"far": parallel(1.0), "meets": meeting}  # the others are missing
-    _, verdict = watching.step(watch, 1.0, on(first, 1.0, watch), seen)
+    reported = {"far": parallel(1.0), "meets": meeting}  # the others are missing
+    _, verdict = watching.step(watch, 1.0, on(first, 1.0, watch), reported)
     said = {why.cause: why.message for why in verdict.reasons}
     assert said[Cause.INTRUDER_MISSING].endswith(" (c0, c1, c2, c3, c4 and 2 more)")
     for cause in (Cause.SEPARATION, Cause.INTRUDER_DEVIATION):

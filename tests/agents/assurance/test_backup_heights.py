@@ -152,8 +152,10 @@ def test_a_backup_that_climbs_or_descends_keeps_what_it_has_promised(
             senses.append(flight.sense)
             for part, flown in enumerate(flight.fly(np.linspace(0.0, 1.0, 6))):
                 moment = time + 0.2 * part
-                kept = [share_kept(flown, later(other, moment)) for other in flight.others.values()]
-                assert min(kept) >= 1.0 - 1e-6, (seed, moment)
+                shares = [
+                    share_kept(flown, later(other, moment)) for other in flight.others.values()
+                ]
+                assert min(shares) >= 1.0 - 1e-6, (seed, moment)
         # It has passed all of them, and climbed or descended no farther than that takes.
         changed = senses.index(Sense.LEVEL_OFF)
         assert set(senses[:changed]) == {sense} and set(senses[changed:]) == {Sense.LEVEL_OFF}

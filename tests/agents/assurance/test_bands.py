@@ -39,15 +39,15 @@ def traffic_of(generator: np.random.Generator, count: int, *, noise: bool) -> Tr
     shape = count, 3
     state = random_states(generator, *shape, extent=6_000.0)
     rate = generator.choice([0.0, 0.03, -0.05], shape)
-    some = generator.random(shape)
+    spread = generator.random(shape)
     return Traffic(
         state,
         generator.random(shape) < 0.9,
         rate,
         np.where(rate == 0.0, 0.0, 15.0),
-        30.0 * noise * some,
-        3.0 * noise * some,
-        1.0 * noise * some,
+        30.0 * noise * spread,
+        3.0 * noise * spread,
+        1.0 * noise * spread,
     )
 
 
@@ -93,19 +93,19 @@ def test_a_band_is_closed_where_the_validator_finds_its_manoeuvre_too_close(
     flyable &= bands.reached >= 1.0
     both = []
     for number in range(0, bands.target.shape[1], 5):
-        found = validate(manoeuvre(own, bands, number, kind), traffic, REQUIREMENT, LIMITS)
+        findings = validate(manoeuvre(own, bands, number, kind), traffic, REQUIREMENT, LIMITS)
         rows = np.flatnonzero(flyable[:, number])
-        assert found.legal[rows].all()
-        clearance, bound = bands.clearance[rows, number], found.clearance[rows]
+        assert findings.legal[rows].all()
+        clearance, bound = bands.clearance[rows, number], findings.clearance[rows]
         assert (np.minimum(clearance, 190.0) >= np.minimum(bound, 190.0) - GOOD).all()
         lost = bound < 0.0  # where it is clear, the validator's bound is a coarse one
         np.testing.assert_allclose(clearance[lost], bound[lost], atol=GOOD)
         clear = rows[np.abs(clearance) > GOOD]
         closed = bands.closed[clear, number]
-        assert (closed == found.wrong[clear, CHECKS.index("separation")]).all()
+        assert (closed == findings.wrong[clear, CHECKS.index("separation")]).all()
         lost = clear[closed]
         # The validator names the leg's part in which the loss begins.
-        first = found.time[lost, CHECKS.index("separation")]
+        first = findings.time[lost, CHECKS.index("separation")]
         assert np.abs(bands.loss[lost, number] - first).max(initial=0.0) < 1.1
         assert (bands.intruder[lost, number] >= 0).all()
         both += closed.tolist()
@@ -134,10 +134,10 @@ def test_a_safe_plan_never_holds_a_closed_band(name: str) -> None:
     encounters = encounters_of_seed(scenario(name, PAPER), 5, 0, 60)
     policy, options = Policy.load(), Options.for_aircraft(PAPER)
     request = request_of(encounters, PAPER)
-    made = plan_many(request, policy, options).candidates
-    safe = np.flatnonzero(made.safe)
+    candidates = plan_many(request, policy, options).candidates
+    safe = np.flatnonzero(candidates.safe)
     assert safe.size > 40
-    own, traffic, plan_states = take((request.own, request.traffic, made.plan_states), safe)
+    own, traffic, plan_states = take((request.own, request.traffic, candidates.plan_states), safe)
     curves = legs(plan_states)
     telling = 0
     for look_ahead in (20.0, 40.0, 60.0, 80.0, 120.0):
@@ -202,13 +202,13 @@ def test_where_nothing_is_free_the_recovery_does_not_fly_through() -> None:
     traffic = straight_traffic((700.0, 150.0, math.pi, 80.0))
     bands = heading_bands(own, traffic, Requirement(1_000.0), LIMITS, LOOK_AHEAD)
     assert bands.closed.all() and (bands.loss == 0.0).all()
-    found = recovery(bands, 1_000.0)
-    chosen = int(found.index[0])
+    way_out = recovery(bands, 1_000.0)
+    chosen = int(way_out.index[0])
     assert bands.target[0, chosen] < -0.2  # to the right, away from the intruder's track
-    assert found.clearance[0] > bands.clearance.max() - 100.0
-    assert 0.0 < found.opens[0] < 60.0
+    assert way_out.clearance[0] > bands.clearance.max() - 100.0
+    assert 0.0 < way_out.opens[0] < 60.0
     alike = bands.clearance[0] >= bands.clearance.max() - 100.0
-    assert found.opens[0] == bands.opens[0, alike].min()
+    assert way_out.opens[0] == bands.opens[0, alike].min()
 
 
 def test_there_is_no_recovery_where_a_band_is_free() -> None:
@@ -254,7 +254,7 @@ def test_all_headings_of_a_free_stretch_are_free_and_closed_ones_hold_a_conflict
             behind = float(own.heading[0]) + math.pi + np.array([-1e-3, 1e-3])
             behind = part.low + (behind - part.low) % math.tau
             inside = [*inside, *behind[behind < part.high]]
-            flown = [flown_clearance(own, traffic, one, rate, LOOK_AHEAD) for one in inside]
+            flown = [flown_clearance(own, traffic, heading, rate, LOOK_AHEAD) for heading in inside]
             if not part.closed:
                 assert min(flown, default=0.0) > -0.1
                 opposite += int((behind < part.high).sum())

@@ -57,10 +57,10 @@ def test_a_plan_is_held_to_what_it_had_to_keep_less_the_band_and_to_the_separati
 def test_the_whole_distance_from_the_plan_is_taken_off_its_separation(
     left: float, ahead: float
 ) -> None:
-    seen = intruder_at(SPEED, BESIDE)
-    _, exact = tell(flying(intruder_at(0.0, BESIDE)), 1.0, intruders=seen)
+    reported = intruder_at(SPEED, BESIDE)
+    _, exact = tell(flying(intruder_at(0.0, BESIDE)), 1.0, intruders=reported)
     own = on_plan(1.0, left=left, ahead=ahead)
-    _, off = tell(flying(intruder_at(0.0, BESIDE)), 1.0, own, seen)
+    _, off = tell(flying(intruder_at(0.0, BESIDE)), 1.0, own, reported)
     lost = exact.separation.item() - off.separation.item()
     assert lost == pytest.approx(math.hypot(left, ahead), abs=1e-6)
 
@@ -107,33 +107,40 @@ def test_without_a_plan_only_what_is_not_known_is_said() -> None:
     assert state_of(monitor) is State.IDLE
 
 
-@pytest.mark.parametrize(("expected", "seen"), [(0.0, 0.0), (40.0, 0.0), (0.0, 30.0), (40.0, 30.0)])
+@pytest.mark.parametrize(
+    ("expected", "reported_std"), [(0.0, 0.0), (40.0, 0.0), (0.0, 30.0), (40.0, 30.0)]
+)
 def test_an_intruder_may_be_off_by_what_is_not_known_of_its_place(
-    expected: float, seen: float
+    expected: float, reported_std: float
 ) -> None:
-    allowed = THRESHOLDS.intruder_position + 3.0 * math.hypot(expected, seen)
+    allowed = THRESHOLDS.intruder_position + 3.0 * math.hypot(expected, reported_std)
     for share, there in ((0.97, False), (1.03, True)):
         # Ahead of where it is expected: its predicted separation stays the same.
         reported = intruder_at(share * allowed, BESIDE)
         monitor, decision = tell(
-            flying_beside(expected), 0.0, intruders=reported, position_std=np.full((1, 1), seen)
+            flying_beside(expected),
+            0.0,
+            intruders=reported,
+            position_std=np.full((1, 1), reported_std),
         )
         assert bool(causes_of(monitor) & Cause.INTRUDER_DEVIATION) is there
         assert decision.intruder_position.item() == pytest.approx(share * allowed)
 
 
-@pytest.mark.parametrize(("expected", "seen"), [(0.0, 0.0), (2.0, 0.0), (0.0, 1.5), (2.0, 1.5)])
+@pytest.mark.parametrize(
+    ("expected", "reported_std"), [(0.0, 0.0), (2.0, 0.0), (0.0, 1.5), (2.0, 1.5)]
+)
 def test_an_intruder_may_fly_otherwise_by_what_is_not_known_of_its_velocity(
-    expected: float, seen: float
+    expected: float, reported_std: float
 ) -> None:
-    allowed = THRESHOLDS.intruder_velocity + 3.0 * math.hypot(expected, seen)
+    allowed = THRESHOLDS.intruder_velocity + 3.0 * math.hypot(expected, reported_std)
     for share, there in ((0.97, False), (1.03, True)):
         reported = intruder_at(0.0, BESIDE, speed=SPEED + share * allowed)
         monitor, _ = tell(
             flying_beside(velocity_std=expected),
             0.0,
             intruders=reported,
-            velocity_std=np.full((1, 1), seen),
+            velocity_std=np.full((1, 1), reported_std),
         )
         assert bool(causes_of(monitor) & Cause.INTRUDER_DEVIATION) is there
 
@@ -183,8 +190,10 @@ def test_too_small_a_separation_is_over_only_a_band_above_what_began_it() -> Non
 
 
 def test_a_plan_that_began_inside_the_margin_is_held_to_what_it_kept_then() -> None:
-    wanted = THRESHOLDS.requirement._replace(margin=50.0)
-    thresholds = assurance.Thresholds.for_plans(replace(THRESHOLDS.options, requirement=wanted))
+    requirement = THRESHOLDS.requirement._replace(margin=50.0)
+    thresholds = assurance.Thresholds.for_plans(
+        replace(THRESHOLDS.options, requirement=requirement)
+    )
     for y, there in ((1_005.0, False), (1_045.0, True)):
         monitor = assurance.activate(
             assurance.start(1, 1, thresholds),
@@ -197,7 +206,7 @@ def test_a_plan_that_began_inside_the_margin_is_held_to_what_it_kept_then() -> N
         )
         # A little farther away, and back to 1008 m at the end of the plan.
         closing = math.asin((1_048.0 - 1_008.0) / (399.0 * SPEED))
-        seen = intruder_at(SPEED, 1_048.0, -closing)
-        given = assurance.inputs(1.0, on_plan(1.0), seen)
+        reported = intruder_at(SPEED, 1_048.0, -closing)
+        given = assurance.inputs(1.0, on_plan(1.0), reported)
         monitor, _ = assurance.step(monitor, given, thresholds)
         assert bool(causes_of(monitor) & Cause.SEPARATION) is there

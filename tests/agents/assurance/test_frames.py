@@ -108,9 +108,9 @@ def test_what_is_asked_and_backed_up_is_over_the_ground(wind: Wind, calm: list[A
         if still.ask is not None and blown.ask is not None:
             asked += 1
             pairs.append((still.ask.own, blown.ask.own, time))
-            one, same = still.ask.intruders[0], blown.ask.intruders[0]
-            assert same.turn_rate == pytest.approx(one.turn_rate)
-            pairs.append((one.state, same.state, time - one.age))
+            intruder, same = still.ask.intruders[0], blown.ask.intruders[0]
+            assert same.turn_rate == pytest.approx(intruder.turn_rate)
+            pairs.append((intruder.state, same.state, time - intruder.age))
         for mine, other, when in pairs:
             state = VehicleState(mine.x, mine.y, mine.heading, mine.speed)
             there = over_ground(state, wind, when)
@@ -134,7 +134,7 @@ def test_memory_goes_into_another_air_mass_and_back() -> None:
         if a.dtype != object:
             np.testing.assert_allclose(a, b, atol=1e-6)
 
-    moved, same_area = (one.memory.areas[0][0].area for one in (there, back))
+    moved, same_area = (monitor.memory.areas[0][0].area for monitor in (there, back))
     assert moved.velocity != pytest.approx((-5.0, 2.0))
     assert same_area.velocity == pytest.approx((-5.0, 2.0))
     shape = same_area.shape
@@ -144,7 +144,7 @@ def test_memory_goes_into_another_air_mass_and_back() -> None:
     map_leaves(same, back.expected, watch.monitor.expected)
     # The intruder of the last request turns, so another wind makes another velocity of it.
     mine, moved_on, again = (
-        one.request_traffic.velocity_std.item() for one in (watch.monitor, there, back)
+        monitor.request_traffic.velocity_std.item() for monitor in (watch.monitor, there, back)
     )
     assert moved_on > mine + 0.1
     assert again == pytest.approx(mine, abs=1e-9)
@@ -222,8 +222,8 @@ def test_a_plan_in_another_wind_is_taken_up_in_its_air_mass() -> None:
     assert verdict.measured.along_track.item() == pytest.approx(0.0, abs=1e-6)
     assert verdict.measured.cross_track.item() == pytest.approx(0.0, abs=1e-6)
     # An answer that cannot be flown leaves the active plan where it is.
-    kept, refused = single.answer(watch, ask.number, reconstruct((), second))
-    assert not refused and kept.air == watch.air
+    after_refusal, refused = single.answer(watch, ask.number, reconstruct((), second))
+    assert not refused and after_refusal.air == watch.air
 
 
 @pytest.mark.parametrize("wind", WINDS)
@@ -242,26 +242,26 @@ def test_limits_are_those_of_the_planner() -> None:
     assert THRESHOLDS.in_wind(NO_WIND) is THRESHOLDS
     assert THRESHOLDS.in_wind(WINDS[0]) is THRESHOLDS
     for wind in UNSURE:
-        found = THRESHOLDS.in_wind(wind)
-        assert found.limits == in_wind(OPTIONS, wind).limits
-        assert found.manoeuvre.yaw_rate_max == found.limits.yaw_rate_max
-        assert found.limits.speed_min <= found.manoeuvre.speed_min
-        assert found.manoeuvre.speed_max <= found.limits.speed_max
-        assert found.requirement == THRESHOLDS.requirement
+        narrowed = THRESHOLDS.in_wind(wind)
+        assert narrowed.limits == in_wind(OPTIONS, wind).limits
+        assert narrowed.manoeuvre.yaw_rate_max == narrowed.limits.yaw_rate_max
+        assert narrowed.limits.speed_min <= narrowed.manoeuvre.speed_min
+        assert narrowed.manoeuvre.speed_max <= narrowed.limits.speed_max
+        assert narrowed.requirement == THRESHOLDS.requirement
 
 
 def goes_beyond(curves: Legs, wind: Wind) -> bool:
     """Return whether legs go beyond what is left of the limits in an uncertain wind."""
     left = narrow(THRESHOLDS.limits, OPTIONS.requirement.sigmas * float(wind.std))
     after = curves.speed + curves.acceleration * curves.duration[..., None] / curves.x.shape[-1]
-    kept = (
+    within = (
         (np.minimum(curves.speed, after) >= left.speed_min - 1e-6)
         & (np.maximum(curves.speed, after) <= left.speed_max + 1e-6)
         & (curves.acceleration >= left.acceleration_min - 1e-5)
         & (curves.acceleration <= left.acceleration_max + 1e-5)
         & (np.abs(curves.yaw_rate) <= left.yaw_rate_max + 1e-7)
     )
-    return not kept.all()
+    return not within.all()
 
 
 @pytest.mark.parametrize("wind", UNSURE)
@@ -275,9 +275,9 @@ def test_backups_keep_the_limits_in_every_wind(wind: Wind) -> None:
     assert goes_beyond(legs(backup_states(own, course, speed, THRESHOLDS)), wind)
     assert not goes_beyond(legs(backup_states(own, course, speed_left, unsure)), wind)
     traffic = Traffic.straight(random_states(generator, 100, 2, extent=6_000.0))
-    found = search(own, surroundings(traffic), np.zeros(100), unsure)
-    assert not goes_beyond(found.legs, wind)
-    assert 0 < found.safe.sum() < 100
+    backups = search(own, surroundings(traffic), np.zeros(100), unsure)
+    assert not goes_beyond(backups.legs, wind)
+    assert 0 < backups.safe.sum() < 100
 
 
 @pytest.mark.parametrize("wind", UNSURE)
@@ -303,8 +303,8 @@ def test_a_plan_that_expects_a_turn_expects_it_as_the_planner_does() -> None:
     for wind in (NO_WIND, *WINDS, *UNSURE):
         own = over_ground(own_at(0.0), wind, 0.0)
         watch = single.activate(single.begin(THRESHOLDS), plan_in(wind), own, {"a": turn}, 0.0)
-        found = watch.monitor.expected.velocity_std[0, 0]
-        assert found == report_in_air(turn, wind).velocity_std
+        velocity_std = watch.monitor.expected.velocity_std[0, 0]
+        assert velocity_std == report_in_air(turn, wind).velocity_std
 
 
 @pytest.mark.parametrize("wind", [NO_WIND, *WINDS, *UNSURE])

@@ -130,8 +130,8 @@ def test_an_intruder_that_is_missing_asks_for_a_plan_and_then_denies(value: floa
     monitor, _ = tell(flying(), 0.0)
     states, asked = [], []
     for time in range(1, 8):
-        seen = far(float(time))._replace(y=np.full((1, 1), value))
-        monitor, decision = tell(monitor, float(time), intruders=seen)
+        reported = far(float(time))._replace(y=np.full((1, 1), value))
+        monitor, decision = tell(monitor, float(time), intruders=reported)
         assert causes_of(monitor) & Cause.INTRUDER_MISSING
         states.append(state_of(monitor))
         asked.append(bool(decision.replan[0]))
@@ -178,10 +178,10 @@ def test_an_intruder_out_of_the_mask_is_forgotten() -> None:
 def test_a_turn_is_expected_as_it_is_believed_within_what_an_aircraft_can() -> None:
     memory, most = blank(1, 4, np.full(1, 75.0)), THRESHOLDS.turn_rate_max
     rates = np.array([[0.03, 0.001, -0.03, -2.0 * most]])
-    seen = VehicleState(
+    reported = VehicleState(
         *(np.zeros((1, 4)) for _ in range(2)), np.zeros((1, 4)), np.full((1, 4), 75.0)
     )
-    given = assurance.inputs(0.0, on_plan(0.0), seen, turn_rate=rates)
+    given = assurance.inputs(0.0, on_plan(0.0), reported, turn_rate=rates)
     _, _own, traffic, *_causes = update(memory, given, THRESHOLDS)
     np.testing.assert_allclose(traffic.turn_rate[0], [0.03, 0.0, -0.03, -most])
     lasts = THRESHOLDS.turn_time
@@ -213,7 +213,7 @@ def story(generator: np.random.Generator, count: int, seconds: int) -> list[Inpu
     for second in range(seconds):
         course = np.angle(np.exp(1j * (heading + turn * second)))
         x, y = (start[i] + 60.0 * second * f(heading) for i, f in enumerate((np.cos, np.sin)))
-        seen = VehicleState(x, y, course, np.full((count, 2), 60.0))
+        reported = VehicleState(x, y, course, np.full((count, 2), 60.0))
         own = on_plan(float(second), count, left=generator.choice([0.0, 0.0, 20.0, 30.0]))
 
         def spoilt(field: np.ndarray) -> np.ndarray:
@@ -225,7 +225,7 @@ def story(generator: np.random.Generator, count: int, seconds: int) -> list[Inpu
                 np.full(count, float(second)),
                 map_leaves(spoilt, own),
                 spoilt(generator.choice([0.0, 0.4], count)),
-                map_leaves(spoilt, seen),
+                map_leaves(spoilt, reported),
                 spoilt(generator.choice([0.0, 1.3], (count, 2))),
                 np.ones((count, 2), dtype=bool),
                 np.zeros((count, 2)),
@@ -257,7 +257,7 @@ def play(given: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
         ),
         THRESHOLDS,
     )
-    seen = []
+    steps = []
     for second, inputs in enumerate(given):
         monitor, decision = assurance.step(monitor, take(inputs, rows), THRESHOLDS)
         asking = np.flatnonzero(decision.replan)
@@ -269,8 +269,8 @@ def play(given: list[Inputs], rows: Any) -> list[tuple[Any, Any]]:
             decision.number[asking] % 3 == 0,
             THRESHOLDS,
         )
-        seen.append((monitor, decision))
-    return seen
+        steps.append((monitor, decision))
+    return steps
 
 
 def test_one_aircraft_is_judged_alike_alone_and_in_any_company() -> None:
@@ -299,7 +299,7 @@ calm = st.floats(-3e3, 3e3)
 def anything(draw: st.DrawFn) -> Inputs:
     number = st.one_of(calm, wild)
     own = VehicleState(*(np.array([draw(number)]) for _ in range(4)))
-    seen = VehicleState(*(np.array([[draw(number) for _ in range(2)]]) for _ in range(4)))
+    reported = VehicleState(*(np.array([[draw(number) for _ in range(2)]]) for _ in range(4)))
     pairs = [np.array([[draw(st.one_of(st.just(0.0), wild)) for _ in range(2)]]) for _ in range(5)]
     mask = np.array([[draw(st.booleans()) for _ in range(2)]])
     time = np.array([draw(st.one_of(st.floats(0.0, 100.0), wild))])
@@ -307,7 +307,7 @@ def anything(draw: st.DrawFn) -> Inputs:
         time,
         own,
         np.array([draw(st.one_of(st.just(0.0), wild))]),
-        seen,
+        reported,
         pairs[0],
         mask,
         pairs[1],
@@ -416,8 +416,8 @@ def test_what_does_not_count_changes_nothing_that_is_remembered(time: float, age
         "turn_rate",
         "turn_std",
     ):
-        for had, kept in zip(flat(getattr(before, name)), flat(getattr(after, name)), strict=True):
-            np.testing.assert_array_equal(had, kept)
+        for old, new in zip(flat(getattr(before, name)), flat(getattr(after, name)), strict=True):
+            np.testing.assert_array_equal(old, new)
 
 
 def test_of_an_intruder_that_comes_back_nothing_from_before_counts() -> None:
@@ -447,8 +447,8 @@ def test_a_speed_is_outside_the_domain_beyond_its_range_and_its_noise(
     std: float, over: float, there: bool
 ) -> None:
     _, most = THRESHOLDS.traffic["intruder_speed"]
-    seen = far(0.0)._replace(speed=np.full((1, 1), most + over))
-    monitor, _ = tell(flying(), 0.0, intruders=seen, velocity_std=np.full((1, 1), std))
+    reported = far(0.0)._replace(speed=np.full((1, 1), most + over))
+    monitor, _ = tell(flying(), 0.0, intruders=reported, velocity_std=np.full((1, 1), std))
     assert bool(causes_of(monitor) & Cause.OUTSIDE_RANGE) is there
 
 

@@ -69,7 +69,9 @@ def numbers(draw: Any) -> dict[str, float]:
 def traffic_of(group: list[dict[str, float]], windows: bool = True) -> Traffic:
     """Return the intruders of one ownship, ``[1, K]``."""
     field = {
-        name: np.array([[one[name] for one in group]], dtype=bool if name == "mask" else float)
+        name: np.array(
+            [[intruder[name] for intruder in group]], dtype=bool if name == "mask" else float
+        )
         for name in intruder_fields()
     }
     state = VehicleState(*(field[name] for name in VehicleState._fields))
@@ -93,18 +95,18 @@ def bands_of(traffic: Traffic) -> tuple[Bands, Bands]:
 @given(st.lists(numbers(), min_size=1, max_size=4))
 def test_a_mixture_closes_what_one_of_its_intruders_closes(group: list[dict[str, float]]) -> None:
     together = bands_of(traffic_of(group))
-    each = [bands_of(traffic_of([alone])) for alone in group]
+    bands_alone = [bands_of(traffic_of([alone])) for alone in group]
     for kind, mixed in enumerate(together):
-        alone = [bands[kind].clearance for bands in each]
+        alone = [bands[kind].clearance for bands in bands_alone]
         least = np.minimum.reduce(alone)
         np.testing.assert_allclose(
             np.minimum(mixed.clearance, INTEREST), np.minimum(least, INTEREST), atol=GOOD
         )
         clear = np.abs(least) > GOOD
-        closed = np.logical_or.reduce([bands[kind].closed for bands in each])
+        closed = np.logical_or.reduce([bands[kind].closed for bands in bands_alone])
         assert (mixed.closed == closed)[clear].all()
         # The time of a loss is told, and by whom.
-        first = np.minimum.reduce([bands[kind].loss for bands in each])
+        first = np.minimum.reduce([bands[kind].loss for bands in bands_alone])
         lost = closed & clear
         np.testing.assert_allclose(mixed.loss[lost], first[lost], atol=1.1)
         assert (mixed.intruder[lost] >= 0).all()
@@ -185,7 +187,7 @@ def test_monitor_and_guidance_go_on_whatever_the_traffic_is(data: st.DataObject)
             watch,
             time,
             draw(st.sampled_from([own, own, None])),
-            {name: one for name, one in reports.items() if draw(st.booleans())},
+            {name: report for name, report in reports.items() if draw(st.booleans())},
             own_altitude=altitude,
             gone=[name for name in watch.names if draw(st.integers(0, 5)) == 0],
             areas=fences,

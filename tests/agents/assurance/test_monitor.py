@@ -399,26 +399,28 @@ def test_no_start_inside_the_margin_is_refused_or_flutters(
     margin: float, geometry: str, every: bool
 ) -> None:
     # Every centimetre in the slow run; else of the first and the last half metre.
-    wanted = THRESHOLDS.requirement._replace(margin=margin)
-    thresholds = assurance.Thresholds.for_plans(replace(THRESHOLDS.options, requirement=wanted))
+    requirement = THRESHOLDS.requirement._replace(margin=margin)
+    thresholds = assurance.Thresholds.for_plans(
+        replace(THRESHOLDS.options, requirement=requirement)
+    )
     distance = np.arange(1_000.0, 1_000.0 + margin + 0.005, 0.01)
     if margin > 1.0 and not every:
         distance = np.concatenate([distance[:50], distance[50:-50:100], distance[-50:]])
     count = distance.size
-    seen = intruder_at(0.0, 0.0, count=count)
+    reported = intruder_at(0.0, 0.0, count=count)
     if geometry == "diverging":
-        seen = seen._replace(x=-distance[:, None], heading=seen.heading + math.pi)
+        reported = reported._replace(x=-distance[:, None], heading=reported.heading + math.pi)
     else:
-        seen = seen._replace(y=distance[:, None])
+        reported = reported._replace(y=distance[:, None])
     rows, safe = np.arange(count), np.ones(count, bool)
     monitor = assurance.start(count, 1, THRESHOLDS)
     # The first plan is refused by decree: a new one must then be taken up at any distance, and left
     # in peace.
     monitor = assurance.activate(
-        monitor, rows, straight(count=count), ~safe, 0.0, Traffic.straight(seen), thresholds
+        monitor, rows, straight(count=count), ~safe, 0.0, Traffic.straight(reported), thresholds
     )
     monitor, decision = assurance.step(
-        monitor, assurance.inputs(0.0, on_plan(0.0, count), seen), thresholds
+        monitor, assurance.inputs(0.0, on_plan(0.0, count), reported), thresholds
     )
     assert (monitor.state == State.BACKUP).all() and decision.replan.all()
     assert monitor.backup.safe.all(), "a backup that does not come closer is safe"
@@ -427,7 +429,7 @@ def test_no_start_inside_the_margin_is_refused_or_flutters(
     )
     assert accepted.all()
     for time in (1.0, 2.0, 200.0):
-        moved = seen._replace(x=seen.x + 75.0 * time * np.cos(seen.heading))
+        moved = reported._replace(x=reported.x + 75.0 * time * np.cos(reported.heading))
         monitor, decision = assurance.step(
             monitor, assurance.inputs(time, on_plan(time, count), moved), thresholds
         )

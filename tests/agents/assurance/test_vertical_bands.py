@@ -167,7 +167,7 @@ def room(scene: Scene, kind: str, target: np.ndarray) -> np.ndarray:
         if kind == "vertical speed"
         else levels_off(target - scene.altitude.value, climb)
     )
-    kept = np.full((*own.shape, len(scene.intruders)), np.inf)
+    margins = np.full((*own.shape, len(scene.intruders)), np.inf)
     margin, requirement = OPTIONS.vertical_margin, OPTIONS.requirement
     for k, intruder in enumerate(scene.intruders):
         other = intruder.altitude
@@ -187,8 +187,8 @@ def room(scene: Scene, kind: str, target: np.ndarray) -> np.ndarray:
         if other.reference != "msl":
             need = np.full(TIMES.shape, np.inf)
         away = np.abs(own - above[:, None]) - need[:, None]
-        kept[..., k] = np.where(lost[:, None], away, np.inf)
-    return kept
+        margins[..., k] = np.where(lost[:, None], away, np.inf)
+    return margins
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -199,8 +199,8 @@ def test_a_band_is_closed_where_its_flight_meets_an_intruder(kind: str) -> None:
         scene = random_scene(rng)
         bands = scene.bands(kind, scene.shut())
         chosen = slice(0, None, 8)
-        kept = room(scene, kind, bands.target[0, chosen])
-        least = kept.min(axis=(0, 2))
+        margins = room(scene, kind, bands.target[0, chosen])
+        least = margins.min(axis=(0, 2))
         sure = np.abs(least) > SMALL
         closed = bands.closed[0, chosen]
         assert (closed == (least < 0.0))[sure].all()
@@ -209,7 +209,7 @@ def test_a_band_is_closed_where_its_flight_meets_an_intruder(kind: str) -> None:
         assert (bands.clearance[0, chosen][closed] <= least[closed] + SMALL).all()
         # From its loss until it opens it is lost, and neither before nor after.
         for number in np.flatnonzero(sure & closed):
-            over_time = kept[:, number].min(axis=1)
+            over_time = margins[:, number].min(axis=1)
             loss, opens = (field[0, chosen][number] for field in (bands.loss, bands.opens))
             assert over_time[loss - STEP > TIMES].min(initial=np.inf) > -SMALL
             assert over_time[np.abs(TIMES - loss) < 2.0 * STEP].min() < SMALL
@@ -238,8 +238,8 @@ def test_a_free_stretch_is_free_and_ends_where_the_conflict_begins(kind: str) ->
             # Just inside the closed stretch it is lost, but for the simulation's steps.
             ends = np.array([part.low + EDGE[kind], part.high - EDGE[kind]])
             ends = ends[[part.low > begin, part.high < end]]
-            kept = room(scene, kind, ends).min(axis=(0, 2), initial=np.inf)
-            assert (kept < SMALL).all()
+            margins = room(scene, kind, ends).min(axis=(0, 2), initial=np.inf)
+            assert (margins < SMALL).all()
             edges += ends.size
     assert edges > 25
 
