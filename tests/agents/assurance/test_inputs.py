@@ -478,6 +478,6 @@ def test_when_an_intruder_counts_goes_on_with_the_clock() -> None:
 def test_a_turn_lasts_over_a_repeated_report() -> None:
     monitor, turn = flying(), {"turn_rate": np.full((1, 1), 0.03)}
     monitor, _ = tell(monitor, 0.0, intruders=intruder_at(*FAR), **turn)
-    again = {"seen": intruder_at(*FAR, heading=0.5), "age": np.full((1, 1), 2.0)}
+    again = {"intruders": intruder_at(*FAR, heading=0.5), "age": np.full((1, 1), 2.0)}
     _, decision = tell(monitor, 1.0, **again)
     assert decision.traffic.turn_rate.item() == pytest.approx(0.03), "that report is too old"
