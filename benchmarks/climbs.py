@@ -321,18 +321,18 @@ def compare(
         "proven_unresolvable_in_the_plane": len(proven),
         "begin_without_both": lost,
     }
-    for name, some in (
+    for name, rows in (
         ("same_level", [row for row in compared if row.level]),
         ("other_levels", [row for row in compared if not row.level]),
         ("climbs_needed", [row for row in compared if row.climbs]),
         ("climbs_needed_with_margin", [row for row in compared if row.climbs and row.with_margin]),
     ):
-        searched = [row for row in some if row.searched]
+        searched = [row for row in rows if row.searched]
         planned = sum(row.planned for row in searched)
         figures[name] = {
-            "compared": len(some),
+            "compared": len(rows),
             "searched": len(searched),
-            "planned": sum(row.planned for row in some),
+            "planned": sum(row.planned for row in rows),
             "planned_of_searched": planned / len(searched) if searched else None,
         }
     return figures

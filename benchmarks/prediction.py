@@ -57,8 +57,8 @@ def sources(data: Path) -> Iterator[tuple[str, list[Track]]]:
     for name in ("calfire", "quickstart"):
         path = data / "adsb" / f"{name}.json.gz"
         flights = order_flights(path, _APART, repair=True, max_gap=_APART)
-        rows = [some for _, reports, _ in flights for some in reports if len(some) > 1]
-        yield name, [track_of(name, some, place_of(some[0])) for some in rows]
+        rows = [segment for _, reports, _ in flights for segment in reports if len(segment) > 1]
+        yield name, [track_of(name, segment, place_of(segment[0])) for segment in rows]
     encounters = read_lincoln(data / "lincoln_lab" / "encounters.json")
     flown = [track for encounter in encounters for track in tracks_of(encounter)]
     yield "lincoln", [at_times(track, track.time[::_EVERY]) for track in flown]
@@ -122,10 +122,10 @@ def predictions(reports: Grid, believed: Traffic, ahead: float) -> Predictions:
     believable = np.isfinite(believed.velocity_std)
     rows = np.nonzero((elapsed >= ahead) & (elapsed <= ahead + _LATE) & believable)
     reported, target = (rows[0], rows[1]), (rows[0], later[rows])
-    some, before = take((believed, reports.state), reported)
+    tracks, before = take((believed, reports.state), reported)
     true = take(reports.state, target)
-    there = predict(some, elapsed[rows])
-    sigma = uncertainty(some, elapsed[rows])
+    there = predict(tracks, elapsed[rows])
+    sigma = uncertainty(tracks, elapsed[rows])
     off = np.stack([there.x - true.x, there.y - true.y]) / sigma
     turned = np.abs(wrap(true.heading - before.heading, np)) > _TURNED
     return Predictions(off, sigma, turned | (np.abs(true.speed - before.speed) > _FASTER))

@@ -77,8 +77,8 @@ def _by_jax(
         def one_step(state: Any, key: PRNGKeyArray) -> tuple[Any, Any]:
             action_keys, step_keys = jax.random.split(key, (2, count))
             actions = jax.vmap(act)(action_keys)
-            seen, state, reward = jax.vmap(step)(step_keys, state, actions)[:3]
-            return state, (seen, reward)
+            observation, state, reward = jax.vmap(step)(step_keys, state, actions)[:3]
+            return state, (observation, reward)
 
         return jax.lax.scan(one_step, state, jax.random.split(key, steps))
 

@@ -164,8 +164,8 @@ def shown_losses(bands: Bands) -> Float[Array, "N B"]:
     free one. Only where that would leave none, the manoeuvres to the targets alone count.
     """
     losses = np.where(bands.closed, bands.loss, bands.nearby)
-    some = np.isinf(losses).any(axis=1, keepdims=True)
-    return np.where(some, losses, bands.loss)
+    any_free = np.isinf(losses).any(axis=1, keepdims=True)
+    return np.where(any_free, losses, bands.loss)
 
 
 def regions(bands: Bands, alerting: Alerting, separation: float) -> Int[Array, "N B"]:

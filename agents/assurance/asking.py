@@ -122,8 +122,8 @@ def _plan(
     best = empty(rows.size, options[0].waypoints, in_space=options[0].climbs)
     kind = np.array(last)
     for number, kind_options in enumerate(options):
-        some = np.flatnonzero(~best.safe & (first <= number) & (number <= last))
-        if some.size:
-            scatter(best, some, make(rows[some], kind_options, number))
-            kind[some] = number
+        open_rows = np.flatnonzero(~best.safe & (first <= number) & (number <= last))
+        if open_rows.size:
+            scatter(best, open_rows, make(rows[open_rows], kind_options, number))
+            kind[open_rows] = number
     return best, kind

@@ -327,11 +327,11 @@ def _likely(
     areas = meets.areas
     clearance = _estimate(family, own, meets, thresholds)
     depth = np.zeros(family.of.size)
-    among_areas = np.flatnonzero(np.array([bool(some) for some in areas])[family.of])
+    among_areas = np.flatnonzero(np.array([bool(row) for row in areas])[family.of])
     if among_areas.size:
-        some = take(family, among_areas)
-        plan_states = backup_states(take(own, some.of), some.course, some.speed, thresholds)
-        keeps = judge_backups(plan_states, legs(plan_states), areas, some.of, thresholds)
+        turns = take(family, among_areas)
+        plan_states = backup_states(take(own, turns.of), turns.course, turns.speed, thresholds)
+        keeps = judge_backups(plan_states, legs(plan_states), areas, turns.of, thresholds)
         depth[among_areas] = keeps.depth
         near = np.where(keeps.depth > 0.0, np.inf, keeps.clearance)
         clearance[among_areas] = np.minimum(clearance[among_areas], near)
@@ -366,8 +366,8 @@ def _judge(
     if meets.share is not None and lost.size:
         of, course, speed = take(turns, lost)
         alone = _Turns(np.arange(lost.size), course, speed)
-        kept = _estimate(alone, *take((own, meets), of), thresholds)
-        value[lost] = np.minimum(kept, from_areas.clearance[lost])
+        estimated = _estimate(alone, *take((own, meets), of), thresholds)
+        value[lost] = np.minimum(estimated, from_areas.clearance[lost])
     return Backup(
         course=turns.course,
         speed=turns.speed,

@@ -265,9 +265,9 @@ def _bands(kind: _Kind, sky: _Sky, look_ahead: float) -> Bands:
         own, target, change, velocity = take(
             (kind.own, kind.target, kind.change, kind.velocity), part
         )
-        some = kind._replace(own=own, target=target, change=change, velocity=velocity)
+        kind_of_part = kind._replace(own=own, target=target, change=change, velocity=velocity)
         around = sky._replace(traffic=take(sky.traffic, part), areas=sky.areas[part])
-        parts.append(_block(some, around, look_ahead))
+        parts.append(_block(kind_of_part, around, look_ahead))
     return parts[0] if len(parts) == 1 else Bands(*map(np.concatenate, zip(*parts, strict=True)))
 
 

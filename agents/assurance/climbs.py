@@ -124,7 +124,7 @@ def times_met(
     most = max([1, *map(len, times)])
     begin = np.full((1, len(times), most), np.inf)
     end = -begin
-    for place, some in enumerate(times):
-        for number, (first, last) in enumerate(some):
+    for place, of_report in enumerate(times):
+        for number, (first, last) in enumerate(of_report):
             begin[0, place, number], end[0, place, number] = first, last
     return Window(begin, end)

@@ -109,9 +109,9 @@ def carry(monitor: Monitor, old: Frame, new: Frame) -> Monitor:
 def _areas(memory: Memory, old: Frame, new: Frame) -> Array:
     """Return the areas of the last step in another air mass."""
     carried = no_areas(memory.time.size)
-    for n, (time, some) in enumerate(zip(memory.time.tolist(), memory.areas, strict=True)):
+    for n, (time, areas) in enumerate(zip(memory.time.tolist(), memory.areas, strict=True)):
         carried[n] = tuple(
             active._replace(area=new.area(old.area_on_ground(active.area, time), time))
-            for active in some
+            for active in areas
         )
     return carried

@@ -380,9 +380,11 @@ def _block(
     )
     until = -_lost(flight.reversed(), flight.reversed(), shut.reversed()).min(axis=-1)
 
-    def judge(some: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    def judge(rows_judged: Array, low: Array, high: Array) -> tuple[Array, Array]:
         """Judge intervals by the manoeuvres to their ends, between which the others are."""
-        met = _lost(fly(rows[some], low), fly(rows[some], high), take(shut, some)).min(axis=-1)
+        met = _lost(
+            fly(rows[rows_judged], low), fly(rows[rows_judged], high), take(shut, rows_judged)
+        ).min(axis=-1)
         return np.isinf(met), np.minimum(met, look_ahead)
 
     between = prove_between(target, np.isfinite(loss), judge, circle=False)

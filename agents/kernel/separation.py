@@ -153,21 +153,21 @@ class Separation(NamedTuple):
             tolerated = np.maximum(required - CLOSE, self.least[pair][:, None] - ROUNDING)
         margin, tolerant = (chord.distance - distances[0] for distances in (required, tolerated))
         enters, leaves = (np.array(field) for field in (pieces.begin, pieces.end))
-        some = np.nonzero(straight & counts)
-        if some[0].size:
-            line, length = take(chord, some), (pieces.end - pieces.begin)[some]
+        places = np.nonzero(straight & counts)
+        if places[0].size:
+            line, length = take(chord, places), (pieces.end - pieces.begin)[places]
             begin, end = (
-                distances[some] + np.broadcast_to(error, counts.shape)[some] + line.sagitta
+                distances[places] + np.broadcast_to(error, counts.shape)[places] + line.sagitta
                 for distances, error in (
                     (tolerated[1], pieces.error_begin),
                     (tolerated[3], pieces.error),
                 )
             )
-            tolerant[some] = least_margin(line, begin, end, np)
-            margin[some] = tolerant[some] - (required - tolerated).max(axis=0)[some]
+            tolerant[places] = least_margin(line, begin, end, np)
+            margin[places] = tolerant[places] - (required - tolerated).max(axis=0)[places]
             first, last = shares_lost(line, begin, end, np)
-            enters[some] = pieces.begin[some] + first * length
-            leaves[some] = pieces.begin[some] + last * length
+            enters[places] = pieces.begin[places] + first * length
+            leaves[places] = pieces.begin[places] + last * length
         exact = straight & (0.5 * (tolerated[1] + tolerated[3]) - tolerated[2] <= SECANT)
         return Bounds(
             distance=chord.distance,

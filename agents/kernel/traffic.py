@@ -130,8 +130,8 @@ def positions(
     turning = (np.abs(traffic.turn_rate) > STRAIGHT) & (traffic.turn_time > 0.0)
     if turning.any():
         turns = np.broadcast_to(turning, x.shape)
-        some = map_leaves(lambda field: np.broadcast_to(field, x.shape)[turns], traffic)
-        x[turns], y[turns] = _positions_of_turning(some, np.broadcast_to(time, x.shape)[turns])
+        turners = map_leaves(lambda field: np.broadcast_to(field, x.shape)[turns], traffic)
+        x[turns], y[turns] = _positions_of_turning(turners, np.broadcast_to(time, x.shape)[turns])
     return x, y
 
 

@@ -107,9 +107,9 @@ def choose_action(
     returning = flight.returning.copy()
     asking = np.flatnonzero(~returning & (time >= manoeuvre.resume))
     if asking.size:
-        some, to, slack = take((own, goal, manoeuvre.slack), asking)
+        states, to, slack = take((own, goal, manoeuvre.slack), asking)
         others, how = take((traffic, counting), asking)
-        returning[asking] = _way_back_clear(some, to, others, how, slack, rules, limits)
+        returning[asking] = _way_back_clear(states, to, others, how, slack, rules, limits)
     full_turn = limits.yaw_rate_max * rules.dt
     away = steer_away(flight, manoeuvre, time, full_turn, np)
     goal_turn, goal_throttle = _to_goal(own, goal, time, manoeuvre.throttle_home, rules, limits)

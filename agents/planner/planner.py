@@ -202,8 +202,8 @@ def plan_many(
         return plan_rows(request, goals, policy, options, Budget(), floats=floats)
     # Each as if it were alone: those with few intruders are not searched like a crowd's.
     plans = Plans(empty(few.size, options.waypoints), np.zeros(few.size, np.int8), np.array(few))
-    for some, most in ((few, CROWD), (~few, mask.shape[-1])):
-        rows = np.flatnonzero(some)
+    for chosen, most in ((few, CROWD), (~few, mask.shape[-1])):
+        rows = np.flatnonzero(chosen)
         if rows.size == 0:
             continue
         part, order = _compact(take(request, rows), most)

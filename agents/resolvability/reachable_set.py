@@ -93,8 +93,8 @@ def _outside_all(supports: Array, x: Array, y: Array, radius: Array) -> tuple[Ar
     """
     nonempty = np.ones(len(supports), dtype=bool)
     for place_x, place_y, far in zip(x, y, radius, strict=True):
-        supports, some = outside(supports, place_x, place_y, far)
-        nonempty &= some
+        supports, left = outside(supports, place_x, place_y, far)
+        nonempty &= left
     return supports, nonempty
 
 

@@ -133,13 +133,13 @@ def _fly_some(
     """
     limits, separation = aircraft.limits, aircraft.separation
     near = _near(x, y, value, separation)
-    some = np.flatnonzero(near)[:: max(math.ceil(np.sum(near) / _FLOWN), 1)]
-    some = np.union1d(some, np.flatnonzero(near & (verdict == Verdict.UNDECIDED)))
+    chosen = np.flatnonzero(near)[:: max(math.ceil(np.sum(near) / _FLOWN), 1)]
+    chosen = np.union1d(chosen, np.flatnonzero(near & (verdict == Verdict.UNDECIDED)))
     # By then the closest approach of any escape is over.
     horizon = math.pi / limits.yaw_rate_max * 0.5 + separation / limits.speed_min
     separations = np.full(x.size, np.nan)
-    separations[some] = best_separation(
-        cut.own_speed, cut.heading, cut.intruder_speed, x[some], y[some], limits, horizon
+    separations[chosen] = best_separation(
+        cut.own_speed, cut.heading, cut.intruder_speed, x[chosen], y[chosen], limits, horizon
     )
     return separations
 

@@ -111,7 +111,7 @@ def policy_entries(
     policy = Policy.load(path).for_aircraft(aircraft)
     resolvers = {name: ByPolicy(policy), **(modes or Modes()).resolvers(name, policy)}
     return tuple(
-        Entry(each, "policy", resolver, policy.sha256) for each, resolver in resolvers.items()
+        Entry(title, "policy", resolver, policy.sha256) for title, resolver in resolvers.items()
     )
 
 
@@ -228,26 +228,26 @@ def columns(comparison: Comparison, first: int, count: int) -> dict[str, np.ndar
         )
         limits = limits_of(entry.resolver, aircraft)
         flown_within.append(Flown(limits, outcome == OUTCOMES.index("reached")))
-        made = _columns(outcome, flights, flown, starts.mask, aircraft.dt)
-        made |= costs(starts, flights, flown, aircraft)
+        columns = _columns(outcome, flights, flown, starts.mask, aircraft.dt)
+        columns |= costs(starts, flights, flown, aircraft)
         if comparison.well_clear is not None:
             volume = VOLUMES[comparison.well_clear]
             reported = report_flights(starts, flown, noise, aircraft.dt)
-            made |= {
+            columns |= {
                 "alert_s": first_alert(volume, reported, aircraft.dt),
                 "well_clear_loss_s": first_loss(volume, flown, starts.mask, aircraft.dt),
                 "altitude_deviation_m": np.zeros(count)
                 if flown.altitudes is None
                 else altitude_deviation(flown.altitudes),
             }
-        table |= {f"{entry.name}.{name}": values for name, values in made.items()}
+        table |= {f"{entry.name}.{name}": values for name, values in columns.items()}
     lost = {
         limits: verdict_within(starts, aircraft, limits, flown_within).verdict
         == Verdict.UNRESOLVABLE
-        for limits in dict.fromkeys(one.limits for one in flown_within)
+        for limits in dict.fromkeys(ability.limits for ability in flown_within)
     }
-    for entry, one in zip(comparison.entries, flown_within, strict=True):
-        table[f"{entry.name}.unresolvable"] = lost[one.limits]
+    for entry, ability in zip(comparison.entries, flown_within, strict=True):
+        table[f"{entry.name}.unresolvable"] = lost[ability.limits]
     return table
 
 
@@ -285,11 +285,11 @@ def _columns(
     outcome: np.ndarray, flights: Flights, flown: Trajectories[Air], mask: np.ndarray, dt: float
 ) -> dict[str, np.ndarray]:
     """Return the columns of one entry, with time steps of dt, s, but for the costs."""
-    seen = relative(flown)
+    motion = relative(flown)
     # After the end of a flight everything is nan; no number there, no loss.
     with np.errstate(invalid="ignore"):
         penetration = np.where(
-            np.isfinite(seen.x) & mask, severity(VOLUMES["do365_en_route"], seen), 0.0
+            np.isfinite(motion.x) & mask, severity(VOLUMES["do365_en_route"], motion), 0.0
         )
     return {
         "outcome": np.array(OUTCOMES, dtype=object)[outcome],
@@ -297,5 +297,5 @@ def _columns(
         "duration_s": flights.duration,
         "heading_reversals": flights.reversals,
         "severity": penetration.max(axis=(0, 2)),
-        **{f"lost_{name}": losses(each, flown, mask, dt) for name, each in VOLUMES.items()},
+        **{f"lost_{name}": losses(volume, flown, mask, dt) for name, volume in VOLUMES.items()},
     }

@@ -216,14 +216,14 @@ def _outcome(comparison: Comparison) -> str:
     return f"{comparison.entries[0].name}.outcome"
 
 
-def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dict[str, Any]:
+def _summary(table: Mapping[str, Any], resolved: Resolved, flown: FlownNow) -> dict[str, Any]:
     """Return what summary.json says."""
     config: CompareConfig = resolved.config
     comparison: Comparison = resolved.work
     entries, evaluation = comparison.entries, comparison.evaluation
     weighted = bool((table["weight"] != 1.0).any())
     weights = table["weight"] if weighted else None
-    found = Statistics(
+    statistics = Statistics(
         table,
         weights,
         config.confidence,
@@ -240,11 +240,11 @@ def _summary(table: Mapping[str, Any], resolved: Resolved, now: FlownNow) -> dic
         **{key: getattr(config, key) for key in keys},
         "ahead_s": config.tracks.ahead if isinstance(evaluation.source, Replay) else None,
         "weighted": weighted,
-        **found.summary(entries),
+        **statistics.summary(entries),
         **describe_tracks(evaluation.source),
         **describe(evaluation.aircraft, None),
         "versions": versions("numpy", "scipy", "pyarrow"),
-        "wall_s": now.wall_s,
+        "wall_s": flown.wall_s,
     }
 
 

@@ -142,12 +142,12 @@ class Statistics(NamedTuple):
         ours, bare = self._of(entry, column) == event, self.table[f"{REFERENCE}.{column}"] == event
         how = {"confidence": self.confidence, "resamples": self.resamples, "seed": self.seed}
         how |= {"strata": self._strata()}
-        found = asdict(ratio(ours, bare, self.weights, **how))
+        figures = asdict(ratio(ours, bare, self.weights, **how))
         if entry.name == REFERENCE:  # without a resolver, by definition
-            found |= {"low": found["value"], "high": found["value"]}
+            figures |= {"low": figures["value"], "high": figures["value"]}
         return {
             key: number(value) if isinstance(value, float) else value
-            for key, value in found.items()
+            for key, value in figures.items()
         }
 
     def _difference(self, entry: Entry, first: Entry) -> dict[str, Any]:
@@ -232,13 +232,13 @@ def _notes(summary: Mapping[str, Any], *, witness: bool) -> list[str]:
             "the ratios are weighted by the file's weights; rates count each encounter once"
         )
     warnings = ((row["name"], row["risk_ratio"]["warnings"]) for row in summary["entries"])
-    return notes + sorted(f"{name}: {one}" for name, found in warnings for one in found)
+    return notes + sorted(f"{name}: {text}" for name, texts in warnings for text in texts)
 
 
-def _format_rate(found: Mapping[str, Any] | None, form: str, unit: float = 100.0) -> str:
-    if found is None or found["value"] is None:
+def _format_rate(rate: Mapping[str, Any] | None, form: str, unit: float = 100.0) -> str:
+    if rate is None or rate["value"] is None:
         return "-"
-    return form.format(*(unit * found[key] for key in ("value", "low", "high")))
+    return form.format(*(unit * rate[key] for key in ("value", "low", "high")))
 
 
 def draw(summary: Mapping[str, Any]) -> Figure:
@@ -293,9 +293,9 @@ def _draw_intervals(
     axes: Axes, rows: Sequence[Mapping[str, Any]], intervals: Sequence[Mapping[str, Any]]
 ) -> None:
     """Draw the interval of each entry that has one, in percent."""
-    for place, (row, found) in enumerate(zip(rows, intervals, strict=True)):
-        if found["value"] is not None:
+    for place, (row, bounds) in enumerate(zip(rows, intervals, strict=True)):
+        if bounds["value"] is not None:
             colour = GREY if row["kind"] == WITNESS else BLUE
-            low, value, high = (100.0 * found[key] for key in ("low", "value", "high"))
+            low, value, high = (100.0 * bounds[key] for key in ("low", "value", "high"))
             axes.plot([low, high], [place, place], color=colour, linewidth=2.0)
             axes.plot([value], [place], "o", color=colour)

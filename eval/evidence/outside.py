@@ -390,10 +390,10 @@ def _moments(
     yield _Moment(
         first.own, others, np.isfinite(others.x), (first.goal_x, first.goal_y), distance_scale
     )
-    some = reduce(join, (take(encounters, slice(0, _FLOWN)) for encounters in starts))
-    flights = fly_reported(some, policy, aircraft, seed)
+    first_encounters = reduce(join, (take(encounters, slice(0, _FLOWN)) for encounters in starts))
+    flights = fly_reported(first_encounters, policy, aircraft, seed)
     for own, reported in list(_steps(flights))[::_NOVEL_EVERY]:
-        distance_scale = aircraft.separation / some.separation
+        distance_scale = aircraft.separation / first_encounters.separation
         yield _Moment(own, reported, np.isfinite(reported.x), flights.goal, distance_scale)
 
 

@@ -66,12 +66,12 @@ def together(
     """Return all areas of encounters, object ``[count]``: their own, drawn ones, both None where
     there are none, and those that every encounter has. None: there are none.
     """
-    some = [array for array in (own, drawn) if array is not None]
-    if not some and not fixed:
+    arrays = [array for array in (own, drawn) if array is not None]
+    if not arrays and not fixed:
         return None
     result = np.empty(count, dtype=object)
     for n in range(count):
-        result[n] = sum((array[n] for array in some), fixed)
+        result[n] = sum((array[n] for array in arrays), fixed)
     return result
 
 
@@ -80,9 +80,9 @@ def in_air_at(areas: np.ndarray, wind: Wind | None, time: float) -> np.ndarray:
     start, as they are then.
     """
     result = np.empty(len(areas), dtype=object)
-    for n, some in enumerate(areas):
+    for n, areas_of_flight in enumerate(areas):
         blows = NO_WIND if wind is None else Wind(float(wind.east[n]), float(wind.north[n]))
-        result[n] = in_air_mass(some, blows, time)
+        result[n] = in_air_mass(areas_of_flight, blows, time)
     return result
 
 

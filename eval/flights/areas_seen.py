@@ -28,7 +28,7 @@ def what_stands(areas: Sequence[Area], aircraft: Aircraft) -> Standing:
 
 def what_stands_in_each(areas: np.ndarray, aircraft: Aircraft) -> Standing:
     """Return what the areas of encounters, object ``[N]``, are to a resolver, ``[N, S]``."""
-    obstacles = [what_stands(some, aircraft) for some in areas]
+    obstacles = [what_stands(areas_of_encounter, aircraft) for areas_of_encounter in areas]
     shape = len(obstacles), max((obstacle.x.size for obstacle in obstacles), default=0)
     result = Standing(*(np.zeros(shape) for _ in Standing._fields))
     result.begin[:] = np.inf  # never

@@ -273,10 +273,10 @@ def _areas_met(
     object ``[M]``.
     """
     met = np.empty(len(areas), dtype=object)
-    for n, some in enumerate(areas):
+    for n, areas_of_flight in enumerate(areas):
         own: VehicleState[Air] = VehicleState(*(float(field[n]) for field in state.own))
         ends = float(monitor.plan.end[n] + monitor.started[n]) - time
-        met[n] = may_be_met(some, own, (), ends, thresholds)
+        met[n] = may_be_met(areas_of_flight, own, (), ends, thresholds)
     return met
 
 

@@ -395,7 +395,7 @@ def _judge_recorded(
         return flights, columns_in_space(conditions.starts, recorder.stack(), aircraft)
     among = judge(recorder.stack(), conditions.areas, conditions.wind, aircraft.dt)
     return with_breaches(flights, among, aircraft.rules()), {
-        "areas": np.array([len(some) for some in conditions.areas], dtype=np.int32),
+        "areas": np.array([len(areas) for areas in conditions.areas], dtype=np.int32),
         "min_area_clearance_m": np.where(np.isfinite(among.distance), among.distance, np.nan),
         "area_breach_s": among.breach,
     }

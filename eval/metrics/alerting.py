@@ -47,9 +47,9 @@ def first_alert(
 
     The intruders are as reported, not a number where nobody reports one.
     """
-    seen = relative(reported)
-    loss = time_to_loss(volume, seen, _climb(seen, dt), max(alerting.left))
-    there = np.isfinite(seen.x)
+    motion = relative(reported)
+    loss = time_to_loss(volume, motion, _climb(motion, dt), max(alerting.left))
+    there = np.isfinite(motion.x)
     _, count, most = there.shape
     shown, first = no_alerts(count, most, alerting), np.full(count, np.inf)
     for number, mask in enumerate(there):
@@ -60,9 +60,9 @@ def first_alert(
     return first
 
 
-def _climb(seen: Relative, dt: float) -> np.ndarray | float:
+def _climb(motion: Relative, dt: float) -> np.ndarray | float:
     """Return climbs relative to the ownship since the step before, m/s, ``[T + 1, N, K]``."""
-    if np.ndim(seen.z) == 0:
+    if np.ndim(motion.z) == 0:
         return 0.0
-    rise = np.diff(seen.z, axis=0) / dt
+    rise = np.diff(motion.z, axis=0) / dt
     return np.concatenate([rise[:1], rise])

@@ -73,12 +73,14 @@ def standards(
         ours, without = flown[column], bare[column]
         how = {"confidence": sample.confidence, "resamples": sample.resamples, "seed": sample.seed}
         how |= {"strata": sample.strata}
-        found = ratio(ours, without, sample.weights, **how)
+        estimate = ratio(ours, without, sample.weights, **how)
         if flown is bare:  # without a resolver, by definition
-            found = replace(found, low=found.value, high=found.value)
+            estimate = replace(estimate, low=estimate.value, high=estimate.value)
         figures |= {
             f"{key}_rate": sample.rate(ours),
-            f"{key}_ratio": {end: number(getattr(found, end)) for end in ("value", "low", "high")},
+            f"{key}_ratio": {
+                end: number(getattr(estimate, end)) for end in ("value", "low", "high")
+            },
             f"{key}_stays": sample.rate(ours & without, of=without),
             f"{key}_unresolved": sample.rate(ours & without, without),
             f"{key}_induced": sample.rate(ours & ~without, ~without),

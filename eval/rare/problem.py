@@ -67,8 +67,8 @@ class FlightProblem:
         # Draws of the start, then of the sensors' noise step by step where there is any.
         self.dimensions = scenario.dimensions + math.prod(self._noise)
         # Neither plans nor the file of lost encounters know of optional fields.
-        some, _ = self.sample_encounters(np.zeros((1, self.dimensions)))
-        check_heeded(some, f"scenario {scenario.name!r}")
+        encounters, _ = self.sample_encounters(np.zeros((1, self.dimensions)))
+        check_heeded(encounters, f"scenario {scenario.name!r}")
 
     def sample_encounters(self, draws: np.ndarray) -> tuple[Encounter, np.ndarray]:
         """Return the encounters, ``[N]``, and which meet the scenario's conditions, bool

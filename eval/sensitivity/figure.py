@@ -170,13 +170,13 @@ def _least(points: Sequence[Mapping[str, Any]], bound: np.ndarray) -> float:
     """
     counts = np.array([point["encounters"] for point in points])
     enough = counts >= min(_SCALE_FROM, counts.max())
-    some = counts >= min(_SHOWN_FROM, counts.max())
+    shown = counts >= min(_SHOWN_FROM, counts.max())
     least = min(float(bound[enough].min()), 100.0 - _LEAST_SPAN)
     for place, point in enumerate(points):
         rates = (success[kind] for success in point["success"].values() for kind in _KINDS)
         for rate in (share for share in rates if share["value"] is not None):
             least = min(least, 100.0 * rate["low"]) if enough[place] else least
-            least = min(least, 100.0 * rate["value"]) if some[place] else least
+            least = min(least, 100.0 * rate["value"]) if shown[place] else least
     return least
 
 

@@ -65,9 +65,9 @@ def check(space: Space, source: Path | str, load: Callable[[list[str]], TrainCon
     ):
         others, problems = [name for name in space if name != key], []
         for tried in range(_TRIED if others else 1):
-            some = {name: draw.choice(_ends(space[name])) for name in others if tried > 0}
+            values = {name: draw.choice(_ends(space[name])) for name in others if tried > 0}
             try:
-                load(overrides(some | {key: value}))
+                load(overrides(values | {key: value}))
                 break
             except ConfigError as problem:
                 problems.append(re.sub("^--set:? ", "", str(problem)))

@@ -68,8 +68,8 @@ _OF_SEPARATION = (
     ("tolerated = np.maximum(required - CLOSE, ", "tolerated = np.minimum(required - CLOSE, "),
     ("counts = (pieces.end > 0.0) & within_window", "counts = within_window"),
     (
-        "begin, end = (\n                distances[some] + ",
-        "begin, end = (\n                distances[some] - ",
+        "begin, end = (\n                distances[places] + ",
+        "begin, end = (\n                distances[places] - ",
     ),
 )
 

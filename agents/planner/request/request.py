@@ -106,8 +106,8 @@ def _traffic_of(
     options: Options[Narrowed],
 ) -> Traffic:
     """Return those of the intruders that count, as of the request, ``[1, K]``."""
-    some = [reports[number] for number in counted]
-    reported, age = arrays_of_reports(some)
+    counted_reports = [reports[number] for number in counted]
+    reported, age = arrays_of_reports(counted_reports)
     traffic = advance_reports(reported, age)
     # Plans are checked against the traffic as of the request: it must fly what the reports say, by
     # the kernel's arithmetic.
@@ -117,7 +117,7 @@ def _traffic_of(
                 Field(Subject.INTRUDERS, number=counted[number]),
                 "cannot be advanced from its report to the request",
             )
-    return traffic._replace(window=windows(some, own_altitude, options))
+    return traffic._replace(window=windows(counted_reports, own_altitude, options))
 
 
 def latest_end(request: Request, options: Options[Narrowed]) -> Float[Array, " N"]:
@@ -151,9 +151,9 @@ def in_wind(options: Options, wind: Any) -> Options[Narrowed]:
         )
         raise RequestError(Field(Subject.WIND), problem)
     limits, flown = narrow(options.limits, error), narrow(options.manoeuvre, error)
-    for some in (limits, flown):
-        least = min(some.speed_max - some.speed_min, some.acceleration_max, some.yaw_rate_max)
-        if error > 0.0 and not (least > 0.0 and some.acceleration_min < 0.0):
+    for left in (limits, flown):
+        least = min(left.speed_max - left.speed_min, left.acceleration_max, left.yaw_rate_max)
+        if error > 0.0 and not (least > 0.0 and left.acceleration_min < 0.0):
             problem = (
                 f"is {wind.std:g} m/s: {options.requirement.sigmas:g} sigmas of that leave nothing "
                 "of the aircraft's speeds, accelerations or turn rate; expected less"

@@ -402,8 +402,8 @@ def scalar_surroundings(
     miss = straight_cpa(take(own, (slice(None), None)), traffic.state, np).distance[0] - required
     order = numbers[np.argsort(miss[numbers], kind="stable")]
     intruders = take(take(traffic, 0), order)
-    some = request._replace(traffic=map_leaves(lambda field: field[None], intruders))
-    continuation = route_continuation(some, goal, options, ordered=False)
+    nearest_first = request._replace(traffic=map_leaves(lambda field: field[None], intruders))
+    continuation = route_continuation(nearest_first, goal, options, ordered=False)
     active = () if request.areas is None else request.areas.value
     margin = options.requirement.margin
     away = [required_distances(area, own.x, own.y, margin) for area in active]

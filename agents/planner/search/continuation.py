@@ -77,8 +77,8 @@ class RouteContinuation(NamedTuple):
         clear = self._clear_of(flown, required, owner, self.order[owner, :CROWD])
         rows = np.flatnonzero(clear)
         if rows.size:
-            some, least, of = take((flown, required, owner), rows)
-            clear[rows] = self._clear_of(some, least, of, self.order[of, CROWD:])
+            flown_on, least, of = take((flown, required, owner), rows)
+            clear[rows] = self._clear_of(flown_on, least, of, self.order[of, CROWD:])
         return clear
 
     def _clear_of(self, flown: "_Lines", required: Array, owner: Array, numbers: Array) -> Array:

@@ -150,8 +150,8 @@ class Airspace(NamedTuple):
                 clear = (away > 0.0) & (away + grown >= need)
             near = np.flatnonzero(~clear)
             if near.size:
-                some, gained = take((parts, grown), near)
-                bound = chord_distances(active.area, some, need - gained).bound
+                near_parts, gained = take((parts, grown), near)
+                bound = chord_distances(active.area, near_parts, need - gained).bound
                 clear[near] = bound + gained >= need
             keeps_clear[rows] = clear
         return keeps_clear

@@ -263,8 +263,10 @@ def _rollout(finished: Finished, limits: Limits, stride: float, spacing: int) ->
     side = np.take_along_axis(sign, latest_turn, axis=0)
     reversals = np.sum(sign[1:] * side[:-1] < 0.0, axis=0)
     path = np.concatenate([none, np.cumsum(0.5 * stride * (speed[:-1] + speed[1:]), axis=0)])
-    some, flown = slice(None, None, spacing), strides <= end
-    plan_states = map_leaves(lambda field: np.where(flown[some], field[some], np.nan).T, states)
+    published, flown = slice(None, None, spacing), strides <= end
+    plan_states = map_leaves(
+        lambda field: np.where(flown[published], field[published], np.nan).T, states
+    )
 
     def where_returned(values: Array) -> Array:
         return np.where(returned, values, np.nan)

@@ -221,8 +221,8 @@ def _roll_each(
             rollouts.append(_roll_compiled(*case, policy, policy.decider, options, ends))
     else:
         for row in range(goal.size):
-            some = request.own, request.traffic, to, request.drift
-            own, traffic, place, drift = take(some, row)
+            fields = request.own, request.traffic, to, request.drift
+            own, traffic, place, drift = take(fields, row)
             single = slice(row, row + 1)
             continuation = (
                 route_continuation(take(request, single), goal[single], options) if crowd else None
@@ -490,11 +490,11 @@ def _continuation_clear(
         underway.flight.state, aim, others, underway.traffic, required_range, time, task
     )
     if continuation is not None:
-        some = np.flatnonzero(free)
+        departing = np.flatnonzero(free)
         least = np.where(mask, required_range, -np.inf)
-        times = np.full(some.size, time)
-        departures = take((underway.flight.state, aim, least), some)
-        free[some] = continuation.clear(*departures, underway.rows[some], times, task)
+        times = np.full(departing.size, time)
+        departures = take((underway.flight.state, aim, least), departing)
+        free[departing] = continuation.clear(*departures, underway.rows[departing], times, task)
     return free
 
 
