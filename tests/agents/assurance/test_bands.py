@@ -92,7 +92,7 @@ def test_a_band_is_closed_where_the_validator_finds_its_manoeuvre_too_close(
     flyable = bands.reached >= 1.0 if kind == "heading" else bands.reached < LOOK_AHEAD - 1.0
     flyable &= bands.reached >= 1.0
     both = []
-    for number in range(0, bands.target.shape[1], 5):
+    for number in range(0, bands.target.shape[1], 9):
         findings = validate(manoeuvre(own, bands, number, kind), traffic, REQUIREMENT, LIMITS)
         rows = np.flatnonzero(flyable[:, number])
         assert findings.legal[rows].all()
@@ -124,7 +124,7 @@ def path_of(
     return advance(state, 0.0 * rate, 0.0 * rate, time - turning, UNLIMITED, np)
 
 
-@pytest.mark.parametrize("name", ["circle", "maneuvering", "multi"])
+@pytest.mark.parametrize("name", ["maneuvering", "multi"])
 def test_a_safe_plan_never_holds_a_closed_band(name: str) -> None:
     """Until a band's loss a SAFE plan must have left its manoeuvre by what is missing then.
 

@@ -224,7 +224,7 @@ def test_denied_becomes_backup_when_the_rest_is_no_longer_safe() -> None:
 @pytest.mark.parametrize("period", [0.5, 1.0, 1.5])
 def test_requests_are_bounded_in_rate(period: float) -> None:
     monitor, times = flying(), []
-    for index in range(80):
+    for index in range(32):
         time = index * period
         monitor, decision = tell(monitor, time, on_plan(time, left=30.0))
         if decision.replan[0]:
@@ -232,7 +232,7 @@ def test_requests_are_bounded_in_rate(period: float) -> None:
             monitor, _ = reply(monitor, decision, safe=False)
     assert np.diff(times).min() >= THRESHOLDS.replan_interval
     assert np.diff(times).max() <= THRESHOLDS.replan_interval + period
-    assert len(times) >= 20
+    assert len(times) >= 8
 
 
 def test_a_planner_that_does_not_answer_is_denied_and_asked_again() -> None:

@@ -157,7 +157,7 @@ def lost(answer: Plan, scene: Scene, planned_with: Options) -> list[int]:
 def test_what_is_called_safe_keeps_one_of_both_separations(maneuvers: Maneuvers) -> None:
     rng, safe, climbs = np.random.default_rng(70), 0, 0
     climbing = options(maneuvers)
-    for _ in range(60):
+    for _ in range(24):
         scene = random_scene(rng)
         answer = scene.plan(climbing)
         if not answer.safe:
@@ -166,8 +166,8 @@ def test_what_is_called_safe_keeps_one_of_both_separations(maneuvers: Maneuvers)
         assert lost(answer, scene, climbing) == []
         safe += 1
         climbs += answer.source is Source.VERTICAL
-    assert safe > 20
-    assert climbs > 10
+    assert safe > 8
+    assert climbs > 4
 
 
 def test_a_plan_that_does_not_climb_is_lost_by_the_same_simulation() -> None:

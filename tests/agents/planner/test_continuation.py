@@ -20,7 +20,7 @@ OPTIONS = Options.for_aircraft(PAPER)
 def test_estimate_beyond_the_goal_is_that_of_a_flight_along_the_route(
     intruders: int, separation: float
 ) -> None:
-    rng, speed, count = np.random.default_rng(3), 80.0, 400
+    rng, speed, count = np.random.default_rng(3), 80.0, 100
     shape = count, intruders
     place_x, place_y = rng.uniform(
         [[[0.0]], [[-15_000.0]]], [[[40_000.0]], [[15_000.0]]], (2, *shape)
