@@ -25,7 +25,7 @@ from envs.waypoints import RoutePoint
 from envs.wind import Wind
 from tests.agents.certificates import is_accepted, refusal
 
-REQUESTS = 30
+REQUESTS = 18
 LEVEL = 2_500.0  # m, near which all fly
 
 
