@@ -29,9 +29,9 @@ from tests.agents.scenes import CLOSE, CROWDED, check_witness, duel, reflect
 @pytest.mark.parametrize(
     ("family", "count"),
     [
-        (scenario("circle", PAPER), 30),
-        (CLOSE, 30),
-        (scenario("maneuvering", PAPER), 30),
+        (scenario("circle", PAPER), 12),
+        (CLOSE, 12),
+        (scenario("maneuvering", PAPER), 12),
         pytest.param(scenario("multi", PAPER), 20, marks=pytest.mark.slow),
     ],
 )
@@ -40,8 +40,8 @@ def test_witnesses_succeed_in_an_independent_simulation(family: Scenario, count:
     judged = classify(encounters, RULES, SURROGATE)
     solved = np.flatnonzero(judged.method == Method.SEARCH)
     assert solved.size > 0.5 * count
-    hardest = solved[np.argsort(judged.separation[solved])[:3]]
-    for number in np.unique([*hardest, *solved[:2]]):
+    hardest = solved[np.argsort(judged.separation[solved])[:2]]
+    for number in np.unique([*hardest, solved[0]]):
         encounter = take(encounters, number)
         flown = replay(encounter, take(judged.witness, number), RULES, SURROGATE)
         check_witness(encounter, flown)
