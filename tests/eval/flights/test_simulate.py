@@ -170,7 +170,7 @@ def test_a_flight_does_not_depend_on_its_company(
     )
     together, paths = fly_some(name, resolver, 0, 100)
     assert len(set(together.outcome)) > 1 or isinstance(resolver, Compiled)
-    for first, count in ((0, 13), (80, 20), (99, 1)):
+    for first, count in ((80, 20), (99, 1)):
         apart, part_paths = fly_some(name, resolver, first, count)
         for field in simulate.Flights._fields:
             expected = getattr(together, field)[first : first + count]
