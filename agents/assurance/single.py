@@ -13,14 +13,13 @@ program that has no messages, only metres and seconds, has its plan watched by i
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import TypeVar
 
 import numpy as np
 
 from agents.assurance import monitor as monitors
 from agents.assurance.backup import Sense, resting
-from agents.assurance.climbs import Climb, Met, OnProfile, climb_of, times_met
+from agents.assurance.climbs import Climb, Met, climb_of, times_met
 from agents.assurance.frames import STILL, Frame, carry, frame_of
 from agents.assurance.inputs import Inputs, Memory, clock_runs, good_reports, no_areas
 from agents.assurance.space import Space, altitude_flown
@@ -232,7 +231,7 @@ def step(
     in_space = thresholds.options.climbs and clock_runs(watch.monitor.memory, inputs)[0]
     if in_space:
         space = replace(space, reports=_known_levels(watch, inputs, reports))
-        inputs = _in_space(watch, inputs, space, own_altitude)
+        inputs = space.complete(inputs, watch.climb, own_altitude)
     monitor, decision = monitors.step(watch.monitor, inputs, thresholds)
     counted = set(names)
     levels = {name: at for name, at in watch.levels.items() if name in counted} | {
@@ -262,18 +261,6 @@ def _space(
     areas = [watch.air.area(area, time) for area in watch.last_areas]
     ends = float(watch.monitor.plan.end[0] + watch.monitor.started[0] - time)
     return Space(own, reports, areas, ends, watch.thresholds)
-
-
-def _in_space(watch: Watch, inputs: Inputs, space: Space, own_altitude: Altitude | None) -> Inputs:
-    """Return inputs with what plan and backup meet by their altitudes."""
-    options, climb, time = watch.thresholds.options, watch.climb, float(inputs.time[0])
-    inputs = inputs._replace(backups=partial(space.find_backups_met, own_altitude))
-    if climb is None:
-        return inputs
-    error = np.array([climb.error(own_altitude, time)])
-    allowed = np.array([options.vertical_margin + (own_altitude.error if own_altitude else 0.0)])
-    met = space.find_met(climb.flight(own_altitude, time, options))
-    return inputs._replace(on_profile=OnProfile(error, allowed, met))
 
 
 def _known_levels(

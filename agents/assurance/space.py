@@ -6,12 +6,16 @@ or descends. Without either, or where the ownship has left the profile, its pres
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from agents.assurance.areas import may_be_met
 from agents.assurance.backup import Sense
 from agents.assurance.backup_heights import backup_flight, backups_met
-from agents.assurance.climbs import BackupMeets, Climb, Met, times_met
-from agents.assurance.inputs import no_areas
+from agents.assurance.climbs import BackupMeets, Climb, Met, OnProfile, times_met
+from agents.assurance.inputs import Inputs, no_areas
 from agents.assurance.state import FlyMode
 from agents.assurance.thresholds import Cause, Thresholds
 from agents.kernel.levels import Altitude, Line, steady
@@ -19,9 +23,16 @@ from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder
 from envs.areas import Area
 from envs.arrays import Array, Int, Shaped
-from envs.frames import Air, Ground
+from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.trees import take
+
+
+class BackupFlown(NamedTuple):
+    """The altitude of a backup that is flown already, since it was taken up."""
+
+    sense: Sense
+    climb: Climb  # of times from now, s
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +40,12 @@ class Space:
     """Intruders and areas about an ownship at one time, from which on all times count."""
 
     own: VehicleState[Air]  # plain floats
-    reports: Sequence[Intruder[Ground]]  # by place; only ages, altitudes and separations count
+    reports: Sequence[Intruder[Any]]  # by place; only ages, altitudes and separations count
     areas: Sequence[Area]  # all that there are, in the air mass of the ownship
     ends: float  # when the plan that is flown ends, s; nan: there is none
-    thresholds: Thresholds
+    thresholds: Thresholds[Any]
+    backup: BackupFlown | None = None
+    """That is flown, so that backups of its sense keep its altitude; None: each begins anew."""
 
     def find_met(self, flight: Sequence[Line]) -> Met:
         """Return what is met on a flight, ``[1]``; none: its altitude is unknown, which counts as
@@ -53,8 +66,23 @@ class Space:
         """Return what backups of a sense from an altitude meet, ``[M]``: none of ``[1]``, or it."""
         options = self.thresholds.options
         flight = backup_flight(sense, own, options)
+        if self.backup is not None and self.backup.sense is sense:
+            flight = self.backup.climb.flight(own, 0.0, options)
         met = self.find_met(flight)
         return take(backups_met(sense, [flight], [self.reports], met, options), rows)
+
+    def complete(self, inputs: Inputs, climb: Climb | None, own: Altitude | None) -> Inputs:
+        """Return inputs ``[1]`` with what is met by their altitudes by backups and by the active
+        plan; None: that one is in the plane.
+        """
+        inputs = inputs._replace(backups=partial(self.find_backups_met, own))
+        if climb is None:
+            return inputs
+        time, options = float(inputs.time[0]), self.thresholds.options
+        error = np.array([climb.error(own, time)])
+        allowed = np.array([options.vertical_margin + (own.error if own else 0.0)])
+        met = self.find_met(climb.flight(own, time, options))
+        return inputs._replace(on_profile=OnProfile(error, allowed, met))
 
 
 def hold(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:

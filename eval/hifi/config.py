@@ -155,10 +155,10 @@ class HifiConfig(MonteCarloConfig):
 
     @model_validator(mode="after")
     def _check_levels(self) -> "HifiConfig":
-        if self.planner.maneuvers != "horizontal" and self.mode != "plan":
+        if self.planner.maneuvers != "horizontal" and self.mode == "closed":
             raise ConfigError(
                 f"planner.maneuvers is {self.planner.maneuvers!r}; expected horizontal in mode "
-                f"{self.mode}, which holds its altitude"
+                "closed, which holds its altitude"
             )
         for key, most in (("above_m", _ABOVE), ("climb_mps", _CLIMB)):
             low, high = getattr(self, key)

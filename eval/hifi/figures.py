@@ -25,7 +25,7 @@ from eval.flights.recorded import Track
 from eval.hifi.errors import Errors
 from eval.hifi.flight import Flight
 from eval.hifi.flights import Campaign, FlightRecord, fly_one, prepare
-from eval.hifi.rows import planned_altitude
+from eval.hifi.rows import held_altitude
 from eval.plots.encounters import separation_histogram
 from eval.plots.flight_sheet import area_sample, draw, explain
 from eval.plots.style import BLUE, GREEN, ORANGE, VERMILION, sample, tidy
@@ -208,13 +208,15 @@ def _draw_separation(axes: Axes, record: FlightRecord, rules: Rules) -> None:
 
 
 def _draw_altitudes(axes: Axes, record: FlightRecord) -> None:
-    """Draw the altitudes of a flight, of its plan, and of the intruders."""
+    """Draw the altitudes of a flight, of plans and backups that it flew, and of the intruders."""
     flight, levels = record.flight, record.scene.levels
     if flight is None or levels is None:
         return
     clock = PERIOD * np.arange(flight.altitude.size)
     others = levels.altitudes(clock)[:, record.scene.encounter.mask[0]]
-    draw_altitudes(axes, clock, flight.altitude, others.T, planned_altitude(record, clock.size))
+    draw_altitudes(
+        axes, clock, flight.altitude, others.T, held_altitude(record, clock.size).altitude
+    )
 
 
 def _draw_error(axes: Axes, number: int, errors: Errors) -> None:

@@ -6,12 +6,14 @@ is carried with it.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from agents.kernel.levels import Altitude
 from envs import intruder
+from envs.altitudes import REFERENCE
 from envs.angles import wrap
 from envs.c208.vehicle import FlightError
 from envs.encounters import Encounter
@@ -19,7 +21,7 @@ from envs.follower import PERIOD
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState, advance
 from envs.outcome import Rules
-from envs.profile import Height
+from envs.profile import Height, Profile
 from envs.relative import leg_separation
 from envs.trees import take
 from envs.wind import Wind, over_ground
@@ -28,8 +30,61 @@ from eval.flights.plan_flight import SUBSTEPS
 from eval.hifi.vehicle import Airborne, Navigation
 
 
+class Levels(NamedTuple):
+    """Intruders up and down, which climb evenly; ``[1, K]``."""
+
+    start: Height
+    flatness: np.ndarray
+    """What heights count as in the plane: the horizontal separation over the vertical one. The
+    cylindrical distance is the greater of the horizontal one and the vertical one times this."""
+
+    def altitudes(self, time: np.ndarray) -> np.ndarray:
+        """Return the altitudes at times, s, ``[P]``: m, ``[P, K]``."""
+        return self.start.altitude + self.start.climb * time[:, None]
+
+    def reports(self, time: float) -> list[Altitude]:
+        """Return the altitudes at a time, s, with their vertical speeds, of all K."""
+        altitudes = self.altitudes(np.array([time]))[0].tolist()
+        pairs = zip(altitudes, self.start.climb[0].tolist(), strict=True)
+        return [Altitude(altitude, REFERENCE, climb) for altitude, climb in pairs]
+
+    def heights(self, own: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Return how near the ownship is above or below in each period at the least, as that counts
+        in the plane, m, ``[P, K]``.
+
+        Args:
+            own: its altitudes at the beginning and after every period, m, ``[P + 1]``.
+            time: of these, s, ``[P + 1]``.
+        """
+        above = self.altitudes(time) - own[:, None]
+        first, last = above[:-1], above[1:]
+        near = np.minimum(np.abs(first), np.abs(last))
+        return self.flatness * np.where(first * last <= 0.0, 0.0, near)
+
+
+class Aloft(NamedTuple):
+    """What is believed of altitudes, with their vertical speeds."""
+
+    own: Altitude
+    intruders: Sequence[Altitude] | None
+    """Of all K; None: they are at the ownship's."""
+
+
+class Held(NamedTuple):
+    """Altitudes that are flown from a time on, s after the start."""
+
+    since: float
+    profile: Profile  # of times after the start
+    backup: bool  # whether it is that of a backup, and not of a plan
+
+
 class Pilot(Protocol):
     """Commands a flight."""
+
+    @property
+    def held(self) -> Sequence[Held]:
+        """What was flown up and down so far, in order of time; none: the altitude of the start."""
+        ...
 
     @property
     def late(self) -> float:
@@ -39,10 +94,14 @@ class Pilot(Protocol):
         ...
 
     def decide(
-        self, clock: int, own: VehicleState[Ground], intruders: VehicleState[Ground]
+        self,
+        clock: int,
+        own: VehicleState[Ground],
+        intruders: VehicleState[Ground],
+        aloft: Aloft,
     ) -> None:
         """Decide at the beginning of a second by states over the ground as believed, of the
-        intruders ``[1, K]``.
+        intruders ``[1, K]``, and by altitudes.
         """
 
     def commands(self, state: VehicleState[Ground], time: float) -> tuple[float, float]:
@@ -69,32 +128,6 @@ class Flight(NamedTuple):
     distance: np.ndarray  # the same in metres to each of them, [S]
     goal_distance: np.ndarray  # at the start and after every period, m, [T + 1]
     failure: str | None  # why the flight could not go on; None: it could
-
-
-class Levels(NamedTuple):
-    """Intruders up and down, which climb evenly; ``[1, K]``."""
-
-    start: Height
-    flatness: np.ndarray
-    """What heights count as in the plane: the horizontal separation over the vertical one. The
-    cylindrical distance is the greater of the horizontal one and the vertical one times this."""
-
-    def altitudes(self, time: np.ndarray) -> np.ndarray:
-        """Return the altitudes at times, s, ``[P]``: m, ``[P, K]``."""
-        return self.start.altitude + self.start.climb * time[:, None]
-
-    def heights(self, own: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return how near the ownship is above or below in each period at the least, as that counts
-        in the plane, m, ``[P, K]``.
-
-        Args:
-            own: its altitudes at the beginning and after every period, m, ``[P + 1]``.
-            time: of these, s, ``[P + 1]``.
-        """
-        above = self.altitudes(time) - own[:, None]
-        first, last = above[:-1], above[1:]
-        near = np.minimum(np.abs(first), np.abs(last))
-        return self.flatness * np.where(first * last <= 0.0, 0.0, near)
 
 
 class Traffic:
@@ -130,6 +163,10 @@ class Traffic:
         return over_ground(
             perceive_intruders(self._state, noise, 1.0, np), self._wind, float(self._clock)
         )
+
+    def report_altitudes(self) -> list[Altitude] | None:
+        """Return the altitudes of the intruders as reported, which are the true ones."""
+        return None if self.levels is None else self.levels.reports(float(self._clock))
 
     def second(self) -> VehicleState[Ground]:
         """Move on by a second and return the states at its beginning and after every period, ``[P +
@@ -225,7 +262,11 @@ def fly(
     log = _Log(vehicle, traffic)
     for clock in range(until):
         own = navigation.believe(vehicle.state, float(clock))
-        pilot.decide(clock, own, traffic.report_intruders())
+        height = vehicle.height
+        aloft = Aloft(
+            Altitude(height.altitude, REFERENCE, height.climb), traffic.report_altitudes()
+        )
+        pilot.decide(clock, own, traffic.report_intruders(), aloft)
         whole = traffic.second()
         try:
             for period in range(SUBSTEPS):

@@ -9,10 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.assurance.climbs import Climb, Met, times_met
+from agents.assurance.inputs import no_areas
 from agents.assurance.thresholds import Thresholds
-from agents.kernel.levels import Altitude
+from agents.kernel.levels import Altitude, steady
 from agents.kernel.traffic import Traffic as Known
-from agents.planner.planner import Plans
+from agents.kernel.traffic import Window
 from agents.planner.request.encounters import request_of
 from agents.planner.request.options import Options
 from agents.planner.request.reports import Intruder
@@ -28,7 +30,6 @@ from envs.encounters import Encounter
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.perception import Sensor
-from envs.profile import Height
 from envs.trees import take
 from envs.waypoints import Legs, legs
 from envs.wind import Wind, over_ground, through_air
@@ -47,7 +48,7 @@ from eval.hifi.config import (
 )
 from eval.hifi.errors import Errors, against, roll_out
 from eval.hifi.flight import Flight, Levels, Pilot, Traffic, fly
-from eval.hifi.pilots import Ascent, Assured, Closed, Follower, Reckoning
+from eval.hifi.pilots import NOWHERE, Ascent, Assured, Closed, Follower, Reckoning
 from eval.hifi.vehicle import Navigation, begin, lookahead_of, reach_of, takeoff_weight
 from eval.hifi.wind import PlanResult, Route, options_in, plan_for, plan_in_space, unflyable
 
@@ -173,7 +174,7 @@ def fly_one(campaign: Campaign, policy: Policy, number: int) -> FlightRecord:
     if problem is not None:
         return record
     if campaign.mode == "assured":
-        pilot = _assured_pilot(campaign, scene, initial.plans, traffic, policy)
+        pilot = _assured_pilot(campaign, scene, initial, traffic, policy)
         until = round(campaign.aircraft.t_max)
         flight, problem = _fly(campaign, scene, number, pilot, until, ("violation",))
         return record._replace(flight=flight, problem=problem, pilot=pilot)
@@ -227,7 +228,7 @@ def _initial_plan(campaign: Campaign, scene: Beginning, policy: Policy) -> tuple
     traffic = Known.straight(through_air(reported, scene.frame, 0.0), scene.encounter.mask)
     traffic = traffic._replace(separation=scene.encounter.separation)
     if scene.levels is not None:
-        intruders = _reports(scene, reported, scene.levels.start)
+        intruders = _reports(scene, reported, scene.levels)
         fields = scene.route, scene.drawn.altitude, scene.frame, policy, campaign.options
         return plan_in_space(scene.own, intruders, *fields, scene.areas), traffic
     own = through_air(scene.own, scene.frame, 0.0)
@@ -238,14 +239,16 @@ def _initial_plan(campaign: Campaign, scene: Beginning, policy: Policy) -> tuple
 
 
 def _reports(
-    scene: Beginning, reported: VehicleState[Ground], start: Height
+    scene: Beginning, reported: VehicleState[Ground], levels: Levels
 ) -> list[Intruder[Ground]]:
-    """Return the intruders as reported, ``[1, K]``, with their altitudes and vertical speeds."""
-    separation = scene.encounter.separation
+    """Return the intruders as reported at the start, ``[1, K]``, with their altitudes and vertical
+    speeds.
+    """
+    separation, altitudes = scene.encounter.separation, levels.reports(0.0)
     return [
         Intruder(
             VehicleState(*(float(field[0, k]) for field in reported)),
-            altitude=Altitude(float(start.altitude[0, k]), REFERENCE, float(start.climb[0, k])),
+            altitude=altitudes[k],
             separation=None if separation is None else float(separation[0, k]),
         )
         for k in np.flatnonzero(scene.encounter.mask[0])
@@ -253,16 +256,20 @@ def _reports(
 
 
 def _assured_pilot(
-    campaign: Campaign, scene: Beginning, plans: Plans, traffic: Known, policy: Policy
+    campaign: Campaign, scene: Beginning, initial: PlanResult, traffic: Known, policy: Policy
 ) -> Assured:
-    """Return what flies plans ``[1]`` under the monitor, made with the known intruders."""
-    options = campaign.options
+    """Return what flies a plan under the monitor, made with the known intruders."""
+    options, plans = campaign.options, initial.plans
     if int(plans.candidates.last[0]) < 0:
         plans = plans._replace(candidates=empty(1, options.waypoints))
+        initial = initial._replace(plans=plans, profile=None)
+    if scene.levels is not None:
+        traffic = traffic._replace(window=_first_window(scene, scene.levels, initial, options))
     sensor = None if scene.noise is None else scene.encounter.sensor
-    reckoning = Reckoning(scene.frame, lookahead_of(campaign.vehicle), sensor)
+    gains = lookahead_of(campaign.vehicle)
+    reckoning = Reckoning(scene.frame, scene.drawn.altitude, gains, sensor)
     return Assured(
-        plans,
+        initial,
         traffic,
         scene.route,
         policy,
@@ -271,6 +278,20 @@ def _assured_pilot(
         reckoning,
         scene.areas,
     )
+
+
+def _first_window(
+    scene: Beginning, levels: Levels, initial: PlanResult, options: Options
+) -> Window:
+    """Return from the first to the last time in which each intruder counts on the altitudes of a
+    plan made at the start, ``[1, K]``.
+    """
+    own = Altitude(scene.drawn.altitude, REFERENCE, 0.0)
+    flight = steady(own)
+    if initial.profile is not None:
+        flight = Climb(initial.profile, REFERENCE).flight(own, 0.0, options)
+    reports = [Intruder(NOWHERE, altitude=altitude) for altitude in levels.reports(0.0)]
+    return Met(times_met(reports, flight, options), no_areas(1)).all_times
 
 
 def _fly(

@@ -53,6 +53,17 @@ class UpAndDown(NamedTuple):
     altitude_deviation_m: float  # largest distance of the flight from the altitude of its start
 
 
+class UnderMonitor(NamedTuple):
+    """What a flight in mode assured, where plans may climb, was up and down, by the names of
+    columns.
+    """
+
+    climbing_backup_s: int  # on backups that climb or descend
+    # largest distance from the lines of what was flown, plans and backups, m
+    altitude_error_max_m: float
+    backup_altitude_error_max_m: float  # the same of backups alone; nan: none was flown
+
+
 class PlanLoss(NamedTuple):
     """Whether a SAFE plan that lost the separation had promised it, by the names of columns."""
 
@@ -95,6 +106,8 @@ def row_of(campaign: Campaign, number: int, record: FlightRecord) -> dict[str, A
         row["replans"] = pilot.replans if pilot else 0
         row["taken_up"] = pilot.taken_up if pilot else 0
         row["backup_s"] = pilot.backup_seconds if pilot else 0
+        if campaign.options.climbs:
+            row |= _under_monitor(record, pilot)._asdict()
     return row | _scene(campaign, record)
 
 
@@ -262,7 +275,7 @@ def _errors(record: FlightRecord) -> PlanErrors:
     position = errors.position[planned]
     cross, along = np.abs(errors.cross_track[planned]), np.abs(errors.along_track[planned])
     late = np.abs(errors.late[planned])
-    altitude = np.abs(flight.altitude - planned_altitude(record, flight.altitude.size))
+    altitude = np.abs(flight.altitude - held_altitude(record, flight.altitude.size).altitude)
     assert record.initial is not None
     rejoin = float(record.initial.plans.candidates.rejoin_time[0])
     to_goal = position[: int(rejoin / PERIOD) + 1] if math.isfinite(rejoin) else np.empty(0)
@@ -280,13 +293,34 @@ def _errors(record: FlightRecord) -> PlanErrors:
     )
 
 
-def planned_altitude(record: FlightRecord, count: int) -> np.ndarray:
-    """Return the altitude of a flight's plan at the start and after every period, m, ``[count]``;
-    without a profile that of the start.
+class HeldAltitude(NamedTuple):
+    """Altitudes of what was flown, plans and backups, at the start and after every period; fields
+    ``[T + 1]``.
     """
-    if record.initial is None or record.initial.profile is None:
-        return np.full(count, record.scene.drawn.altitude)
-    return record.initial.profile.at(PERIOD * np.arange(count))
+
+    altitude: np.ndarray  # m; that of the start where there is no profile
+    backup: np.ndarray  # whether it is that of a backup, bool
+
+
+def held_altitude(record: FlightRecord, count: int) -> HeldAltitude:
+    """Return the altitudes of what was flown, ``[count]``."""
+    time = PERIOD * np.arange(count)
+    altitude, backup = np.full(count, record.scene.drawn.altitude), np.zeros(count, dtype=bool)
+    for held in () if record.pilot is None else record.pilot.held:
+        later = time > held.since  # at that time the aircraft was still flying the one before
+        altitude[later], backup[later] = held.profile.at(time[later]), held.backup
+    return HeldAltitude(altitude, backup)
+
+
+def _under_monitor(record: FlightRecord, pilot: Assured | None) -> UnderMonitor:
+    """Return what a flight under the monitor was up and down; nan where there was none."""
+    flight = record.flight
+    climbing = 0 if pilot is None else pilot.climbing_seconds
+    if flight is None or flight.failure is not None:
+        return UnderMonitor(climbing, _NAN, _NAN)
+    held = held_altitude(record, flight.altitude.size)
+    error = np.abs(flight.altitude - held.altitude)
+    return UnderMonitor(climbing, float(error.max()), _largest(error[held.backup]))
 
 
 def _up_and_down(record: FlightRecord) -> UpAndDown:

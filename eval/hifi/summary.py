@@ -32,6 +32,7 @@ _RATES = {
     "violation_of_safe": "SAFE plans that lost the separation, for either reason",
     "plan_climbs_rate": "SAFE plans that climb or descend",
     "backup_used_rate": "flights that used the backup",
+    "climbing_backup_used_rate": "flights that used a backup that climbs or descends",
 }
 """What the rates are called in the table."""
 _LOSSES = {"safe_plans_broken": "broken", "safe_plans_not_promised": "not_promised"}
@@ -82,6 +83,11 @@ def summarise(table: Mapping[str, np.ndarray], confidence: float) -> dict[str, A
         summary["replans_mean"] = float(np.mean(table["replans"]))
         used = np.count_nonzero(table["backup_s"] > 0)
         summary["backup_used_rate"] = share(used, len(table["outcome"]), confidence)
+    if "climbing_backup_s" in table:
+        climbing = np.count_nonzero(table["climbing_backup_s"] > 0)
+        summary["climbing_backup_used_rate"] = share(climbing, len(table["outcome"]), confidence)
+        name = "backup_altitude_error_max_m"
+        summary[f"{name}_quantiles"] = quantiles(table[name], _SHARES)
     return summary
 
 

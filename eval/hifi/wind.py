@@ -14,6 +14,7 @@ from agents.planner.request.reports import Intruder
 from agents.planner.request.request import Request, in_wind
 from agents.planner.search.budget import Budget
 from agents.planner.search.candidates import empty
+from agents.planner.search.in_space import Climber, plan_each_in_space
 from agents.policy.inference import Policy
 from envs.altitudes import REFERENCE
 from envs.areas import Area
@@ -48,7 +49,7 @@ def options_in(wind: Wind, options: Options) -> Options[Narrowed]:
     return in_wind(options, None if wind.std == 0.0 else wind)
 
 
-def plan_for(
+def plan_for(  # noqa: PLR0913 - a request, and all that it stands in
     own: VehicleState[Air],
     traffic: Traffic,
     route: Route,
@@ -57,9 +58,12 @@ def plan_for(
     policy: Policy,
     options: Options[Any],
     areas: tuple[Area, ...] = (),
+    *,
+    climber: Climber | None = None,
 ) -> PlanResult:
     """Plan a request ``clock`` s after the start, in an air mass, in which own state and traffic
-    ``[1, K]`` are; areas as they are over the ground at the start.
+    ``[1, K]`` are; areas as they are over the ground at the start. Where the plan may climb and
+    descend a climber says the altitudes, and the areas as they are at the request.
     """
     low, high = speed_range(options.aircraft.limits)
     if not low <= own.speed <= high:
@@ -73,6 +77,8 @@ def plan_for(
     drift = None if wind == NO_WIND else (np.array([-wind.east]), np.array([-wind.north]))
     x, y = route.x - wind.east * clock, route.y - wind.north * clock
     request = Request(own_row, traffic, x[None], y[None], np.array([x.size]), drift)
+    if climber is not None:
+        return PlanResult(plan_each_in_space(request, [climber], policy, in_air), request, None)
     if not areas:
         return PlanResult(plan_many(request, policy, in_air, floats=True), request, None)
     areas_in_air = as_row(in_air_mass(areas, wind, clock))

@@ -13,9 +13,11 @@ from agents.kernel.levels import Altitude, Line, lines
 from agents.planner.answer import Advisory, Kind, RequestError
 from agents.planner.judge.profile import speed_faults
 from agents.planner.judge.validator import CHECKS
+from agents.planner.request.climbs import with_levels_of
 from agents.planner.request.options import Maneuvers, Narrowed, Options
 from agents.planner.request.reports import Intruder
 from agents.planner.request.request import Request
+from agents.planner.search.airspace import add_areas
 from agents.planner.search.budget import Budget
 from agents.planner.search.candidates import Candidates, Plans, empty, evaluate
 from agents.planner.search.climbs import (
@@ -91,13 +93,14 @@ class Climber(NamedTuple):
     own: Altitude  # its vertical speed is known
     target: float  # altitude of the route, m
     reports: Sequence[Intruder[Air]]  # of its K intruders, of which only the altitudes count
+    areas: Sequence[Area] = ()  # in the air mass, as they are at the request
 
 
 def plan_each_in_space(
     request: Request, climbers: Sequence[Climber], policy: Policy, options: Options[Narrowed]
 ) -> Plans:
-    """Plan requests ``[N]`` that may climb and descend, each as if it were alone, without areas and
-    without a deadline.
+    """Plan requests ``[N]``, without areas, that may climb and descend, each as if it were alone,
+    among the areas of its climber, and without a deadline.
     """
     if not climbers:
         no = np.zeros(0, dtype=bool)
@@ -116,12 +119,13 @@ def _plan_alone(
     exist = np.flatnonzero(request.traffic.mask[0])
     traffic = map_leaves(lambda field: field[:, exist], request.traffic._replace(window=None))
     times = [leg * options.interval for leg in range(1, options.waypoints)]
+    areas, options = climber.areas, with_levels_of(climber.areas, climber.own.reference, options)
     task = SpaceTask(
         request._replace(traffic=traffic),
         [climber.reports[number] for number in exist.tolist()],
         Start(climber.own, climber.target, times),
-        (),
-        lambda flown, _: (flown, ()),
+        areas,
+        lambda flown, flight: add_areas(flown, areas, flight, options),
         policy,
         options,
         Budget(),

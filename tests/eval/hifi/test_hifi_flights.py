@@ -829,10 +829,9 @@ def test_an_intruder_is_drawn_where_it_is_met() -> None:
         (["planner.maneuvers=both"], r'maneuvers is "both", expected "horizontal"'),
         (["planner.maneuvers=up"], "planner.maneuvers"),
         (
-            ["aircraft=c208", "planner.maneuvers=both", "mode=assured"],
-            "planner.maneuvers is 'both'; expected horizontal in mode assured",
+            ["aircraft=c208", "mode=closed", "planner.maneuvers=both"],
+            "planner.maneuvers is 'both'; expected horizontal in mode closed",
         ),
-        (["aircraft=c208", "mode=closed", "planner.maneuvers=both"], "expected horizontal"),
         (["above_m=[0,100]"], r"above_m is \[0, 100\]; expected \[0, 0\] with planner.maneuvers"),
         (
             ["aircraft=c208", "planner.maneuvers=both", "climb_mps=[5,-5]"],
