@@ -34,7 +34,7 @@ from envs.follower import PERIOD
 from envs.formats.local_frame import geocentric
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.outcome import RULES
-from envs.profile import Height
+from envs.profile import Height, corner_error
 from envs.relative import straight_cpa
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
@@ -57,7 +57,7 @@ from eval.hifi.figures import distributions, sheet
 from eval.hifi.flight import Flight, Levels, Traffic
 from eval.hifi.flight import fly as follow
 from eval.hifi.flights import Beginning, Campaign, FlightRecord, fly_one, prepare, scene_of
-from eval.hifi.pilots import Follower
+from eval.hifi.pilots import Assured, Follower
 from eval.hifi.rows import ERRORS, row_of
 from eval.hifi.run import campaign_of, main
 from eval.hifi.summary import error_rows, rate_rows, summarise
@@ -766,6 +766,65 @@ def test_plans_in_space_keep_both_separations_from_intruders_that_climb() -> Non
     assert climbed
 
 
+def watched_campaign(vehicle: str, *overrides: str) -> Campaign:
+    """Return an encounter that begins with a backup that descends, levels off after half a minute,
+    and ends with a plan.
+    """
+    vertical = "planner.maneuvers=vertical", "planner.vertical_margin_m=30", "planner.margin=215"
+    levels = "above_m=[-275,275]", "climb_mps=[-5,5]"
+    usual = "mode=assured", "scenario=multi", "seed=1", "changes.own_speed=[58,87]"
+    flying = climbing_campaign(f"vehicle={vehicle}", *usual, *vertical, *levels, *overrides)
+    return flying._replace(aircraft=flying.aircraft._replace(t_max=60.0))
+
+
+def check_altitudes(flying: Campaign, record: FlightRecord, row: dict[str, Any]) -> None:
+    """Check that a flight has flown the altitudes of its backups and its plan."""
+    flight, pilot, vertical = record.flight, record.pilot, flying.options.vertical
+    assert flight is not None and isinstance(pilot, Assured)
+    assert row["outcome"] != "violation"
+    (down, level, plan), time = pilot.held, PERIOD * np.arange(flight.altitude.size)
+    assert [held.backup for held in pilot.held] == [True, True, False]
+    assert down.since == 0.0 and row["climbing_backup_s"] == level.since > 20.0
+    assert row["backup_s"] == plan.since
+    # The first goes down at the greatest rate, the second is level.
+    assert down.profile.climbs[-2] == pytest.approx(-vertical.descent_max)
+    assert level.profile.climbs[-1] == 0.0
+    begins = [round(held.since / PERIOD) for held in pilot.held]
+    for held, first, last in zip(pilot.held, begins, [*begins[1:], time.size - 1], strict=True):
+        # Each begins where the aircraft is, and is followed within the margin.
+        assert held.profile.at(time[first]) == pytest.approx(flight.altitude[first], abs=1e-6)
+        off = np.abs(held.profile.at(time) - flight.altitude)[first : last + 1].max()
+        assert off <= row["altitude_error_max_m"] < flying.options.vertical_margin
+        assert not held.backup or off <= row["backup_altitude_error_max_m"]
+    descended = flight.altitude[0] - flight.altitude[begins[1]]
+    assert descended == pytest.approx(vertical.descent_max * (level.since - 3.0), rel=0.2)
+
+
+def test_under_the_monitor_altitudes_are_those_of_backup_and_plan() -> None:
+    flying = watched_campaign("surrogate")
+    record, row = fly(flying, 1)
+    check_altitudes(flying, record, row)
+    # The surrogate leaves the lines only at their corners.
+    vertical = flying.options.vertical
+    change = vertical.climb_max + vertical.descent_max
+    assert row["altitude_error_max_m"] <= corner_error(change, vertical.acceleration)
+
+
+@pytest.mark.slow
+def test_the_cessna_flies_a_backup_that_descends_in_gusts() -> None:
+    flying = watched_campaign("c208_ex", "condition.name=moderate")
+    check_altitudes(flying, *fly(flying, 1))
+
+
+def test_under_the_monitor_plans_in_the_plane_hold_their_altitude() -> None:
+    flying = climbing_campaign("vehicle=surrogate", "mode=assured", "scenario=head_on")
+    flying = flying._replace(aircraft=flying.aircraft._replace(t_max=20.0))
+    record, row = fly(flying, 0)
+    assert record.flight is not None and record.pilot is not None
+    assert set(record.flight.altitude) == {2500.0} and not record.pilot.held
+    assert "climbing_backup_s" not in row and math.isnan(row["altitude_error_max_m"])
+
+
 @given(
     st.lists(st.floats(-300.0, 300.0), min_size=3, max_size=3),
     st.floats(-200.0, 200.0),
@@ -862,8 +921,9 @@ def test_a_floor_above_the_flight_is_a_reason_not_to_fly() -> None:
 
 
 @pytest.mark.slow
-def test_what_climbs_is_said_and_documented() -> None:
-    flying = climbing_campaign("vehicle=surrogate", "planner.maneuvers=both")
+@pytest.mark.parametrize("mode", ["plan", "assured"])
+def test_what_climbs_is_said_and_documented(mode: str) -> None:
+    flying = climbing_campaign(f"mode={mode}", "vehicle=surrogate", "planner.maneuvers=both")
     rows = [fly(flying, number)[1] for number in range(2)]
     table = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     summary = summarise(table, 0.95)
