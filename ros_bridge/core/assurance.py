@@ -27,7 +27,7 @@ from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.profile import on_profile, rise_to_level
+from envs.profile import Height, Profile, levelling, on_profile
 from envs.waypoints import Waypoint
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.areas import AreaReport, Placed
@@ -312,28 +312,54 @@ def to_fly(supervision: Supervision) -> FlyMode:
     return FlyMode.BACKUP if bool(supervision.monitor.on_backup[0]) else FlyMode.PLAN
 
 
+class BackupHeight(NamedTuple):
+    """How a backup is flown up and down."""
+
+    profile: Profile  # times from when it began
+    levels_off: bool  # at once
+
+
+def backup_began(supervision: Supervision) -> int | None:
+    """Return when the current backup began, ns; None before the first own state."""
+    started = float(supervision.monitor.backup.started[0])
+    if supervision.frame is None or not math.isfinite(started):
+        return None
+    return supervision.zero + round(started * SECOND)
+
+
+def backup_height(supervision: Supervision, altitude: Altitude | None) -> BackupHeight | None:
+    """Return how the current backup is flown up and down from an altitude; None: in the plane, or
+    the altitude is unknown. From where it cannot climb or descend it levels off.
+    """
+    options = supervision.thresholds.options
+    if not options.climbs or altitude is None:
+        return None
+    sense = Sense(int(supervision.monitor.backup.sense[0]))
+    profile = None if sense is Sense.LEVEL_OFF else backup_profile(sense, altitude, options)
+    if profile is not None:
+        return BackupHeight(profile, levels_off=False)
+    begin = Height(altitude.value, altitude.climb(0.0)[0])
+    return BackupHeight(levelling(begin, options.vertical.acceleration), levels_off=True)
+
+
 def backup(supervision: Supervision, altitude: Altitude | None) -> Published | None:
     """Return the current backup as a plan without a number; None before the first own state.
 
     ``altitude`` is the ownship's. Where that may climb, all points have the altitude in which it
     levels off; those of a backup that climbs or descends have each their own.
     """
-    started, frame = float(supervision.monitor.backup.started[0]), supervision.frame
-    if frame is None or not math.isfinite(started):
+    began, frame = backup_began(supervision), supervision.frame
+    if frame is None or began is None:
         return None
-    began = supervision.zero + round(started * SECOND)
     rows = np.stack(single.backup_states(supervision), axis=-1).tolist()
     waypoints = [Waypoint(number, *row) for number, row in enumerate(rows)]
-    options = supervision.thresholds.options
-    if options.climbs and altitude is not None:
-        sense = Sense(int(supervision.monitor.backup.sense[0]))
-        profile = backup_profile(sense, altitude, options)
-        if sense is Sense.LEVEL_OFF or profile is None:
-            rise = rise_to_level(altitude.climb(0.0)[0], options.vertical.acceleration)
-            altitude = replace(altitude, value=altitude.value + rise)
+    height = backup_height(supervision, altitude)
+    if altitude is not None and height is not None:
+        if height.levels_off:
+            altitude = replace(altitude, value=float(height.profile.altitude[-1]))
         else:
             begin = replace(waypoints[0], altitude=altitude.value, climb=altitude.vertical_speed)
-            waypoints = [begin, *on_profile(waypoints[1:], profile)]
+            waypoints = [begin, *on_profile(waypoints[1:], height.profile)]
     start, *points = geodetic_points(frame, waypoints, began, altitude)
     air = supervision.air.wind
     wind = true_wind(frame, air, start.latitude, start.longitude)

@@ -5,7 +5,7 @@ Pure: a :class:`Judgement` follows from the one before, the situation and the ti
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ from envs.areas import Level
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.profile import Profile, level, profile_of
+from envs.profile import Profile, profile_of
 from envs.waypoints import RoutePoint, Waypoint, at, legs, plan_states, repeat
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.assurance import (
@@ -32,6 +32,8 @@ from ros_bridge.core.assurance import (
     accept_answer,
     activate,
     backup,
+    backup_began,
+    backup_height,
     initial,
     step_monitor,
     to_fly,
@@ -337,8 +339,12 @@ class ToFly(NamedTuple):
     profile: Profile | None = None
 
 
-def to_follow(judgement: Judgement, altitude: Altitude | None = None) -> ToFly | None:
-    """Return what is to be flown now; None: nothing. A backup begins at the ownship's altitude."""
+def to_follow(
+    judgement: Judgement, altitude_at: Callable[[int], Altitude | None] = lambda time: None
+) -> ToFly | None:
+    """Return what is to be flown now; None: nothing. ``altitude_at`` gives the altitude at which a
+    backup begins at a time, ns.
+    """
     supervision = judgement.supervision
     frame, published, kind = supervision.frame, supervision.published_plan, to_fly(supervision)
     if frame is None or published is None:
@@ -349,16 +355,16 @@ def to_follow(judgement: Judgement, altitude: Altitude | None = None) -> ToFly |
         own, waypoints = to_frame(frame, published)
         profile = _profile(published, waypoints, supervision.thresholds.options)
         return ToFly(key, frame, published.began, own, waypoints, wind, profile)
-    backup_plan = backup(supervision, altitude) if kind is FlyMode.BACKUP else None
-    if backup_plan is None:
+    began = backup_began(supervision) if kind is FlyMode.BACKUP else None
+    if began is None:
         return None
+    # The judgement takes a while: what is planned has gone on since the backup began.
+    altitude = altitude_at(began)
+    backup_plan, height = backup(supervision, altitude), backup_height(supervision, altitude)
+    assert backup_plan is not None  # it has begun
     own, waypoints = to_frame(frame, backup_plan)
-    options, height = supervision.thresholds.options, backup_plan.start.altitude
-    profile = _profile(backup_plan, waypoints, options)
-    if profile is None and options.climbs and height is not None:
-        profile = level(height.value)
-    key = ("backup", backup_plan.began)
-    return ToFly(key, frame, backup_plan.began, own, waypoints, wind, profile)
+    profile = None if height is None else height.profile
+    return ToFly(("backup", began), frame, began, own, waypoints, wind, profile)
 
 
 def _profile(

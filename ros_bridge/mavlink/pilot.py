@@ -5,7 +5,7 @@ Pure: a :class:`Pilot` follows from the one before.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -149,14 +149,14 @@ def steer(
     return Piloted(steered_pilot, (*lines, Steer(steered, time // 1_000_000, with_speed)))
 
 
-def _backup_begins_at(pilot: Pilot, own: Report, time: int) -> Altitude | None:
-    """Return the altitude at which a backup begins at a time, ns: the one that is planned then,
-    which no gust moves, or the ownship's where nothing was flown until now.
+def _backup_begins_at(pilot: Pilot, own: Report, time: int) -> Callable[[int], Altitude | None]:
+    """Return at which altitude a backup begins at a time, ns, as of now, ns: the one that is
+    planned then, which no gust moves, or the ownship's where nothing was flown until now.
     """
     followed = pilot.followed
     if followed is None or not 0.0 <= time / SECOND - pilot.steered_at <= _HEARD:
-        return own.altitude
-    return followed.altitude(time) or own.altitude
+        return lambda _: own.altitude
+    return lambda began: followed.altitude(began) or own.altitude
 
 
 def _above(follower: Follower, report: Report, age: float, clock: float) -> float:

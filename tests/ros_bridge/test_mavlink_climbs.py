@@ -19,6 +19,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from agents.assurance.backup import Sense
+from agents.assurance.backup_heights import backup_profile
 from agents.assurance.state import FlyMode
 from agents.planner.answer import Source
 from commands.command import InputError
@@ -79,10 +81,14 @@ def items(*heights: float, frame: int = 3) -> tuple[Item, ...]:
 
 
 def heard(
-    height: float = 0.0, climb: float = 0.0, own_climb: float = 0.0, ahead: float = 1_600.0
+    height: float = 0.0,
+    climb: float = 0.0,
+    own_climb: float = 0.0,
+    ahead: float = 1_600.0,
+    time: int = NOW,
 ) -> Received:
-    """Return what is known of an ownship at the mission's altitude, and of an aircraft that comes
-    head-on, so much higher, m, with a climb, m/s.
+    """Return what is known at a time, ns, of an ownship at the mission's altitude, and of an
+    aircraft that comes head-on, so much higher, m, with a climb, m/s.
     """
     at = HOME.geodetic(ahead, 0.0)
     position = round(1e7 * float(at.latitude)), round(1e7 * float(at.longitude))
@@ -90,7 +96,7 @@ def heard(
     messages = [
         dialect.MAVLink_wind_message(270.0, 0.0, 0.0),
         dialect.MAVLink_global_position_int_message(
-            NOW // 1_000_000,
+            time // 1_000_000,
             *(474_000_000, 85_000_000),
             *(sea, 100_000, 0, round(100 * SPEED), round(-100 * own_climb), 9_000),
         ),
@@ -111,7 +117,7 @@ def heard(
     ]
     received = Received(parameters=PARAMETERS)
     for message in messages:
-        received = take(received, message, NOW, Reading({0: "msl", 1: "msl"}))
+        received = take(received, message, time, Reading({0: "msl", 1: "msl"}))
     return received
 
 
@@ -384,50 +390,59 @@ def test_another_altitude_in_guided_is_somebody_elses(flown: tuple[Vehicle, Rule
     assert not pilot.is_diverted(pilot.release(piloted), ours, demanded + 40.0, seconds)
 
 
-def test_a_backup_levels_off(flown: tuple[Vehicle, Rules]) -> None:
-    received = heard(own_climb=3.0)
-    judgement = judge(received, flown[1])
-    supervision = step_monitor(judgement.supervision, received.situation, NOW + SECOND // 10)
-    published = supervision.published_plan
+def on_backup(
+    judgement: Judgement, received: Received, time: int, sense: Sense = Sense.LEVEL_OFF
+) -> Judgement:
+    """Return the judgement at a time, ns, where the backup is flown, of a sense."""
+    published = judgement.supervision.published_plan
+    supervision = step_monitor(judgement.supervision, received.situation, time)
     supervision = withdraw(supervision, supervision.revision + 1)
     assert to_fly(supervision) is FlyMode.BACKUP
+    held = supervision.monitor.backup._replace(sense=np.array([sense], dtype=np.int8))
+    monitor = supervision.monitor._replace(backup=held)
+    backed = replace(supervision, monitor=monitor, published_plan=published)
+    return replace(judgement, supervision=backed)
+
+
+def test_a_backup_levels_off(flown: tuple[Vehicle, Rules]) -> None:
+    received = heard(own_climb=3.0)
+    backed = on_backup(judge(received, flown[1]), received, NOW + SECOND // 10)
     own = received.situation.own.last
     assert own is not None
-    backed = replace(judgement, supervision=replace(supervision, published_plan=published))
-    followed = to_follow(backed, own.altitude)
+    followed = to_follow(backed, lambda began: own.altitude)
     assert followed is not None and followed.profile is not None
-    assert np.ptp(followed.profile.altitude) == 0.0
-    # 3 m/s that end with 1 m/s^2 take 4.5 m.
-    assert followed.profile.altitude[0] == pytest.approx(GROUND + ABOVE + 4.5, abs=0.2)
+    # 3 m/s that end with 1 m/s^2 take 3 s and 4.5 m.
+    height = PlannedHeight(followed.profile, 1.0)
+    assert height.at(0.0) == pytest.approx((GROUND + ABOVE, 3.0), abs=0.2)
+    assert height.at(3.1) == height.at(60.0) == pytest.approx((GROUND + ABOVE + 4.5, 0.0), abs=0.2)
 
 
-def test_a_backup_after_a_plan_levels_off_from_the_planned_altitude_which_no_gust_moves(
-    flown: tuple[Vehicle, Rules],
+@pytest.mark.parametrize("sense", list(Sense))
+def test_a_backup_after_a_plan_begins_at_the_planned_altitude_which_no_gust_moves(
+    flown: tuple[Vehicle, Rules], sense: Sense
 ) -> None:
-    received = heard()
-    judgement = judge(received, flown[1])
-    late = NOW + 8 * SECOND
-    climbs = pilot.steer(Pilot(), judgement, received, flown[0], late).pilot
-    assert climbs.followed is not None
-    planned = climbs.followed.altitude(late)
-    assert planned is not None and planned.vertical_speed is not None
-    situation = heard(own_climb=-8.0).situation
-    supervision = step_monitor(judgement.supervision, situation, NOW + SECOND // 10)
-    published = supervision.published_plan
-    supervision = replace(withdraw(supervision, supervision.revision + 1), published_plan=published)
-    backed, gust = replace(judgement, supervision=supervision), heard(own_climb=-8.0)
-    demands = []
-    for tenths in range(1, 12):
-        time = late + tenths * SECOND // 10
-        stepped = pilot.steer(climbs, backed, gust, flown[0], time)
-        climbs = stepped.pilot
-        demands += [
-            effect.steered.command.altitude
-            for effect in stepped.effects
-            if isinstance(effect, Steer)
-        ]
-    rise = planned.vertical_speed**2 / 2.0
-    assert demands == pytest.approx([planned.value + rise] * len(demands), abs=0.5)
+    """It is judged anew time and again, and told some time after that."""
+    judgement, begin = judge(heard(), flown[1]), NOW + 8 * SECOND
+    piloted = pilot.steer(Pilot(), judgement, heard(), flown[0], begin).pilot
+    assert piloted.followed is not None
+    planned = piloted.followed.altitude(begin)
+    assert planned is not None and planned.climb(0.0)[0] > 0.5
+    options = flown[1].settings.options
+    certified = backup_profile(sense, planned, options)
+    assert certified is not None
+    expected = PlannedHeight(certified, options.vertical.acceleration)
+    for number in range(30):
+        time = begin + round(0.3 * number * SECOND)
+        gust = heard(own_climb=-8.0, time=time)
+        judgement = on_backup(judgement, gust, time, sense)
+        for late in (0.15, 0.25):
+            told = time + round(late * SECOND)
+            piloted = pilot.steer(piloted, judgement, gust, flown[0], told).pilot
+            flown_altitude = piloted.followed and piloted.followed.altitude(told)
+            assert flown_altitude is not None
+            altitude, climb = expected.at((told - begin) / SECOND)
+            assert flown_altitude.value == pytest.approx(altitude, abs=0.05), (number, late)
+            assert flown_altitude.climb(0.0)[0] == pytest.approx(climb, abs=0.05), (number, late)
 
 
 def test_the_altitude_is_sent_alone_and_with_the_speed() -> None:
