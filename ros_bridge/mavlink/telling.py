@@ -5,7 +5,10 @@ out.
 import math
 from dataclasses import replace
 
+from agents.assurance.backup import Sense
+from agents.assurance.state import FlyMode
 from envs.formats.local_frame import LocalFrame
+from ros_bridge.core.assurance import to_fly
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.feeds.traffic import OWN_TRACES
 from ros_bridge.core.fields import readable
@@ -17,6 +20,7 @@ from ros_bridge.mavlink.state import Advance, State
 from ros_bridge.mavlink.texts import log_once, tell, tell_once
 
 _LEVEL = 5.0  # m by which a plan that is told as level may climb
+_DOES = {Sense.LEVEL_OFF: "level", Sense.CLIMB: "climbing", Sense.DESCEND: "descending"}
 
 
 def advise(state: State, time: int, engage: float) -> Advance:
@@ -67,8 +71,9 @@ def write_plan(state: State) -> Advance:
 
 
 def explain(state: State, time: int) -> Advance:
-    """Log why the monitor is not content, where that changes."""
-    assessment, problem = state.judgement.supervision.assessment, state.judgement.problem
+    """Log why the monitor is not content, where that changes, and say that a backup is flown."""
+    judged, problem = state.judgement.supervision, state.judgement.problem
+    assessment = judged.assessment
     reasons = () if assessment is None else assessment.reasons
     monitor = "" if assessment is None else assessment.state.name
     causes = frozenset(reason.cause for reason in reasons)
@@ -79,7 +84,18 @@ def explain(state: State, time: int) -> Advance:
         after = Advance(replace(state, texts=texts), (Log(f"{monitor}: {text}", time),))
     if problem:
         after = after.then(tell, f"replan {monitor}", f"no plan: {problem}", time, send=False)
-    return after
+    return after.then(_tell_backup, time) if to_fly(judged) is FlyMode.BACKUP else after
+
+
+def _tell_backup(state: State, time: int) -> Advance:
+    """Say what a backup does up and down, and whether it keeps the separation."""
+    judged = state.judgement.supervision
+    text, backup = "backup", judged.monitor.backup
+    if judged.thresholds.options.climbs:
+        text += f", {_DOES[Sense(int(backup.sense[0]))]}"
+    if not backup.safe[0]:
+        text += ": separation not assured"
+    return tell(state, text, text, time, send=True)
 
 
 def remark(state: State, time: int) -> Advance:

@@ -31,7 +31,7 @@ from ros_bridge.core.assurance import step_monitor, to_fly, withdraw
 from ros_bridge.core.fields import SECOND
 from ros_bridge.mavlink import mission, pilot, vehicle
 from ros_bridge.mavlink.control import Control
-from ros_bridge.mavlink.effects import Reposition, Steer
+from ros_bridge.mavlink.effects import Reposition, Say, Steer
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.judging import Judgement, Rules, to_follow, watch
 from ros_bridge.mavlink.link import Link
@@ -42,7 +42,7 @@ from ros_bridge.mavlink.plan_file import geojson, kml
 from ros_bridge.mavlink.program import separation_lines
 from ros_bridge.mavlink.state import State
 from ros_bridge.mavlink.steering import Command, PlannedHeight
-from ros_bridge.mavlink.telling import advise
+from ros_bridge.mavlink.telling import advise, explain
 from ros_bridge.mavlink.vehicle import HeightLag, Vehicle, fence_levels, vehicle_of
 from ros_bridge.mavlink.view import View
 from tests.ros_bridge.test_mavlink import PARAMETERS
@@ -443,6 +443,25 @@ def test_a_backup_after_a_plan_begins_at_the_planned_altitude_which_no_gust_move
             altitude, climb = expected.at((told - begin) / SECOND)
             assert flown_altitude.value == pytest.approx(altitude, abs=0.05), (number, late)
             assert flown_altitude.climb(0.0)[0] == pytest.approx(climb, abs=0.05), (number, late)
+
+
+@pytest.mark.parametrize("safe", [True, False])
+@pytest.mark.parametrize(
+    ("sense", "does"),
+    [(Sense.LEVEL_OFF, "level"), (Sense.CLIMB, "climbing"), (Sense.DESCEND, "descending")],
+)
+def test_a_backup_that_is_flown_is_told(
+    flown: tuple[Vehicle, Rules], sense: Sense, does: str, safe: bool
+) -> None:
+    received = heard()
+    backed = on_backup(judge(received, flown[1]), received, NOW + SECOND // 10, sense)
+    supervision = backed.supervision
+    held = supervision.monitor.backup._replace(safe=np.array([safe]))
+    supervision = replace(supervision, monitor=supervision.monitor._replace(backup=held))
+    state = State(replace(backed, supervision=supervision), received=received)
+    texts = [effect.text for effect in explain(state, NOW).effects if isinstance(effect, Say)]
+    promise = "" if safe else ": separation not assured"
+    assert texts == [f"RLCAS: backup, {does}{promise}"]
 
 
 def test_the_altitude_is_sent_alone_and_with_the_speed() -> None:
