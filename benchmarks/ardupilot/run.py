@@ -142,17 +142,20 @@ def _line(number: int, method: str, options: argparse.Namespace) -> Row:
 
 
 def fly_encounter(encounter: Encounter, method: str, *, instance: int, speedup: float) -> Result:
-    """Fly an encounter by a method; on a busy machine a simulation may start too late, or go on
-    unseen, and is tried again.
-    """
+    """Fly an encounter by a method to the mission's goal."""
     until = (encounter.goal - BEGIN) / encounter.cruise + _LATE
+    return fly_seen(encounter, method, instance=instance, speedup=speedup, until=until)
+
+
+def fly_seen(encounter: Encounter, method: str, **more: Any) -> Result:
+    """Fly as :func:`ros_bridge.mavlink.flight.fly` does; on a busy machine a simulation may start
+    too late, or go on unseen, and is tried again.
+    """
     tries_left = _TRIES
     while True:
         tries_left -= 1
         try:
-            return fly(
-                encounter, method, instance=instance, speedup=speedup, until=until, stall=_STALL
-            )
+            return fly(encounter, method, stall=_STALL, **more)
         except (SitlError, RuntimeError) as problem:
             if not tries_left:
                 raise

@@ -324,7 +324,7 @@ def _fly(
         sitl.beat()
         if program is not None:
             program.turn(0.0)
-        before = log.rows[-1].time if log.rows else math.inf
+        before = log.rows[-1].time if log.rows else 0.0
         for message in advance(sitl, _positions(program)):
             heard_at = time.monotonic()
             row = log.take(message)
