@@ -83,11 +83,14 @@ class Intruder(NamedTuple):
     turn_at: float = math.inf  # s after the start
     turn: float = 0.0  # rad
     turn_rate: float = 0.1  # rad/s
-    climb: float = 0.0  # m/s; at ``cpa`` it is as high as the mission
+    climb: float = 0.0  # m/s
+    level: float = 0.0  # m above the mission's height, at ``cpa``
+    # s after the start, between which nobody reports it
+    silence: tuple[float, float] = (math.inf, math.inf)
 
     def above(self, time: float) -> float:
         """Return its altitude at a time, s after the start, m above mean sea level."""
-        return _ABOVE + self.climb * (time - self.cpa)
+        return _ABOVE + self.level + self.climb * (time - self.cpa)
 
 
 class Encounter(NamedTuple):
@@ -98,7 +101,8 @@ class Encounter(NamedTuple):
     wind: float  # m/s
     wind_from: float  # degrees
     turbulence: float = 0.0  # m/s
-    fence: tuple[tuple[float, float], ...] = ()  # m east and north of home, to be kept out of
+    fence: tuple[tuple[float, float], ...] = ()  # m east and north of home
+    keep_in: bool = False  # whether the fence is to be stayed in, or kept out of
     cruise: float = 22.0  # of the mission over the ground, m/s: by it the intruders come
     goal: float = GOAL  # m east of home
     legs: tuple[Leg, ...] = ()  # of the mission after its item 1; (): straight to the goal and on
@@ -123,7 +127,7 @@ class Result(NamedTuple):
     rows: tuple[Row, ...]
     separation: float  # smallest horizontal distance at the same height, m
     lost: bool
-    breached: bool  # whether it was inside the fence that is to be kept out of
+    breached: bool  # whether it violated the fence
     arrived: float | None  # s; None: not in time
     on_mission: float  # s in AUTO
     on_track: float  # s on the mission's legs, as seen from above
@@ -202,7 +206,7 @@ def fly(  # noqa: PLR0913 - all that a flight is
     with Sitl(instance, speedup, all_parameters, encounter.home) as sitl:
         sitl.upload([Leg(100.0, 0.0, 60.0, 22, 15.0), *_legs(encounter)])
         if encounter.fence:
-            sitl.upload_fence(encounter.fence, keep_in=False)
+            sitl.upload_fence(encounter.fence, keep_in=encounter.keep_in)
         sitl.take_off()
         sitl.rate(33, 1e5)  # GLOBAL_POSITION_INT
         sitl.rate(74, 1e5)  # VFR_HUD
@@ -345,6 +349,8 @@ def _fly(
 def _traffic(encounter: Encounter, sitl: Sitl, seconds: float) -> None:
     """Send where the intruders are."""
     for number, intruder in enumerate(encounter.intruders):
+        if intruder.silence[0] <= seconds < intruder.silence[1]:
+            continue
         x, y, course = place_of(intruder, seconds, encounter.cruise)
         track = 90.0 - math.degrees(course)
         above = intruder.above(seconds)
@@ -365,7 +371,8 @@ def _judge(encounter: Encounter, log: _Log, program: Program | None) -> Result:
         rows=tuple(rows),
         separation=least,
         lost=lost,
-        breached=bool(fence) and any(_inside(row.x, row.y, fence) for row in rows),
+        breached=bool(fence)
+        and any(_inside(row.x, row.y, fence) is not encounter.keep_in for row in rows),
         arrived=log.arrived,
         on_mission=sum(b.time - a.time for a, b in pairs if a.mode == Mode.AUTO),
         on_track=sum(b.time - a.time for a, b in pairs if off_track(encounter, a) <= _BESIDE),

@@ -58,7 +58,11 @@ def _draw_tracks(axis: "Axes", encounter: Encounter, flight: Result) -> None:
         axis.plot(*zip(*places_in_mode, strict=True), lw=2, color=colour, label=mode.name)
     if encounter.fence:
         axis.fill(
-            *zip(*encounter.fence, strict=True), color=AREA_COLOUR, alpha=0.35, label="geofence"
+            *zip(*encounter.fence, strict=True),
+            color=AREA_COLOUR,
+            alpha=0.35,
+            fill=not encounter.keep_in,
+            label="geofence",
         )
     axis.set(xlabel="east, m", ylabel="north, m", aspect="equal")
     axis.set_xlim(rows[0].x - _ROOM, rows[-1].x + _ROOM)

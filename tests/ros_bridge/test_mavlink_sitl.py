@@ -17,10 +17,11 @@ import pytest
 pytest.importorskip("pymavlink", reason="the extra mavlink is not installed")
 
 from benchmarks.ardupilot.relay import Relay
+from benchmarks.ardupilot.situations import SITUATIONS, fly_situation
 from commands.command import InputError
 from envs.formats.local_frame import LocalFrame
 from envs.traffic.track_units import KNOT
-from ros_bridge.mavlink.flight import SEPARATION, VERTICAL, Encounter, Intruder, fly
+from ros_bridge.mavlink.flight import SEPARATION, VERTICAL, Encounter, Intruder, apart, fly
 from ros_bridge.mavlink.link import Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.options import VERTICAL_MARGIN
@@ -160,6 +161,23 @@ def test_an_aircraft_ahead_is_passed_above_or_below_on_the_missions_track(climb:
     assert max(abs(row.above - MISSION) for row in back) < 5.0
     assert max(abs(period.above) for period in flight.steered) < 0.5 * VERTICAL_MARGIN
     assert any(" m/s, climb to " in text or " m/s, descend to " in text for text in flight.texts)
+
+
+def test_a_backup_that_climbs_is_flown_and_the_missions_altitude_given_back() -> None:
+    situation = SITUATIONS["climbing_backup"]
+    flight, meeting = fly_situation(situation, INSTANCE), situation.encounter()
+    assert not flight.lost and not flight.breached and flight.taken_over == 1
+    assert "RLCAS: backup, climbing" in flight.texts
+    assert not any("not assured" in text for text in flight.texts if "backup" in text)
+    late = meeting.intruders[1]  # turns in where nothing can be planned
+    nearest = min(flight.rows, key=lambda row: apart(row, late, meeting.cruise))
+    # It would have been lost at the height of the plan that was flown until then.
+    assert apart(nearest, late, meeting.cruise) < SEPARATION
+    before = max(row.above for row in flight.rows if row.time < late.turn_at)
+    assert before - late.above(0.0) < VERTICAL < nearest.above - late.above(0.0)
+    assert max(abs(period.above) for period in flight.steered) < 0.5 * VERTICAL_MARGIN
+    assert flight.rows[-1].mode == Mode.AUTO
+    assert abs(flight.rows[-1].above - MISSION) < 5.0
 
 
 def test_a_program_that_did_not_keep_up_says_so_and_calls_nothing_safe_for_a_while() -> None:
