@@ -23,7 +23,7 @@ from envs.formats.lincoln_file import read_lincoln, tracks_of
 from envs.formats.track_rows import place_of, track_of
 from envs.frames import Air
 from envs.kinematics import VehicleState
-from envs.tracking.tracker import TURN_STEPS, Reports, belief, carried_turn, observe
+from envs.tracking.tracker import TURN_STEPS, Reports, belief, lasting, observe
 from envs.traffic.tracks import Track, at_times
 from envs.trees import map_leaves, take
 from ros_bridge.core.reports import USUAL
@@ -91,15 +91,15 @@ def believe(reports: Grid) -> Traffic:
         unknown = Reports(take(reports.state, np.s_[:, row]), 0.0, 0.0, False)
         sightings = observe(sightings, unknown, time, there)
         current = belief(sightings.tracks)
-        turn_rate, turn_std = carried_turn(current.turn_rate, current.turn_std, TURN_STEPS)
+        turn_time = lasting(current.turn_rate, current.turn_std, TURN_STEPS)
         velocity_std = np.maximum(current.velocity_std, USUAL.velocity_std)
         believed.append(
             Traffic.straight(current.state, there)._replace(
-                turn_rate=turn_rate,
-                turn_time=np.where(turn_rate == 0.0, 0.0, TURN_STEPS),
+                turn_rate=current.turn_rate,
+                turn_time=turn_time,
                 position_std=np.maximum(current.position_std, USUAL.position_std),
                 velocity_std=np.hypot(
-                    velocity_std, turn_error(current.state.speed, turn_std, TURN_STEPS)
+                    velocity_std, turn_error(current.state.speed, current.turn_std, turn_time)
                 ),
             )
         )

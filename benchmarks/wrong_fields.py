@@ -194,7 +194,7 @@ def follow(
     declared_std = ERRORS if declared else (0.0, 0.0)
     for second, state in enumerate(received):
         sightings = observe(sightings, Reports(state, *declared_std, declared), float(second), mask)
-        inputs = believed(float(second), own, sightings, mask, thresholds.turn_time)
+        inputs = believed(float(second), own, sightings, mask)
         if not declared:
             inputs = inputs._replace(
                 position_std=np.maximum(inputs.position_std, USUAL.position_std),

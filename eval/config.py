@@ -159,7 +159,7 @@ class TrafficConfig(Strict):
     """Noise of reported velocities, one sigma per axis, m/s."""
     latency: float = Field(default=0.0, ge=0.0, le=20.0)
     """Age of reports when they are used, s; at most two time steps of the aircraft."""
-    altitude_std: float = Field(default=0.0, ge=0.0, le=500.0)
+    altitude_std: float = Field(default=0.0, ge=0.0, le=400.0)
     """Error of the intruder's altimeter beside the ownship's, the same in all of an encounter, one
     sigma, m; reports say that they may be off by two of them. With vertical_miss."""
     sensor_range: float | None = Field(default=None, gt=0.0, le=1_000_000.0)

@@ -21,7 +21,7 @@ from envs.angles import wrap
 from envs.arrays import Array, Bool, Float, Int, Shaped
 from envs.frames import Air
 from envs.kinematics import FASTEST, VehicleState, velocity
-from envs.tracking.tracker import Sightings, belief, carried_turn, plausible_turn
+from envs.tracking.tracker import Sightings, belief, lasting, plausible_turn
 from envs.trees import map_leaves
 from envs.wind import turned_error
 
@@ -116,17 +116,15 @@ def believed(
     own: VehicleState[Air],
     sightings: Sightings[Air],
     mask: Bool[Array, "N K"],
-    turn_time: float,
     **more: Any,
 ) -> Inputs:
     """Return inputs ``[N]`` of intruders ``[N, K]`` as the tracker believes them to be at a time,
     s; what cannot be believed, and who was never reported, is missing.
 
-    A turn is expected to go on for a time, s. ``more`` is as of :func:`inputs`.
+    ``more`` is as of :func:`inputs`.
     """
     beliefs = belief(sightings.tracks)
     missing = beliefs.doubtful | ~np.isfinite(sightings.time)
-    turn_rate, turn_std = carried_turn(beliefs.turn_rate, beliefs.turn_std, turn_time)
     return inputs(
         time,
         own,
@@ -135,8 +133,8 @@ def believed(
         age=np.where(missing, 0.0, time - sightings.time),
         position_std=beliefs.position_std,
         velocity_std=beliefs.velocity_std,
-        turn_rate=turn_rate,
-        turn_std=turn_std,
+        turn_rate=beliefs.turn_rate,
+        turn_std=beliefs.turn_std,
         **more,
     )
 
@@ -294,7 +292,7 @@ def advance(
     age = np.where(reported, memory.time[:, None] - memory.reported, 0.0)
     limits = thresholds.turn_rate_min, thresholds.turn_rate_max
     turn_rate = plausible_turn(memory.turn_rate, *limits)
-    turn_time = np.where(turn_rate == 0.0, 0.0, thresholds.turn_time)
+    turn_time = lasting(turn_rate, memory.turn_std, thresholds.turn_time)
     turned = turn_error(memory.intruders.speed, memory.turn_std, turn_time)
     reports = Traffic(
         state=memory.intruders,

@@ -35,7 +35,7 @@ from envs.areas import Area
 from envs.backend import FLOATS
 from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
-from envs.tracking.tracker import plausible_turn
+from envs.tracking.tracker import lasting, plausible_turn
 from envs.trees import take
 from envs.waypoints import PlanStates, Waypoint, plan_states
 from envs.wind import NO_WIND
@@ -375,13 +375,13 @@ def _last_report(
     """Return the last good report of the intruder at a place, of these states, with its age."""
     limits = thresholds.turn_rate_min, thresholds.turn_rate_max
     turn_rate = plausible_turn(float(memory.turn_rate[0, place]), *limits, FLOATS)
-    separation = float(memory.separation[0, place])
+    turn_std, separation = float(memory.turn_std[0, place]), float(memory.separation[0, place])
     return Intruder(
         state=VehicleState(*(float(field[0, place]) for field in intruders)),
         age=float(memory.time[0] - memory.reported[0, place]),
         turn_rate=turn_rate,
-        turn_time=0.0 if turn_rate == 0.0 else thresholds.turn_time,
-        turn_std=float(memory.turn_std[0, place]),
+        turn_time=lasting(turn_rate, turn_std, thresholds.turn_time, FLOATS),
+        turn_std=turn_std,
         position_std=float(memory.position_std[0, place]),
         velocity_std=float(memory.velocity_std[0, place]),
         separation=None if math.isnan(separation) else separation,

@@ -410,21 +410,19 @@ time step of an aircraft."""
 
 # rad, 10 degrees: one sigma of the course at the end of a turn that is expected to go on.
 _COURSE = 0.175
+_STEADY = 1e-9  # rad/s that divide nothing
 
 
-def goes_on(turn_std: Array, turn_time: Array) -> Array:
-    """Return whether a turn is expected to go on for a time, s: where the course at its end is
-    known; else straight flight with new estimates every second misleads less.
+def lasting(turn_rate: Array, turn_std: Array, turn_time: Array, xp: ArrayModule = np) -> Array:
+    """Return for how long turns are expected to go on, s, ``[...]``: for a time, s, at most, but
+    only as long as the course at their end is known within 10 degrees; 0 where they are none.
+
+    Args:
+        turn_rate: rad/s; 0: straight flight.
+        turn_std: one sigma of it, rad/s.
+        turn_time: s.
     """
-    return turn_std * turn_time <= _COURSE
-
-
-def carried_turn(
-    turn_rate: Array, turn_std: Array, turn_time: Array, xp: ArrayModule = np
-) -> tuple[Array, Array]:
-    """Return the turn rate that aircraft are expected to go on with for a time, s, and one sigma of
-    it, rad/s, ``[...]``; both are 0 where they fly straight, or are expected to
-    (:func:`goes_on`).
-    """
-    carried = xp.logical_and(turn_rate != 0.0, goes_on(turn_std, turn_time))
-    return xp.where(carried, turn_rate, 0.0), xp.where(carried, turn_std, 0.0)
+    known = xp.where(
+        turn_std * turn_time <= _COURSE, turn_time, _COURSE / xp.maximum(turn_std, _STEADY)
+    )
+    return xp.where(turn_rate != 0.0, known, 0.0)

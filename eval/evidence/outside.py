@@ -95,7 +95,7 @@ def flag(flights: Flights, policy: Policy, aircraft: Aircraft) -> dict[str, np.n
         time = number * aircraft.dt
         sightings = observe(sightings, Reports(reported, *flights.std), time, mask)
         wrong |= (contradict(sightings, time, thresholds.intruder_age) & mask).any(axis=-1)
-        beliefs = believed(time, own, sightings, mask, thresholds.turn_time)
+        beliefs = believed(time, own, sightings, mask)
         memory, _own, _traffic, _causes, of_each = update(memory, beliefs, thresholds)
         causes |= np.bitwise_or.reduce(of_each, axis=-1)
         if box is not None and number % _NOVEL_EVERY == 0:

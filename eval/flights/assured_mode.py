@@ -261,7 +261,7 @@ def _watch(
         fields["areas"] = _areas_met(areas, state, flights.monitor, time, thresholds)
     if heights is not None:
         fields |= _meetings(flights, heights, time, thresholds.options)
-    inputs = believed(time, state.own, sightings, mask, thresholds.turn_time, **fields)
+    inputs = believed(time, state.own, sightings, mask, **fields)
     monitor, decision = assurance.step(flights.monitor, inputs, thresholds)
     return flights._replace(monitor=monitor, sightings=sightings), decision
 

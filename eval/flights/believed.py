@@ -13,7 +13,7 @@ from agents.kernel.traffic import Traffic, predict
 from envs.aircraft import Aircraft
 from envs.frames import Air
 from envs.perception import Sensor, declared_errors
-from envs.tracking.tracker import TURN_STEPS, Reports, Sightings, belief, carried_turn, observe
+from envs.tracking.tracker import TURN_STEPS, Reports, Sightings, belief, lasting, observe
 from envs.trees import map_leaves
 
 CARRIED = 60.0
@@ -47,10 +47,10 @@ def carry_on(
     carried = mask & ~observation.mask & is_carried(sightings, time, aircraft)
     if not carried.any():
         return observation, sightings
-    believed, turn_time = belief(sightings.tracks), TURN_STEPS * aircraft.dt
-    turn_rate, _ = carried_turn(believed.turn_rate, believed.turn_std, turn_time)
+    believed, longest = belief(sightings.tracks), TURN_STEPS * aircraft.dt
+    turn_rate = believed.turn_rate
     flown = Traffic.straight(believed.state, carried)._replace(
-        turn_rate=turn_rate, turn_time=np.full(age.shape, turn_time)
+        turn_rate=turn_rate, turn_time=lasting(turn_rate, believed.turn_std, longest)
     )
     carried_on = predict(flown, np.where(carried, age, 0.0))
     intruders = map_leaves(

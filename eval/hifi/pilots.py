@@ -301,8 +301,7 @@ class Assured:
         fields: dict[str, Any] = {"separation": self._separation, "areas": met.areas}
         if self._in_space:
             fields["window"] = met.all_times
-        turn_time = self._thresholds.turn_time
-        inputs = believed(time, own_row, self._sightings, self._mask, turn_time, **fields)
+        inputs = believed(time, own_row, self._sightings, self._mask, **fields)
         return space.complete(inputs, self._climb, altitude) if self._in_space else inputs
 
     def _plan(

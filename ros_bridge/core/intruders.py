@@ -30,13 +30,13 @@ def intruder_of(
     Planner and monitor advance it over its age; only the altitude's reference is settled here.
     """
     position_std, velocity_std = report.spread(assumed.unknown)
-    turn_rate, turn_std = expected_turn(report, state, wind, assumed.turns)
+    turn = expected_turn(report, state, wind, assumed.turns)
     return Intruder(
         state,
         age=age,
-        turn_rate=turn_rate,
-        turn_time=assumed.turns.lasts if turn_rate else 0.0,
-        turn_std=turn_std,
+        turn_rate=turn.rate,
+        turn_time=turn.time,
+        turn_std=turn.std,
         position_std=position_std,
         velocity_std=velocity_std,
         altitude=level(report.height(assumed.climb), 0, assumed.undulation, assumed.climb),

@@ -15,11 +15,20 @@ from envs.backend import FLOATS
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.tracking.tracker import carried_turn, plausible_turn
+from envs.tracking.tracker import lasting, plausible_turn
 from envs.wind import NO_WIND, Wind, over_ground, through_air, turn_through_air
 from ros_bridge.core.reports import Report, Unknown
 
-__all__ = ["Turns", "carry_on", "expected_turn", "ownship_wind", "to_local", "turn_of", "wind_in"]
+__all__ = [
+    "ExpectedTurn",
+    "Turns",
+    "carry_on",
+    "expected_turn",
+    "ownship_wind",
+    "to_local",
+    "turn_of",
+    "wind_in",
+]
 
 
 def to_local(frame: LocalFrame, report: Report) -> VehicleState[Ground]:
@@ -37,7 +46,7 @@ def to_local(frame: LocalFrame, report: Report) -> VehicleState[Ground]:
 class Turns(NamedTuple):
     """How the turns of aircraft are expected to go on."""
 
-    lasts: float  # for how long after a report, s
+    lasts: float  # for how long after a report at most, s
     least: float  # turn rate that counts as a turn, rad/s
     most: float  # that an aircraft is believed to have, rad/s
 
@@ -52,14 +61,22 @@ def turn_of(report: Report, turns: Turns) -> float:
     return plausible_turn(report.turn_rate, turns.least, turns.most, FLOATS)
 
 
+class ExpectedTurn(NamedTuple):
+    """A turn through the air that an aircraft is expected to go on with; all 0 where it is none."""
+
+    rate: float  # rad/s
+    std: float  # one sigma of the rate, rad/s
+    time: float  # for which it goes on after the report, s
+
+
 def expected_turn(
     report: Report, state: VehicleState[Ground], wind: Wind, turns: Turns
-) -> tuple[float, float]:
-    """Return the turn rate through the air that an aircraft of the traffic is expected to go on
-    with, and one sigma of it, rad/s.
-    """
-    rate, std = carried_turn(turn_of(report, turns), report.turn_std, turns.lasts, FLOATS)
-    return turn_through_air(state, rate, wind), std
+) -> ExpectedTurn:
+    """Return the turn through the air that an aircraft of the traffic is expected to go on with."""
+    rate = turn_of(report, turns)
+    std = report.turn_std if rate else 0.0
+    time = lasting(rate, std, turns.lasts, FLOATS)
+    return ExpectedTurn(turn_through_air(state, rate, wind), std, time)
 
 
 def carry_on(

@@ -11,7 +11,7 @@ from envs.backend import FLOATS
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.tracking.tracker import TURN_STEPS, carried_turn
+from envs.tracking.tracker import TURN_STEPS, lasting
 from envs.wind import NO_WIND
 from ros_bridge.core.courses import Course
 from ros_bridge.core.fields import SECOND
@@ -151,8 +151,9 @@ def _carry_on(tracks: Sequence[Track], frame: LocalFrame, moment: int) -> _Motio
     age = np.array([(moment - report.time) / SECOND for report in reports])
     heading = np.arctan2(north, east) + places.convergence
     start: VehicleState[Ground] = VehicleState(places.x, places.y, heading, np.hypot(east, north))
-    rates = np.array([_turn_rate(track) for track in tracks])
-    state = carry_on(start, rates, TURN_STEPS, age, NO_WIND)
+    rates = np.array([track.turn_rate for track in tracks])
+    lasts = np.array([_turn_time(track) for track in tracks])
+    state = carry_on(start, rates, lasts, age, NO_WIND)
     vx, vy = state.speed * np.cos(state.heading), state.speed * np.sin(state.heading)
     return _Motion(
         x=state.x,
@@ -164,9 +165,9 @@ def _carry_on(tracks: Sequence[Track], frame: LocalFrame, moment: int) -> _Motio
     )
 
 
-def _turn_rate(track: Track) -> float:
-    """Return the turn rate that an aircraft is expected to go on with, rad/s."""
-    return carried_turn(track.turn_rate, _last(track).turn_std, TURN_STEPS, FLOATS)[0]
+def _turn_time(track: Track) -> float:
+    """Return for how long after its report an aircraft is expected to go on with its turn, s."""
+    return lasting(track.turn_rate, _last(track).turn_std, TURN_STEPS, FLOATS)
 
 
 def _plane(track: Track, motion: _Motion, number: int, moment: int, fresh: Freshness) -> DrawnPlane:
@@ -183,7 +184,7 @@ def _plane(track: Track, motion: _Motion, number: int, moment: int, fresh: Fresh
         vy=round(float(motion.vy[number]), 2),
         track_deg=round(float(motion.track_deg[number]), 1),
         speed=round(report.speed, 1),
-        turn_deg=round(math.degrees(_turn_rate(track)), 2) if age < TURN_STEPS else 0.0,
+        turn_deg=round(math.degrees(track.turn_rate), 2) if age < _turn_time(track) else 0.0,
         altitude=None if height is None else round(height.value + (climb or 0.0) * age, 1),
         reference=None if height is None else height.reference,
         climb=None if climb is None else round(climb, 1),

@@ -550,14 +550,15 @@ def test_a_turn_too_fast_to_be_believed_counts_as_the_fastest() -> None:
         assert estimate is not None and turn_of(estimate, SETTINGS.turns) == sign * greatest
 
 
-def test_a_turn_in_noise_is_expected_to_go_on_only_where_its_end_is_known() -> None:
-    calm, rate = Wind(), math.radians(3.0)
-    for std, goes_on in ((3.0, False), (0.1, True)):
+def test_a_turn_in_noise_is_expected_to_go_on_as_long_as_its_course_is_known() -> None:
+    calm, rate, times = Wind(), math.radians(3.0), list[float]()
+    for std in (3.0, 0.1):
         track = turning(rate, 1.0, std=std, count=40)
         estimate = track.estimate
         assert estimate is not None and track.turn_rate == pytest.approx(
             rate, abs=4.0 * estimate.turn_std
         )
-        expected, spread = expected_turn(estimate, START, calm, SETTINGS.turns)
-        assert bool(expected != 0.0) is goes_on
-        assert bool(spread > 0.0) is goes_on
+        expected = expected_turn(estimate, START, calm, SETTINGS.turns)
+        assert expected.rate != 0.0 and expected.std == estimate.turn_std > 0.0
+        times.append(expected.time)
+    assert 0.0 < times[0] < times[1] == SETTINGS.turns.lasts

@@ -25,7 +25,7 @@ from envs.tracking.tracker import (
     begin,
     belief,
     extend,
-    goes_on,
+    lasting,
     observe,
     repeats,
     restart,
@@ -589,8 +589,13 @@ def test_a_jump_begins_anew() -> None:
     assert (np.abs(off) < 30.0).all()
 
 
-def test_a_turn_goes_on_where_its_end_is_known() -> None:
+def test_a_turn_goes_on_as_long_as_its_course_is_known() -> None:
     states = fly([0.0] * 20 + [RATE] * 20, rows=3)
-    beliefs = track(states, ADSB, ADSB)
-    assert goes_on(beliefs[-1].turn_std, np.float64(2.0)).all()
-    assert not goes_on(beliefs[-1].turn_std, np.float64(60.0)).any()
+    last = track(states, ADSB, ADSB)[-1]
+    assert (last.turn_rate != 0.0).all() and (last.turn_std > 0.0).all()
+    assert (lasting(last.turn_rate, last.turn_std, np.float64(2.0)) == 2.0).all()
+    known = lasting(last.turn_rate, last.turn_std, np.float64(60.0))
+    assert ((known > 0.0) & (known < 60.0)).all()
+    assert np.degrees(last.turn_std * known) == pytest.approx(10.0, rel=0.01)
+    assert lasting(RATE, 0.0, 15.0, FLOATS) == 15.0
+    assert lasting(0.0, 0.1, 15.0, FLOATS) == 0.0

@@ -145,7 +145,7 @@ def tell_reports(reports: list[VehicleState]) -> tuple[list[State], list[bool]]:
     for second, report in enumerate(reports):
         sightings = observe(sightings, Reports(report, 0.0, 0.0), float(second), mask)
         time, own = float(second), on_plan(float(second))
-        monitor_inputs = believed(time, own, sightings, mask, THRESHOLDS.turn_time)
+        monitor_inputs = believed(time, own, sightings, mask)
         monitor, decision = step(monitor, monitor_inputs, THRESHOLDS)
         states.append(state_of(monitor))
         asks.append(bool(decision.replan[0]))

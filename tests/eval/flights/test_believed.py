@@ -14,7 +14,7 @@ from envs.kinematics import VehicleState
 from envs.perception import Sensor
 from envs.scenarios import scenario
 from envs.starts import OF_INTRUDERS, encounters_of_seed
-from envs.tracking.tracker import belief
+from envs.tracking.tracker import belief, lasting
 from eval.flights.believed import CARRIED, carry_on, steer_alone
 from eval.flights.simulate import OUTCOMES, ByPolicy, Flights, fly
 
@@ -56,9 +56,9 @@ def test_an_intruder_is_carried_on_along_its_course_or_turn_and_is_gone_then(rat
         course += rate
 
 
-def test_a_turn_is_carried_on_only_where_its_end_is_known() -> None:
+def test_a_turn_is_carried_on_as_long_as_its_course_is_known() -> None:
     exists, rate = np.array([[True]]), math.radians(3.0)
-    for sensor, goes_on in ((Sensor(30.0, 3.0), False), (Sensor(1.0, 0.1), True)):
+    for sensor, whole in ((Sensor(30.0, 3.0), False), (Sensor(1.0, 0.1), True)):
         sightings, random, place = None, np.random.default_rng(1), 0.0j
         for second in range(40):
             velocity = 70.0 * np.exp(1j * rate * second)
@@ -77,9 +77,11 @@ def test_a_turn_is_carried_on_only_where_its_end_is_known() -> None:
         assert sightings is not None
         believed = belief(sightings.tracks)
         assert believed.turn_rate[0, 0] > 0.5 * rate
-        carried, _ = carry_on(sight_of(state, False), exists, sightings, sensor, 49.0, PAPER)
+        carried, _ = carry_on(sight_of(state, False), exists, sightings, sensor, 54.0, PAPER)
         turned = wrap(carried.intruders.heading - believed.state.heading, np)[0, 0]
-        assert turned == (pytest.approx(10.0 * rate, rel=0.1) if goes_on else 0.0)
+        lasts = float(lasting(believed.turn_rate, believed.turn_std, 15.0)[0, 0])
+        assert lasts == 15.0 if whole else 0.0 < lasts < 15.0
+        assert turned == pytest.approx(lasts * believed.turn_rate[0, 0], abs=1e-9)
 
 
 def test_who_was_never_reported_is_nobody() -> None:
