@@ -175,6 +175,7 @@ def _plane(track: Track, motion: _Motion, number: int, moment: int, fresh: Fresh
     report, age = _last(track), float(motion.age[number])
     height = report.altitude
     climb = None if height is None else height.vertical_speed
+    turns_on = _turn_time(track) - age
     return DrawnPlane(
         id=report.identifier,
         callsign=report.callsign,
@@ -184,7 +185,8 @@ def _plane(track: Track, motion: _Motion, number: int, moment: int, fresh: Fresh
         vy=round(float(motion.vy[number]), 2),
         track_deg=round(float(motion.track_deg[number]), 1),
         speed=round(report.speed, 1),
-        turn_deg=round(math.degrees(track.turn_rate), 2) if age < _turn_time(track) else 0.0,
+        turn_deg=round(math.degrees(track.turn_rate), 2) if turns_on > 0.0 else 0.0,
+        turn_s=round(max(turns_on, 0.0), 1),
         altitude=None if height is None else round(height.value + (climb or 0.0) * age, 1),
         reference=None if height is None else height.reference,
         climb=None if climb is None else round(climb, 1),

@@ -40,6 +40,7 @@ class DrawnPlane(NamedTuple):
     track_deg: float
     speed: float  # over the ground
     turn_deg: float = 0.0  # deg/s, positive to the left
+    turn_s: float = 0.0  # for how long it is expected to turn on, s
     altitude: float | None = None  # m, now
     reference: str | None = None  # what it is above
     climb: float | None = None  # m/s

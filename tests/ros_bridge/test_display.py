@@ -366,9 +366,9 @@ def test_the_error_of_the_altitude_is_shown_where_it_is_measured():
     assert error_of(altitude_error=-3.54, altitude_error_limit=25.0) == -3.5
 
 
-def test_a_turn_of_which_nobody_can_be_sure_is_drawn_straight():
+def test_a_turn_is_drawn_as_long_as_its_course_is_known():
     """Circles of 6 deg/s, reported with and without an error of 3 m/s."""
-    turns = []
+    drawn = []
     for velocity_std in (0.0, 3.0):
         scene = known_scene()
         for second in range(6):
@@ -378,8 +378,10 @@ def test_a_turn_of_which_nobody_can_be_sure_is_drawn_straight():
                 x + 5_000.0, y, angle, 80.0, time=now, velocity_std=velocity_std, position_std=9.0
             )
             scene = take(scene, f"{PREFIX}traffic", flying, now)
-        turns.append(page_document(scene, after(5.0))["traffic"][0]["turn_deg"])
-    assert turns[0] > 5.0 and turns[1] == 0.0
+        drawn.append(page_document(scene, after(5.0))["traffic"][0])
+    exact, noisy = drawn
+    assert exact["turn_deg"] > 5.0 and exact["turn_s"] == 15.0
+    assert noisy["turn_deg"] > 3.0 and 0.0 < noisy["turn_s"] < 15.0
 
 
 def test_a_plan_is_drawn_through_its_waypoints_and_over_its_times():

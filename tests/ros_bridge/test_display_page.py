@@ -278,16 +278,16 @@ def test_an_aircraft_that_plans_in_the_plane_has_one_tape(alarmed: tuple[Page, S
     assert (layout["strip"], layout["column"], layout["stacked"]) == (0, 0, False)
 
 
-def test_a_turn_is_drawn_until_some_time_after_its_report(alarmed: tuple[Page, Served]) -> None:
-    """A quarter of a circle in 15 s from its report on, then straight; as small steps make it."""
-    where = "after({ x: 0, y: 0, vx: 60, vy: 0, turn_deg: 6, age: %g }, 40)"
+def test_a_turn_is_drawn_as_long_as_it_is_expected(alarmed: tuple[Page, Served]) -> None:
+    """A quarter of a circle in 15 s, or a part of it, then straight; as small steps make it."""
+    where = "after({ x: 0, y: 0, vx: 60, vy: 0, turn_deg: 6, turn_s: %g }, 40)"
     page = alarmed[0].page
-    for age in (0.0, 10.0, 20.0):
+    for lasts in (15.0, 5.0, 0.0):
         x, y, turned = 0.0, 0.0, 0.0
         for _ in range(4_000):
             x, y = x + 0.6 * np.cos(turned), y + 0.6 * np.sin(turned)
-            turned = min(turned + np.radians(0.06), np.radians(6.0 * max(15.0 - age, 0.0)))
-        assert page.evaluate(where % age) == pytest.approx([x, y], abs=2.0)
+            turned = min(turned + np.radians(0.06), np.radians(6.0 * lasts))
+        assert page.evaluate(where % lasts) == pytest.approx([x, y], abs=2.0)
 
 
 @pytest.mark.parametrize("size", SIZES)

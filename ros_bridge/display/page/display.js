@@ -4,7 +4,7 @@
 const VERSION = 2; // of pictures
 const get = (id) => document.getElementById(id);
 const { arcs, bands, bug, circle, clip, compass, fences, fitted, line, mark, onRing, plane, round, stroke, tape, text, tint, whole } = airmap;
-const AHEAD = 60, TURNING = 15; // s of the lines ahead of aircraft, and of a turn after its report
+const AHEAD = 60; // s of the lines ahead of aircraft
 const BESIDE = 172, STRIP = 104; // px: of the tapes of altitude and vertical speed, and of the profile
 const PAUSES = [10, 20, 30, 60, 120, 300, 600, 1200]; // s between the times below a profile
 const OLD = 2; // s after which a picture that is not followed by another is said to be old
@@ -203,9 +203,9 @@ function view(picture, width, height) {
   return { centre, radius, scale, up, turn, place, width: width - right, height, top, low, strip, column, stacked, traffic };
 }
 
-// Where an aircraft will be after some seconds: on in its turn until some time after its report, then straight.
-function after({ x, y, vx, vy, turn_deg: turns, age }, time) {
-  const turning = clip(TURNING - age, 0, time), half = (turns * turning * Math.PI) / 360, chord = half ? Math.sin(half) / half : 1;
+// Where an aircraft will be after some seconds: on in its turn as long as that is expected, then straight.
+function after({ x, y, vx, vy, turn_deg: turns, turn_s: lasts }, time) {
+  const turning = clip(lasts, 0, time), half = (turns * turning * Math.PI) / 360, chord = half ? Math.sin(half) / half : 1;
   const turned = (angle) => [vx * Math.cos(angle) - vy * Math.sin(angle), vx * Math.sin(angle) + vy * Math.cos(angle)];
   const [cx, cy] = turned(half), [sx, sy] = turned(2 * half);
   return [x + turning * chord * cx + (time - turning) * sx, y + turning * chord * cy + (time - turning) * sy];
