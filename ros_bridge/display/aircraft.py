@@ -126,6 +126,7 @@ class _Motion(NamedTuple):
     vy: Float[Array, " K"]
     track_deg: Float[Array, " K"]  # true
     age: Float[Array, " K"]  # of the reports, s
+    turns_on: Float[Array, " K"]  # for how long they are expected to turn on, s
 
 
 def _planes(
@@ -162,6 +163,7 @@ def _carry_on(tracks: Sequence[Track], frame: LocalFrame, moment: int) -> _Motio
         vy=vy,
         track_deg=np.degrees(np.arctan2(vx, vy) + places.convergence) % 360.0,
         age=age,
+        turns_on=np.maximum(lasts - age, 0.0),
     )
 
 
@@ -175,7 +177,7 @@ def _plane(track: Track, motion: _Motion, number: int, moment: int, fresh: Fresh
     report, age = _last(track), float(motion.age[number])
     height = report.altitude
     climb = None if height is None else height.vertical_speed
-    turns_on = _turn_time(track) - age
+    turns_on = float(motion.turns_on[number])
     return DrawnPlane(
         id=report.identifier,
         callsign=report.callsign,
@@ -186,7 +188,7 @@ def _plane(track: Track, motion: _Motion, number: int, moment: int, fresh: Fresh
         track_deg=round(float(motion.track_deg[number]), 1),
         speed=round(report.speed, 1),
         turn_deg=round(math.degrees(track.turn_rate), 2) if turns_on > 0.0 else 0.0,
-        turn_s=round(max(turns_on, 0.0), 1),
+        turn_s=round(turns_on, 1),
         altitude=None if height is None else round(height.value + (climb or 0.0) * age, 1),
         reference=None if height is None else height.reference,
         climb=None if climb is None else round(climb, 1),
