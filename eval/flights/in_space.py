@@ -5,6 +5,7 @@ Reports say the true altitude of an intruder, and its vertical speed since the r
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -51,11 +52,16 @@ def reports(altitudes: Altitudes, step: int, dt: float) -> list[list[Intruder[Ai
     errors = np.zeros(rows.shape[:-1]) if errors is None else errors
     return [
         [
-            Intruder(_NOWHERE, altitude=Altitude(value, REFERENCE, climb, error))
+            of_altitude(Altitude(value, REFERENCE, climb, error))
             for value, climb, error in zip(*fields, strict=True)
         ]
         for fields in zip(*(field.tolist() for field in (*heights, errors)), strict=True)
     ]
+
+
+def of_altitude(altitude: Altitude) -> Intruder[Any]:
+    """Return a report of which only the altitude counts."""
+    return Intruder(_NOWHERE, altitude=altitude)
 
 
 def own_altitudes(height: Height) -> list[Altitude]:

@@ -36,6 +36,7 @@ from envs.wind import Wind, over_ground, through_air
 from envs.world import distance_scales
 from eval.flights import sources
 from eval.flights.among_areas import areas_of
+from eval.flights.in_space import of_altitude
 from eval.flights.plan_mode import SOURCES, perceive_at_start
 from eval.flights.simulate import sensor_noise
 from eval.flights.sources import Source
@@ -48,7 +49,7 @@ from eval.hifi.config import (
 )
 from eval.hifi.errors import Errors, against, roll_out
 from eval.hifi.flight import Flight, Levels, Pilot, Traffic, fly
-from eval.hifi.pilots import NOWHERE, Ascent, Assured, Closed, Follower, Reckoning
+from eval.hifi.pilots import Ascent, Assured, Closed, Follower, Reckoning
 from eval.hifi.vehicle import Navigation, begin, lookahead_of, reach_of, takeoff_weight
 from eval.hifi.wind import PlanResult, Route, options_in, plan_for, plan_in_space, unflyable
 
@@ -290,7 +291,7 @@ def _first_window(
     flight = steady(own)
     if initial.profile is not None:
         flight = Climb(initial.profile, REFERENCE).flight(own, 0.0, options)
-    reports = [Intruder(NOWHERE, altitude=altitude) for altitude in levels.reports(0.0)]
+    reports = [of_altitude(altitude) for altitude in levels.reports(0.0)]
     return Met(times_met(reports, flight, options), no_areas(1)).all_times
 
 

@@ -21,7 +21,6 @@ from agents.kernel.levels import Altitude, steady
 from agents.kernel.traffic import Traffic as Known
 from agents.planner.request.encounters import route_of
 from agents.planner.request.options import Narrowed
-from agents.planner.request.reports import Intruder
 from agents.planner.request.request import Options
 from agents.planner.search.candidates import Candidates, empty
 from agents.planner.search.in_space import Climber
@@ -40,11 +39,10 @@ from envs.trees import take
 from envs.wind import Wind, through_air
 from eval.flights.among_areas import in_air_mass
 from eval.flights.areas_seen import what_stands
+from eval.flights.in_space import of_altitude
 from eval.flights.static_obstacles import as_intruders
 from eval.hifi.flight import Aloft, Held
 from eval.hifi.wind import PlanResult, Route, plan_for
-
-NOWHERE: VehicleState[Air] = VehicleState(0.0, 0.0, 0.0, 0.0)
 
 
 class _Level:
@@ -267,7 +265,7 @@ class Assured:
     def _now(self, time: float, own: VehicleState[Ground], aloft: Aloft) -> _Now:
         """Return what is known at a time, s."""
         own_state = through_air(own, self._frame, time)
-        reports = [Intruder(NOWHERE, altitude=altitude) for altitude in aloft.intruders or ()]
+        reports = [of_altitude(altitude) for altitude in aloft.intruders or ()]
         monitor = self._monitor
         ends = float(monitor.plan.end[0] + monitor.started[0]) - time
         space = Space(
@@ -321,7 +319,7 @@ class Assured:
             route = Route(x[0], y[0])
         climber = None
         if altitude is not None:
-            climber = Climber(altitude, self._level, now.space.reports, now.space.areas)
+            climber = Climber(altitude, self._level, now.space.reports)
         plan = plan_for(
             own_state,
             decision.traffic,

@@ -63,7 +63,7 @@ def plan_for(  # noqa: PLR0913 - a request, and all that it stands in
 ) -> PlanResult:
     """Plan a request ``clock`` s after the start, in an air mass, in which own state and traffic
     ``[1, K]`` are; areas as they are over the ground at the start. Where the plan may climb and
-    descend a climber says the altitudes, and the areas as they are at the request.
+    descend a climber says the altitudes.
     """
     low, high = speed_range(options.aircraft.limits)
     if not low <= own.speed <= high:
@@ -77,12 +77,14 @@ def plan_for(  # noqa: PLR0913 - a request, and all that it stands in
     drift = None if wind == NO_WIND else (np.array([-wind.east]), np.array([-wind.north]))
     x, y = route.x - wind.east * clock, route.y - wind.north * clock
     request = Request(own_row, traffic, x[None], y[None], np.array([x.size]), drift)
+    areas_in_air = in_air_mass(areas, wind, clock)
     if climber is not None:
-        return PlanResult(plan_each_in_space(request, [climber], policy, in_air), request, None)
+        among = climber._replace(areas=areas_in_air)
+        return PlanResult(plan_each_in_space(request, [among], policy, in_air), request, None)
     if not areas:
         return PlanResult(plan_many(request, policy, in_air, floats=True), request, None)
-    areas_in_air = as_row(in_air_mass(areas, wind, clock))
-    return PlanResult(plan_among(request, areas_in_air, policy, in_air, floats=True), request, None)
+    around = as_row(areas_in_air)
+    return PlanResult(plan_among(request, around, policy, in_air, floats=True), request, None)
 
 
 def plan_in_space(
