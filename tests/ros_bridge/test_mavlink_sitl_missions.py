@@ -59,7 +59,17 @@ def test_a_mission_over_the_antimeridian_is_kept_from_traffic_and_fence_and_flow
     speed = ground_speed(WIND, WIND_FROM)
     intruders = (Intruder(SOUTH, 25.0, 60.0, 0.0), Intruder(WEST, 20.0, 150.0, 0.0))
     home = (-45.0, 179.962, 520.0)
-    encounter = Encounter(0, intruders, WIND, WIND_FROM, 0.0, FENCE, speed, 7_300.0, NINE, home)
+    encounter = Encounter(
+        number=0,
+        intruders=intruders,
+        wind=WIND,
+        wind_from=WIND_FROM,
+        fence=FENCE,
+        cruise=speed,
+        goal=7_300.0,
+        legs=NINE,
+        home=home,
+    )
     reached = list[int]()
 
     def note(sitl: Sitl, seconds: float, row: Row) -> None:
