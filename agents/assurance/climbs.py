@@ -16,7 +16,7 @@ from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder, times_of
 from envs.arrays import Array, Shaped
 from envs.frames import F
-from envs.profile import Profile
+from envs.profile import Height, Profile, height_flown
 from envs.trees import map_leaves
 from envs.waypoints import Waypoint
 
@@ -69,7 +69,7 @@ class OnProfile(NamedTuple):
 
 
 class Climb(NamedTuple):
-    """The altitude of a plan that climbs or descends."""
+    """The altitude of a plan that climbs or descends, or of a backup."""
 
     profile: Profile  # its times on the monitor's clock, s
     reference: str
@@ -81,6 +81,15 @@ class Climb(NamedTuple):
         if own is None or own.reference != self.reference:
             return np.nan
         return own.value - float(self.profile.at(np.array(time)))
+
+    def since(self, time: float) -> "Climb":
+        """Return the same with times from another moment on, s."""
+        return self._replace(profile=self.profile.since(time))
+
+    def at(self, time: float, options: Options[L]) -> Height:
+        """Return where it is flown at a time, s, round its corners: plain floats."""
+        height = height_flown(self.profile, options.vertical.acceleration, np.array(time))
+        return Height(float(height.altitude), float(height.climb))
 
     def flight(self, own: Altitude | None, time: float, options: Options[L]) -> tuple[Line, ...]:
         """Return the altitude of the rest of the plan at a time, s; none where that of the ownship

@@ -19,10 +19,11 @@ import numpy as np
 
 from agents.assurance import monitor as monitors
 from agents.assurance.backup import Sense, resting
+from agents.assurance.backup_heights import backup_flight
 from agents.assurance.climbs import Climb, Met, climb_of, times_met
 from agents.assurance.frames import STILL, Frame, carry, frame_of
 from agents.assurance.inputs import Inputs, Memory, clock_runs, good_reports, no_areas
-from agents.assurance.space import Space, altitude_flown
+from agents.assurance.space import Space, altitude_flown, climb_of_backup
 from agents.assurance.state import Decision, FlyMode, Monitor, State, rearrange, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.kernel.levels import Altitude, Line, steady
@@ -111,12 +112,18 @@ class Watch:
     # The last reports of each with an altitude: when they held, s, and what they said of it.
     levels: Mapping[str, tuple[float, Intruder[Ground]]] = field(default_factory=dict)
     climb: Climb | None = None  # of the active plan; None: it is one in the plane
+    backup_climb: Climb | None = None  # of the current backup; None: in the plane, or unknown
     last_areas: Sequence[Area] = ()  # as they were at the last step
 
     @property
     def thresholds_in_air(self) -> Thresholds[Narrowed]:
         """The thresholds in the monitor's air mass."""
         return self.thresholds.in_wind(self.air.wind)
+
+    @property
+    def flown(self) -> Climb | None:
+        """The altitude of plan or backup that is flown; None: it has no profile."""
+        return self.backup_climb if self.monitor.on_backup[0] else self.climb
 
 
 _Watch = TypeVar("_Watch", bound=Watch)  # a watch, or one with more fields
@@ -247,8 +254,12 @@ def step(
     in_height = None
     if in_space:
         causes, options = Cause(int(decision.causes[0])), thresholds.options
-        sense = Sense(int(monitor.backup.sense[0]))
-        flight = altitude_flown(fly, sense, causes, watch.climb, own_altitude, time, options)
+        sense, begin = Sense(int(monitor.backup.sense[0])), space.begin_backup(own_altitude)
+        watch = replace(watch, backup_climb=climb_of_backup(sense, begin, time, options))
+        if fly is FlyMode.BACKUP:
+            flight = backup_flight(sense, begin, options)
+        else:
+            flight = altitude_flown(fly, causes, watch.climb, own_altitude, time, options)
         in_height = InHeight(own_altitude, flight, space)
     whys = reasons(decision, thresholds, names)
     return watch, Assessment(state, fly, ask, whys, backup, decision, in_height)
@@ -260,7 +271,8 @@ def _space(
     """Return what stands about an ownship at a time, s, by some reports and the last areas."""
     areas = [watch.air.area(area, time) for area in watch.last_areas]
     ends = float(watch.monitor.plan.end[0] + watch.monitor.started[0] - time)
-    return Space(own, reports, areas, ends, watch.thresholds)
+    flown = None if watch.flown is None else watch.flown.since(time)
+    return Space(own, reports, areas, ends, watch.thresholds, flown)
 
 
 def _known_levels(

@@ -2,18 +2,19 @@
 
 A plan that climbs or descends is flown on its profile, and a backup levels off at once, or climbs
 or descends. Without either, or where the ownship has left the profile, its present climb is held.
+A backup goes on from the profile that is flown, so that no gust moves it.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from agents.assurance.areas import may_be_met
 from agents.assurance.backup import Sense
-from agents.assurance.backup_heights import backup_flight, backups_met
+from agents.assurance.backup_heights import backup_flight, backup_profile, backups_met
 from agents.assurance.climbs import BackupMeets, Climb, Met, OnProfile, times_met
 from agents.assurance.inputs import Inputs, no_areas
 from agents.assurance.state import FlyMode
@@ -28,13 +29,6 @@ from envs.kinematics import VehicleState
 from envs.trees import take
 
 
-class BackupFlown(NamedTuple):
-    """The altitude of a backup that is flown already, since it was taken up."""
-
-    sense: Sense
-    climb: Climb  # of times from now, s
-
-
 @dataclass(frozen=True, slots=True)
 class Space:
     """Intruders and areas about an ownship at one time, from which on all times count."""
@@ -44,8 +38,8 @@ class Space:
     areas: Sequence[Area]  # all that there are, in the air mass of the ownship
     ends: float  # when the plan that is flown ends, s; nan: there is none
     thresholds: Thresholds[Any]
-    backup: BackupFlown | None = None
-    """That is flown, so that backups of its sense keep its altitude; None: each begins anew."""
+    flown: Climb | None = None
+    """What is flown until now, its times from now; None: no profile is."""
 
     def find_met(self, flight: Sequence[Line]) -> Met:
         """Return what is met on a flight, ``[1]``; none: its altitude is unknown, which counts as
@@ -65,11 +59,22 @@ class Space:
     ) -> BackupMeets:
         """Return what backups of a sense from an altitude meet, ``[M]``: none of ``[1]``, or it."""
         options = self.thresholds.options
-        flight = backup_flight(sense, own, options)
-        if self.backup is not None and self.backup.sense is sense:
-            flight = self.backup.climb.flight(own, 0.0, options)
+        flight = backup_flight(sense, self.begin_backup(own), options)
         met = self.find_met(flight)
         return take(backups_met(sense, [flight], [self.reports], met, options), rows)
+
+    def begin_backup(self, own: Altitude | None) -> Altitude | None:
+        """Return the altitude from which a backup begins now, or goes on: that of the profile that
+        is flown, or the ownship's where it is off that by more than the vertical margin; None where
+        the ownship's is unknown.
+        """
+        options = self.thresholds.options
+        if own is None or self.flown is None or own.reference != self.flown.reference:
+            return own
+        height = self.flown.at(0.0, options)
+        if not abs(own.value - height.altitude) <= options.vertical_margin:
+            return own
+        return replace(own, value=height.altitude, vertical_speed=height.climb, climb_error=0.0)
 
     def complete(self, inputs: Inputs, climb: Climb | None, own: Altitude | None) -> Inputs:
         """Return inputs ``[1]`` with what is met by their altitudes by backups and by the active
@@ -85,6 +90,18 @@ class Space:
         return inputs._replace(on_profile=OnProfile(error, allowed, met))
 
 
+def climb_of_backup(
+    sense: Sense, begin: Altitude | None, time: float, options: Options[L]
+) -> Climb | None:
+    """Return the altitude of a backup of a sense that begins from an altitude at a time, s; None
+    where there is none, or the altitude is unknown.
+    """
+    profile = backup_profile(sense, begin, options)
+    if begin is None or profile is None:
+        return None
+    return Climb(profile.since(-time), begin.reference)
+
+
 def hold(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:
     """Return the altitude of an aircraft that holds its climb as well as it follows a profile; none
     where its altitude is unknown.
@@ -96,26 +113,23 @@ def hold(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:
 
 def altitude_flown(
     mode: FlyMode,
-    sense: Sense,
     causes: Cause,
     climb: Climb | None,
     own: Altitude | None,
     time: float,
     options: Options[L],
 ) -> tuple[Line, ...]:
-    """Return the altitude that an ownship flies from a time on, s; none where it is unknown.
+    """Return the altitude that an ownship flies from a time on, s, without a backup; none where it
+    is unknown.
 
     Args:
         mode: what is flown.
-        sense: of the backup.
         causes: of the decision.
         climb: of the active plan; None: it is one in the plane.
         own: the ownship's altitude at that time.
         time: on the monitor's clock.
         options: of the flight.
     """
-    if mode is FlyMode.BACKUP:
-        return backup_flight(sense, own, options)
     if mode is FlyMode.PLAN and climb is not None and not causes & Cause.ALTITUDE_ERROR:
         return climb.flight(own, time, options)
     return hold(own, options)

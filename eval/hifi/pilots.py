@@ -12,11 +12,10 @@ import numpy as np
 from agents import assurance
 from agents.assurance.asking import ALONG, renew
 from agents.assurance.backup import Sense
-from agents.assurance.backup_heights import backup_profile
 from agents.assurance.climbs import Climb, Met
 from agents.assurance.inputs import Inputs, believed
 from agents.assurance.monitor import Decision, Thresholds
-from agents.assurance.space import BackupFlown, Space
+from agents.assurance.space import Space, climb_of_backup
 from agents.kernel.levels import Altitude, steady
 from agents.kernel.traffic import Traffic as Known
 from agents.planner.request.encounters import route_of
@@ -206,7 +205,6 @@ class Assured:
         self._climb: Climb | None = None  # of the active plan
         if initial.profile is not None and not self._monitor.on_backup[0]:
             self._climb = Climb(initial.profile, REFERENCE)
-        self._sense: Sense | None = None  # of the backup that is flown
         self.held = list[Held]()
         # The goal is the second point of the route.
         self._short, self._reached = candidates.goal > 1, np.zeros(1, dtype=bool)
@@ -274,17 +272,9 @@ class Assured:
             in_air_mass(self._areas, self._frame, time),
             ends,
             self._thresholds,
-            self._backup_flown(time),
+            Climb(self.held[-1].profile.since(time), REFERENCE) if self.held else None,
         )
         return _Now(time, own, space, aloft.own if self._in_space else None)
-
-    def _backup_flown(self, time: float) -> BackupFlown | None:
-        """Return the altitude of the backup that was flown until a time, s; None: there was none,
-        or flights are in the plane.
-        """
-        if self._sense is None or not self.held:
-            return None
-        return BackupFlown(self._sense, Climb(self.held[-1].profile.since(time), REFERENCE))
 
     def _inputs(self, now: _Now, intruders: VehicleState[Ground]) -> Inputs:
         """Return what the monitor is given of a second: the ownship in the air mass, and the
@@ -358,16 +348,11 @@ class Assured:
 
     def _climb_on(self, now: _Now) -> None:
         """Take up the altitudes of what is flown now where they are others than before."""
-        monitor, options, profile = self._monitor, self._thresholds.options, None
+        monitor, climb = self._monitor, self._climb
         backup = bool(monitor.on_backup[0])
-        sense = Sense(int(monitor.backup.sense[0])) if backup else None
-        self.climbing_seconds += sense not in (None, Sense.LEVEL_OFF)
-        if sense is None and self._climb is not None:
-            profile = self._climb.profile
-        elif sense is not None and sense is not self._sense:
-            # One that goes on keeps its profile: begun anew each second, it would drift with gusts.
-            profile = backup_profile(sense, now.altitude, options)
-            profile = None if profile is None else profile.since(-now.time)
-        self._sense = sense
-        if profile is not None and (not self.held or profile is not self.held[-1].profile):
-            self.held.append(Held(now.time, profile, backup))
+        if backup:
+            sense, begin = Sense(int(monitor.backup.sense[0])), now.space.begin_backup(now.altitude)
+            self.climbing_seconds += sense is not Sense.LEVEL_OFF
+            climb = climb_of_backup(sense, begin, now.time, self._thresholds.options)
+        if climb is not None and (not self.held or climb.profile is not self.held[-1].profile):
+            self.held.append(Held(now.time, climb.profile, backup))

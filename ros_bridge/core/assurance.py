@@ -16,7 +16,7 @@ import numpy as np
 
 from agents.assurance import single
 from agents.assurance.backup import Sense
-from agents.assurance.backup_heights import backup_profile
+from agents.assurance.climbs import Climb
 from agents.assurance.single import Assessment, Watch
 from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import Thresholds
@@ -27,7 +27,7 @@ from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
-from envs.profile import Height, Profile, levelling, on_profile
+from envs.profile import on_profile
 from envs.waypoints import Waypoint
 from envs.wind import NO_WIND, Wind
 from ros_bridge.core.areas import AreaReport, Placed
@@ -312,13 +312,6 @@ def to_fly(supervision: Supervision) -> FlyMode:
     return FlyMode.BACKUP if bool(supervision.monitor.on_backup[0]) else FlyMode.PLAN
 
 
-class BackupHeight(NamedTuple):
-    """How a backup is flown up and down."""
-
-    profile: Profile  # times from when it began
-    levels_off: bool  # at once
-
-
 def backup_began(supervision: Supervision) -> int | None:
     """Return when the current backup began, ns; None before the first own state."""
     started = float(supervision.monitor.backup.started[0])
@@ -327,39 +320,34 @@ def backup_began(supervision: Supervision) -> int | None:
     return supervision.zero + round(started * SECOND)
 
 
-def backup_height(supervision: Supervision, altitude: Altitude | None) -> BackupHeight | None:
-    """Return how the current backup is flown up and down from an altitude; None: in the plane, or
-    the altitude is unknown. From where it cannot climb or descend it levels off.
+def backup_climb(supervision: Supervision) -> Climb | None:
+    """Return the altitude of the current backup, its times from when it began; None: it is in the
+    plane, or its altitude is unknown.
     """
-    options = supervision.thresholds.options
-    if not options.climbs or altitude is None:
-        return None
-    sense = Sense(int(supervision.monitor.backup.sense[0]))
-    profile = None if sense is Sense.LEVEL_OFF else backup_profile(sense, altitude, options)
-    if profile is not None:
-        return BackupHeight(profile, levels_off=False)
-    begin = Height(altitude.value, altitude.climb(0.0)[0])
-    return BackupHeight(levelling(begin, options.vertical.acceleration), levels_off=True)
+    climb, started = supervision.backup_climb, float(supervision.monitor.backup.started[0])
+    return None if climb is None else climb.since(started)
 
 
 def backup(supervision: Supervision, altitude: Altitude | None) -> Published | None:
     """Return the current backup as a plan without a number; None before the first own state.
 
-    ``altitude`` is the ownship's. Where that may climb, all points have the altitude in which it
-    levels off; those of a backup that climbs or descends have each their own.
+    ``altitude`` is the ownship's, which all points have of one in the plane. Otherwise they have
+    that in which it levels off; those of a backup that climbs or descends have each their own.
     """
     began, frame = backup_began(supervision), supervision.frame
     if frame is None or began is None:
         return None
     rows = np.stack(single.backup_states(supervision), axis=-1).tolist()
     waypoints = [Waypoint(number, *row) for number, row in enumerate(rows)]
-    height = backup_height(supervision, altitude)
-    if altitude is not None and height is not None:
-        if height.levels_off:
-            altitude = replace(altitude, value=float(height.profile.altitude[-1]))
+    climb = backup_climb(supervision)
+    if climb is not None:
+        begin = climb.at(0.0, supervision.thresholds.options)
+        altitude = Altitude(begin.altitude, climb.reference, begin.climb)
+        if supervision.monitor.backup.sense[0] == Sense.LEVEL_OFF:
+            altitude = Altitude(float(climb.profile.altitude[-1]), climb.reference)
         else:
-            begin = replace(waypoints[0], altitude=altitude.value, climb=altitude.vertical_speed)
-            waypoints = [begin, *on_profile(waypoints[1:], height.profile)]
+            start = replace(waypoints[0], altitude=begin.altitude, climb=begin.climb)
+            waypoints = [start, *on_profile(waypoints[1:], climb.profile)]
     start, *points = geodetic_points(frame, waypoints, began, altitude)
     air = supervision.air.wind
     wind = true_wind(frame, air, start.latitude, start.longitude)

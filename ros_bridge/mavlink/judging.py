@@ -5,7 +5,7 @@ Pure: a :class:`Judgement` follows from the one before, the situation and the ti
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -17,7 +17,6 @@ from agents.assurance.thresholds import Thresholds
 from agents.kernel.traffic import Requirement
 from agents.planner.answer import Advisory, AdvisoryCode, Field, Plan, RequestError
 from agents.planner.request.options import Maneuvers, Options, check
-from agents.planner.request.request import Altitude
 from agents.policy.inference import Policy
 from envs.aircraft import Aircraft
 from envs.areas import Level
@@ -33,7 +32,7 @@ from ros_bridge.core.assurance import (
     activate,
     backup,
     backup_began,
-    backup_height,
+    backup_climb,
     initial,
     step_monitor,
     to_fly,
@@ -339,12 +338,8 @@ class ToFly(NamedTuple):
     profile: Profile | None = None
 
 
-def to_follow(
-    judgement: Judgement, altitude_at: Callable[[int], Altitude | None] = lambda time: None
-) -> ToFly | None:
-    """Return what is to be flown now; None: nothing. ``altitude_at`` gives the altitude at which a
-    backup begins at a time, ns.
-    """
+def to_follow(judgement: Judgement) -> ToFly | None:
+    """Return what is to be flown now; None: nothing."""
     supervision = judgement.supervision
     frame, published, kind = supervision.frame, supervision.published_plan, to_fly(supervision)
     if frame is None or published is None:
@@ -358,12 +353,10 @@ def to_follow(
     began = backup_began(supervision) if kind is FlyMode.BACKUP else None
     if began is None:
         return None
-    # The judgement takes a while: what is planned has gone on since the backup began.
-    altitude = altitude_at(began)
-    backup_plan, height = backup(supervision, altitude), backup_height(supervision, altitude)
+    backup_plan, climb = backup(supervision, None), backup_climb(supervision)
     assert backup_plan is not None  # it has begun
     own, waypoints = to_frame(frame, backup_plan)
-    profile = None if height is None else height.profile
+    profile = None if climb is None else climb.profile
     return ToFly(("backup", began), frame, began, own, waypoints, wind, profile)
 
 

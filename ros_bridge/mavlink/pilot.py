@@ -5,11 +5,10 @@ Pure: a :class:`Pilot` follows from the one before.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from agents.planner.request.request import Altitude
 from envs.backend import FLOATS
 from envs.perception import carry_back
 from ros_bridge.core.conversions import Published
@@ -45,14 +44,6 @@ class Followed(NamedTuple):
 
     key: tuple[str, int]  # as of :class:`ros_bridge.mavlink.judging.ToFly`
     follower: Follower
-    began: int = 0  # when its times begin, ns
-
-    def altitude(self, time: int) -> Altitude | None:
-        """Return the altitude that is planned at a time, ns; None: the plan is in the plane."""
-        if self.follower.height is None:
-            return None
-        height = self.follower.height.at((time - self.began) / SECOND)
-        return Altitude(height.altitude, "msl", height.climb)
 
 
 @dataclass(frozen=True)
@@ -122,7 +113,7 @@ def steer(
     report = received.situation.own.last
     if report is None:
         return Piloted(pilot)
-    to_fly = to_follow(judgement, _backup_begins_at(pilot, report, time))
+    to_fly = to_follow(judgement)
     if to_fly is None:
         return Piloted(pilot)
     follower, lines = _follow(pilot, to_fly, vehicle, time)
@@ -143,20 +134,10 @@ def steer(
         steered_at=seconds,
         airspeed_at=seconds if with_speed else pilot.airspeed_at,
         altitudes=_told_last(pilot, demand.altitude, seconds) if with_speed else pilot.altitudes,
-        followed=Followed(to_fly.key, follower, to_fly.began),
+        followed=Followed(to_fly.key, follower),
         air=air,
     )
     return Piloted(steered_pilot, (*lines, Steer(steered, time // 1_000_000, with_speed)))
-
-
-def _backup_begins_at(pilot: Pilot, own: Report, time: int) -> Callable[[int], Altitude | None]:
-    """Return at which altitude a backup begins at a time, ns, as of now, ns: the one that is
-    planned then, which no gust moves, or the ownship's where nothing was flown until now.
-    """
-    followed = pilot.followed
-    if followed is None or not 0.0 <= time / SECOND - pilot.steered_at <= _HEARD:
-        return lambda _: own.altitude
-    return lambda began: followed.altitude(began) or own.altitude
 
 
 def _above(follower: Follower, report: Report, age: float, clock: float) -> float:

@@ -68,9 +68,18 @@ def stamp(time: int) -> SimpleNamespace:
 
 
 def aircraft(
-    x: float, y: float, heading: float, speed: float, *, frame: LocalFrame = FRAME, **changes: Any
+    x: float,
+    y: float,
+    heading: float,
+    speed: float,
+    *,
+    climb: float = 0.0,
+    frame: LocalFrame = FRAME,
+    **changes: Any,
 ) -> Any:
-    """Return an AircraftState of a place and a velocity in the local frame, both exact."""
+    """Return an AircraftState of a place and a velocity in the local frame, both exact, with its
+    climb, m/s.
+    """
     place = frame.geodetic(x, y)
     true = heading - float(place.convergence)
     fields = {
@@ -81,7 +90,7 @@ def aircraft(
         "longitude": float(place.longitude),
         "altitude": 0.0,
         "altitude_reference": 0,
-        "velocity": SimpleNamespace(x=speed * math.cos(true), y=speed * math.sin(true), z=0.0),
+        "velocity": SimpleNamespace(x=speed * math.cos(true), y=speed * math.sin(true), z=climb),
         "true_airspeed": 0.0,
         "wind": SimpleNamespace(x=0.0, y=0.0, z=0.0),
         "position_std": 0.0,

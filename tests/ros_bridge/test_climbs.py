@@ -11,6 +11,7 @@ import pytest
 
 from agents.assurance.backup import Sense
 from agents.assurance.backup_heights import backup_profile
+from agents.assurance.space import climb_of_backup
 from agents.assurance.thresholds import Thresholds
 from agents.kernel.levels import Altitude
 from agents.planner.answer import Plan, RequestError, Source
@@ -70,15 +71,18 @@ def settings(maneuvers: Maneuvers = Maneuvers.VERTICAL, **changes: Any) -> Setti
 
 
 def meeting(
-    undulation: float | None = None, points: Any = None, intruder_reference: int = MSL
+    undulation: float | None = None,
+    points: Any = None,
+    intruder_reference: int = MSL,
+    climb: float = 0.0,
 ) -> Situation:
-    """Return an ownship that flies east along its route, 500 m above the sea, and an intruder that
-    meets it head-on at the same height.
+    """Return an ownship that flies east along its route, 500 m above the sea, with a climb, m/s,
+    and an intruder that meets it head-on at the same height.
     """
     level = {"valid": KNOWN, "altitude": 500.0}
     return situation_after(
         aircraft(3_000.0, 0.0, math.pi, 25.0, altitude_reference=intruder_reference, **level),
-        own=aircraft(0.0, 0.0, 0.0, 25.0, id="own", altitude_reference=MSL, **level),
+        own=aircraft(0.0, 0.0, 0.0, 25.0, id="own", altitude_reference=MSL, climb=climb, **level),
         reference=geo_reference(
             geoid_undulation_valid=undulation is not None, geoid_undulation=undulation or 0.0
         ),
@@ -237,13 +241,16 @@ def test_the_monitor_takes_the_altitude_that_the_plan_was_made_for():
 
 
 def test_a_backup_names_the_altitude_in_which_the_ownship_levels_off():
-    vertical, situation = settings(), meeting()
+    vertical, situation = settings(), meeting(climb=4.0)
     watch = initial(Thresholds.for_plans(vertical.options), EXACT_REPORTS)
-    after = step_monitor(activate(watch, situation, published(*usual())), situation, NOW)
+    plan = published(*made(situation, vertical))
+    after = step_monitor(activate(watch, situation, plan), situation, NOW)
     made_now = backup(after, Altitude(500.0, "msl", vertical_speed=4.0))
     assert made_now is not None and not made_now.climbs
     # From 4 m/s to level flight with 1 m/s^2.
-    assert {plan_point.altitude for plan_point in made_now.points} == {Altitude(508.0, "msl")}
+    (level,) = {plan_point.altitude for plan_point in made_now.points}
+    assert level is not None and level.vertical_speed is None and level.reference == "msl"
+    assert level.value == pytest.approx(508.0)
 
 
 @pytest.mark.parametrize(("sense", "side"), [(Sense.CLIMB, 1.0), (Sense.DESCEND, -1.0)])
@@ -255,8 +262,12 @@ def test_a_backup_that_climbs_or_descends_is_published_with_its_profile(
     watch = initial(Thresholds.for_plans(given.options), EXACT_REPORTS)
     after = step_monitor(activate(watch, situation, published(*usual())), situation, NOW)
     held = after.monitor.backup._replace(sense=np.array([sense], dtype=np.int8))
-    after = replace(after, monitor=after.monitor._replace(backup=held))
-    own = Altitude(500.0, "msl", vertical_speed=climb)
+    own, began = Altitude(500.0, "msl", vertical_speed=climb), float(held.started[0])
+    after = replace(
+        after,
+        monitor=after.monitor._replace(backup=held),
+        backup_climb=climb_of_backup(sense, own, began, given.options),
+    )
     made_now = backup(after, own)
     assert made_now is not None and made_now.climbs and after.frame is not None
     _, waypoints = to_frame(after.frame, made_now)
@@ -266,9 +277,9 @@ def test_a_backup_that_climbs_or_descends_is_published_with_its_profile(
     times = np.linspace(0.0, waypoints[-1].time, 200)
     np.testing.assert_allclose(rebuilt.at(times), certified.at(times), atol=1e-5)
     assert side * (rebuilt.altitude[-1] - 500.0) > 200.0
-    # From an altitude from which it cannot climb it levels off.
-    levels_off = backup(after, replace(own, vertical_speed=None))
-    assert levels_off is not None and not levels_off.climbs
+    # One of unknown altitude stays in the plane.
+    flat = backup(replace(after, backup_climb=None), own)
+    assert flat is not None and not flat.climbs
 
 
 def fields(plan_point: PlanPoint, **changes: Any) -> Any:

@@ -21,7 +21,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from agents.assurance.backup import Sense
 from agents.assurance.backup_heights import backup_profile
+from agents.assurance.space import climb_of_backup
 from agents.assurance.state import FlyMode
+from agents.kernel.levels import Altitude
 from agents.planner.answer import Source
 from commands.command import InputError
 from envs.areas import Level
@@ -84,11 +86,12 @@ def heard(
     height: float = 0.0,
     climb: float = 0.0,
     own_climb: float = 0.0,
+    own_above: float = 0.0,
     ahead: float = 1_600.0,
     time: int = NOW,
 ) -> Received:
-    """Return what is known at a time, ns, of an ownship at the mission's altitude, and of an
-    aircraft that comes head-on, so much higher, m, with a climb, m/s.
+    """Return what is known at a time, ns, of an ownship above the mission's altitude, m, and of an
+    aircraft that comes head-on, so much higher than that altitude, m, with a climb, m/s.
     """
     at = HOME.geodetic(ahead, 0.0)
     position = round(1e7 * float(at.latitude)), round(1e7 * float(at.longitude))
@@ -98,7 +101,8 @@ def heard(
         dialect.MAVLink_global_position_int_message(
             time // 1_000_000,
             *(474_000_000, 85_000_000),
-            *(sea, 100_000, 0, round(100 * SPEED), round(-100 * own_climb), 9_000),
+            sea + round(1e3 * own_above),
+            *(100_000, 0, round(100 * SPEED), round(-100 * own_climb), 9_000),
         ),
         dialect.MAVLink_adsb_vehicle_message(
             0xABC123,
@@ -398,23 +402,29 @@ def on_backup(
     supervision = step_monitor(judgement.supervision, received.situation, time)
     supervision = withdraw(supervision, supervision.revision + 1)
     assert to_fly(supervision) is FlyMode.BACKUP
+    assessment, options = supervision.assessment, supervision.thresholds.options
+    assert assessment is not None and assessment.in_height is not None
+    begin = assessment.in_height.space.begin_backup(assessment.in_height.own)
     held = supervision.monitor.backup._replace(sense=np.array([sense], dtype=np.int8))
-    monitor = supervision.monitor._replace(backup=held)
-    backed = replace(supervision, monitor=monitor, published_plan=published)
+    backed = replace(
+        supervision,
+        monitor=supervision.monitor._replace(backup=held),
+        backup_climb=climb_of_backup(sense, begin, float(held.started[0]), options),
+        published_plan=published,
+    )
     return replace(judgement, supervision=backed)
 
 
 def test_a_backup_levels_off(flown: tuple[Vehicle, Rules]) -> None:
     received = heard(own_climb=3.0)
-    backed = on_backup(judge(received, flown[1]), received, NOW + SECOND // 10)
-    own = received.situation.own.last
-    assert own is not None
-    followed = to_follow(backed, lambda began: own.altitude)
+    backed = on_backup(judge(received, flown[1]), received, NOW)
+    followed = to_follow(backed)
     assert followed is not None and followed.profile is not None
     # 3 m/s that end with 1 m/s^2 take 3 s and 4.5 m.
     height = PlannedHeight(followed.profile, 1.0)
-    assert height.at(0.0) == pytest.approx((GROUND + ABOVE, 3.0), abs=0.2)
-    assert height.at(3.1) == height.at(60.0) == pytest.approx((GROUND + ABOVE + 4.5, 0.0), abs=0.2)
+    assert height.at(0.0) == pytest.approx((GROUND + ABOVE, 3.0), abs=0.1)
+    assert height.at(60.0) == pytest.approx((GROUND + ABOVE + 4.5, 0.0), abs=0.1)
+    assert height.at(3.2) == pytest.approx(height.at(60.0), abs=0.01)
 
 
 @pytest.mark.parametrize("sense", list(Sense))
@@ -423,26 +433,32 @@ def test_a_backup_after_a_plan_begins_at_the_planned_altitude_which_no_gust_move
 ) -> None:
     """It is judged anew time and again, and told some time after that."""
     judgement, begin = judge(heard(), flown[1]), NOW + 8 * SECOND
-    piloted = pilot.steer(Pilot(), judgement, heard(), flown[0], begin).pilot
-    assert piloted.followed is not None
-    planned = piloted.followed.altitude(begin)
-    assert planned is not None and planned.climb(0.0)[0] > 0.5
-    options = flown[1].settings.options
-    certified = backup_profile(sense, planned, options)
+    options, started = flown[1].settings.options, to_follow(judgement)
+    assert started is not None and started.profile is not None
+    acceleration = options.vertical.acceleration
+    altitude, climb = PlannedHeight(started.profile, acceleration).at(8.0)
+    assert climb > 0.5
+    certified = backup_profile(sense, Altitude(altitude, "msl", climb), options)
     assert certified is not None
-    expected = PlannedHeight(certified, options.vertical.acceleration)
+    expected = PlannedHeight(certified, acceleration)
     for number in range(30):
         time = begin + round(0.3 * number * SECOND)
-        gust = heard(own_climb=-8.0, time=time)
+        off = (-0.9, 0.5, 0.9)[number % 3] * options.vertical_margin
+        above = expected.at(0.3 * number).altitude + off - (GROUND + ABOVE)
+        gust = heard(own_climb=-8.0, own_above=above, time=time)
         judgement = on_backup(judgement, gust, time, sense)
         for late in (0.15, 0.25):
             told = time + round(late * SECOND)
-            piloted = pilot.steer(piloted, judgement, gust, flown[0], told).pilot
-            flown_altitude = piloted.followed and piloted.followed.altitude(told)
-            assert flown_altitude is not None
-            altitude, climb = expected.at((told - begin) / SECOND)
-            assert flown_altitude.value == pytest.approx(altitude, abs=0.05), (number, late)
-            assert flown_altitude.climb(0.0)[0] == pytest.approx(climb, abs=0.05), (number, late)
+            piloted = pilot.steer(Pilot(), judgement, gust, flown[0], told).pilot
+            assert piloted.followed is not None and piloted.followed.follower.height is not None
+            demanded = piloted.followed.follower.height.at(late)
+            assert demanded == pytest.approx(expected.at(0.3 * number + late), abs=0.05), number
+    # Where the ownship is farther off than the margin, a backup begins where it is.
+    above, time = above + 2.0 * options.vertical_margin, time + SECOND // 2
+    judgement = on_backup(judgement, heard(own_above=above, time=time), time)
+    followed = to_follow(judgement)
+    assert followed is not None and followed.profile is not None
+    assert followed.profile.altitude[-1] == pytest.approx(GROUND + ABOVE + above, abs=0.05)
 
 
 @pytest.mark.parametrize("safe", [True, False])

@@ -2,6 +2,7 @@
 fail.
 """
 
+import itertools
 import math
 import socket
 import struct
@@ -34,7 +35,7 @@ from envs.follower import PERIOD
 from envs.formats.local_frame import geocentric
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.outcome import RULES
-from envs.profile import Height, corner_error
+from envs.profile import Height, corner_error, height_flown
 from envs.relative import straight_cpa
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
@@ -782,22 +783,28 @@ def check_altitudes(flying: Campaign, record: FlightRecord, row: dict[str, Any])
     flight, pilot, vertical = record.flight, record.pilot, flying.options.vertical
     assert flight is not None and isinstance(pilot, Assured)
     assert row["outcome"] != "violation"
-    (down, level, plan), time = pilot.held, PERIOD * np.arange(flight.altitude.size)
-    assert [held.backup for held in pilot.held] == [True, True, False]
-    assert down.since == 0.0 and row["climbing_backup_s"] == level.since > 20.0
+    (*backups, plan), time = pilot.held, PERIOD * np.arange(flight.altitude.size)
+    assert all(held.backup for held in backups) and not plan.backup
+    levels_at = row["climbing_backup_s"]
+    assert [held.since for held in backups] == list(range(row["backup_s"])) and levels_at > 20.0
     assert row["backup_s"] == plan.since
-    # The first goes down at the greatest rate, the second is level.
-    assert down.profile.climbs[-2] == pytest.approx(-vertical.descent_max)
-    assert level.profile.climbs[-1] == 0.0
+    # It goes down at the greatest rate, and is level then.
+    for held in backups:
+        climb = -vertical.descent_max if held.since < levels_at else 0.0
+        assert held.profile.climbs[-2 if climb else -1] == pytest.approx(climb)
+    # A backup goes on from the profile before, round its corners.
+    assert backups[0].profile.at(np.array(0.0)) == pytest.approx(flight.altitude[0], abs=1e-6)
+    for before, after in itertools.pairwise(backups):
+        height = height_flown(before.profile, vertical.acceleration, np.array(after.since))
+        assert after.profile.at(np.array(after.since)) == pytest.approx(height.altitude, abs=1e-6)
     begins = [round(held.since / PERIOD) for held in pilot.held]
+    assert plan.profile.at(time[begins[-1]]) == pytest.approx(flight.altitude[begins[-1]], abs=1e-6)
     for held, first, last in zip(pilot.held, begins, [*begins[1:], time.size - 1], strict=True):
-        # Each begins where the aircraft is, and is followed within the margin.
-        assert held.profile.at(time[first]) == pytest.approx(flight.altitude[first], abs=1e-6)
         off = np.abs(held.profile.at(time) - flight.altitude)[first : last + 1].max()
         assert off <= row["altitude_error_max_m"] < flying.options.vertical_margin
         assert not held.backup or off <= row["backup_altitude_error_max_m"]
-    descended = flight.altitude[0] - flight.altitude[begins[1]]
-    assert descended == pytest.approx(vertical.descent_max * (level.since - 3.0), rel=0.2)
+    descended = flight.altitude[0] - flight.altitude[round(levels_at / PERIOD)]
+    assert descended == pytest.approx(vertical.descent_max * (levels_at - 3.0), rel=0.2)
 
 
 def test_under_the_monitor_altitudes_are_those_of_backup_and_plan() -> None:
