@@ -5,10 +5,8 @@ from typing import Any, NamedTuple
 
 from agents.assurance.single import Assessment, reasons
 from agents.assurance.state import FlyMode, State
-from agents.assurance.thresholds import Cause
+from agents.assurance.thresholds import BLIND
 from ros_bridge.core.assurance import Supervision, to_fly
-
-_BLIND = Cause.OWN_MISSING | Cause.OWN_STALE | Cause.CLOCK
 
 
 class Status(NamedTuple):
@@ -52,7 +50,7 @@ def status(supervision: Supervision) -> Status:
                 measured._replace(causes=monitor.causes), limits, supervision.names
             )
         ),
-        fly_mode is FlyMode.PLAN and not causes & int(_BLIND),
+        fly_mode is FlyMode.PLAN and not causes & int(BLIND),
     )
     if not current.measured:
         return current

@@ -22,6 +22,7 @@ from ros_bridge.core.assurance import Supervision, activate, initial, step_monit
 from ros_bridge.core.guidance import TRACKS, Guidance, blank, guidance
 from ros_bridge.core.replies import to_frame
 from ros_bridge.core.situation import Situation
+from ros_bridge.core.status import status
 from ros_bridge.core.tracks import Rules
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, THRESHOLDS, aircraft, situation_after
 from tests.ros_bridge.test_assurance import publish_plan, traffic
@@ -123,3 +124,18 @@ def test_nothing_is_shown_of_an_ownship_that_is_unknown() -> None:
     shown_before = blank(THRESHOLDS)
     shown_after, bands = guidance(shown_before, supervision, NOW + 10 * SECOND)
     assert bands is None and shown_after is shown_before
+
+
+@pytest.mark.parametrize("seconds", [0, -10, 5])
+def test_errors_from_the_plan_are_told_only_where_the_ownship_is_known(seconds: int) -> None:
+    situation = traffic(situation_after(), 0.0)
+    supervision = activate(initial(THRESHOLDS), situation, publish_plan(situation))
+    supervision = step_monitor(supervision, situation, NOW + SECOND // 10)
+    report = situation.own.last
+    assert report is not None and status(supervision).measured
+    shifted = replace(report, time=report.time + seconds * SECOND)
+    own = replace(situation.own, last=shifted)
+    supervision = step_monitor(supervision, replace(situation, own=own), NOW + SECOND // 5)
+    told = status(supervision)
+    assert told.measured == (seconds == 0)
+    assert told.measured or (told.causes == Cause.OWN_OUT_OF_ORDER and told.state is State.DENIED)
