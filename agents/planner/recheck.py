@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.kernel.levels import Altitude, Line, lines, steady
+from agents.kernel.levels import Altitude, lines, steady
 from agents.planner.answer import (
     Field,
     Kind,
@@ -16,7 +16,7 @@ from agents.planner.answer import (
     Status,
     Subject,
 )
-from agents.planner.judge.profile import flyable_profile
+from agents.planner.judge.profile import flyable_profile, speed_faults
 from agents.planner.judge.validator import CHECKS
 from agents.planner.request.climbs import check_climbs
 from agents.planner.request.options import Narrowed, Options, check
@@ -29,8 +29,9 @@ from agents.planner.search.climbs import on_profile
 from envs.areas import Area
 from envs.frames import Ground
 from envs.kinematics import VehicleState
+from envs.profile import Profile
 from envs.trees import take
-from envs.waypoints import RoutePoint, Waypoint, plan_states
+from envs.waypoints import RoutePoint, Waypoint, legs, plan_states
 from envs.wind import Wind
 
 JOIN = 5
@@ -93,10 +94,11 @@ def recheck(  # noqa: PLR0913 - a plan, and all of a request
         request, excluded, level = check_request(
             own, intruders, route, in_air, level_altitude, wind
         )
-        flight = steady(own_altitude)
+        flight, profile = steady(own_altitude), None
         if climbs:
             altitude, _, in_air = check_climbs(own_altitude, route, areas, in_air)
-            flight = _flight(remaining, altitude, in_air)
+            profile = _profile(remaining, altitude, in_air)
+            flight = lines(profile, altitude, in_air.vertical_margin)
             reports = reports_in_air(intruders, wind)
             request, _ = on_profile(request, [reports[n] for n in level], flight, in_air)
         request, _ = add_areas(request, areas, flight, in_air, wind)
@@ -106,30 +108,34 @@ def recheck(  # noqa: PLR0913 - a plan, and all of a request
     findings = find_violations(curve, request, in_air)
     nearer = unproven_exclusions(excluded, remaining[-1]) if remaining else []
     if nearer:
-        return _void(plan, late, nearer[0].message)
-    if bool(findings.safe[0]):
-        return plan
-    wrong = ", ".join(CHECKS[number] for number in np.flatnonzero(findings.wrong[0]))
-    return _void(plan, late, f"from the states by then it fails the checks: {wrong}")
+        return _void(plan, late, nearer[0].message, nearer[0].kind)
+    wrong = [CHECKS[number] for number in np.flatnonzero(findings.wrong[0])]
+    if wrong:
+        why = f"from the states by then it fails the checks: {', '.join(wrong)}"
+        return _void(plan, late, why, Kind(wrong[0]))
+    # The leg from the states by then is another one than that planned.
+    too_fast = speed_faults(profile, take(legs(curve), 0), in_air.limits) if profile else []
+    if too_fast:
+        return _void(plan, late, too_fast[0].message, too_fast[0].kind)
+    return plan
 
 
-def _flight(
-    waypoints: Sequence[Waypoint], own: Altitude, options: Options[Narrowed]
-) -> tuple[Line, ...]:
-    """Return the altitude on a plan that climbs, as it goes on from an altitude.
+def _profile(waypoints: Sequence[Waypoint], own: Altitude, options: Options[Narrowed]) -> Profile:
+    """Return the profile of a plan that climbs, as it goes on from an altitude.
 
     Raises:
         RequestError: the aircraft cannot go on with it.
     """
     try:
-        profile = flyable_profile(waypoints, own, options)
+        return flyable_profile(waypoints, own, options)
     except ValueError as problem:
         raise RequestError(Field(Subject.OWN_ALTITUDE), f"is off the plan's: {problem}") from None
-    return lines(profile, own, options.vertical_margin)
 
 
-def _void(plan: Plan, late: float, why: str) -> Plan:
-    """Return a plan that is not SAFE any more, with the reason."""
+def _void(plan: Plan, late: float, why: str, kind: Kind = Kind.SEPARATION) -> Plan:
+    """Return a plan that is not SAFE any more, with the reason; where its request is refused by
+    then no separation is proven.
+    """
     message = f"plan was found {late:.1f} s after the request and is too late: {why}"
-    reason = Reason(Kind.SEPARATION, "plan", message)
+    reason = Reason(kind, "plan", message)
     return replace(plan, status=Status.UNRESOLVED, reasons=(reason,))

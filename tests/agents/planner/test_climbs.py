@@ -11,7 +11,7 @@ import pytest
 
 from agents.config.world import AircraftConfig
 from agents.kernel.levels import Altitude
-from agents.planner.answer import Plan, RequestError, Source
+from agents.planner.answer import Kind, Plan, RequestError, Source
 from agents.planner.judge.profile import profile_faults
 from agents.planner.planner import plan
 from agents.planner.recheck import recheck
@@ -387,6 +387,26 @@ def test_a_plan_that_comes_late_is_checked_on_what_is_left_of_its_profile() -> N
     # It has not climbed: what is left asks for more than the aircraft can do, or than is safe.
     below = replace(LEVEL, vertical_speed=0.0)
     assert not recheck(answer, late, own, [intruder], ROUTE, climbing, below).safe
+
+
+@pytest.mark.parametrize(("behind", "kind"), [(0.4, None), (0.6, Kind.SPEED)])
+def test_a_late_plan_is_not_too_fast_on_the_climb_from_where_the_aircraft_is(
+    behind: float, kind: Kind | None
+) -> None:
+    """To come in time from some metres behind, 99.96 m/s over the horizon suffice, which are more
+    than 100 m/s with a climb of 2.5 m/s.
+    """
+    climbing, late, fast = options(Maneuvers.VERTICAL), 8.0, OWN._replace(speed=99.9)
+    answer = plan(fast, [head_on(far=12_000.0)], ROUTE, POLICY, climbing, own_altitude=LEVEL)
+    assert answer.safe
+    profile = profile_of(LEVEL.value, 0.0, answer.waypoints, VERTICAL.acceleration)
+    assert profile is not None and profile.climbs[1] == pytest.approx(2.5)
+    altitude = Altitude(float(profile.at(np.array(late))), "msl", float(profile.climbs[1]))
+    own = fast._replace(x=fast.speed * late - behind)
+    intruder = head_on(far=12_000.0 - 70.0 * late)
+    again = recheck(answer, late, own, [intruder], ROUTE, climbing, altitude)
+    assert again.safe == (kind is None)
+    assert [reason.kind for reason in again.reasons] == ([] if kind is None else [kind])
 
 
 def test_who_stays_above_is_told() -> None:
