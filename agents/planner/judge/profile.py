@@ -1,5 +1,6 @@
 """Whether the altitude of a plan can be flown, and stays between floor and ceiling."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from agents.kernel.levels import Altitude
 from agents.planner.answer import Kind, Reason
 from agents.planner.request.options import L, Options
+from envs.arrays import Array, Float, Shaped
 from envs.frames import Air
 from envs.kinematics import Limits
 from envs.profile import Profile, corner_error, first_corner, profile_of
@@ -87,13 +89,39 @@ def _changes_at_once(profile: Profile, acceleration: float) -> bool:
 
 
 def speed_faults(profile: Profile, curves: Legs[Air], limits: Limits) -> list[Reason]:
-    """Return where an aircraft is too fast on a profile: with the speed along it, not that over the
-    horizon.
+    """Return where an aircraft is too fast on a profile first; arguments as
+    :func:`exceeds_speed`.
+    """
+    beyond = np.flatnonzero(exceeds_speed(profile, curves, limits))
+    if beyond.size == 0:
+        return []
+    leg = int(beyond[0])
+    climb, over_horizon, fastest = _speeds(profile, curves, limits)
+    text = (
+        f"climbs with {climb[leg]:.1f} m/s at {over_horizon[leg]:.1f} m/s over the horizon, "
+        f"expected {fastest:.1f} m/s together at most"
+    )
+    return [Reason(Kind.SPEED, f"waypoints[{leg}]", f"the leg to waypoints[{leg}] {text}")]
+
+
+def exceeds_speed(profile: Profile, curves: Legs[Air], limits: Limits) -> Shaped[Array, " L"]:
+    """Return on which legs an aircraft is too fast on a profile, bool: with the speed along it, not
+    that over the horizon.
 
     Args:
         profile: it begins at the request.
         curves: legs of one plan through the air, ``[L]``.
         limits: of the flight; a plan that begins faster may stay so.
+    """
+    climb, over_horizon, fastest = _speeds(profile, curves, limits)
+    return ~(np.hypot(over_horizon, climb) <= fastest + _ROUNDING)
+
+
+def _speeds(
+    profile: Profile, curves: Legs[Air], limits: Limits
+) -> tuple[Float[Array, " L"], Float[Array, " L"], float]:
+    """Return the steepest climb and the greatest speed over the horizon on legs, and how much both
+    may be together, m/s.
     """
     begin, end = curves.time, curves.time + curves.duration
     climbs = profile.climbs
@@ -104,16 +132,8 @@ def speed_faults(profile: Profile, curves: Legs[Air], limits: Limits) -> list[Re
     climb = np.where(shared, np.abs(climbs), 0.0).max(axis=1)
     step = curves.duration[:, None] / curves.speed.shape[-1]
     over_horizon = np.maximum(curves.speed, curves.speed + curves.acceleration * step).max(axis=1)
-    fastest = np.maximum(limits.speed_max, np.hypot(curves.speed[0, 0], climbs[0]))
-    beyond = np.flatnonzero(~(np.hypot(over_horizon, climb) <= fastest + _ROUNDING))
-    if beyond.size == 0:
-        return []
-    leg = int(beyond[0])
-    text = (
-        f"climbs with {climb[leg]:.1f} m/s at {over_horizon[leg]:.1f} m/s over the horizon, "
-        f"expected {fastest:.1f} m/s together at most"
-    )
-    return [Reason(Kind.SPEED, f"waypoints[{leg}]", f"the leg to waypoints[{leg}] {text}")]
+    fastest = max(limits.speed_max, math.hypot(curves.speed[0, 0], climbs[0]))
+    return climb, over_horizon, fastest
 
 
 def _beyond_levels(profile: Profile, own: Altitude, options: Options[L]) -> list[Reason]:

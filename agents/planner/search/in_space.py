@@ -11,8 +11,8 @@ import numpy as np
 
 from agents.kernel.levels import Altitude, Line, lines
 from agents.planner.answer import Advisory, Kind, RequestError
-from agents.planner.judge.profile import speed_faults
-from agents.planner.judge.validator import CHECKS
+from agents.planner.judge.profile import exceeds_speed
+from agents.planner.judge.validator import CHECKS, Findings
 from agents.planner.request.climbs import with_levels_of
 from agents.planner.request.options import Maneuvers, Narrowed, Options
 from agents.planner.request.reports import Intruder
@@ -40,7 +40,7 @@ from envs.frames import Air
 from envs.kinematics import VehicleState
 from envs.profile import Profile
 from envs.trees import map_leaves, take
-from envs.waypoints import legs
+from envs.waypoints import PlanStates, legs
 
 VERTICAL = 3
 """Code of a plan that a climb or a descent along the route made."""
@@ -132,18 +132,17 @@ def _plan_alone(
     )
     none = empty(1, options.waypoints, in_space=True)
     try:
-        case, plans, cost = plan_in_space(task)
+        case, plans, _ = plan_in_space(task)
     except RequestError:  # the route's altitude cannot be regained within a plan
         return Plans(none, np.zeros(1, np.int8), np.zeros(1, dtype=bool))
     best, profile = plans.candidates, none.profile
     if best.last[0] >= 0 and profile is not None:
         profile[0] = case.profile
     findings = best.findings
-    wrong, intruder = np.array(findings.wrong), np.array(findings.intruder)
-    wrong[:, CHECKS.index(Kind.SPEED.value)] |= best.safe & (cost == math.inf)
+    intruder = np.array(findings.intruder)
     if intruder[0] >= 0:
         intruder[0] = exist[case.counted[int(intruder[0])]]
-    findings = findings._replace(wrong=wrong, intruder=intruder)
+    findings = findings._replace(intruder=intruder)
     return plans._replace(candidates=best._replace(findings=findings, profile=profile))
 
 
@@ -208,10 +207,23 @@ def _answer(task: SpaceTask, case: Case, plans: Plans) -> Answer:
     if not flown.safe[0]:
         return Answer(case, plans, math.inf)
     curves = legs(take(flown.plan_states, 0))
-    too_fast = speed_faults(case.profile, curves, task.options.limits)
+    too_fast = np.flatnonzero(exceeds_speed(case.profile, curves, task.options.limits))
     cost = flown.cost + case.detour + task.options.altitude_weight * climbed(case.profile)
-    plans = plans._replace(candidates=flown._replace(cost=cost))
-    return Answer(case, plans, math.inf if too_fast else float(cost[0]))
+    findings = flown.findings
+    if too_fast.size:
+        findings = _fails_speed(findings, flown.plan_states, int(too_fast[0]))
+    plans = plans._replace(candidates=flown._replace(cost=cost, findings=findings))
+    return Answer(case, plans, math.inf if too_fast.size else float(cost[0]))
+
+
+def _fails_speed(findings: Findings, plan_states: PlanStates[Air], leg: int) -> Findings:
+    """Return the findings of a plan ``[1]`` that is too fast on a leg with its climb."""
+    findings, check = map_leaves(np.array, findings), CHECKS.index(Kind.SPEED.value)
+    findings.wrong[0, check], findings.leg[0, check] = True, leg
+    findings.time[0, check], findings.x[0, check], findings.y[0, check] = (
+        field[0, leg] for field in (plan_states.time, plan_states.x, plan_states.y)
+    )
+    return findings
 
 
 def _better(first: Answer, second: Answer) -> Answer:

@@ -21,18 +21,22 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from agents.config.load import load, validate
+from agents.kernel.levels import Altitude
 from agents.kernel.traffic import Traffic as Known
 from agents.planner.request.options import Maneuvers
+from agents.planner.request.reports import Intruder
 from agents.planner.request.request import Options
 from agents.policy.inference import Policy
 from commands.command import ConfigError
 from envs.aircraft import PAPER
+from envs.altitudes import REFERENCE
 from envs.c208.conditions import Conditions
 from envs.c208.flightgear import FlightGear, flightgear_at
 from envs.c208.guidance import Path as Track
 from envs.c208.vehicle import FlightError
 from envs.follower import PERIOD
 from envs.formats.local_frame import geocentric
+from envs.frames import Ground
 from envs.kinematics import C208_PUBLISHED, SURROGATE, VehicleState
 from envs.outcome import RULES
 from envs.profile import Height, corner_error, height_flown
@@ -63,7 +67,8 @@ from eval.hifi.rows import ERRORS, row_of
 from eval.hifi.run import campaign_of, main
 from eval.hifi.summary import error_rows, rate_rows, summarise
 from eval.hifi.vehicle import Navigation, begin, lookahead_of
-from eval.hifi.wind import PlanResult, Route, plan_for, unflyable
+from eval.hifi.wind import PlanResult, Route, plan_for, plan_in_space, unflyable
+from eval.hifi.wind import Route as Straight
 from ros_bridge.sim.world import EncounterFlight
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -721,6 +726,20 @@ def test_a_flight_in_closed_loop_is_judged_against_areas() -> None:
 def climbing_campaign(*overrides: str) -> Campaign:
     usual = "aircraft=c208", "allow_outside_domain=true", "changes.own_speed=[65,80]"
     return campaign(*usual, *overrides)
+
+
+@pytest.mark.parametrize(("below", "safe"), [(0.1, True), (0.01, False)])
+def test_a_plan_is_not_safe_that_is_too_fast_with_its_climb(below: float, safe: bool) -> None:
+    """It keeps its speed over the horizon: with a climb of 2.5 m/s 99.97 m/s are the most."""
+    options = replace(climbing_campaign("planner.maneuvers=vertical").options, extend_route=True)
+    own: VehicleState[Ground] = VehicleState(0.0, 0.0, 0.0, options.limits.speed_max - below)
+    intruder = Intruder(
+        VehicleState(12_000.0, 0.0, math.pi, 70.0), altitude=Altitude(2_000.0, REFERENCE, 0.0)
+    )
+    route = Straight(5_000.0 * np.arange(1, 10), np.zeros(9))
+    made = plan_in_space(own, [intruder], route, 2_000.0, NO_WIND, Policy.load(), options)
+    assert made.profile is not None and made.plans.candidates.last[0] >= 0
+    assert bool(made.plans.candidates.safe[0]) == safe
 
 
 @pytest.mark.slow
