@@ -242,6 +242,24 @@ _OF_STATE = (
     ),
 )
 
+_OF_SPACE = (
+    (
+        "if not abs(own.value - height.altitude) <= options.vertical_margin:",
+        "if not abs(own.value - height.altitude) <= 2.0 * options.vertical_margin:",
+    ),
+    ("backup_flight(sense, self.begin_backup(own), options)", "backup_flight(sense, own, options)"),
+    ("value=height.altitude, vertical_speed=height.climb", "value=height.altitude"),
+    ("or own.reference != self.flown.reference", ""),
+)
+
+_OF_SINGLE = (
+    ("self.backup_climb if self.monitor.on_backup[0] else self.climb", "self.climb"),
+    (
+        "climb_of_backup(sense, begin, time, options)",
+        "climb_of_backup(sense, own_altitude, time, options)",
+    ),
+)
+
 
 _CHANGES = {
     "agents/assurance/monitor.py": (
@@ -253,6 +271,8 @@ _CHANGES = {
         (_CONFORMANCE, _AREAS, _BACKUP, _MONITOR, _CLIMBS),
     ),
     "agents/assurance/climbs.py": (_OF_CLIMBS, (_CLIMBS,)),
+    "agents/assurance/space.py": (_OF_SPACE, (_CLIMBS,)),
+    "agents/assurance/single.py": (_OF_SINGLE, (_CLIMBS,)),
     "agents/assurance/backup.py": (_OF_BACKUP, (_BACKUP, _BACKUP_HEIGHTS)),
     "agents/assurance/backup_heights.py": (_OF_BACKUP_HEIGHTS, (_BACKUP_HEIGHTS, _CLIMBS)),
     "agents/planner/judge/profile.py": (_OF_PROFILES, (_CLIMBS,)),

@@ -26,7 +26,7 @@ from agents.policy.inference import Policy
 from envs.aircraft import PAPER, Vertical
 from envs.areas import Area, Circle, Level
 from envs.kinematics import VehicleState
-from envs.profile import Profile, corner_error, first_corner, profile_of
+from envs.profile import Profile, corner_error, first_corner, profile_of, rise_to_level
 from envs.trees import take
 from envs.waypoints import RoutePoint, Waypoint, at, legs, plan_states
 from envs.wind import Wind
@@ -447,3 +447,51 @@ def test_the_altitude_that_is_flown_is_the_plans_the_backups_or_goes_on() -> Non
     in_plane = Thresholds.for_plans(Options.for_aircraft(PAPER, deadline_s=math.inf))
     _, verdict = single.step(single.begin(in_plane), 1.0, flight.own(1.0), {})
     assert verdict.in_height is None
+
+
+def levels_at(flight: Flight) -> float:
+    """Return the altitude at which the backup levels off, m."""
+    assert flight.watch.monitor.backup.sense[0] == Sense.LEVEL_OFF
+    climb = flight.watch.backup_climb
+    assert climb is not None and climb.reference == START.reference
+    return float(climb.profile.altitude[-1])
+
+
+@pytest.mark.parametrize("share", [-1.1, -0.9, 0.9, 1.1])
+def test_a_backup_goes_on_from_what_is_flown_which_no_gust_moves(share: float) -> None:
+    flight, time = Flight(oncoming(Altitude(TOP, "msl", 0.0), 20_000.0)), 20.0
+    planned = flight.altitude(time)
+    assert planned.vertical_speed is not None and planned.vertical_speed > 2.0
+    gust = replace(
+        planned, value=planned.value + share * MARGIN, vertical_speed=-8.0, climb_error=2.0
+    )
+    verdict = flight.step(time, altitude=gust)
+    assert verdict.in_height is not None
+    space = verdict.in_height.space
+    begin = replace(planned, climb_error=0.0) if abs(share) < 1.0 else gust
+    assert begin.vertical_speed is not None
+    expected = begin.value + rise_to_level(begin.vertical_speed, VERTICAL.acceleration)
+    assert levels_at(flight) == pytest.approx(expected)
+    meets, anew = (
+        place.find_backups_met(own, Sense.LEVEL_OFF, np.array([0])).share
+        for place, own in ((space, gust), (replace(space, flown=None), begin))
+    )
+    np.testing.assert_allclose(meets, anew)
+    assert 0.0 < meets.min() < 1.0
+    # One of another reference, or unknown, says nothing of the profile.
+    other = replace(gust, reference="pressure")
+    assert space.begin_backup(other) is other and space.begin_backup(None) is None
+
+
+def test_a_backup_that_is_flown_keeps_its_altitude_in_gusts() -> None:
+    flight = Flight()
+    level = replace(START, value=TOP + 20.0)
+    assert flight.step(1_000.0, altitude=level).fly is FlyMode.BACKUP
+    for second, share in enumerate([0.9, 0.9, -0.9, 0.0], start=1_001):
+        off = replace(level, value=level.value + share * MARGIN, vertical_speed=3.0 * share)
+        assert flight.step(float(second), altitude=off).fly is FlyMode.BACKUP
+        assert levels_at(flight) == pytest.approx(level.value)
+    # Where the aircraft has left it, it begins anew.
+    away = replace(level, value=level.value + 1.1 * MARGIN)
+    flight.step(1_005.0, altitude=away)
+    assert levels_at(flight) == pytest.approx(away.value)
