@@ -35,6 +35,7 @@ PANELS = 12  # flights on the sheet
 _FAILURES_SHOWN = 8
 _LOST_SHOWN = 2  # of the failures, those that are proven unresolvable
 _KM = 1e-3
+_LEGEND_WIDTH = 2.8  # inches of its longest entry
 _OWN: dict[str, Any] = {
     "color": BLUE,
     "linewidth": 1.5,
@@ -243,4 +244,5 @@ def explain(
         sample(f"{required} around the intruder then", color=VERMILION, **ring, **mark),
         *more,
     ]
-    legend(figure, handles, len(handles) if figure.get_figwidth() > 2.1 * len(handles) else 3)
+    columns = int(figure.get_figwidth() // _LEGEND_WIDTH)
+    legend(figure, handles, max(1, min(len(handles), columns)))
