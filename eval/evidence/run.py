@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -189,6 +190,7 @@ def _result(name: str, listed: Evidence, policy: str, options: argparse.Namespac
     header = {
         "policy": policy,
         "commit": _commit(),
+        "date": datetime.now(UTC).date().isoformat(),
         "machine": _machine(),
         "command": command,
         "n": n,

@@ -82,7 +82,7 @@ def test_every_table_is_published() -> None:
 
 
 def result(command: str, n: int = 24, policy: str = "a" * 64, **figures: Any) -> dict[str, Any]:
-    fields = {"policy": policy, "commit": "c", "machine": "m", "seconds": 1.0}
+    fields = {"policy": policy, "commit": "c", "date": "2026-01-01", "machine": "m", "seconds": 1.0}
     return fields | {"command": command.format(n=n), "n": n, "figures": figures}
 
 
