@@ -274,14 +274,24 @@ def test_the_page_of_scenarios_names_each_that_ships_once(
     assert sorted(re.findall(r"`(\w+)`", " ".join(cells))) == sorted(names)
 
 
-@pytest.mark.parametrize("message", ["Trajectory", "Waypoint", "AircraftState"])
-def test_the_page_of_ros_names_the_fields_of_a_message_in_their_order(message: str) -> None:
+@pytest.mark.parametrize(
+    ("message", "definition"),
+    [
+        ("Trajectory", "msg/Trajectory.msg"),
+        ("Waypoint", "msg/Waypoint.msg"),
+        ("AircraftState", "msg/AircraftState.msg"),
+        ("GenerateTrajectory", "srv/GenerateTrajectory.srv"),
+    ],
+)
+def test_the_page_of_ros_names_the_fields_of_a_message_in_their_order(
+    message: str, definition: str
+) -> None:
     page = (ROOT / "docs/reference/ros.md").read_text(encoding="utf-8")
     rows = re.search(rf"^\| `{message}` \|.*\n\|---.*\n((?:\|.*\n)+)", page, re.MULTILINE)
     assert rows is not None
     named = [name for row in rows[1].splitlines() for name in re.findall(r"`(\w+)`", cell(row))]
-    definition = ROOT / f"ros_bridge/rlcas_msgs/msg/{message}.msg"
-    text = definition.read_text(encoding="utf-8")
+    text = (ROOT / "ros_bridge/rlcas_msgs" / definition).read_text(encoding="utf-8")
+    text = text.rpartition("\n---\n")[2]  # of a service its answer
     assert named == re.findall(r"^[\w/]+(?:\[\])? (\w+)$", text, re.MULTILINE)
 
 
