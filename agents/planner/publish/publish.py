@@ -1,8 +1,10 @@
 """What leaves the planner: the best plan of a request as waypoints, SAFE or with the reasons why
 not.
 
-SAFE is decided here and nowhere else: by the validator for the plan's states, by the audit for what
-is published.
+SAFE is decided here: by the validator for the plan's states, by the audit for the waypoints, by how
+long the intruders that were left out stay out of the way, and where the plan climbs by its
+altitudes and its speeds on the climbs. A plan that comes late is judged again
+(:mod:`agents.planner.recheck`).
 """
 
 import math
