@@ -46,7 +46,7 @@ class Phase(Enum):
 class Order(Enum):
     """What is to be sent."""
 
-    TAKE_OVER = "take over"  # GUIDED with the rejoin waypoint as its target
+    TAKE_OVER = "take over"  # GUIDED with the end of the plan as its target
     STEER = "steer"  # roll and airspeed of the plan
     GIVE_BACK = "give back"  # AUTO at the item after the rejoin waypoint
     RESTORE = "restore"  # the operator's mode that a request of ours crossed

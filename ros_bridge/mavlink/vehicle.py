@@ -256,7 +256,7 @@ def failsafe_notes(parameters: Mapping[str, float], system: int) -> tuple[str, .
     if not _watches(parameters, system):
         return (
             f"FS_GCS_ENABL, MAV_GCS_SYSID do not watch this program (system {system}): where it "
-            "dies while it flies, the autopilot stays in GUIDED at the rejoin waypoint until "
+            "dies while it flies, the autopilot stays in GUIDED at the end of the plan until "
             "somebody changes the mode",
         )
     if parameters.get("FS_LONG_ACTN", 0.0) == 0.0:
