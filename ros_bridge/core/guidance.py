@@ -5,8 +5,9 @@ message ``GuidanceBands`` has them as output.
 """
 
 import math
+from collections.abc import Mapping
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +44,7 @@ from envs.angles import wrap
 from envs.arrays import Array, Bool, Float, Shaped
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.assurance import Supervision
+from ros_bridge.core.conversions import ALTITUDE_NUMBERS
 from ros_bridge.core.fields import SECOND
 
 TRACKS = np.arange(HEADINGS) * (360.0 / HEADINGS)
@@ -74,11 +76,19 @@ class Shown(NamedTuple):
 class Row(NamedTuple):
     """Bands of one kind, by their targets."""
 
-    target: list[float]
-    region: list[int]  # codes of Region
+    target: tuple[float, ...]
+    region: tuple[int, ...]  # codes of Region
     # when the separation is lost by its manoeuvre or one half-way to the next, s; -1: it is kept
-    loss: list[float]
-    area: list[int]  # place in the areas of the one that closes it; -1: traffic does, or it is free
+    loss: tuple[float, ...]
+    # place in the areas of the one that closes it; -1: traffic does, or it is free
+    area: tuple[int, ...]
+
+    def fields(self, kind: str, target: str = "") -> dict[str, Any]:
+        """Return the fields of a kind of bands; ``target`` is the name of theirs where it is
+        another.
+        """
+        parts = {f"{kind}_{name}": getattr(self, name) for name in ("region", "loss", "area")}
+        return {target or kind: self.target, **parts}
 
 
 class VerticalRows(NamedTuple):
@@ -92,20 +102,41 @@ class VerticalRows(NamedTuple):
 class Guidance(NamedTuple):
     """What is published."""
 
+    time: int  # from which the manoeuvres begin, ns
     look_ahead: float  # s
     tracks: Row  # targets in degrees clockwise from true north
     speeds: Row
     recovery: int  # number of the track; -1: some is free
     recovery_time: float  # s; -1: not within the look-ahead
     recovery_shortfall: float  # m
-    intruders: tuple[str, ...]
-    levels: list[int]
-    losses: list[float]  # s; -1: none
-    areas: tuple[str, ...]  # that close a band, or lie on the present course, by their labels
-    area_levels: list[int]
-    area_losses: list[float]  # s, on the present course; -1: none
+    # alert level and time to loss on the present course, s or -1 for none, by intruder
+    levels: Mapping[str, tuple[int, float]]
+    # the same of those that close a band or lie on that course, by label, in order of their places
+    areas: Mapping[str, tuple[int, float]]
     # None: plans may not climb and descend, or the own altitude or vertical speed is unknown
     vertical: VerticalRows | None = None
+
+    def fields(self) -> dict[str, Any]:
+        """Return the fields of a ``GuidanceBands`` that hold this, without its header."""
+        fields = {name: getattr(self, name) for name in _PLAIN}
+        fields |= self.tracks.fields("track", "track_deg") | self.speeds.fields("speed")
+        fields |= _level_fields("intruder", self.levels) | _level_fields("area", self.areas)
+        if self.vertical is not None:
+            speeds, altitudes, reference = self.vertical
+            fields |= speeds.fields("vertical_speed") | altitudes.fields("altitude")
+            fields["altitude_reference"] = ALTITUDE_NUMBERS[reference]
+        return fields
+
+
+_PLAIN = ("look_ahead", "recovery", "recovery_time", "recovery_shortfall")
+
+
+def _level_fields(kind: str, levels: Mapping[str, tuple[int, float]]) -> dict[str, Any]:
+    return {
+        f"{kind}_ids": list(levels),
+        f"{kind}_level": [level for level, _ in levels.values()],
+        f"{kind}_loss": [loss for _, loss in levels.values()],
+    }
 
 
 def blank(thresholds: Thresholds[L]) -> Shown:
@@ -181,7 +212,9 @@ def guidance(before: Shown, supervision: Supervision, moment: int) -> tuple[Show
         before, assessment, look, thresholds.requirement.margin, alerting.look_ahead
     )
     after = _alerts(before, names, look, met_areas, moment, alerting)
-    return after, _guidance(names, look, met_areas, after.alerts, alerting, aircraft.separation)
+    return after, _guidance(
+        names, look, met_areas, after.alerts, alerting, aircraft.separation, moment
+    )
 
 
 def _look(
@@ -298,26 +331,29 @@ def _guidance(
     alerts: Alerts,
     alerting: Alerting,
     separation: float,
+    moment: int,
 ) -> Guidance:
-    """Return what a look found, as it is published."""
-    existing = [k for k in range(len(names)) if look.present[0, k]]
+    """Return what a look found at a time, ns, as it is published."""
+    losses = [*look.losses[0].tolist(), *(met.loss for met in met_areas)]
+    levels = [*zip(alerts.level[0].tolist(), map(_or_never, losses), strict=True)]
     places = {met.area.number: place for place, met in enumerate(met_areas)}
     way_out = recovery(look.headings, separation)
     number = int(way_out.index[0])
     has_free_course = number < 0
     return Guidance(
+        time=moment,
         look_ahead=alerting.look_ahead,
         tracks=_row(TRACKS, look.headings, alerting, separation, places),
         speeds=_row(look.speeds.target[0], look.speeds, alerting, separation, places),
         recovery=number,
         recovery_time=0.0 if has_free_course else _or_never(float(way_out.opens[0])),
         recovery_shortfall=0.0 if has_free_course else -float(way_out.clearance[0]),
-        intruders=tuple(names[k] for k in existing),
-        levels=alerts.level[0, existing].tolist(),
-        losses=[_or_never(loss) for loss in look.losses[0, existing].tolist()],
-        areas=tuple(label(met.area) for met in met_areas),
-        area_levels=alerts.level[0, len(names) :].tolist(),
-        area_losses=[_or_never(met.loss) for met in met_areas],
+        levels={
+            name: level
+            for name, level, exists in zip(names, levels, look.present[0], strict=False)
+            if exists
+        },
+        areas={label(met.area): levels[len(names) + n] for n, met in enumerate(met_areas)},
         vertical=None if look.vertical is None else _vertical_rows(look.vertical, alerting, places),
     )
 
@@ -339,10 +375,10 @@ def _row(
 ) -> Row:
     """Return bands ``[1, B]`` as they are published; ``places`` are those of areas by number."""
     return Row(
-        targets.tolist(),
-        regions(bands, alerting, separation)[0].tolist(),
-        [_or_never(loss) for loss in shown_losses(bands)[0].tolist()],
-        [places.get(number, -1) for number in bands.area[0].tolist()],
+        tuple(targets.tolist()),
+        tuple(regions(bands, alerting, separation)[0].tolist()),
+        tuple(_or_never(loss) for loss in shown_losses(bands)[0].tolist()),
+        tuple(places.get(number, -1) for number in bands.area[0].tolist()),
     )
 
 

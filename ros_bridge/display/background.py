@@ -13,7 +13,7 @@ from ros_bridge.core.assurance import Supervision, backup
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.status import status
-from ros_bridge.display.scene import Bands, DisplayScene, Guidance, MonitorStatus, VerticalBands
+from ros_bridge.display.scene import DisplayScene, MonitorStatus
 from ros_bridge.display.server import DisplayServer, LiveSource, Recording, bind_socket
 
 __all__ = ["BackgroundServer", "supervise"]
@@ -97,7 +97,7 @@ def supervise(
     alerts, bands = guidance.guidance(alerts, supervision, moment)
     if bands is None:
         return scene, alerts
-    return replace(scene, guidance=_guidance(bands, moment)), alerts
+    return replace(scene, guidance=bands), alerts
 
 
 def _arrivals(situation: Situation) -> dict[str, int]:
@@ -119,28 +119,3 @@ def _backup(
     plan = backup(supervision, None if own is None else own.altitude)
     revision = 0 if scene.backup is None else scene.backup.revision
     return None if plan is None else plan._replace(revision=revision)
-
-
-def _guidance(bands: guidance.Guidance, moment: int) -> Guidance:
-    vertical = None
-    if bands.vertical is not None:
-        speeds, altitudes, reference = bands.vertical
-        vertical = VerticalBands(_bands(speeds), _bands(altitudes), reference)
-    levels = zip(bands.levels, bands.losses, strict=True)
-    of_areas = zip(bands.area_levels, bands.area_losses, strict=True)
-    return Guidance(
-        moment,
-        bands.look_ahead,
-        _bands(bands.tracks),
-        _bands(bands.speeds),
-        bands.recovery,
-        bands.recovery_time,
-        bands.recovery_shortfall,
-        dict(zip(bands.intruders, levels, strict=True)),
-        dict(zip(bands.areas, of_areas, strict=True)),
-        vertical,
-    )
-
-
-def _bands(row: guidance.Row) -> Bands:
-    return Bands(tuple(row.target), tuple(row.region), tuple(row.loss), tuple(row.area))

@@ -12,6 +12,7 @@ from agents.assurance.thresholds import Cause
 from envs.formats.local_frame import LocalFrame
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.fields import SECOND
+from ros_bridge.core.guidance import Guidance, Row
 from ros_bridge.core.status import Status
 from ros_bridge.display.aircraft import draw_aircraft
 from ros_bridge.display.health import health_lines
@@ -28,7 +29,7 @@ from ros_bridge.display.picture import (
     WayOut,
     tenths,
 )
-from ros_bridge.display.scene import Bands, DisplayScene, Guidance, MonitorStatus
+from ros_bridge.display.scene import DisplayScene, MonitorStatus
 from ros_bridge.display.shapes import draw_areas, draw_plan, draw_route
 
 _REMARKS = Cause.OUTSIDE_RANGE  # causes that ask for nothing
@@ -183,7 +184,7 @@ def _bands(guidance: Guidance, heights: Heights, moment: int) -> DrawnBands:
     )
 
 
-def _tape(bands: Bands, digits: int, above: float = 0.0) -> Tape:
+def _tape(bands: Row, digits: int, above: float = 0.0) -> Tape:
     """Return bands as they are drawn; ``above`` is added to their targets."""
     return Tape(
         [round(target + above, digits) for target in bands.target], bands.region, bands.area

@@ -19,6 +19,7 @@ from ros_bridge.core.categories import BY_CATEGORY, separations_of
 from ros_bridge.core.conversions import ALTITUDE_CODES, Published, trajectory
 from ros_bridge.core.fields import SECOND, FieldError, attempt, integer, nanoseconds, number, stamp
 from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
+from ros_bridge.core.guidance import Guidance, Row, VerticalRows
 from ros_bridge.core.nearest import MOST, keep_nearest
 from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
@@ -36,38 +37,6 @@ _MOST = 1_024  # bands, reasons and intruders of a message
 _FAR = 1e6  # m
 _LONGEST = 1e9  # of a number that only has to be finite
 _SAFE, _UNRESOLVED, _WITHDRAWN, _BACKUP = 1, 2, 3, 5  # of Trajectory.status
-
-
-class Bands(NamedTuple):
-    """A row of GuidanceBands: targets, regions (codes of ``agents.assurance.alerts.Region``)."""
-
-    target: tuple[float, ...]
-    region: tuple[int, ...]
-    loss: tuple[float, ...]  # s from the message's time; -1: kept
-    area: tuple[int, ...]  # place in the areas of the one by which; -1: by traffic, or kept
-
-
-class VerticalBands(NamedTuple):
-    """Bands up and down of a GuidanceBands message."""
-
-    speeds: Bands  # m/s, positive upwards
-    altitudes: Bands  # m
-    reference: str  # what altitudes are above
-
-
-class Guidance(NamedTuple):
-    """A GuidanceBands message."""
-
-    time: int  # ns
-    look_ahead: float  # s
-    tracks: Bands  # targets in degrees clockwise from true north
-    speeds: Bands  # m/s
-    recovery: int  # number of the track that is the way out; -1: some is free
-    recovery_time: float  # s; -1: not within the look-ahead
-    recovery_shortfall: float  # m
-    levels: Mapping[str, tuple[int, float]]  # alert level and time to loss, s or -1, by intruder
-    areas: Mapping[str, tuple[int, float]]  # the same by area, in the order of their places
-    vertical: VerticalBands | None = None  # None: there are no bands up and down
 
 
 class MonitorStatus(NamedTuple):
@@ -307,7 +276,7 @@ def _guidance(scene: DisplayScene, message: "GuidanceBands", moment: int) -> Dis
     return replace(scene, guidance=guidance)
 
 
-def _vertical(message: "GuidanceBands", areas: int) -> VerticalBands | None:
+def _vertical(message: "GuidanceBands", areas: int) -> VerticalRows | None:
     """Return bands up and down, of so many areas; None where a message has none, as in recordings
     of earlier versions.
     """
@@ -321,7 +290,7 @@ def _vertical(message: "GuidanceBands", areas: int) -> VerticalBands | None:
     if reference is None:
         problem = f"is {code}, expected one of {sorted(ALTITUDE_CODES)} beside bands of altitudes"
         raise FieldError("guidance.altitude_reference", problem)
-    return VerticalBands(speeds, altitudes, reference)
+    return VerticalRows(speeds, altitudes, reference)
 
 
 def _levels(message: "GuidanceBands", kind: str) -> dict[str, tuple[int, float]]:
@@ -341,7 +310,7 @@ def _levels(message: "GuidanceBands", kind: str) -> dict[str, tuple[int, float]]
     }
 
 
-def _bands(message: "GuidanceBands", target: str, kind: str, areas: int, low: float = 0.0) -> Bands:
+def _bands(message: "GuidanceBands", target: str, kind: str, areas: int, low: float = 0.0) -> Row:
     parts = ("region", "loss", "area")
     columns = [getattr(message, name) for name in (target, *(f"{kind}_{part}" for part in parts))]
     lengths = {len(column) for column in columns}
@@ -351,7 +320,7 @@ def _bands(message: "GuidanceBands", target: str, kind: str, areas: int, low: fl
             f"guidance.{target}", f"{problem}, expected as many of each, {_MOST} at most"
         )
     targets, regions, losses, by_areas = columns
-    return Bands(
+    return Row(
         tuple(number(f"guidance.{target}", value, low, _LONGEST, "") for value in targets),
         tuple(integer(f"guidance.{kind}_region", int(region), 0, 4) for region in regions),
         tuple(number(f"guidance.{kind}_loss", loss, -1.0, _LONGEST, "s") for loss in losses),

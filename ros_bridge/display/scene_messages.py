@@ -19,8 +19,9 @@ from ros_bridge.core.categories import BY_CATEGORY, text_of
 from ros_bridge.core.conversions import PlanPoint, Published, Route
 from ros_bridge.core.fields import SECOND, Sighting
 from ros_bridge.core.freshness import Freshness
+from ros_bridge.core.guidance import Guidance
 from ros_bridge.core.reports import Report
-from ros_bridge.display.scene import Bands, Guidance, Health, MonitorStatus, VerticalBands
+from ros_bridge.display.scene import Health, MonitorStatus
 
 Fields = dict[str, Any]
 
@@ -175,44 +176,7 @@ def status(monitor: MonitorStatus, revision: int) -> Fields:
 
 def guidance(bands: Guidance) -> Fields:
     """Return a GuidanceBands."""
-    up_and_down: Fields = {} if bands.vertical is None else _vertical(bands.vertical)
-    return {
-        **_header(bands.time),
-        "look_ahead": bands.look_ahead,
-        "track_deg": bands.tracks.target,
-        **_bands("track", bands.tracks),
-        "speed": bands.speeds.target,
-        **_bands("speed", bands.speeds),
-        "recovery": bands.recovery,
-        "recovery_time": bands.recovery_time,
-        "recovery_shortfall": bands.recovery_shortfall,
-        **_levels("intruder", bands.levels),
-        **_levels("area", bands.areas),
-        **up_and_down,
-    }
-
-
-def _vertical(bands: VerticalBands) -> Fields:
-    return {
-        "vertical_speed": bands.speeds.target,
-        **_bands("vertical_speed", bands.speeds),
-        "altitude_reference": codes.ALTITUDE_NUMBERS[bands.reference],
-        "altitude": bands.altitudes.target,
-        **_bands("altitude", bands.altitudes),
-    }
-
-
-def _bands(kind: str, bands: Bands) -> Fields:
-    return {f"{kind}_{name}": getattr(bands, name) for name in ("region", "loss", "area")}
-
-
-def _levels(kind: str, levels: Mapping[str, tuple[int, float]]) -> Fields:
-    """Return alert levels and times to loss by name."""
-    return {
-        f"{kind}_ids": list(levels),
-        f"{kind}_level": [level for level, _ in levels.values()],
-        f"{kind}_loss": [loss for _, loss in levels.values()],
-    }
+    return {**_header(bands.time), **bands.fields()}
 
 
 def areas(geodetic_areas: tuple[GeodeticArea, ...], moment: int) -> Fields:

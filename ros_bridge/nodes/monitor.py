@@ -50,9 +50,8 @@ from ros_bridge.core.assurance import (
     to_fly,
     withdraw,
 )
-from ros_bridge.core.conversions import ALTITUDE_NUMBERS
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
-from ros_bridge.core.guidance import Guidance, VerticalRows, blank, guidance
+from ros_bridge.core.guidance import blank, guidance
 from ros_bridge.core.looking import look
 from ros_bridge.core.planning import prepare
 from ros_bridge.core.status import status
@@ -285,7 +284,8 @@ class Monitor(ListeningNode):
             supervision = self._looking = look(self._looking, self._situation, moment)
         self._shown, bands = guidance(self._shown, supervision, moment)
         if bands is not None:
-            self._guidance.publish(_message(bands, moment, self._value("map_frame")))
+            stamp = header(moment, self._value("map_frame"))
+            self._guidance.publish(GuidanceBands(header=stamp, **bands.fields()))
 
     def _describe(self, message: AssuranceStatus) -> None:
         """Write into a status what holds."""
@@ -325,43 +325,6 @@ class Monitor(ListeningNode):
         assessment = self._judged.assessment
         outside = [] if assessment is None else assessment.outside
         self._publish_health((level, problem), outside, values)
-
-
-def _message(bands: Guidance, moment: int, frame: str) -> GuidanceBands:
-    message = GuidanceBands(
-        header=header(moment, frame),
-        look_ahead=bands.look_ahead,
-        track_deg=bands.tracks.target,
-        track_region=bands.tracks.region,
-        track_loss=bands.tracks.loss,
-        track_area=bands.tracks.area,
-        speed=bands.speeds.target,
-        speed_region=bands.speeds.region,
-        speed_loss=bands.speeds.loss,
-        speed_area=bands.speeds.area,
-        recovery=bands.recovery,
-        recovery_time=bands.recovery_time,
-        recovery_shortfall=bands.recovery_shortfall,
-        intruder_ids=list(bands.intruders),
-        intruder_level=bands.levels,
-        intruder_loss=bands.losses,
-        area_ids=list(bands.areas),
-        area_level=bands.area_levels,
-        area_loss=bands.area_losses,
-    )
-    if bands.vertical is not None:
-        _add_vertical(message, bands.vertical)
-    return message
-
-
-def _add_vertical(message: GuidanceBands, bands: VerticalRows) -> None:
-    """Write bands up and down into a message."""
-    speeds, altitudes = bands.speeds, bands.altitudes
-    message.vertical_speed, message.vertical_speed_region = speeds.target, speeds.region
-    message.vertical_speed_loss, message.vertical_speed_area = speeds.loss, speeds.area
-    message.altitude_reference = ALTITUDE_NUMBERS[bands.reference]
-    message.altitude, message.altitude_region = altitudes.target, altitudes.region
-    message.altitude_loss, message.altitude_area = altitudes.loss, altitudes.area
 
 
 main = partial(process.main, Monitor, "monitor", __doc__)

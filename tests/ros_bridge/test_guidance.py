@@ -56,14 +56,13 @@ def test_an_aircraft_head_on_closes_the_way_to_it() -> None:
     # The ownship flies east.
     bands = display(with_report(traffic(situation_after(), 1.0), "new001", 7_000.0, 0.0, math.pi))
     tracks = bands.tracks
-    assert tracks.target == TRACKS.tolist() and len(tracks.region) == len(tracks.loss) == 72
+    assert tracks.target == tuple(TRACKS.tolist()) and len(tracks.region) == len(tracks.loss) == 72
     east, west = tracks.target.index(90.0), tracks.target.index(270.0)
     assert tracks.region[east] == Region.CORRECTIVE and 30.0 < tracks.loss[east] < 45.0
     assert tracks.region[west] == Region.FREE and tracks.loss[west] == -1.0
     assert bands.recovery == -1
-    assert dict(zip(bands.intruders, bands.levels, strict=True))["new001"] == Level.CORRECTIVE
-    losses = dict(zip(bands.intruders, bands.losses, strict=True))
-    assert losses["new001"] == pytest.approx(tracks.loss[east], abs=1.0)
+    level, loss = bands.levels["new001"]
+    assert level == Level.CORRECTIVE and loss == pytest.approx(tracks.loss[east], abs=1.0)
     assert len(bands.speeds.target) == len(bands.speeds.region) > 10
     assert bands.look_ahead == Alerting.for_aircraft(THRESHOLDS.options.aircraft).look_ahead
 
@@ -81,12 +80,12 @@ def test_an_area_ahead_is_named_and_closes_the_way_into_it() -> None:
     bands = display(replace(situation, fixed_areas=(field,)))
     tracks = bands.tracks
     east, west = tracks.target.index(90.0), tracks.target.index(270.0)
-    assert bands.areas == ("areas[0] (north field)",)
+    assert list(bands.areas) == ["areas[0] (north field)"]
     assert tracks.area[east] == 0 and tracks.area[west] == -1
     assert tracks.region[east] == Region.CORRECTIVE and tracks.region[west] == Region.FREE
-    assert bands.area_levels == [Level.CORRECTIVE]
-    assert bands.area_losses == pytest.approx([tracks.loss[east]], abs=1.0)
-    assert "new001" in bands.intruders and bands.speeds.area.count(0) > 10
+    level, loss = bands.areas["areas[0] (north field)"]
+    assert level == Level.CORRECTIVE and loss == pytest.approx(tracks.loss[east], abs=1.0)
+    assert "new001" in bands.levels and bands.speeds.area.count(0) > 10
 
 
 def test_directions_are_true_where_the_map_is_turned() -> None:

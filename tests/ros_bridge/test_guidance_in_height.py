@@ -122,8 +122,7 @@ def test_an_aircraft_that_a_safe_plan_passes_in_height_raises_no_alert() -> None
     for time, now, watch in flight():
         before, bands = guidance(before, watch, now)
         assert bands is not None
-        assert set(bands.levels) <= {Level.NONE}, time
-        assert set(bands.losses) <= {-1.0}, time
+        assert set(bands.levels.values()) <= {(Level.NONE, -1.0)}, time
         assert watch.assessment is not None
         measured, limits = watch.assessment.measured, watch.thresholds_in_air
         lost = losses_on_course(measured.own, measured.traffic, limits.requirement, 120.0)
@@ -154,13 +153,15 @@ def test_where_nobody_climbs_bands_are_those_in_the_plane() -> None:
     )
     assert flat.vertical is None and solid.vertical is not None
     assert solid._replace(vertical=None) == flat
-    assert max(flat.levels) > Level.NONE and set(flat.tracks.region) > {0}
+    assert max(level for level, _ in flat.levels.values()) > Level.NONE
+    assert set(flat.tracks.region) > {0}
 
 
 def test_who_stays_above_closes_no_heading_but_a_climb() -> None:
     above = report(2_000.0, 0.0, math.pi, 500.0 + VERTICAL.separation + 60.0, 0.0)
     bands = looked_at(situation_of(above))
-    assert bands.levels == [Level.NONE] and set(bands.tracks.region) == {Region.FREE}
+    assert [level for level, _ in bands.levels.values()] == [Level.NONE]
+    assert set(bands.tracks.region) == {Region.FREE}
     assert bands.vertical is not None
     speeds, altitudes = bands.vertical.speeds, bands.vertical.altitudes
     assert speeds.target[0] == -VERTICAL.descent_max and speeds.target[-1] == VERTICAL.climb_max
@@ -170,12 +171,13 @@ def test_who_stays_above_closes_no_heading_but_a_climb() -> None:
     assert altitudes.region[0] == Region.FREE and max(altitudes.region) > Region.FREE
     # It climbs towards the level of the other.
     climbing = looked_at(situation_of(above, climb=VERTICAL.climb_max))
-    assert climbing.levels[0] > Level.NONE and climbing.losses[0] > 0.0
+    [(level, loss)] = climbing.levels.values()
+    assert level > Level.NONE and loss > 0.0
 
 
 def test_alone_everything_is_free() -> None:
     bands = looked_at(situation_of(climb=2.0))
-    assert bands.vertical is not None and bands.levels == []
+    assert bands.vertical is not None and bands.levels == {}
     for row in (bands.tracks, bands.speeds, bands.vertical.speeds, bands.vertical.altitudes):
         assert set(row.region) == {Region.FREE}
 
@@ -186,7 +188,8 @@ def test_without_an_own_altitude_or_climb_there_are_no_bands_up_and_down() -> No
         own = report(0.0, 0.0, 0.0, 500.0, 0.0, id="own")
         own.valid = valid
         bands = looked_at(situation_after(intruder, own=own))
-        assert bands.vertical is None and bands.levels[0] > Level.NONE
+        [(level, _)] = bands.levels.values()
+        assert bands.vertical is None and level > Level.NONE
 
 
 def test_an_aircraft_of_unknown_altitude_shuts_all_altitudes_and_leaves_no_way_out() -> None:
