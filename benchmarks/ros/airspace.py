@@ -102,7 +102,7 @@ class Caller:
         from rlcas_msgs.srv import GenerateTrajectory
 
         from ros_bridge.transport import topics
-        from ros_bridge.transport.area_messages import areas_message
+        from ros_bridge.transport.messages import areas_message
 
         rclpy.init(args=[])
         self._rclpy = rclpy

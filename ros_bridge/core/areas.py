@@ -1,10 +1,10 @@
-"""Areas of ``rlcas_msgs`` as areas of the local frame, as they are at a request."""
+"""Areas of ``rlcas_msgs`` as areas of the local frame, as they are at a request, and back."""
 
 import math
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, NamedTuple
 
-from envs.areas import Area, AreaError, Keep, Level, after
+from envs.areas import Area, AreaError, Circle, Keep, Level, after
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.areas.placement import far_away, to_plane
 from envs.formats.areas.reading import geodetic_areas
@@ -84,6 +84,30 @@ def place_areas(report: AreaReport, frame: LocalFrame, within: float) -> Placed:
         changes += (change.replace("is no area", area.where, 1) for change in placed.changes)
     left_out = far_away(far, frame, within) if far else ""
     return Placed(report.time, tuple(areas), left_out, tuple(changes))
+
+
+def to_geodetic(area: Area, frame: LocalFrame) -> GeodeticArea:
+    """Return an area of a local frame on the ellipsoid."""
+    names = ("velocity", "growth", "clearance", "valid_from", "valid_until")
+    placed = GeodeticArea(
+        "",
+        keep=area.keep,
+        floor=area.floor,
+        ceiling=area.ceiling,
+        name=area.name,
+        more={name: getattr(area, name) for name in names},
+    )
+    if isinstance(area.shape, Circle):
+        centre = frame.geodetic(area.shape.x, area.shape.y)
+        place = float(centre.latitude), float(centre.longitude)
+        return placed._replace(centre=place, radius=area.shape.radius)
+    rings = (frame.geodetic(*zip(*ring, strict=True)) for ring in area.shape.rings)
+    return placed._replace(
+        rings=tuple(
+            tuple(zip(ring.latitude.tolist(), ring.longitude.tolist(), strict=True))
+            for ring in rings
+        )
+    )
 
 
 def areas_of_file(path: str) -> tuple[GeodeticArea, ...]:

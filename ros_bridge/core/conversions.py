@@ -42,7 +42,7 @@ ALTITUDE_CODES = {1: "wgs84", 2: "msl", 3: "pressure"}
 
 ALTITUDE_NUMBERS = {name: code for code, name in ALTITUDE_CODES.items()}
 
-STATUS_SAFE, STATUS_ROUTE, STATUS_BACKUP = 1, 4, 5
+STATUS_SAFE, STATUS_UNRESOLVED, STATUS_WITHDRAWN, STATUS_ROUTE, STATUS_BACKUP = range(1, 6)
 ROUTE_POINT, PLAN_POINT = 0, 1
 _LAST_INDEX = 2**31 - 1
 _LONGEST_ROUTE = 1_000  # points: in 100 km, one every 100 m; of more, reading holds up the node

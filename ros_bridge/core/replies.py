@@ -14,7 +14,7 @@ from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
-from envs.wind import Wind
+from envs.wind import NO_WIND, Wind
 from ros_bridge.core.conversions import PlanPoint, Published
 from ros_bridge.core.fields import SECOND
 from ros_bridge.core.motion import wind_in
@@ -44,6 +44,25 @@ def start_point(
     if climbs and altitude is not None:
         start = replace(start, altitude=altitude.value, climb=altitude.vertical_speed)
     return geodetic_points(frame, [start], time, altitude)[0]
+
+
+def published(plan: Plan, task: PlanTask, revision: int, unique: bytes) -> Published:
+    """Return a plan as it is published; ``unique`` are the 16 bytes of its id."""
+    left_out = {exclusion.number for exclusion in plan.excluded}
+    names = (name for number, name in enumerate(task.identifiers) if number not in left_out)
+    climbs = any(point.altitude is not None for point in plan.waypoints)
+    start = start_point(task.frame, task.own, task.time, task.own_altitude, climbs=climbs)
+    wind = plan.wind or NO_WIND
+    return Published(
+        unique,
+        revision,
+        task.time,
+        start,
+        plan_points(plan, task),
+        tuple(names),
+        true_wind(task.frame, wind, start.latitude, start.longitude),
+        float(wind.std),
+    )
 
 
 def wind_of(frame: LocalFrame, plan: Published) -> Wind | None:

@@ -16,7 +16,15 @@ from envs.formats.local_frame import LocalFrame
 from ros_bridge.core import updates
 from ros_bridge.core.areas import AreaReport, areas, to_local
 from ros_bridge.core.categories import BY_CATEGORY, separations_of
-from ros_bridge.core.conversions import ALTITUDE_CODES, Published, trajectory
+from ros_bridge.core.conversions import (
+    ALTITUDE_CODES,
+    STATUS_BACKUP,
+    STATUS_SAFE,
+    STATUS_UNRESOLVED,
+    STATUS_WITHDRAWN,
+    Published,
+    trajectory,
+)
 from ros_bridge.core.fields import SECOND, FieldError, attempt, integer, nanoseconds, number, stamp
 from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
 from ros_bridge.core.guidance import Guidance, Row, VerticalRows
@@ -36,7 +44,6 @@ _RULES = Rules()
 _MOST = 1_024  # bands, reasons and intruders of a message
 _FAR = 1e6  # m
 _LONGEST = 1e9  # of a number that only has to be finite
-_SAFE, _UNRESOLVED, _WITHDRAWN, _BACKUP = 1, 2, 3, 5  # of Trajectory.status
 
 
 class MonitorStatus(NamedTuple):
@@ -198,21 +205,21 @@ def _situation(
 
 
 def _plan(scene: DisplayScene, message: "Trajectory", moment: int) -> DisplayScene:
-    if message.status == _WITHDRAWN:
+    if message.status == STATUS_WITHDRAWN:
         return replace(scene, plan=None)
-    _expect("trajectory", message, _SAFE)
+    _expect("trajectory", message, STATUS_SAFE)
     return replace(scene, plan=_with_points(message, "trajectory"), unresolved=None)
 
 
 def _advisory(scene: DisplayScene, message: "Trajectory", moment: int) -> DisplayScene:
-    _expect("advisory", message, _UNRESOLVED)
+    _expect("advisory", message, STATUS_UNRESOLVED)
     # The runner publishes the best known trajectory; without any there is nothing to draw.
     plan = _with_points(message, "advisory") if len(message.waypoints) else None
     return replace(scene, unresolved=plan)
 
 
 def _backup(scene: DisplayScene, message: "Trajectory", moment: int) -> DisplayScene:
-    _expect("backup", message, _BACKUP)
+    _expect("backup", message, STATUS_BACKUP)
     return replace(scene, backup=_with_points(message, "backup"))
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from mcap_ros2._dynamic import serialize_dynamic
 
+from ros_bridge.core import message_fields
 from ros_bridge.core.conversions import STATUS_BACKUP
 from ros_bridge.core.tracks import UNKNOWN, Track
 from ros_bridge.display import scene_messages as messages
@@ -48,29 +49,29 @@ class SceneRecorder:
         self._write("/clock", messages.clock(moment), moment)
         old, new = previous.situation, scene.situation
         if new.origin.value is not None and new.origin.value != old.origin.value:
-            fields = messages.geo_reference(new.origin.value)
+            fields = message_fields.geo_reference(new.origin.value)
             self._write(f"{_RUNNER}/input/geo_reference", fields, moment)
         self._write_track("ownship", old.own, new.own, moment)
         for name, track in new.traffic.items():
             self._write_track("traffic", old.traffic.get(name, UNKNOWN), track, moment)
         stations = new.route.value or ()
         if len(stations) > 1 and stations != old.route.value:
-            self._write(f"{_RUNNER}/input/route", messages.route(stations, moment), moment)
+            self._write(f"{_RUNNER}/input/route", message_fields.route(stations, moment), moment)
         if scene.areas is not None and (
             previous.areas is None or scene.areas.report != previous.areas.report
         ):
-            fields = messages.areas(scene.areas.report.areas, moment)
+            fields = message_fields.areas(scene.areas.report.areas, moment)
             self._write(f"{_RUNNER}/input/areas", fields, moment)
         self._write_decisions(previous, scene, moment)
 
     def _write_decisions(self, previous: DisplayScene, scene: DisplayScene, moment: int) -> None:
         plan = f"{_RUNNER}/output/trajectory"
         if scene.plan is None and previous.plan is not None:
-            self._write(plan, messages.withdrawal(previous.plan.revision + 1, moment), moment)
+            self._write(plan, message_fields.withdrawal(previous.plan.revision + 1, moment), moment)
         elif scene.plan is not None and scene.plan != previous.plan:
-            self._write(plan, messages.plan(scene.plan), moment)
+            self._write(plan, message_fields.plan(scene.plan), moment)
         if scene.backup is not None and scene.backup != previous.backup:
-            fields = messages.plan(scene.backup, STATUS_BACKUP)
+            fields = message_fields.plan(scene.backup, STATUS_BACKUP)
             self._write(f"{_MONITOR}/output/backup", fields, moment)
         if scene.monitor is not None and scene.monitor != previous.monitor:
             revision = 0 if scene.plan is None else scene.plan.revision
@@ -89,10 +90,10 @@ class SceneRecorder:
         """Write the newest report, and the place of one that could not be used."""
         topic = f"{_RUNNER}/input/{name}"
         if track.last is not None and track.last != previous.last:
-            self._write(topic, messages.aircraft(track.last), moment)
+            self._write(topic, message_fields.aircraft(track.last), moment)
         for sighted in track.sightings:
             if sighted not in previous.sightings:
-                self._write(topic, messages.aircraft(sighted.sighting), moment)
+                self._write(topic, message_fields.aircraft(sighted.sighting), moment)
 
     def _write(self, name: str, fields: Mapping[str, Any], moment: int) -> None:
         channel, encode = self._channels[name]

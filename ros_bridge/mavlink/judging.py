@@ -43,7 +43,7 @@ from ros_bridge.core.fields import SECOND, Refusal
 from ros_bridge.core.freshness import Freshness
 from ros_bridge.core.motion import Turns
 from ros_bridge.core.planning import plan_task
-from ros_bridge.core.replies import plan_points, start_point, to_frame, true_wind, wind_of
+from ros_bridge.core.replies import published, to_frame, wind_of
 from ros_bridge.core.reports import Unknown
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tasks import PlanTask, Settings, in_terms_of_messages, refusal_of, task
@@ -267,8 +267,8 @@ def supervise(
         answered, _ = accept_answer(supervision, number, None)
         return replace(judgement, supervision=answered, problem=str(refusal))
     judgement = replace(judgement, remarks=_remarks(request, answer))
-    published = publish(answer, request, supervision.revision + 1) if answer.safe else None
-    answered, taken_up = accept_answer(supervision, number, published)
+    plan = _number(answer, request, supervision) if answer.safe else None
+    answered, taken_up = accept_answer(supervision, number, plan)
     judgement = replace(judgement, supervision=answered, problem="")
     if not taken_up:
         reasons = "; ".join(reason.message for reason in answer.reasons)
@@ -304,27 +304,6 @@ def _with_rejoin_altitude(request: PlanTask) -> PlanTask:
     return replace(request, points=(*points[:_GOALS], *behind))
 
 
-def publish(answer: Plan, request: PlanTask, revision: int) -> Published:
-    """Return a plan as the monitor takes it."""
-    left_out = {exclusion.number for exclusion in answer.excluded}
-    names = (name for n, name in enumerate(request.identifiers) if n not in left_out)
-    climbs = answer.waypoints[0].altitude is not None
-    start = start_point(
-        request.frame, request.own, request.time, request.own_altitude, climbs=climbs
-    )
-    wind = answer.wind or NO_WIND
-    return Published(
-        revision.to_bytes(16, "big"),
-        revision,
-        request.time,
-        start,
-        plan_points(answer, request),
-        tuple(names),
-        true_wind(request.frame, wind, start.latitude, start.longitude),
-        float(wind.std),
-    )
-
-
 class ToFly(NamedTuple):
     """A plan or backup in a local frame."""
 
@@ -341,15 +320,15 @@ class ToFly(NamedTuple):
 def to_follow(judgement: Judgement) -> ToFly | None:
     """Return what is to be flown now; None: nothing."""
     supervision = judgement.supervision
-    frame, published, kind = supervision.frame, supervision.published_plan, to_fly(supervision)
-    if frame is None or published is None:
+    frame, plan, kind = supervision.frame, supervision.published_plan, to_fly(supervision)
+    if frame is None or plan is None:
         return None
-    wind = wind_of(frame, published)
+    wind = wind_of(frame, plan)
     if kind is FlyMode.PLAN:
-        key = ("plan", published.revision)
-        own, waypoints = to_frame(frame, published)
-        profile = _profile(published, waypoints, supervision.thresholds.options)
-        return ToFly(key, frame, published.began, own, waypoints, wind, profile)
+        key = ("plan", plan.revision)
+        own, waypoints = to_frame(frame, plan)
+        profile = _profile(plan, waypoints, supervision.thresholds.options)
+        return ToFly(key, frame, plan.began, own, waypoints, wind, profile)
     began = backup_began(supervision) if kind is FlyMode.BACKUP else None
     if began is None:
         return None
@@ -360,12 +339,10 @@ def to_follow(judgement: Judgement) -> ToFly | None:
     return ToFly(("backup", began), frame, began, own, waypoints, wind, profile)
 
 
-def _profile(
-    published: Published, waypoints: tuple[Waypoint, ...], options: Options
-) -> Profile | None:
+def _profile(plan: Published, waypoints: tuple[Waypoint, ...], options: Options) -> Profile | None:
     """Return the altitude of a plan, times from its request; None: it is one in the plane."""
-    start = published.start.altitude
-    if not published.climbs or start is None:
+    start = plan.start.altitude
+    if not plan.climbs or start is None:
         return None
     return profile_of(start.value, start.climb(0.0)[0], waypoints, options.vertical.acceleration)
 
@@ -377,6 +354,12 @@ def _plan(request: PlanTask, rules: Rules) -> Plan:
         raise refusal_of(error, request) from error
 
 
+def _number(answer: Plan, request: PlanTask, supervision: Supervision) -> Published:
+    """Return a plan as the next that a monitor takes."""
+    revision = supervision.revision + 1
+    return published(answer, request, revision, revision.to_bytes(16, "big"))
+
+
 def _take_up(
     judgement: Judgement, situation: Situation, request: PlanTask, rules: Rules
 ) -> Judgement:
@@ -384,8 +367,8 @@ def _take_up(
     judgement = replace(judgement, remarks=_remarks(request, answer))
     if not answer.safe:
         return replace(judgement, plan=answer, problem="")
-    published = publish(answer, request, judgement.supervision.revision + 1)
-    supervision = activate(judgement.supervision, situation, published)
+    plan = _number(answer, request, judgement.supervision)
+    supervision = activate(judgement.supervision, situation, plan)
     return replace(
         judgement,
         supervision=supervision,

@@ -27,6 +27,7 @@ only show; where they fail the diagnostics say so, and all else goes on. Paramet
 
 import math
 import time
+import uuid
 from functools import partial
 from typing import NamedTuple
 
@@ -39,6 +40,7 @@ from rlcas_msgs.srv import GenerateTrajectory
 
 from agents.assurance.single import Ask
 from agents.assurance.state import FlyMode, State
+from ros_bridge.core import message_fields
 from ros_bridge.core.assurance import (
     Published,
     accept_answer,
@@ -56,7 +58,7 @@ from ros_bridge.core.looking import look
 from ros_bridge.core.planning import prepare
 from ros_bridge.core.status import status
 from ros_bridge.transport import process, topics
-from ros_bridge.transport.messages import header, point_message, trajectory_message
+from ros_bridge.transport.messages import filled, header
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import (
     AGREED,
@@ -263,17 +265,9 @@ class Monitor(ListeningNode):
         backup_plan = backup(self._supervision, None if own is None else own.altitude)
         if backup_plan is not None:
             self._backup_at, self._backups = moment, self._backups + 1
-            self._backup.publish(self._backup_message(backup_plan))
-
-    def _backup_message(self, plan: Published) -> Trajectory:
-        """Return the backup that is flown."""
-        frame = self._value("map_frame")
-        message = trajectory_message(Trajectory.STATUS_BACKUP, plan.began, frame, self._backups)
-        message.start = point_message(plan.start)
-        message.waypoints = [point_message(point) for point in plan.points]
-        message.wind.x, message.wind.y = plan.wind
-        message.wind_std = plan.wind_std
-        return message
+            named = backup_plan._replace(unique=uuid.uuid4().bytes, revision=self._backups)
+            fields = message_fields.plan(named, Trajectory.STATUS_BACKUP)
+            self._backup.publish(filled(Trajectory, fields, self._value("map_frame")))
 
     def _guide(self, moment: int) -> None:
         """Publish bands and alerts, once in a time step, of what was assessed; before the first

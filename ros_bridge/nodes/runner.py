@@ -26,6 +26,7 @@ Parameters:
 """
 
 import time
+import uuid
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -48,7 +49,7 @@ from agents.planner.answer import AdvisoryCode, Plan, RequestError
 from agents.planner.recheck import recheck
 from agents.planner.request.fields import listed
 from agents.policy.inference import Policy
-from ros_bridge.core import conversions, updates
+from ros_bridge.core import conversions, message_fields, updates
 from ros_bridge.core.aircraft import load_policy
 from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal, nanoseconds
 from ros_bridge.core.motion import to_local
@@ -58,7 +59,7 @@ from ros_bridge.core.tasks import LeftOut, PlanTask, in_terms_of_messages, refus
 from ros_bridge.core.tracks import UNKNOWN, ReportCheck, Track
 from ros_bridge.nodes.requests import NO_PLAN, check
 from ros_bridge.transport import process, qos, topics, views
-from ros_bridge.transport.messages import advisory_message, plan_message, trajectory_message
+from ros_bridge.transport.messages import advisory_message, filled, plan_message
 from ros_bridge.transport.node_base import ListeningNode
 from ros_bridge.transport.settings import aircraft_text, freshness_of, planning_settings
 from ros_bridge.transport.topics import Topic
@@ -404,8 +405,8 @@ class Runner(ListeningNode):
             return
         moment = self.get_clock().now().nanoseconds
         self._revision, self._unique = self._next(moment), NO_PLAN
-        frame = self._value("map_frame")
-        withdrawal = trajectory_message(Trajectory.STATUS_WITHDRAWN, moment, frame, self._revision)
+        fields = message_fields.withdrawal(self._revision, moment, uuid.uuid4().bytes)
+        withdrawal = filled(Trajectory, fields, self._value("map_frame"))
         if self._active and rclpy.ok(context=self.context):
             self._trajectories.publish(withdrawal)
 

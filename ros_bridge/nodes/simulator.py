@@ -53,8 +53,7 @@ from ros_bridge.sim.guidance import Guidance, curve
 from ros_bridge.sim.receivers import Quality, Receiver
 from ros_bridge.sim.world import OWN, EncounterFlight, SimulationError, Truth, check_installed
 from ros_bridge.transport import topics
-from ros_bridge.transport.area_messages import areas_message
-from ros_bridge.transport.messages import header, time_message
+from ros_bridge.transport.messages import areas_message, header, time_message
 from ros_bridge.transport.settings import declare, limits_of
 
 if TYPE_CHECKING:

@@ -48,7 +48,7 @@ from ros_bridge.core.reports import Report
 from ros_bridge.transport import process, qos, topics, views
 from ros_bridge.transport.clock import ClockGuard, call_in_any_time
 from ros_bridge.transport.losses import Losses
-from ros_bridge.transport.messages import aircraft_message, sighting_message
+from ros_bridge.transport.messages import aircraft_message
 from ros_bridge.transport.receivers import LiveReports, check_sources
 from ros_bridge.transport.settings import declare
 
@@ -255,7 +255,7 @@ class Translator(ClockGuard):
             self._wrong, name = str(report), f"{role} not translated"
             self.get_logger().error(f"not translated: {report}", throttle_duration_sec=5.0)
             if role == "traffic" and report.sighting is not None:
-                self._send(role, sighting_message(report.sighting))
+                self._send(role, aircraft_message(report.sighting))
         self._counts[name] += 1
 
     def _send(self, role: _Role, state: AircraftState) -> None:

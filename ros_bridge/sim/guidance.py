@@ -14,7 +14,7 @@ from envs.frames import Air
 from envs.profile import Profile, profile_of
 from envs.waypoints import Legs, Waypoint, legs, plan_states
 from envs.wind import NO_WIND, Wind
-from ros_bridge.core.conversions import STATUS_SAFE, trajectory
+from ros_bridge.core.conversions import STATUS_SAFE, STATUS_WITHDRAWN, trajectory
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.replies import to_frame, wind_of
@@ -22,7 +22,6 @@ from ros_bridge.core.replies import to_frame, wind_of
 if TYPE_CHECKING:
     from rlcas_msgs.msg import AssuranceStatus, Trajectory
 
-STATUS_WITHDRAWN = 3
 FLY_PLAN, FLY_BACKUP = 1, 2
 _REMEMBERED = 8  # plans; the monitor names one of the last two
 

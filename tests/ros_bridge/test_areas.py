@@ -130,7 +130,7 @@ def test_a_wrong_field_is_named(changes: dict[str, Any], problem: str) -> None:
 
 def test_messages_hold_what_an_area_is() -> None:
     pytest.importorskip("rlcas_msgs.msg", reason="rlcas_msgs is not built; to have it: make ros")
-    from ros_bridge.transport.area_messages import areas_message
+    from ros_bridge.transport.messages import areas_message
 
     sent_areas = [
         Area(Polygon(TRIANGLE, (((1e2, 1e2), (2e2, 1e2), (1e2, 2e2)),)), name="TRA"),
@@ -226,7 +226,7 @@ def test_the_monitor_hears_of_areas_on_a_real_graph(tmp_path: Path) -> None:
     from rlcas_msgs.srv import GenerateTrajectory
 
     from ros_bridge.transport import qos
-    from ros_bridge.transport.area_messages import areas_message
+    from ros_bridge.transport.messages import areas_message
     from ros_bridge.transport.topics import AREAS
 
     file = write_areas(tmp_path, [[8.1, 47.2], [8.2, 47.2], [8.2, 47.3], [8.1, 47.2]])

@@ -23,7 +23,7 @@ from envs.formats.areas.geodetic import GeodeticArea
 from envs.kinematics import VehicleState
 from envs.waypoints import at, legs, plan_states
 from envs.wind import Wind
-from ros_bridge.core import updates
+from ros_bridge.core import replies, updates
 from ros_bridge.core.areas import AreaReport
 from ros_bridge.core.assurance import (
     Supervision,
@@ -38,7 +38,7 @@ from ros_bridge.core.assurance import (
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.reach import Reach, vertically_apart
-from ros_bridge.core.replies import plan_points, start_point, to_frame, wind_of
+from ros_bridge.core.replies import to_frame, wind_of
 from ros_bridge.core.reports import USUAL, Report
 from ros_bridge.core.situation import Held, Situation
 from ros_bridge.core.tasks import Settings, task
@@ -89,19 +89,7 @@ def publish_plan(
         wind=requested.wind,
     )
     assert result.safe
-    start = start_point(requested.frame, requested.own, requested.time, None)
-    points, wind = plan_points(result, requested), requested.wind
-    blows = float(wind.east), float(wind.north)
-    return Published(
-        bytes(16),
-        revision,
-        requested.time,
-        start,
-        points,
-        requested.identifiers,
-        blows,
-        float(wind.std),
-    )
+    return replies.published(result, requested, revision, bytes(16))
 
 
 @functools.cache

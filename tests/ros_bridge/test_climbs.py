@@ -24,7 +24,7 @@ from envs.profile import Height, climbing, height_flown, profile_of, rise_to_lev
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
 from envs.waypoints import Waypoint, legs, plan_states
-from ros_bridge.core import conversions, updates
+from ros_bridge.core import conversions, replies, updates
 from ros_bridge.core.aircraft import aircraft_of
 from ros_bridge.core.assurance import activate, backup, initial, step_monitor
 from ros_bridge.core.conversions import PlanPoint, Published
@@ -32,7 +32,7 @@ from ros_bridge.core.fields import Code, FieldError, Refusal
 from ros_bridge.core.motion import Turns
 from ros_bridge.core.planning import plan_task, rehearse
 from ros_bridge.core.reach import with_climbs
-from ros_bridge.core.replies import plan_points, start_point, to_frame
+from ros_bridge.core.replies import to_frame
 from ros_bridge.core.reports import EXACT as EXACT_REPORTS
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tasks import PlanTask, Settings, refusal_of, task
@@ -101,12 +101,7 @@ def usual(maneuvers: Maneuvers = Maneuvers.VERTICAL) -> tuple[PlanTask, Plan]:
 
 
 def published(requested: PlanTask, answer: Plan) -> Published:
-    climbs = answer.waypoints[0].altitude is not None
-    start = start_point(
-        requested.frame, requested.own, requested.time, requested.own_altitude, climbs=climbs
-    )
-    points = plan_points(answer, requested)
-    return Published(bytes(16), 1, requested.time, start, points, requested.identifiers)
+    return replies.published(answer, requested, 1, bytes(16))
 
 
 # From reports to plans.

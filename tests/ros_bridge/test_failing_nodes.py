@@ -18,7 +18,8 @@ from rlcas_msgs.srv import GenerateTrajectory
 
 from envs.kinematics import VehicleState
 from envs.waypoints import Waypoint
-from ros_bridge.core import updates
+from ros_bridge.core import message_fields, updates
+from ros_bridge.core.conversions import Published
 from ros_bridge.core.fields import SECOND, Code, nanoseconds
 from ros_bridge.core.freshness import USUAL_FRESHNESS
 from ros_bridge.core.replies import geodetic_points, start_point
@@ -26,7 +27,7 @@ from ros_bridge.nodes import monitor
 from ros_bridge.nodes.monitor import Monitor
 from ros_bridge.nodes.runner import Runner
 from ros_bridge.transport import qos
-from ros_bridge.transport.messages import header, identity, point_message
+from ros_bridge.transport.messages import filled, header
 from tests.ros_bridge.scenes import FRAME
 
 MONITOR = "/rlcas_monitor"
@@ -75,17 +76,15 @@ class Scene:
         now = self.client.now()
         points = [Waypoint(n, 1_500.0 * n, 0.0, 0.0, 75.0, 20.0 * n) for n in range(1, 21)]
         own = VehicleState(0.0, 0.0, 0.0, 75.0)
-        message = Trajectory(
-            header=header(now, "map"),
-            id=identity(uuid.uuid4()),
-            status=Trajectory.STATUS_SAFE,
-            revision=1,
-            start=point_message(start_point(FRAME, own, now, None)),
-            waypoints=[
-                point_message(plan_point)
-                for plan_point in geodetic_points(FRAME, points, now, None)
-            ],
+        plan = Published(
+            uuid.uuid4().bytes,
+            1,
+            now,
+            start_point(FRAME, own, now, None),
+            geodetic_points(FRAME, points, now, None),
+            (),
         )
+        message = filled(Trajectory, message_fields.plan(plan), "map")
         self.world.begin_anew()
         self.world.ownship(time=now)  # where the plan begins, however long this process waits
         self.client.say(Trajectory, f"{NODE}/output/trajectory", message, qos.LATCHED)

@@ -304,10 +304,11 @@ def test_messages_of_a_recording_are_those_of_the_graph() -> None:
     from rclpy.serialization import deserialize_message
     from rlcas_msgs.msg import AircraftState
 
+    from ros_bridge.core import message_fields
     from ros_bridge.display import scene_messages
     from ros_bridge.display.scene import INPUTS
     from ros_bridge.display.scene_recording import encoder
-    from ros_bridge.transport.messages import aircraft_message, sighting_message
+    from ros_bridge.transport.messages import aircraft_message
     from ros_bridge.transport.recording import definition
 
     for item in INPUTS.values():
@@ -319,9 +320,8 @@ def test_messages_of_a_recording_are_those_of_the_graph() -> None:
     for track in (tracks.own, *tracks.traffic.values()):
         assert track.last is not None
         for item in (track.last, track.last.sighting):
-            message = aircraft_message(item) if isinstance(item, Report) else sighting_message(item)
-            read = deserialize_message(encode(scene_messages.aircraft(item)), AircraftState)
-            assert read == message
+            read = deserialize_message(encode(message_fields.aircraft(item)), AircraftState)
+            assert read == aircraft_message(item)
 
 
 def _fields(definition: str) -> dict[str, list[list[str]]]:

@@ -30,6 +30,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rlcas_msgs.msg import Advisory, Trajectory
 from rlcas_msgs.srv import GenerateTrajectory
 from rosgraph_msgs.msg import Clock
+from unique_identifier_msgs.msg import UUID
 from visualization_msgs.msg import MarkerArray
 
 from agents.policy.inference import Policy
@@ -38,8 +39,7 @@ from envs.areas import Area, Circle
 from ros_bridge.core.conversions import trajectory
 from ros_bridge.core.fields import Code
 from ros_bridge.transport import qos
-from ros_bridge.transport.area_messages import areas_message
-from ros_bridge.transport.messages import identity, time_message
+from ros_bridge.transport.messages import areas_message, time_message
 from ros_bridge.transport.topics import AREAS
 
 SERVICE = f"{NODE}/generate_trajectory"
@@ -314,7 +314,7 @@ def test_a_bad_ownship_is_refused_until_a_good_one_comes(
 def test_requests_are_checked(client: Client, world: World):
     assert answer(client, Code.INVALID_REQUEST, reason=0).field == "request.reason"
     assert (
-        answer(client, Code.SUPERSEDED, previous_id=identity(uuid.UUID(int=7))).field
+        answer(client, Code.SUPERSEDED, previous_id=UUID(uuid=list(uuid.UUID(int=7).bytes))).field
         == "request.previous_id"
     )
     request = GenerateTrajectory.Request(reason=1)

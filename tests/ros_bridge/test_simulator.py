@@ -28,7 +28,7 @@ pytest.importorskip("rclpy", reason=MISSING)
 pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make ros")
 
 from geometry_msgs.msg import Twist, TwistStamped
-from rlcas_msgs.msg import AssuranceStatus, Trajectory, Waypoint
+from rlcas_msgs.msg import AssuranceStatus, Trajectory
 
 from agents.planner.request.request import Altitude
 from agents.policy.inference import Policy
@@ -37,10 +37,11 @@ from envs.aircraft import PAPER
 from envs.kinematics import C208_PUBLISHED, VehicleState
 from envs.scenarios import scenario
 from envs.starts import encounters_of_seed
-from envs.waypoints import Waypoint as LocalWaypoint
+from envs.waypoints import Waypoint
 from ros_bridge import demo
-from ros_bridge.core import conversions
+from ros_bridge.core import conversions, message_fields
 from ros_bridge.core.aircraft import aircraft_of
+from ros_bridge.core.conversions import Published
 from ros_bridge.core.replies import geodetic_points, start_point
 from ros_bridge.core.tracks import Report
 from ros_bridge.nodes.pilot import Pilot
@@ -52,7 +53,7 @@ from ros_bridge.sim.guidance import Guidance
 from ros_bridge.sim.world import EncounterFlight
 from ros_bridge.transport import qos
 from ros_bridge.transport.mcap_file import GrowingFile
-from ros_bridge.transport.messages import aircraft_message, header, identity, point_message
+from ros_bridge.transport.messages import aircraft_message, filled, header
 from tests.ros_bridge.graph import MISSING, NODE, World
 
 SPEEDS = st.floats(-120.0, 120.0)
@@ -141,12 +142,12 @@ def test_the_codes_are_those_of_the_messages():
 
 
 def message(number: int, status: int = Trajectory.STATUS_SAFE) -> SimpleNamespace:
-    return SimpleNamespace(id=identity(uuid.UUID(int=number)), status=status)
+    return SimpleNamespace(id=SimpleNamespace(uuid=uuid.UUID(int=number).bytes), status=status)
 
 
 def word(fly: int, number: int = 0, time: int = NOW) -> SimpleNamespace:
     header = SimpleNamespace(stamp=stamp(time))
-    return SimpleNamespace(header=header, fly=fly, trajectory_id=identity(uuid.UUID(int=number)))
+    return SimpleNamespace(header=header, fly=fly, trajectory_id=message(number).id)
 
 
 def test_the_monitor_decides_which_plan_is_flown():
@@ -208,25 +209,17 @@ def test_pilot_turns_to_the_plan_and_stops_without_an_ownship_or_a_monitor():
         world = World(client)
         now = client.now()
         # Straight east at 75 m/s, 20 s a leg; the ownship is 30 m to its right.
-        points = [LocalWaypoint(n, 1_500.0 * n, 0.0, 0.0, 75.0, 20.0 * n) for n in range(1, 21)]
+        points = [Waypoint(n, 1_500.0 * n, 0.0, 0.0, 75.0, 20.0 * n) for n in range(1, 21)]
         start = start_point(
             FRAME, SimpleNamespace(x=0.0, y=0.0, heading=0.0, speed=75.0), now, None
         )
-        every: list[Waypoint] = [
-            point_message(point) for point in geodetic_points(FRAME, points, now, None)
-        ]
-        name = identity(uuid.uuid4())
-        plan = Trajectory(
-            header=header(now, "map"),
-            id=name,
-            status=1,
-            start=point_message(start),
-            waypoints=every,
-        )
+        every = geodetic_points(FRAME, points, now, None)
+        published = Published(uuid.uuid4().bytes, 0, now, start, every, ())
+        plan = filled(Trajectory, message_fields.plan(published), "map")
         client.say(Trajectory, f"{NODE}/output/trajectory", plan, qos.LATCHED)
 
         def monitor() -> None:
-            status = AssuranceStatus(fly=AssuranceStatus.FLY_PLAN, trajectory_id=name)
+            status = AssuranceStatus(fly=AssuranceStatus.FLY_PLAN, trajectory_id=plan.id)
             status.header = header(client.now(), "map")
             client.say(AssuranceStatus, "/rlcas_monitor/output/status", status, qos.STATUS)
 
@@ -270,14 +263,14 @@ def test_pilot_commands_the_climb_of_a_plan():
         world, now = World(client), client.now()
         level = Altitude(1_000.0, "wgs84", 3.0)
         points = [
-            LocalWaypoint(n, 500.0 * n, 0.0, 0.0, 25.0, 20.0 * n, 1_000.0 + 60.0 * n, 3.0)
+            Waypoint(n, 500.0 * n, 0.0, 0.0, 25.0, 20.0 * n, 1_000.0 + 60.0 * n, 3.0)
             for n in range(1, 21)
         ]
         own = VehicleState(0.0, 0.0, 0.0, 25.0)
         start = start_point(FRAME, own, now, level, climbs=True)
-        every = [point_message(point) for point in geodetic_points(FRAME, points, now, level)]
-        plan = Trajectory(header=header(now, "map"), id=identity(uuid.uuid4()), status=1)
-        plan.start, plan.waypoints = point_message(start), every
+        every = geodetic_points(FRAME, points, now, level)
+        published = Published(uuid.uuid4().bytes, 0, now, start, every, ())
+        plan = filled(Trajectory, message_fields.plan(published), "map")
         client.say(Trajectory, f"{NODE}/output/trajectory", plan, qos.LATCHED)
         commands: list[Twist] = client.hear(Twist, "/rlcas_pilot/output/command", qos.EVENTS)
         height = {"valid": 0xCF, "altitude": 1_000.0, "altitude_reference": 1}

@@ -24,7 +24,7 @@ from agents.planner.request.advisories import assumed_climbs
 from agents.planner.request.request import Altitude, Intruder, check_request
 from envs.kinematics import VehicleState
 from envs.traffic.track_units import FOOT, KNOT
-from ros_bridge.core import conversions
+from ros_bridge.core import conversions, message_fields
 from ros_bridge.core.adapters import adsb_vehicle
 from ros_bridge.core.feeds.aircraft_json import AircraftJson
 from ros_bridge.core.feeds.base_station import BaseStation
@@ -34,7 +34,6 @@ from ros_bridge.core.reports import Report
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tasks import PlanTask, task
 from ros_bridge.core.tracks import UNKNOWN, note_refused, take_in
-from ros_bridge.display import scene_messages
 from tests.ros_bridge.scenes import (
     FRAME,
     NOW,
@@ -282,7 +281,7 @@ def test_a_recording_of_the_display_leaves_open_what_was_not_said(reader: str) -
         outcome = read(reader, draw_scene(rng), unsaid)
         report = outcome.sighting if isinstance(outcome, FieldError) else outcome
         assert report is not None
-        fields = scene_messages.aircraft(report)
+        fields = message_fields.aircraft(report)
         velocity = SimpleNamespace(**({"x": 0.0, "y": 0.0} | fields.pop("velocity")))
         header = SimpleNamespace(stamp=SimpleNamespace(**fields.pop("header")["stamp"]))
         message = aircraft(0.0, 0.0, 0.0, 0.0, header=header, velocity=velocity, **fields)
