@@ -42,7 +42,6 @@ from ros_bridge.core.reach import (
     level,
     out_of_reach,
     vertically_apart,
-    with_climbs,
 )
 from ros_bridge.core.replies import geodetic_points, to_frame, true_wind, wind_of
 from ros_bridge.core.reports import USUAL, Report, Unknown
@@ -137,12 +136,11 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
     if published.revision <= supervision.revision:
         return supervision
     frame, zero = supervision.frame, supervision.zero
-    if frame is None or supervision.published_plan is None or _is_far(frame, published):
+    start = published.start
+    at_start = start.latitude, start.longitude
+    if frame is None or supervision.published_plan is None or not serves(frame, at_start):
         # Nothing that is remembered outlives a change of the frame.
-        frame, zero = (
-            LocalFrame(published.start.latitude, published.start.longitude),
-            published.began,
-        )
+        frame, zero = LocalFrame(*at_start), published.began
         fresh = initial(supervision.thresholds, supervision.unknown, supervision.categories)
         supervision = replace(
             fresh,
@@ -154,7 +152,7 @@ def activate(supervision: Supervision, situation: Situation, published: Publishe
     supervision = _comparing(supervision, situation)
     own, waypoints = to_frame(frame, published)
     wind = wind_of(frame, published)
-    altitude = published.start.altitude
+    altitude = start.altitude
     if not published.climbs:
         altitude = _own_altitude(supervision, situation, published.began)
     tracks = ((name, situation.traffic.get(name)) for name in published.identifiers)
@@ -354,35 +352,29 @@ def backup(supervision: Supervision, altitude: Altitude | None) -> Published | N
     return Published(bytes(16), 0, began, start, tuple(points), (), wind, float(air.std))
 
 
+def serves(frame: LocalFrame, place: tuple[float, float]) -> bool:
+    """Return whether a place, degrees, is near enough to a frame's origin to be monitored in it."""
+    at = frame.place(*place)
+    return math.hypot(float(at.x), float(at.y)) <= 0.5 * ACCURATE
+
+
 def _reach(own: Report, moment: int, supervision: Supervision, situation: Situation) -> Reach:
     """Return what matters to the ownship while the plan that is held lasts."""
-    limits, published_plan = supervision.thresholds, supervision.published_plan
-    options, unknown = limits.options, supervision.unknown
-    separation, vertical = supervision.categories.greatest(
-        limits.requirement.separation, options.vertical_separation
-    )
+    published_plan, unknown = supervision.published_plan, supervision.unknown
+    options = supervision.thresholds.options
     remaining = (
         0.0 if published_plan is None else (published_plan.points[-1].time - moment) / SECOND
     )
     horizon = max(remaining, _HORIZON * options.waypoints * options.interval)
-    # Over the ground all are faster by the wind at most: the reported one, or the plan's.
+    # The reported wind, or the plan's.
     winds = (own.wind or (0.0, 0.0), (0.0, 0.0) if published_plan is None else published_plan.wind)
     unsure = (
         unknown.wind_std if own.wind is None else unknown.reported_wind_std,
         0.0 if published_plan is None else published_plan.wind_std,
     )
-    blows = max(math.hypot(*wind) for wind in winds) + limits.requirement.sigmas * max(unsure)
-    return Reach(
-        own=with_climbs(own, options),
-        moment=moment,
-        horizon=horizon,
-        separation=separation + limits.requirement.margin,
-        vertical=vertical,
-        speed=limits.limits.speed_max + blows,
-        traffic=options.aircraft.traffic_speed_max + blows,
-        undulation=_undulation(situation),
-        unknown_climb=options.unknown_climb,
-    )
+    blows = max(math.hypot(*wind) for wind in winds) + options.requirement.sigmas * max(unsure)
+    undulation, categories = _undulation(situation), supervision.categories
+    return Reach.of_plans(options, own, moment, horizon, blows, categories, undulation)
 
 
 def _comparing(supervision: Supervision, situation: Situation) -> Supervision:
@@ -468,9 +460,3 @@ def _intruder(
     )
     age = _age(supervision.zero, report.time, moment)
     return intruder_of(report, reported.state, age, wind, assumed)
-
-
-def _is_far(frame: LocalFrame, published: Published) -> bool:
-    """Return whether a plan starts too far from a frame's origin to be monitored in it."""
-    at = frame.place(published.start.latitude, published.start.longitude)
-    return math.hypot(float(at.x), float(at.y)) > 0.5 * ACCURATE

@@ -10,10 +10,10 @@ from dataclasses import replace
 from agents.assurance.frames import frame_of
 from agents.planner.answer import RequestError
 from envs.formats.local_frame import LocalFrame
-from ros_bridge.core.assurance import Supervision, initial, step_monitor
+from ros_bridge.core.assurance import Supervision, initial, serves, step_monitor
 from ros_bridge.core.motion import ownship_wind
 from ros_bridge.core.reports import Report
-from ros_bridge.core.situation import ACCURATE, Situation
+from ros_bridge.core.situation import Situation
 
 _OTHER_WIND = 1.0  # m/s from the wind that it began in, from which on it begins anew
 
@@ -34,11 +34,9 @@ def _serves(looking: Supervision, own: Report) -> bool:
     frame = looking.frame
     if frame is None:
         return False
-    at = frame.place(own.latitude, own.longitude)
     wind, before = ownship_wind(frame, own, looking.unknown), looking.air.wind
     changed = math.hypot(wind.east - before.east, wind.north - before.north)
-    near = math.hypot(float(at.x), float(at.y)) <= 0.5 * ACCURATE
-    return near and changed <= _OTHER_WIND and wind.std == before.std
+    return serves(frame, own.place) and changed <= _OTHER_WIND and wind.std == before.std
 
 
 def _begin(looking: Supervision, own: Report, moment: int) -> Supervision:

@@ -13,6 +13,7 @@ from agents.kernel.levels import Altitude, vertical_gap
 from agents.planner.request.options import L, Options
 from envs.areas import Level
 from envs.formats.local_frame import distance
+from ros_bridge.core.categories import Categories
 from ros_bridge.core.fields import SECOND, Sighting
 from ros_bridge.core.reports import FASTEST, Report
 from ros_bridge.core.tracks import ReportCheck, Track
@@ -34,6 +35,28 @@ class Reach:
     traffic: float  # an aircraft may fly as fast as this whatever it last reported, m/s
     undulation: float | None = None  # height of the geoid above the ellipsoid, m; None: unknown
     unknown_climb: float = 10.0  # either way of aircraft whose vertical speed is unknown, m/s
+
+    @classmethod
+    def of_plans(
+        cls,
+        options: Options[L],
+        own: Report,
+        moment: int,
+        horizon: float,
+        wind: float,
+        categories: Categories,
+        undulation: float | None,
+    ) -> "Reach":
+        """Return what matters to plans with options, by the greatest separations of all; over the
+        ground all are faster by the ``wind``, m/s, at most.
+        """
+        separation, vertical = categories.greatest(
+            options.requirement.separation, options.vertical_separation
+        )
+        own, separation = with_climbs(own, options), separation + options.requirement.margin
+        speed, traffic = options.limits.speed_max + wind, options.aircraft.traffic_speed_max + wind
+        climb = options.unknown_climb
+        return cls(own, moment, horizon, separation, vertical, speed, traffic, undulation, climb)
 
 
 def level(

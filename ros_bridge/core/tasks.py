@@ -33,7 +33,6 @@ from ros_bridge.core.reach import (
     comparable,
     level,
     out_of_reach,
-    with_climbs,
 )
 from ros_bridge.core.reports import USUAL, Report, Unknown
 from ros_bridge.core.situation import ACCURATE, Held, Situation
@@ -230,26 +229,13 @@ def _reach(
     state over the ground then.
     """
     options = settings.options
-    # Who may matter is judged by the greatest separations of all.
-    separation, vertical = settings.categories.greatest(
-        options.requirement.separation, options.vertical_separation
-    )
     x = np.array([point.x for point in points])
     y = np.array([point.y for point in points])
-    # Over the ground both are faster by the wind at most.
     blows = float(wind.speed) + options.requirement.sigmas * float(wind.std)
     airspeed = through_air(own, wind, 0.0).speed
     end = _options_in_wind(options, wind).latest_end(airspeed, x, y, wind=float(wind.speed))
-    return Reach(
-        own=with_climbs(report, options),
-        moment=moment,
-        horizon=float(end),
-        separation=separation + options.requirement.margin,
-        vertical=vertical,
-        speed=options.limits.speed_max + blows,
-        traffic=options.aircraft.traffic_speed_max + blows,
-        undulation=undulation,
-        unknown_climb=options.unknown_climb,
+    return Reach.of_plans(
+        options, report, moment, float(end), blows, settings.categories, undulation
     )
 
 
