@@ -38,7 +38,7 @@ from envs.frames import Air, Ground
 from envs.kinematics import VehicleState
 from envs.tracking.tracker import lasting, plausible_turn
 from envs.trees import take
-from envs.waypoints import PlanStates, Waypoint, plan_states
+from envs.waypoints import PlanStates, plan_states
 from envs.wind import NO_WIND
 
 _SAME = 1e-6  # s by which the times of one report may differ
@@ -77,8 +77,6 @@ class Assessment:
     ask: Ask | None
     """The plan that is wanted now; None: none."""
     reasons: tuple[Why, ...]
-    backup: tuple[Waypoint, ...]
-    """The current backup, its times from when it was refreshed; none before the first own state."""
     measured: Decision
     """The numbers, ``[1]``."""
     in_height: "InHeight | None" = None
@@ -248,7 +246,6 @@ def step(
     }
     watch = replace(watch, levels=levels)
     ask = _ask(watch, monitor, decision, own_altitude) if decision.replan[0] else None
-    backup = _waypoints(monitor, air) if np.isfinite(monitor.backup.started[0]) else ()
     watch = replace(watch, monitor=monitor, ask=ask or watch.ask)
     fly, state = FlyMode(int(decision.fly[0])), State(int(decision.state[0]))
     in_height = None
@@ -262,7 +259,7 @@ def step(
             flight = altitude_flown(fly, causes, watch.climb, own_altitude, time, options)
         in_height = InHeight(own_altitude, flight, space)
     whys = reasons(decision, thresholds, names)
-    return watch, Assessment(state, fly, ask, whys, backup, decision, in_height)
+    return watch, Assessment(state, fly, ask, whys, decision, in_height)
 
 
 def _space(
@@ -440,18 +437,8 @@ def _plan_states(
 
 def backup_states(watch: Watch) -> PlanStates[Ground]:
     """Return the plan states of the current backup over the ground, ``[B]``, their times from when
-    it was refreshed.
+    it was refreshed; before the first own state they mean nothing.
     """
-    return _on_ground(watch.monitor, watch.air)
-
-
-def _on_ground(monitor: Monitor, frame: Frame) -> PlanStates[Ground]:
-    in_air = take(monitor.backup.plan_states, 0)
-    began = float(monitor.backup.started[0])
-    state = frame.to_ground(VehicleState(*in_air[:4]), in_air.time + began)
+    in_air, began = take(watch.monitor.backup.plan_states, 0), watch.monitor.backup.started[0]
+    state = watch.air.to_ground(VehicleState(*in_air[:4]), in_air.time + float(began))
     return PlanStates(*state, in_air.time)
-
-
-def _waypoints(monitor: Monitor, frame: Frame) -> tuple[Waypoint, ...]:
-    rows = np.stack(_on_ground(monitor, frame), axis=-1)[1:].tolist()
-    return tuple(Waypoint(index, *row) for index, row in enumerate(rows))
