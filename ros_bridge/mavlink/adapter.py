@@ -67,8 +67,9 @@ class SceneAdapter:
             plan = judgement.supervision.published_plan if judgement.safe or flies else None
             scene = replace(scene, plan=plan, monitor=_advice(view))
         arrived = {**scene.arrived, "route": time} if view.mission else scene.arrived
-        fence = situation.fixed_areas
-        areas = HeldAreas(AreaReport(0, fence)) if fence else None
+        fence, areas = situation.fixed_areas, scene.areas
+        if fence != (() if areas is None else areas.report.areas):  # else they stay placed
+            areas = HeldAreas(AreaReport(0, fence)) if fence else None
         return replace(
             scene, areas=areas, arrived=arrived, nodes=_nodes(view), freshness=self._freshness
         )

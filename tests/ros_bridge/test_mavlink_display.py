@@ -147,9 +147,9 @@ def test_a_conflict_on_the_mission_is_shown_with_its_plan_bands_and_fence(follow
     judgement = judge(heard, followed)
     assert judgement.safe and judgement.conflict is not None
     seen_view = view(heard, judgement)
-    picture = page_document(
-        SceneAdapter(followed, LiveSource().feed).after(DisplayScene(), seen_view), seen_view.time
-    )
+    adapter = SceneAdapter(followed, LiveSource().feed)
+    scene = adapter.after(DisplayScene(), seen_view)
+    picture = page_document(scene, seen_view.time)
     assert picture["plan"]["revision"] == 1
     assert picture["advice"]["do"] == "advised"
     assert any("on the mission" in why for why in picture["monitor"]["reasons"])
@@ -158,6 +158,9 @@ def test_a_conflict_on_the_mission_is_shown_with_its_plan_bands_and_fence(follow
     assert [entry["id"] for entry in picture["alerts"]] == ["abc123"]
     assert picture["alerts"][0]["loss"] == pytest.approx(judgement.conflict.time, abs=2.0)
     assert [area["name"] for area in picture["areas"]] == ["fence 1"]
+    assert adapter.after(scene, seen_view).areas is scene.areas, "the fence is placed once"
+    bare = replace(heard, situation=replace(heard.situation, fixed_areas=()))
+    assert adapter.after(scene, view(bare, judgement)).areas is None
     assert len(picture["route"]) == 3
     assert {entry["name"]: entry["text"] for entry in picture["health"]}[
         "autopilot"
