@@ -133,14 +133,6 @@ def on_ground(plan_states: PlanStates[Air], wind: Wind) -> PlanStates[Ground]:
     )
 
 
-def leg(a: Waypoint, b: Waypoint, wind: Wind | None = None) -> Legs[Air]:
-    """Return the curve between two waypoints, fields ``[]`` and ``[ARCS]``; in a wind, in the air
-    mass.
-    """
-    own: VehicleState[Ground] = VehicleState(a.x, a.y, a.heading, a.speed)
-    return Legs(*(field[0] for field in legs(plan_states(own, [b], a.time, wind))))
-
-
 def legs(plan_states: PlanStates[F]) -> Legs[F]:
     """Return the curves between consecutive plan states.
 

@@ -102,22 +102,22 @@ class FrameAreas(NamedTuple):
     placed: tuple[Placed, ...]
 
 
-def read_plan(message: "Trajectory", thresholds: Thresholds, name: str = "trajectory") -> Published:
+def read_plan(message: "Trajectory", thresholds: Thresholds) -> Published:
     """Return a plan called SAFE that a monitor with some thresholds can judge, or raise
     :class:`FieldError`.
     """
     count = thresholds.options.waypoints
     if message.status != STATUS_SAFE:
-        raise FieldError(f"{name}.status", f"is {message.status}, expected {STATUS_SAFE} (SAFE)")
+        raise FieldError("trajectory.status", f"is {message.status}, expected {STATUS_SAFE} (SAFE)")
     if len(message.waypoints) != count:
         raise FieldError(
-            f"{name}.waypoints", f"has {len(message.waypoints)} points, expected {count}"
+            "trajectory.waypoints", f"has {len(message.waypoints)} points, expected {count}"
         )
-    plan = trajectory(message, name)
+    plan = trajectory(message)
     try:
         thresholds.in_wind(Wind(*plan.wind, plan.wind_std))
     except RequestError as error:
-        raise FieldError(f"{name}.{error.field}", error.problem) from error
+        raise FieldError(f"trajectory.{error.field}", error.problem) from error
     return plan
 
 

@@ -268,29 +268,29 @@ class _AircraftParts(NamedTuple):
         return number(f"{self.name}.{field}", getattr(self.message, field), 0.0, most, unit)
 
 
-def geo_reference(message: "GeoReference", name: str = "geo_reference") -> Origin:
+def geo_reference(message: "GeoReference") -> Origin:
     """Return the origin that a GeoReference holds, or raise :class:`FieldError`."""
-    frame = LocalFrame(*place(name, message.latitude, message.longitude))
+    frame = LocalFrame(*place("geo_reference", message.latitude, message.longitude))
     undulation = None
     if message.geoid_undulation_valid:
         undulation = number(
-            f"{name}.geoid_undulation", message.geoid_undulation, -120.0, 100.0, "m"
+            "geo_reference.geoid_undulation", message.geoid_undulation, -120.0, 100.0, "m"
         )
     return Origin(frame, undulation)
 
 
-def alert(message: "TrafficAlert", name: str = "alert") -> Alert:
+def alert(message: "TrafficAlert") -> Alert:
     """Return the alert that a TrafficAlert holds, or raise :class:`FieldError`."""
-    time = stamp(f"{name}.header.stamp", message.header.stamp)
-    level = integer(f"{name}.level", message.level, 0, 3)
+    time = stamp("alert.header.stamp", message.header.stamp)
+    level = integer("alert.level", message.level, 0, 3)
     ids = tuple(
-        identifier(f"{name}.intruder_ids[{n}]", identity)
+        identifier(f"alert.intruder_ids[{n}]", identity)
         for n, identity in enumerate(message.intruder_ids)
     )
-    _check_unique(ids, f"{name}.intruder_ids[{{}}]")
+    _check_unique(ids, "alert.intruder_ids[{}]")
     if (level == 0) != (not ids):
         raise FieldError(
-            f"{name}.intruder_ids",
+            "alert.intruder_ids",
             f"has {len(ids)} names at level {level}, expected names above level 0 only",
         )
     return Alert(time, level, ids)
@@ -319,11 +319,11 @@ def route(waypoints: Collection["Waypoint"], name: str = "route") -> Route:
     return tuple(points)
 
 
-def published_route(message: "Trajectory", name: str = "route") -> Route:
+def published_route(message: "Trajectory") -> Route:
     """Return the route that a Trajectory of status ROUTE holds, or raise :class:`FieldError`."""
     if message.status != STATUS_ROUTE:
-        raise FieldError(f"{name}.status", f"is {message.status}, expected {STATUS_ROUTE} (ROUTE)")
-    return route(message.waypoints, name)
+        raise FieldError("route.status", f"is {message.status}, expected {STATUS_ROUTE} (ROUTE)")
+    return route(message.waypoints)
 
 
 def plan_point(message: "Waypoint", name: str) -> PlanPoint:

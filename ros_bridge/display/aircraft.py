@@ -35,7 +35,6 @@ _PROXIMATE = 6.0 * 1852.0, 1200.0 * 0.3048
 """m: traffic without an alert that is nearer than both horizontally and vertically is *proximate*
 (RTCA DO-185B: 6 NM and 1200 ft)."""
 _PROXIMATE_SEPARATIONS = 10.0  # the same horizontally for small separations
-_NO_CLIMB = 10.0  # m/s either way where it is unknown, as the nodes' parameter unknown_climb
 
 
 def draw_aircraft(
@@ -109,8 +108,7 @@ def _relative(
     if own is None:
         return None
     mine, theirs = (
-        level(report.altitude, moment - report.time, undulation, _NO_CLIMB)
-        for report in (own, intruder)
+        level(report.altitude, moment - report.time, undulation, 0.0) for report in (own, intruder)
     )
     if mine is None or theirs is None or mine.reference != theirs.reference:
         return None

@@ -225,11 +225,11 @@ class Link:
 
     # Questions.
 
-    def ask_rates(self, factor: float = 1.0) -> None:
+    def ask_rates(self) -> None:
         """Ask for the messages that are read, at their rates."""
         for name, rate in RATES.items():
             number = getattr(self._mavlink, f"MAVLINK_MSG_ID_{name}")
-            self.command(511, number, 1e6 / (rate * factor))
+            self.command(511, number, 1e6 / rate)
 
     def parameters(self) -> dict[str, float]:
         """Return the autopilot's parameters, or raise :class:`LinkError`."""

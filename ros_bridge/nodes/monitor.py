@@ -102,7 +102,6 @@ class Monitor(ListeningNode):
         )
         self._looking = self._supervision  # without a plan: for bands and alerts before the first
         self._judged = self._supervision  # as it came to its assessment
-        self._heard_runner = 0
         self._differences: list[str] = []  # from the runner's parameters, a sentence each
         self._pending: _Pending | None = None
         self._waiting: Published | None = None  # a plan that may be the answer that is awaited
@@ -136,12 +135,12 @@ class Monitor(ListeningNode):
         name = self.resolve_topic_name(topics.RUNNER)
         for health in message.status:
             if health.name == name:
-                self._heard_runner = self._now()
+                self._heard = self._now()
                 values = {pair.key: pair.value for pair in health.values}
                 self._differences = disagreements(agreed_text(self._value), values.get(AGREED, ""))
 
     def _on_trajectory(self, message: Trajectory) -> None:
-        self._heard_runner = self._now()
+        self._heard = self._now()
         if message.status == Trajectory.STATUS_WITHDRAWN:
             self._supervision = withdraw(self._supervision, message.revision)
             return
@@ -203,7 +202,7 @@ class Monitor(ListeningNode):
         if self._pending is None or future is not self._pending.future:
             return
         number = self._pending.number
-        self._heard_runner = self._now()
+        self._heard = self._now()
         response, plan = future.result(), None
         assert response is not None, "the future is done"
         if response.status == GenerateTrajectory.Response.STATUS_SAFE:
@@ -295,10 +294,6 @@ class Monitor(ListeningNode):
         if self._supervision.published_plan is not None:
             message.trajectory_id.uuid = list(self._supervision.published_plan.unique)
             message.trajectory_revision = self._supervision.published_plan.revision
-
-    def _silence(self, moment: int) -> float:
-        """Return for how long the runner has not been heard of, s; -1: it never was."""
-        return -1.0 if self._heard_runner == 0 else (moment - self._heard_runner) / SECOND
 
     def _on_health(self) -> None:
         state = State(int(self._supervision.monitor.state[0]))

@@ -92,7 +92,6 @@ class Runner(ListeningNode):
     def _start(self) -> None:
         super()._start()
         self._policy: Policy | None = None
-        self._heard_monitor = 0  # ns
 
     # Life cycle.
 
@@ -189,18 +188,14 @@ class Runner(ListeningNode):
     def _forget_time(self) -> None:
         # What has no age stays.
         self._situation = replace(self._situation, own=UNKNOWN, traffic={}, alert=NOTHING)
-        self._heard_monitor = 0
+        self._heard = 0
         self._era += 1
         self._withdraw()
 
     def _on_status(self, message: AssuranceStatus) -> None:
         """Note that the monitor is there; one that is latched is as old as it says."""
         moment = self._now()
-        self._heard_monitor = min(moment, nanoseconds(message.header.stamp))
-
-    def _monitor_silence(self, moment: int) -> float:
-        """Return for how long the monitor has not been heard of, s; -1: it never was."""
-        return -1.0 if self._heard_monitor == 0 else (moment - self._heard_monitor) / SECOND
+        self._heard = min(moment, nanoseconds(message.header.stamp))
 
     def _on_views(self) -> None:
         if self._views is None or not self._active:
@@ -419,7 +414,7 @@ class Runner(ListeningNode):
             task(self._situation, moment, planning_settings(self._value, self._aircraft))
         except Refusal as refusal:
             problem = str(refusal)
-        silence = self._monitor_silence(moment)
+        silence = self._silence(moment)
         if silence > freshness_of(self._value).monitor:
             # There was one, which somebody relied on.
             silent = f"the monitor has been silent for {silence:.1f} s"

@@ -86,14 +86,14 @@ def advisory_message(advisory: Advisory) -> AdvisoryMessage:
     return AdvisoryMessage(code=int(advisory.code), field=str(advisory.field), text=advisory.text)
 
 
-def aircraft_message(report: Report | Sighting, frame: str = "") -> AircraftState:
+def aircraft_message(report: Report | Sighting) -> AircraftState:
     """Return a report as an AircraftState, the inverse of
     :func:`ros_bridge.core.conversions.aircraft`.
 
     Of a sighting it has no bit of a velocity: no plan can be made with it; but the aircraft counts
     until a good state of it follows.
     """
-    return filled(AircraftState, message_fields.aircraft(report), frame)
+    return filled(AircraftState, message_fields.aircraft(report))
 
 
 def areas_message(areas: Sequence[Area], time: int, frame: LocalFrame, frame_id: str) -> Areas:

@@ -92,6 +92,7 @@ class ListeningNode(ClockGuard, LifecycleNode):
             fixed_areas=self._fixed_areas, areas_file=self._value("areas_file") or ""
         )
         self._latest = self._settled = 0
+        self._heard = 0  # when the other of runner and monitor was heard last, ns; 0: never
         self._forgotten: tuple[str, ...] = ()  # and not logged yet
         self._logged_forgotten = -math.inf  # when that was logged last, s of real time
 
@@ -337,6 +338,10 @@ class ListeningNode(ClockGuard, LifecycleNode):
             self._latest, self._settled = moment, moment + _IN_FLIGHT
         self._latest = max(self._latest, moment)
         return moment
+
+    def _silence(self, moment: int) -> float:
+        """Return for how long the other of runner and monitor is silent, s; -1: it never spoke."""
+        return -1.0 if self._heard == 0 else (moment - self._heard) / SECOND
 
     def _forget_time(self) -> None:
         """Forget what belongs to another time."""

@@ -21,7 +21,6 @@ from envs.waypoints import (
     RoutePoint,
     Waypoint,
     at,
-    leg,
     legs,
     plan_states,
 )
@@ -88,9 +87,8 @@ def test_steady_turns_are_met_exactly(state: VehicleState, yaw_rate: float) -> N
 def test_steady_acceleration_is_met_exactly(acceleration: float, speed: float) -> None:
     gained = speed + acceleration * SECONDS
     path = 0.5 * (speed + gained) * SECONDS
-    curve = leg(
-        Waypoint(0, 0.0, 0.0, 0.0, speed, 0.0), Waypoint(1, path, 0.0, 0.0, gained, float(SECONDS))
-    )
+    end = Waypoint(1, path, 0.0, 0.0, gained, float(SECONDS))
+    curve = legs(plan_states(VehicleState(0.0, 0.0, 0.0, speed), [end]))
     np.testing.assert_allclose(curve.acceleration, acceleration, atol=1e-6)
     np.testing.assert_allclose(curve.yaw_rate, 0.0, atol=1e-9)
 
@@ -192,7 +190,8 @@ def test_the_leg_of_a_time_is_found() -> None:
 
 def test_waypoints_that_contradict_each_other_show() -> None:
     # A point 9 km behind after 20 s: the curve goes backwards, which no limit allows.
-    curve = leg(Waypoint(0, 0.0, 0.0, 0.0, 80.0, 0.0), Waypoint(1, -9_000.0, 0.0, 0.0, 80.0, 20.0))
+    behind = Waypoint(1, -9_000.0, 0.0, 0.0, 80.0, 20.0)
+    curve = legs(plan_states(VehicleState(0.0, 0.0, 0.0, 80.0), [behind]))
     assert curve.miss > CLOSED or curve.speed.min() < 0.0
 
 

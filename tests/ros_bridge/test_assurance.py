@@ -171,7 +171,11 @@ def test_the_uncertainty_of_the_wind_counts_in_the_monitor_as_in_the_plan():
 
 @pytest.mark.parametrize(
     ("std", "field"),
-    [(-1.0, "plan.wind_std"), (math.nan, "plan.wind_std"), (15.0, "plan.wind.std")],
+    [
+        (-1.0, "trajectory.wind_std"),
+        (math.nan, "trajectory.wind_std"),
+        (15.0, "trajectory.wind.std"),
+    ],
 )
 def test_a_plan_whose_wind_is_too_uncertain_is_refused(std: float, field: str):
     # As a message of Trajectory has them.
@@ -187,10 +191,10 @@ def test_a_plan_whose_wind_is_too_uncertain_is_refused(std: float, field: str):
         id=SimpleNamespace(uuid=bytes(16)),
         revision=1,
     )
-    assert read_plan(message, THRESHOLDS, "plan").wind_std == 0.5
+    assert read_plan(message, THRESHOLDS).wind_std == 0.5
     message.wind_std = std
     with pytest.raises(FieldError) as caught:
-        read_plan(message, THRESHOLDS, "plan")
+        read_plan(message, THRESHOLDS)
     assert caught.value.field == field
 
 
