@@ -303,7 +303,7 @@ def accept_answer(
     return replace(watch, published_plan=flown_plan, revision=revision), taken_up
 
 
-def to_fly(supervision: Supervision) -> FlyMode:
+def fly_mode(supervision: Supervision) -> FlyMode:
     """Return what is to be flown now."""
     if supervision.frame is None or _state(supervision) is State.IDLE:
         return FlyMode.NOTHING

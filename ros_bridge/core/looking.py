@@ -18,7 +18,7 @@ from ros_bridge.core.situation import Situation
 _OTHER_WIND = 1.0  # m/s from the wind that it began in, from which on it begins anew
 
 
-def look(looking: Supervision, situation: Situation, moment: int) -> Supervision:
+def step_without_plan(looking: Supervision, situation: Situation, moment: int) -> Supervision:
     """Return the monitor after the present moment, ns, with its assessment; it has none while the
     ownship is unknown, or where its wind is so uncertain that nothing is left of its limits.
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from agents.assurance.single import Assessment, reasons
 from agents.assurance.state import FlyMode, State
 from agents.assurance.thresholds import BLIND
-from ros_bridge.core.assurance import Supervision, to_fly
+from ros_bridge.core.assurance import Supervision, fly_mode
 
 
 class Status(NamedTuple):
@@ -39,10 +39,10 @@ def status(supervision: Supervision) -> Status:
         return Status()
     monitor, measured = supervision.monitor, supervision.assessment.measured
     limits = supervision.thresholds
-    causes, fly_mode = int(monitor.causes[0]), to_fly(supervision)
+    causes, mode = int(monitor.causes[0]), fly_mode(supervision)
     current = Status(
         State(int(monitor.state[0])),
-        fly_mode,
+        mode,
         causes,
         tuple(
             reason.message
@@ -50,7 +50,7 @@ def status(supervision: Supervision) -> Status:
                 measured._replace(causes=monitor.causes), limits, supervision.names
             )
         ),
-        fly_mode is FlyMode.PLAN and not causes & int(BLIND),
+        mode is FlyMode.PLAN and not causes & int(BLIND),
     )
     if not current.measured:
         return current

@@ -16,7 +16,7 @@ from ros_bridge.core.status import status
 from ros_bridge.display.scene import DisplayScene, MonitorStatus
 from ros_bridge.display.server import DisplayServer, LiveSource, Recording, bind_socket
 
-__all__ = ["BackgroundServer", "supervise"]
+__all__ = ["BackgroundServer", "supervised_scene"]
 
 
 class BackgroundServer:
@@ -64,7 +64,7 @@ class BackgroundServer:
         await self.display.serve(self._listener, self._begun.set)
 
 
-def supervise(
+def supervised_scene(
     scene: DisplayScene,
     situation: Situation,
     supervision: Supervision,

@@ -14,10 +14,10 @@ from commands.command import InputError, visible
 from ros_bridge.core.areas import AreaReport
 from ros_bridge.core.conversions import Station
 from ros_bridge.core.guidance import blank
-from ros_bridge.core.looking import look
+from ros_bridge.core.looking import step_without_plan
 from ros_bridge.core.situation import Held
 from ros_bridge.core.status import Status
-from ros_bridge.display.background import BackgroundServer, supervise
+from ros_bridge.display.background import BackgroundServer, supervised_scene
 from ros_bridge.display.scene import DisplayScene, Health, HeldAreas, MonitorStatus, left_out_lines
 from ros_bridge.display.server import LiveSource
 from ros_bridge.mavlink import mission
@@ -60,9 +60,9 @@ class SceneAdapter:
         if flies and judgement.supervision.assessment is not None:
             supervision = judgement.supervision
         else:
-            supervision = self._looking = look(self._looking, situation, time)
+            supervision = self._looking = step_without_plan(self._looking, situation, time)
         filed = replace(situation, route=Held(_route(view)))
-        scene, self._shown = supervise(scene, filed, supervision, self._shown, time)
+        scene, self._shown = supervised_scene(scene, filed, supervision, self._shown, time)
         if supervision is self._looking:
             plan = judgement.supervision.published_plan if judgement.safe or flies else None
             scene = replace(scene, plan=plan, monitor=_advice(view))

@@ -5,12 +5,12 @@
 from dataclasses import replace
 
 from agents.assurance.state import FlyMode
-from ros_bridge.core.assurance import to_fly
+from ros_bridge.core.assurance import fly_mode
 from ros_bridge.core.fields import SECOND
 from ros_bridge.mavlink import pilot
 from ros_bridge.mavlink.control import Control, Observation, Order, Phase, step
 from ros_bridge.mavlink.effects import Log, SetMode
-from ros_bridge.mavlink.judging import Judgement, to_follow
+from ros_bridge.mavlink.judging import Judgement, local_plan
 from ros_bridge.mavlink.pilot import Piloted
 from ros_bridge.mavlink.refresh import hasten
 from ros_bridge.mavlink.state import LATE, Advance, Setup, State
@@ -46,14 +46,14 @@ def _observe(state: State, time: int, setup: Setup) -> Observation:
     track, rejoin, seconds = received.situation.own, judgement.rejoin, time / SECOND
     judges = seconds - state.pace.failing <= LATE  # else nobody watches what is flown
     watching = phase is Phase.WATCHING
-    on_plan = to_fly(judgement.supervision) is FlyMode.PLAN
+    on_plan = fly_mode(judgement.supervision) is FlyMode.PLAN
     return Observation(
         time=seconds,
         mode=received.mode,
         armed=received.heartbeat is not None and received.heartbeat.armed,
         fresh=track.fault is None and track.age(time) <= setup.fresh.own,
         conflict=_may_conflict(judgement, setup.rules.engage),
-        flyable=state.is_safe(time) if watching else to_follow(judgement) is not None and judges,
+        flyable=state.is_safe(time) if watching else local_plan(judgement) is not None and judges,
         rejoined=on_plan and rejoin is not None and time >= rejoin.time,
         diverted=phase is Phase.GUIDING and _is_diverted(state, seconds),
     )

@@ -33,9 +33,9 @@ from ros_bridge.core.assurance import (
     backup,
     backup_began,
     backup_climb,
+    fly_mode,
     initial,
     step_monitor,
-    to_fly,
 )
 from ros_bridge.core.categories import NO_CATEGORIES, Categories
 from ros_bridge.core.conversions import Published, Route
@@ -304,7 +304,7 @@ def _with_rejoin_altitude(request: PlanTask) -> PlanTask:
     return replace(request, points=(*points[:_GOALS], *behind))
 
 
-class ToFly(NamedTuple):
+class LocalPlan(NamedTuple):
     """A plan or backup in a local frame."""
 
     key: tuple[str, int]  # changes with every other plan or backup
@@ -317,10 +317,10 @@ class ToFly(NamedTuple):
     profile: Profile | None = None
 
 
-def to_follow(judgement: Judgement) -> ToFly | None:
+def local_plan(judgement: Judgement) -> LocalPlan | None:
     """Return what is to be flown now; None: nothing."""
     supervision = judgement.supervision
-    frame, plan, kind = supervision.frame, supervision.published_plan, to_fly(supervision)
+    frame, plan, kind = supervision.frame, supervision.published_plan, fly_mode(supervision)
     if frame is None or plan is None:
         return None
     wind = wind_of(frame, plan)
@@ -328,7 +328,7 @@ def to_follow(judgement: Judgement) -> ToFly | None:
         key = ("plan", plan.revision)
         own, waypoints = to_frame(frame, plan)
         profile = _profile(plan, waypoints, supervision.thresholds.options)
-        return ToFly(key, frame, plan.began, own, waypoints, wind, profile)
+        return LocalPlan(key, frame, plan.began, own, waypoints, wind, profile)
     began = backup_began(supervision) if kind is FlyMode.BACKUP else None
     if began is None:
         return None
@@ -336,7 +336,7 @@ def to_follow(judgement: Judgement) -> ToFly | None:
     assert backup_plan is not None  # it has begun
     own, waypoints = to_frame(frame, backup_plan)
     profile = None if climb is None else climb.profile
-    return ToFly(("backup", began), frame, began, own, waypoints, wind, profile)
+    return LocalPlan(("backup", began), frame, began, own, waypoints, wind, profile)
 
 
 def _profile(plan: Published, waypoints: tuple[Waypoint, ...], options: Options) -> Profile | None:

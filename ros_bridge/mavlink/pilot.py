@@ -18,7 +18,7 @@ from ros_bridge.core.reports import Report
 from ros_bridge.mavlink import messages, mission
 from ros_bridge.mavlink.effects import Effect, Log, Reposition, SetCurrent, SetMode, Steer
 from ros_bridge.mavlink.intake import Received
-from ros_bridge.mavlink.judging import Judgement, Rejoin, ToFly, to_follow
+from ros_bridge.mavlink.judging import Judgement, LocalPlan, Rejoin, local_plan
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.steering import (
     Air,
@@ -42,7 +42,7 @@ _BANK_MAX = math.radians(50.0)
 class Followed(NamedTuple):
     """A plan or backup that is flown."""
 
-    key: tuple[str, int]  # as of :class:`ros_bridge.mavlink.judging.ToFly`
+    key: tuple[str, int]  # as of :class:`ros_bridge.mavlink.judging.LocalPlan`
     follower: Follower
 
 
@@ -113,13 +113,13 @@ def steer(
     report = received.situation.own.last
     if report is None:
         return Piloted(pilot)
-    to_fly = to_follow(judgement)
-    if to_fly is None:
+    plan = local_plan(judgement)
+    if plan is None:
         return Piloted(pilot)
-    follower, lines = _follow(pilot, to_fly, vehicle, time)
+    follower, lines = _follow(pilot, plan, vehicle, time)
     age = (time - report.time) / SECOND
-    state = carry_back(to_local(to_fly.frame, report), -age, FLOATS)
-    clock, seconds = (time - to_fly.began) / SECOND, time / SECOND
+    state = carry_back(to_local(plan.frame, report), -age, FLOATS)
+    clock, seconds = (time - plan.began) / SECOND, time / SECOND
     airspeed = received.airspeed
     air = sense(pilot.air, state, report.wind, airspeed)
     demand, follower = command(follower, state, clock, air, vehicle, _BANK_MAX)
@@ -134,7 +134,7 @@ def steer(
         steered_at=seconds,
         airspeed_at=seconds if with_speed else pilot.airspeed_at,
         altitudes=_told_last(pilot, demand.altitude, seconds) if with_speed else pilot.altitudes,
-        followed=Followed(to_fly.key, follower),
+        followed=Followed(plan.key, follower),
         air=air,
     )
     return Piloted(steered_pilot, (*lines, Steer(steered, time // 1_000_000, with_speed)))
@@ -187,17 +187,17 @@ def release(pilot: Pilot) -> Pilot:
 
 
 def _follow(
-    pilot: Pilot, to_fly: ToFly, vehicle: Vehicle, time: int
+    pilot: Pilot, plan: LocalPlan, vehicle: Vehicle, time: int
 ) -> tuple[Follower, tuple[Log, ...]]:
     """Return the follower of what is to be flown, a new one, which is logged, where that is
     another.
     """
-    if pilot.followed is not None and pilot.followed.key == to_fly.key:
+    if pilot.followed is not None and pilot.followed.key == plan.key:
         return pilot.followed.follower, ()
-    text, height = f"flying {to_fly.key[0]} {to_fly.key[1]}", None
-    if to_fly.profile is not None and vehicle.aircraft.vertical is not None:
-        height = PlannedHeight(to_fly.profile, vehicle.aircraft.vertical.acceleration)
-        low, high = to_fly.profile.altitude.min(), to_fly.profile.altitude.max()
+    text, height = f"flying {plan.key[0]} {plan.key[1]}", None
+    if plan.profile is not None and vehicle.aircraft.vertical is not None:
+        height = PlannedHeight(plan.profile, vehicle.aircraft.vertical.acceleration)
+        low, high = plan.profile.altitude.min(), plan.profile.altitude.max()
         text += f", {low:.0f} to {high:.0f} m above mean sea level"
-    follower = guide(to_fly.own, to_fly.waypoints, to_fly.wind, height)
+    follower = guide(plan.own, plan.waypoints, plan.wind, height)
     return follower, (Log(text, time),)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from agents.assurance.backup import Sense
 from agents.assurance.state import FlyMode
 from envs.formats.local_frame import LocalFrame
-from ros_bridge.core.assurance import to_fly
+from ros_bridge.core.assurance import fly_mode
 from ros_bridge.core.conversions import Published
 from ros_bridge.core.feeds.traffic import OWN_TRACES
 from ros_bridge.core.fields import readable
@@ -84,7 +84,7 @@ def explain(state: State, time: int) -> Advance:
         after = Advance(replace(state, texts=texts), (Log(f"{monitor}: {text}", time),))
     if problem:
         after = after.then(tell, f"replan {monitor}", f"no plan: {problem}", time, send=False)
-    return after.then(_tell_backup, time) if to_fly(judged) is FlyMode.BACKUP else after
+    return after.then(_tell_backup, time) if fly_mode(judged) is FlyMode.BACKUP else after
 
 
 def _tell_backup(state: State, time: int) -> Advance:

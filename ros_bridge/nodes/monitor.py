@@ -46,15 +46,15 @@ from ros_bridge.core.assurance import (
     accept_answer,
     activate,
     backup,
+    fly_mode,
     initial,
     read_plan,
     step_monitor,
-    to_fly,
     withdraw,
 )
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.guidance import blank, guidance
-from ros_bridge.core.looking import look
+from ros_bridge.core.looking import step_without_plan
 from ros_bridge.core.planning import prepare
 from ros_bridge.core.status import status
 from ros_bridge.transport import process, topics
@@ -215,9 +215,9 @@ class Monitor(ListeningNode):
 
     def _answer(self, number: int, plan: Published | None) -> None:
         """Tell the core what became of its question; None: there is no plan."""
-        before = to_fly(self._supervision)
+        before = fly_mode(self._supervision)
         self._supervision, _ = accept_answer(self._supervision, number, plan)
-        if to_fly(self._supervision) is not before:
+        if fly_mode(self._supervision) is not before:
             self._publish(self._latest)
 
     def _give_up_waiting(self, moment: int) -> None:
@@ -255,7 +255,7 @@ class Monitor(ListeningNode):
         self._protect("the backup", self._publish_backup, moment)
 
     def _publish_backup(self, moment: int) -> None:
-        if to_fly(self._supervision) is not FlyMode.BACKUP:
+        if fly_mode(self._supervision) is not FlyMode.BACKUP:
             self._backup_at = 0
             return
         if moment - self._backup_at < _BACKUP_AGAIN:
@@ -274,7 +274,7 @@ class Monitor(ListeningNode):
         """
         supervision = self._judged
         if supervision.assessment is None:
-            supervision = self._looking = look(self._looking, self._situation, moment)
+            supervision = self._looking = step_without_plan(self._looking, self._situation, moment)
         self._shown, bands = guidance(self._shown, supervision, moment)
         if bands is not None:
             stamp = header(moment, self._value("map_frame"))
@@ -308,7 +308,7 @@ class Monitor(ListeningNode):
             self.get_logger().error(problem, throttle_duration_sec=30.0)
         values = {
             "state": state.name,
-            "flown": to_fly(self._supervision).name,
+            "flown": fly_mode(self._supervision).name,
             "silence of the runner, s": f"{silence:.2f}",
         }
         assessment = self._judged.assessment

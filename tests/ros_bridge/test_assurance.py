@@ -29,10 +29,10 @@ from ros_bridge.core.assurance import (
     Supervision,
     accept_answer,
     activate,
+    fly_mode,
     initial,
     read_plan,
     step_monitor,
-    to_fly,
     withdraw,
 )
 from ros_bridge.core.conversions import Published
@@ -202,8 +202,8 @@ def test_there_is_no_verdict_before_the_first_plan():
     supervision = step_monitor(initial(THRESHOLDS), situation_after(), NOW)
     assessment = supervision.assessment
     assert assessment is None
-    assert to_fly(supervision) is FlyMode.NOTHING
-    assert to_fly(withdraw(supervision, 1)) is FlyMode.NOTHING
+    assert fly_mode(supervision) is FlyMode.NOTHING
+    assert fly_mode(withdraw(supervision, 1)) is FlyMode.NOTHING
 
 
 @given(
@@ -301,7 +301,7 @@ def test_older_plan_is_ignored_and_a_withdrawal_ends_the_newer():
     assert withdraw(newer, 5) is newer
     ended = withdraw(newer, 6)
     assert ended.published_plan is None
-    assert to_fly(ended) is FlyMode.BACKUP
+    assert fly_mode(ended) is FlyMode.BACKUP
 
 
 def test_an_answer_that_came_late_is_flown_on_its_own_times():

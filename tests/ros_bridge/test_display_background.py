@@ -16,7 +16,7 @@ from ros_bridge.core.assurance import activate, initial, step_monitor, withdraw
 from ros_bridge.core.guidance import blank
 from ros_bridge.core.replies import to_frame
 from ros_bridge.core.reports import USUAL
-from ros_bridge.display.background import supervise
+from ros_bridge.display.background import supervised_scene
 from ros_bridge.display.scene import DisplayScene
 from tests.ros_bridge.displays import page_document
 from tests.ros_bridge.scenes import (
@@ -43,7 +43,7 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     situation = with_report(traffic(before, 1.0), "new001", 7_000.0, 0.0, math.pi)
     situation = updates.ownship(situation, message, now, RULES)
     supervision = step_monitor(supervision, situation, now)
-    scene, alerts = supervise(DisplayScene(), situation, supervision, blank(THRESHOLDS), now)
+    scene, alerts = supervised_scene(DisplayScene(), situation, supervision, blank(THRESHOLDS), now)
     picture = page_document(scene, now)
     assert picture["separation"] == THRESHOLDS.requirement.separation
     assert picture["plan"]["revision"] == plan.revision
@@ -53,7 +53,7 @@ def test_plan_monitor_bands_and_alerts_of_the_core_are_shown():
     east = picture["bands"]["track_deg"].index(90.0)
     assert picture["bands"]["track_region"][east] == 2
     unjudged = replace(supervision, assessment=None)
-    later, _ = supervise(scene, situation, unjudged, alerts, now + SECOND)
+    later, _ = supervised_scene(scene, situation, unjudged, alerts, now + SECOND)
     assert page_document(later, now + SECOND)["monitor"] is None
 
 
@@ -67,7 +67,7 @@ def test_a_backup_is_shown_in_the_wind_that_it_is_flown_in():
     own = aircraft(75.0, 0.0, 0.0, 75.0, id="own", valid=0xE5, wind=blows, time=now)
     situation = updates.ownship(traffic(before, 1.0), own, now, RULES)
     supervision = step_monitor(supervision, situation, now)
-    scene, _ = supervise(DisplayScene(), situation, supervision, blank(THRESHOLDS), now)
+    scene, _ = supervised_scene(DisplayScene(), situation, supervision, blank(THRESHOLDS), now)
     assert scene.backup is not None
     assert scene.backup.wind == pytest.approx((12.0, -9.0), abs=1e-3)
     assert scene.backup.wind_std == 1.5

@@ -25,13 +25,13 @@ from envs.trees import take
 from envs.waypoints import at, legs, plan_states
 from ros_bridge.core.assurance import Supervision, activate, initial, step_monitor
 from ros_bridge.core.guidance import Guidance, Shown, blank, guidance
-from ros_bridge.core.looking import look
+from ros_bridge.core.looking import step_without_plan
 from ros_bridge.core.replies import to_frame
 from ros_bridge.core.reports import EXACT as EXACT_REPORTS
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.status import Status, status
 from ros_bridge.display import scene_messages as messages
-from ros_bridge.display.background import supervise
+from ros_bridge.display.background import supervised_scene
 from ros_bridge.display.scene import DisplayScene, MonitorStatus
 from ros_bridge.display.scene import take as take_in
 from ros_bridge.display.scene_recording import encoder
@@ -77,7 +77,7 @@ def shown(supervision: Supervision, now: int, before: Shown | None = None) -> Gu
 
 def looked_at(situation: Situation, maneuvers: Maneuvers = Maneuvers.BOTH, **more: Any) -> Guidance:
     """Return what a monitor without a plan shows."""
-    return shown(look(begin(maneuvers, **more), situation, NOW), NOW)
+    return shown(step_without_plan(begin(maneuvers, **more), situation, NOW), NOW)
 
 
 def fly(now: int, height: float, climb: float, place: VehicleState) -> Situation:
@@ -215,8 +215,8 @@ def test_floor_and_ceiling_close_climbs() -> None:
 def test_bands_up_and_down_survive_a_message_and_a_recording() -> None:
     above = report(2_000.0, 0.0, math.pi, 500.0 + VERTICAL.separation + 60.0, 0.0)
     situation = situation_of(above)
-    watch = look(begin(), situation, NOW)
-    scene, _ = supervise(DisplayScene(), situation, watch, blank(watch.thresholds), NOW)
+    watch = step_without_plan(begin(), situation, NOW)
+    scene, _ = supervised_scene(DisplayScene(), situation, watch, blank(watch.thresholds), NOW)
     for bands in (scene.guidance, scene.guidance and scene.guidance._replace(vertical=None)):
         assert bands is not None
         back = through_file("GuidanceBands", messages.guidance(bands))

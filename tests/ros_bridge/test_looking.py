@@ -10,7 +10,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 from agents.planner.request.request import in_wind
 from envs.wind import Wind
 from ros_bridge.core.assurance import Supervision, initial
-from ros_bridge.core.looking import look
+from ros_bridge.core.looking import step_without_plan
 from ros_bridge.core.reports import USUAL
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tasks import task
@@ -43,7 +43,7 @@ def assert_as_for_plans(looking: Supervision) -> None:
 
 
 def test_a_wind_that_is_not_reported_may_blow_from_anywhere() -> None:
-    looking = look(initial(THRESHOLDS), situation_in(None), NOW)
+    looking = step_without_plan(initial(THRESHOLDS), situation_in(None), NOW)
     assessment = looking.assessment
     assert assessment is not None
     assert wind_of(looking) == Wind(std=USUAL.wind_std)
@@ -53,7 +53,7 @@ def test_a_wind_that_is_not_reported_may_blow_from_anywhere() -> None:
 @pytest.mark.parametrize("wind", [(0.0, 0.0), (8.0, -6.0)])
 def test_a_wind_that_is_reported_is_as_uncertain_as_for_plans(wind: tuple[float, float]) -> None:
     situation = situation_in(wind)
-    looking = look(initial(THRESHOLDS), situation, NOW)
+    looking = step_without_plan(initial(THRESHOLDS), situation, NOW)
     assessment = looking.assessment
     assert assessment is not None
     assert wind_of(looking) == pytest.approx((*wind, USUAL.reported_wind_std))
@@ -62,30 +62,30 @@ def test_a_wind_that_is_reported_is_as_uncertain_as_for_plans(wind: tuple[float,
 
 
 def test_it_begins_anew_where_the_wind_becomes_known_or_unknown() -> None:
-    looking = look(initial(THRESHOLDS), situation_in(None), NOW)
-    looking = look(looking, situation_in((0.0, 0.0)), NOW)
+    looking = step_without_plan(initial(THRESHOLDS), situation_in(None), NOW)
+    looking = step_without_plan(looking, situation_in((0.0, 0.0)), NOW)
     assessment = looking.assessment
     assert assessment is not None and wind_of(looking) == Wind(std=USUAL.reported_wind_std)
-    assert look(looking, situation_in((0.5, 0.5)), NOW).air == looking.air
-    looking = look(looking, situation_in((8.0, -6.0)), NOW)
+    assert step_without_plan(looking, situation_in((0.5, 0.5)), NOW).air == looking.air
+    looking = step_without_plan(looking, situation_in((8.0, -6.0)), NOW)
     assert wind_of(looking) == pytest.approx((8.0, -6.0, USUAL.reported_wind_std))
-    looking = look(looking, situation_in(None), NOW)
+    looking = step_without_plan(looking, situation_in(None), NOW)
     assert wind_of(looking) == Wind(std=USUAL.wind_std)
 
 
 def test_nothing_is_seen_where_an_uncertain_wind_leaves_nothing_of_the_limits() -> None:
     unsure = initial(THRESHOLDS, USUAL._replace(wind_std=40.0))
-    looking = look(unsure, situation_in(None), NOW)
+    looking = step_without_plan(unsure, situation_in(None), NOW)
     assessment = looking.assessment
     assert assessment is None
-    looking = look(looking, situation_in(None), NOW)
+    looking = step_without_plan(looking, situation_in(None), NOW)
     assessment = looking.assessment
     assert assessment is None
-    looking = look(looking, situation_in((8.0, -6.0)), NOW)
+    looking = step_without_plan(looking, situation_in((8.0, -6.0)), NOW)
     assessment = looking.assessment
     assert assessment is not None
     unsure = initial(THRESHOLDS, USUAL._replace(reported_wind_std=40.0))
-    assert look(unsure, situation_in((8.0, -6.0)), NOW).assessment is None
+    assert step_without_plan(unsure, situation_in((8.0, -6.0)), NOW).assessment is None
 
 
 def test_who_can_come_near_in_a_wind_within_its_uncertainty_counts() -> None:
@@ -96,5 +96,5 @@ def test_who_can_come_near_in_a_wind_within_its_uncertainty_counts() -> None:
     situation = situation_after(silent, own=own)
     for std, counts in ((0.0, False), (5.0, True)):
         begun = initial(THRESHOLDS, USUAL._replace(reported_wind_std=std))
-        looking = look(begun, situation, NOW)
+        looking = step_without_plan(begun, situation, NOW)
         assert ("4b1a2c" in looking.names) == counts

@@ -29,13 +29,13 @@ from commands.command import InputError
 from envs.areas import Level
 from envs.formats.local_frame import LocalFrame
 from envs.profile import climbing
-from ros_bridge.core.assurance import step_monitor, to_fly, withdraw
+from ros_bridge.core.assurance import fly_mode, step_monitor, withdraw
 from ros_bridge.core.fields import SECOND
 from ros_bridge.mavlink import mission, pilot, vehicle
 from ros_bridge.mavlink.control import Control
 from ros_bridge.mavlink.effects import Reposition, Say, Steer
 from ros_bridge.mavlink.intake import Reading, Received, take
-from ros_bridge.mavlink.judging import Judgement, Rules, to_follow, watch
+from ros_bridge.mavlink.judging import Judgement, Rules, local_plan, watch
 from ros_bridge.mavlink.link import Link
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.options import options_of, rules_of, vertical_separation_of
@@ -401,7 +401,7 @@ def on_backup(
     published = judgement.supervision.published_plan
     supervision = step_monitor(judgement.supervision, received.situation, time)
     supervision = withdraw(supervision, supervision.revision + 1)
-    assert to_fly(supervision) is FlyMode.BACKUP
+    assert fly_mode(supervision) is FlyMode.BACKUP
     assessment, options = supervision.assessment, supervision.thresholds.options
     assert assessment is not None and assessment.in_height is not None
     begin = assessment.in_height.space.begin_backup(assessment.in_height.own)
@@ -418,7 +418,7 @@ def on_backup(
 def test_a_backup_levels_off(flown: tuple[Vehicle, Rules]) -> None:
     received = heard(own_climb=3.0)
     backed = on_backup(judge(received, flown[1]), received, NOW)
-    followed = to_follow(backed)
+    followed = local_plan(backed)
     assert followed is not None and followed.profile is not None
     # 3 m/s that end with 1 m/s^2 take 3 s and 4.5 m.
     height = PlannedHeight(followed.profile, 1.0)
@@ -433,7 +433,7 @@ def test_a_backup_after_a_plan_begins_at_the_planned_altitude_which_no_gust_move
 ) -> None:
     """It is judged anew time and again, and told some time after that."""
     judgement, begin = judge(heard(), flown[1]), NOW + 8 * SECOND
-    options, started = flown[1].settings.options, to_follow(judgement)
+    options, started = flown[1].settings.options, local_plan(judgement)
     assert started is not None and started.profile is not None
     acceleration = options.vertical.acceleration
     altitude, climb = PlannedHeight(started.profile, acceleration).at(8.0)
@@ -456,7 +456,7 @@ def test_a_backup_after_a_plan_begins_at_the_planned_altitude_which_no_gust_move
     # Where the ownship is farther off than the margin, a backup begins where it is.
     above, time = above + 2.0 * options.vertical_margin, time + SECOND // 2
     judgement = on_backup(judgement, heard(own_above=above, time=time), time)
-    followed = to_follow(judgement)
+    followed = local_plan(judgement)
     assert followed is not None and followed.profile is not None
     assert followed.profile.altitude[-1] == pytest.approx(GROUND + ABOVE + above, abs=0.05)
 
