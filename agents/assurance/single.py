@@ -23,7 +23,7 @@ from agents.assurance.backup_heights import backup_flight
 from agents.assurance.climbs import Climb, Met, climb_of, times_met
 from agents.assurance.frames import STILL, Frame, carry, frame_of
 from agents.assurance.inputs import Inputs, Memory, clock_runs, good_reports, no_areas
-from agents.assurance.space import Space, altitude_flown, climb_of_backup
+from agents.assurance.space import Space, climb_of_backup, hold
 from agents.assurance.state import Decision, FlyMode, Monitor, State, rearrange, start
 from agents.assurance.thresholds import OUTSIDE, SAYS, Cause, Thresholds
 from agents.kernel.levels import Altitude, Line, steady
@@ -255,8 +255,10 @@ def step(
         watch = replace(watch, backup_climb=climb_of_backup(sense, begin, time, options))
         if fly is FlyMode.BACKUP:
             flight = backup_flight(sense, begin, options)
+        elif fly is FlyMode.PLAN and watch.climb is not None and not causes & Cause.ALTITUDE_ERROR:
+            flight = watch.climb.flight(own_altitude, time, options)
         else:
-            flight = altitude_flown(fly, causes, watch.climb, own_altitude, time, options)
+            flight = hold(own_altitude, options)
         in_height = InHeight(own_altitude, flight, space)
     whys = reasons(decision, thresholds, names)
     return watch, Assessment(state, fly, ask, whys, decision, in_height)

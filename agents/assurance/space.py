@@ -17,8 +17,7 @@ from agents.assurance.backup import Sense
 from agents.assurance.backup_heights import backup_flight, backup_profile, backups_met
 from agents.assurance.climbs import BackupMeets, Climb, Met, OnProfile, times_met
 from agents.assurance.inputs import Inputs, no_areas
-from agents.assurance.state import FlyMode
-from agents.assurance.thresholds import Cause, Thresholds
+from agents.assurance.thresholds import Thresholds
 from agents.kernel.levels import Altitude, Line, steady
 from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder
@@ -109,27 +108,3 @@ def hold(own: Altitude | None, options: Options[L]) -> tuple[Line, ...]:
     if own is None:
         return ()
     return steady(replace(own, error=own.error + options.vertical_margin, climb_error=0.0))
-
-
-def altitude_flown(
-    mode: FlyMode,
-    causes: Cause,
-    climb: Climb | None,
-    own: Altitude | None,
-    time: float,
-    options: Options[L],
-) -> tuple[Line, ...]:
-    """Return the altitude that an ownship flies from a time on, s, without a backup; none where it
-    is unknown.
-
-    Args:
-        mode: what is flown.
-        causes: of the decision.
-        climb: of the active plan; None: it is one in the plane.
-        own: the ownship's altitude at that time.
-        time: on the monitor's clock.
-        options: of the flight.
-    """
-    if mode is FlyMode.PLAN and climb is not None and not causes & Cause.ALTITUDE_ERROR:
-        return climb.flight(own, time, options)
-    return hold(own, options)
