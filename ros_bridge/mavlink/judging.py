@@ -191,54 +191,26 @@ def rules(
 
 def answer(question: Question, rules: Rules) -> Judgement:
     """Return the judgement that follows; it computes for as long as the rules let a plan take."""
-    judgement, situation, ahead = question.judgement, question.situation, question.course
-    if question.flown:
-        return supervise(judgement, situation, ahead.route, question.time, rules)
-    return watch(
-        judgement,
-        situation,
-        ahead.route,
-        question.time,
-        rules,
-        ways=ahead.ways,
-        unplanned=ahead.unplanned,
-    )
+    return _supervise(question, rules) if question.flown else _watch(question, rules)
 
 
-def watch(
-    judgement: Judgement,
-    situation: Situation,
-    route: Route,
-    time: int,
-    rules: Rules,
-    *,
-    ways: Sequence[Route] = (),
-    unplanned: str = "",
-) -> Judgement:
+def _watch(question: Question, rules: Rules) -> Judgement:
     """Look along the mission for a conflict, and plan round it where it is near.
 
     A conflict that is there is told, whether it can be planned round or not.
-
-    Args:
-        judgement: that holds.
-        situation: what is known.
-        route: that a plan may rejoin.
-        time: ns.
-        rules: how it is watched and planned.
-        ways: that may be flown and are watched; empty: the route.
-        unplanned: why nothing is to be planned; "": it is.
     """
+    judgement, situation, ahead = question.judgement, question.situation, question.course
     first = None
     try:
-        request = task(situation, time, rules.settings, route)
-        tasks = [replace(request, points=_points(request, way)) for way in ways] or [request]
+        request = task(situation, question.time, rules.settings, ahead.route)
+        tasks = (replace(request, points=_points(request, way)) for way in ahead.ways)
         conflicts = (conflict(_ahead(on_way, 0.0), rules.look_ahead) for on_way in tasks)
         first = earliest(conflicts)
         judgement = replace(judgement, remarks=_remarks(request))
         if first is None or first.time > rules.engage:
             return replace(judgement, conflict=first, plan=None, problem="")
-        if unplanned:
-            return replace(judgement, conflict=first, plan=None, problem=unplanned)
+        if ahead.unplanned:
+            return replace(judgement, conflict=first, plan=None, problem=ahead.unplanned)
         reach = request.own.speed * first.time
         request = _with_rejoin_altitude(_ahead(request, reach + _BEHIND * first.required))
         return _take_up(replace(judgement, conflict=first), situation, request, rules)
@@ -246,21 +218,16 @@ def watch(
         return replace(judgement, conflict=first, plan=None, problem=str(refusal))
 
 
-def supervise(
-    judgement: Judgement,
-    situation: Situation,
-    route: Route,
-    time: int,
-    rules: Rules,
-) -> Judgement:
+def _supervise(question: Question, rules: Rules) -> Judgement:
     """Check the plan that is flown, and plan anew where the monitor asks for it."""
+    judgement, situation, time = question.judgement, question.situation, question.time
     supervision = step_monitor(judgement.supervision, situation, time)
     judgement, assessment = replace(judgement, supervision=supervision), supervision.assessment
     if assessment is None or assessment.ask is None:
         return judgement
     number = assessment.ask.number
     try:
-        request = task(situation, time, rules.settings, route)
+        request = task(situation, time, rules.settings, question.course.route)
         request = _with_rejoin_altitude(_not_before(request, judgement.rejoin))
         answer = _plan(request, rules)
     except Refusal as refusal:

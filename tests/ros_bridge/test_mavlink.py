@@ -25,8 +25,10 @@ from commands.command import ConfigError, InputError
 from envs.areas import Keep
 from envs.formats.local_frame import distance
 from ros_bridge.core.categories import Categories
+from ros_bridge.core.conversions import Route
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reports import USUAL, Report, Unknown
+from ros_bridge.core.situation import Situation
 from ros_bridge.mavlink import demo, messages, mission, sitl, vehicle
 from ros_bridge.mavlink.control import (
     CLEAR,
@@ -39,9 +41,10 @@ from ros_bridge.mavlink.control import (
     begin_anew,
     step,
 )
+from ros_bridge.mavlink.course import Course
 from ros_bridge.mavlink.download import AGAIN, Download, accept, due, note_question
 from ros_bridge.mavlink.intake import Reading, Received, failsafe_acted, take
-from ros_bridge.mavlink.judging import Judgement, rules, watch
+from ros_bridge.mavlink.judging import Judgement, Question, Rules, answer, rules
 from ros_bridge.mavlink.link import Clock, Link
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.mission import SUB, Item
@@ -293,6 +296,13 @@ def test_a_place_that_no_item_has_is_flown_to_instead_of_the_current_item() -> N
         assert mission.begin_at_target(items[1:], items, *at) == items[1:]
 
 
+def judged_on(route: Route, situation: Situation, now: int, judging_rules: Rules) -> Judgement:
+    question = Question(
+        Judgement(judging_rules.begin()), situation, Course(route, (route,)), now, flown=False
+    )
+    return answer(question, judging_rules)
+
+
 def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
     """Of an aircraft that is known within nothing, and an ownship that reports no wind."""
     flown = vehicle.vehicle_of(PARAMETERS, 200.0)
@@ -312,8 +322,7 @@ def test_what_is_assumed_of_traffic_and_air_is_remarked(wire: Any) -> None:
     received, now = Received(), 12_345 * SECOND // 1_000
     for message in (own, ahead):
         received = take(received, message, now, READING)
-    judgement = Judgement(judging_rules.begin())
-    judgement = watch(judgement, received.situation, route, now, judging_rules)
+    judgement = judged_on(route, received.situation, now, judging_rules)
     assert judgement.conflict is not None, judgement.problem
     remarks = "\n".join(judgement.remarks)
     assert "ownship.wind is unknown and taken as calm within 1.2 m/s" in remarks
@@ -353,9 +362,7 @@ def test_an_emitter_category_is_kept_its_own_separation(wire: Any) -> None:
             deadline=5.0,
             categories=categories,
         )
-        judged = watch(
-            Judgement(judging_rules.begin()), received.situation, route, now, judging_rules
-        )
+        judged = judged_on(route, received.situation, now, judging_rules)
         assert judged.problem == ""
         required.append(judged.conflict and judged.conflict.required)
     assert required[0] is not None and required[0] > 625.0
@@ -378,7 +385,7 @@ def test_a_way_beside_a_fence_within_its_clearance_is_a_conflict(wire: Any) -> N
     )
     for clearance, loss in ((100.0, 66.0), (30.0, None)):
         fenced = replace(received.situation, fixed_areas=mission.fence([circle], clearance))
-        judged = watch(Judgement(judging_rules.begin()), fenced, route, now, judging_rules)
+        judged = judged_on(route, fenced, now, judging_rules)
         assert judged.problem == ""
         assert (judged.conflict and judged.conflict.time) == (loss and pytest.approx(loss, abs=6.0))
 

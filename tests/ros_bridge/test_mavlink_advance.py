@@ -24,6 +24,7 @@ from ros_bridge.core.situation import Situation
 from ros_bridge.mavlink.advance import _EVENTS, DEAF, advance
 from ros_bridge.mavlink.clocks import Moment, Spent
 from ros_bridge.mavlink.control import Phase
+from ros_bridge.mavlink.course import Course
 from ros_bridge.mavlink.effects import (
     Beat,
     Effect,
@@ -47,7 +48,7 @@ from ros_bridge.mavlink.events import (
     Tick,
 )
 from ros_bridge.mavlink.intake import Reading, Received, take
-from ros_bridge.mavlink.judging import Judgement, Question, rules, watch
+from ros_bridge.mavlink.judging import Judgement, Question, answer, rules
 from ros_bridge.mavlink.messages import Mode
 from ros_bridge.mavlink.mission import Item, remaining_items, route
 from ros_bridge.mavlink.state import LATE, Advance, Setup, State
@@ -115,8 +116,8 @@ def world() -> World:
     for message in (heartbeat(Mode.AUTO), position(BEGAN), crossing()):
         received = take(received, message, time, setup.reading)
     ahead = route(ITEMS[1].place, remaining_items(ITEMS, 2), 800.0)
-    fresh = Judgement(followed.begin())
-    danger = watch(fresh, received.situation, ahead, time, followed)
+    fresh, course = Judgement(followed.begin()), Course(ahead, (ahead,))
+    danger = answer(Question(fresh, received.situation, course, time, flown=False), followed)
     assert danger.safe and danger.conflict is not None
     return World(setup, danger)
 

@@ -33,9 +33,10 @@ from ros_bridge.core.assurance import fly_mode, step_monitor, withdraw
 from ros_bridge.core.fields import SECOND
 from ros_bridge.mavlink import mission, pilot, vehicle
 from ros_bridge.mavlink.control import Control
+from ros_bridge.mavlink.course import Course
 from ros_bridge.mavlink.effects import Reposition, Say, Steer
 from ros_bridge.mavlink.intake import Reading, Received, take
-from ros_bridge.mavlink.judging import Judgement, Rules, local_plan, watch
+from ros_bridge.mavlink.judging import Judgement, Question, Rules, answer, local_plan
 from ros_bridge.mavlink.link import Link
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.options import options_of, rules_of, vertical_separation_of
@@ -133,7 +134,8 @@ def judge(
     remaining = mission.remaining_items(mission_items, 1)
     altitudes = {item.number: mission.altitude_of(item, mission_items) for item in remaining}
     route = mission.route((47.4, 8.5), remaining, 200.0, None, altitudes)
-    return watch(Judgement(judging_rules.begin()), received.situation, route, NOW, judging_rules)
+    fresh, course = Judgement(judging_rules.begin()), Course(route, (route,))
+    return answer(Question(fresh, received.situation, course, NOW, flown=False), judging_rules)
 
 
 def heights(judgement: Judgement) -> list[float]:

@@ -20,7 +20,7 @@ from ros_bridge.core.reports import Unknown
 from ros_bridge.mavlink import mission, vehicle
 from ros_bridge.mavlink.course import NEAR, Course, course
 from ros_bridge.mavlink.intake import Reading, Received, take
-from ros_bridge.mavlink.judging import Judgement, Rules, rules, watch
+from ros_bridge.mavlink.judging import Judgement, Question, Rules, answer, rules
 from ros_bridge.mavlink.mission import SUB, Item
 from tests.ros_bridge.test_mavlink import PARAMETERS
 
@@ -98,16 +98,9 @@ def ahead(items: Any, current: int, received: Received) -> Course:
 
 def judge(items: Any, current: int, received: Received, judging_rules: Rules) -> Judgement:
     """Return what is made of it."""
-    course_ahead = ahead(items, current, received)
-    return watch(
-        Judgement(judging_rules.begin()),
-        received.situation,
-        course_ahead.route,
-        NOW,
-        judging_rules,
-        ways=course_ahead.ways,
-        unplanned=course_ahead.unplanned,
-    )
+    fresh, course_ahead = Judgement(judging_rules.begin()), ahead(items, current, received)
+    question = Question(fresh, received.situation, course_ahead, NOW, flown=False)
+    return answer(question, judging_rules)
 
 
 LAST = 600.0  # m east, where the last plain waypoint is

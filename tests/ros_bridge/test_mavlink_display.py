@@ -31,8 +31,9 @@ from ros_bridge.display.server import LiveSource
 from ros_bridge.mavlink import mission
 from ros_bridge.mavlink.adapter import SceneAdapter, show
 from ros_bridge.mavlink.control import Control
+from ros_bridge.mavlink.course import Course
 from ros_bridge.mavlink.intake import Reading, Received, take
-from ros_bridge.mavlink.judging import Judgement, Rules, rules, watch
+from ros_bridge.mavlink.judging import Judgement, Question, Rules, answer, rules
 from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.options import options_of
 from ros_bridge.mavlink.plan_file import geojson, kml
@@ -109,9 +110,9 @@ def judge(heard: Received, followed: Rules) -> Judgement:
     """Return what the program makes of it."""
     assert heard.situation.own.last is not None
     route = mission.route(ITEMS[0].place, mission.remaining_items(ITEMS, heard.current), 800.0)
-    fresh = Judgement(followed.begin())
-    now = heard.situation.own.last.time
-    return watch(fresh, heard.situation, route, now, followed)
+    fresh, now = Judgement(followed.begin()), heard.situation.own.last.time
+    course = Course(route, (route,))
+    return answer(Question(fresh, heard.situation, course, now, flown=False), followed)
 
 
 @pytest.mark.parametrize("aside", [0.0, 600.0])
