@@ -4,8 +4,9 @@ DATA``.
 DATA is a folder of public recordings, with ``adsb`` (OpenSky's reports as of the ``traffic``
 package) and ``lincoln_lab``. Reports go through the tracker at their own times, as reports that do
 not declare how exact they are: with the defaults of the ROS nodes. After each of them the position
-30 and 60 s later is predicted, along the course or for 15 s along the turn, and held against the
-first report after that. Two sigmas per axis should hold 95.4 % of normal errors.
+30 and 60 s later is predicted, along the course or along the turn for as long as it is expected to
+last, and held against the first report after that. Two sigmas per axis should hold 95.4 % of normal
+errors.
 """
 
 from collections.abc import Iterator
