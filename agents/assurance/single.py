@@ -119,7 +119,7 @@ class Watch:
         return self.thresholds.in_wind(self.air.wind)
 
     @property
-    def flown(self) -> Climb | None:
+    def flown_climb(self) -> Climb | None:
         """The altitude of plan or backup that is flown; None: it has no profile."""
         return self.backup_climb if self.monitor.on_backup[0] else self.climb
 
@@ -270,7 +270,8 @@ def _space(
     """Return what stands about an ownship at a time, s, by some reports and the last areas."""
     areas = [watch.air.area(area, time) for area in watch.last_areas]
     ends = float(watch.monitor.plan.end[0] + watch.monitor.started[0] - time)
-    flown = None if watch.flown is None else watch.flown.since(time)
+    climb = watch.flown_climb
+    flown = None if climb is None else climb.since(time)
     return Space(own, reports, areas, ends, watch.thresholds, flown)
 
 

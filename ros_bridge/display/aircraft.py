@@ -107,6 +107,7 @@ def _relative(
     """Return by how much an aircraft is above the ownship, m; None: not comparable."""
     if own is None:
         return None
+    # Only the values are shown, which an unknown climb does not change, not how unsure they are.
     mine, theirs = (
         level(report.altitude, moment - report.time, undulation, 0.0) for report in (own, intruder)
     )
