@@ -193,7 +193,7 @@ def theirs(filter_: stone_soup.Filter, flights: Flights, name: str) -> tuple[Tra
                 spent += time.perf_counter() - began
                 mean[second, number], covariance[second, number] = answer.mean, answer.covariance
                 turns[second, number] = answer.turns > 0.5
-            progress.show(number + 1, name, (number + 1) / spent)
+            progress.show(number + 1, name)
     return Track(mean, covariance, turns), spent / (seconds * count)
 
 

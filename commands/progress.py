@@ -39,15 +39,17 @@ class Progress:
         self._shown = clock()  # when the last plain line was shown, s
         self._total = 1
         self._live: Live | None = None
-        self._origin: tuple[float, float] | None = None
+        self._origin: tuple[float, float] = (0.0, 0.0)  # what was done when the measuring began
         self._unsaid = ""
 
     def start(self, total: int, completed: float = 0, word: str = "") -> Self:
-        """Begin a whole of so many units, some of them done where a run goes on.
+        """Begin a whole of so many units, some of them done where a run goes on, and measure the
+        speed from here on.
 
         The word says what happens until the first figures come, such as ``compiling``.
         """
         self._total, self._shown = total, self._clock()
+        self._origin = completed, self._shown
         if not self._quiet and self._stream.isatty():
             from rich.console import Console
             from rich.live import Live
@@ -60,7 +62,7 @@ class Progress:
         return self
 
     def begin_measuring(self, completed: float, figures: str) -> None:
-        """Begin to measure the speed here: the time before, such as that of a compilation, says
+        """Begin to measure the speed anew: the time before, such as that of a compilation, says
         nothing of the time left. The figures are shown only where no others follow.
         """
         self._origin = completed, self._clock()
@@ -70,20 +72,14 @@ class Progress:
         """Do not count some seconds since the measuring began, such as those of another
         compilation.
         """
-        if self._origin is not None:
-            self._origin = self._origin[0], self._origin[1] + seconds
+        self._origin = self._origin[0], self._origin[1] + seconds
 
-    def show(self, completed: float, figures: str, rate: float) -> None:
-        """Take how far it has come, with figures, and how many units a second are done at
-        present.
-        """
+    def show(self, completed: float, figures: str) -> None:
+        """Take how far it has come, with figures."""
         moment = self._clock()
-        # What comes before the first figures, such as a compilation, does not count.
-        self._origin = self._origin or (completed, moment)
-        since = completed - self._origin[0], moment - self._origin[1]
-        if min(since) > 0:
-            rate = since[0] / since[1]
-        time_left = f"{duration((self._total - completed) / rate if rate > 0 else math.nan)} left"
+        units, seconds = completed - self._origin[0], moment - self._origin[1]
+        left = seconds / units * (self._total - completed) if min(units, seconds) > 0 else math.nan
+        time_left = f"{duration(left)} left"
         if self._live is not None:
             self._live.update(self._screen(completed, time_left, figures), refresh=True)
         elif not self._quiet:

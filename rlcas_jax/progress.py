@@ -50,7 +50,7 @@ class Reporter(Progress):
         if self._evaluated is not None:
             shown.append(f"deterministic {100.0 * self._evaluated:.1f} %")
         if self._compiled:
-            self.show(row["step"], ", ".join(shown), row["steps_per_s"])
+            self.show(row["step"], ", ".join(shown))
         else:
             self._compiled = True
             self.begin_measuring(row["step"], ", ".join(shown))

@@ -118,7 +118,7 @@ def _fly_missing(
                 row_of(drawn, side, flight, outcome) | {"wall": time.perf_counter() - began}
             )
             print(json.dumps(rows[-1]), file=file, flush=True)
-            progress.show(count, f"mission {number} by {side}", rows[-1]["wall"])
+            progress.show(count, f"mission {number} by {side}")
     return rows
 
 

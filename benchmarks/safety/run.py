@@ -14,7 +14,6 @@ import argparse
 import json
 import signal
 import sys
-import time
 from collections.abc import Generator, Iterator
 from concurrent.futures import as_completed
 from contextlib import contextmanager
@@ -171,18 +170,14 @@ def _attack(
     options: argparse.Namespace, batches: list[Batch], tally: Tally, record: _Record
 ) -> bool:
     """Attack by batches, add what is found to the tally, and return whether all were done."""
-    already = _count(tally)
-    progress = Progress("requests").start(options.requests + options.single)
-    begun = time.perf_counter()
+    progress = Progress("requests").start(options.requests + options.single, _count(tally))
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         for batch, batch_tally in _results(batches, options.workers, options.policy):
             tally.add(batch_tally)
             record.add(batch, batch_tally)
             count = _count(tally)
-            progress.show(
-                count, _describe(tally), (count - already) / (time.perf_counter() - begun)
-            )
+            progress.show(count, _describe(tally))
     except KeyboardInterrupt:
         print("interrupted; these are the figures of what was done", file=sys.stderr)
         return False

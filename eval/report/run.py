@@ -147,7 +147,7 @@ def _flights(
             flights[flight.number] = flight_data(flight)
             if flight.number in saved:
                 _save(run, evaluation, flight)
-            progress.show(len(flights), "flown again", 0.0)
+            progress.show(len(flights), "flown again")
     for number in sorted(saved - set(flights)):
         print(f"warning: --save: encounter {number} has no flight, not saved", file=sys.stderr)
     differing = sum("differs" in flight for flight in flights.values())

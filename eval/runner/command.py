@@ -220,7 +220,7 @@ class Encounters(Progress):
             f"{group_digits(round(rate))} encounters/s, success "
             f"{100.0 * self._reached / self._flown:.1f} %"
         )
-        self.show(self._before + self._flown, figures, rate)
+        self.show(self._before + self._flown, figures)
 
 
 def _cluster_of(

@@ -13,7 +13,7 @@ import pytest
 
 from agents.config.keys import keys
 from agents.config.load import ConfigError, load
-from commands.progress import duration
+from commands.progress import Progress, duration
 from rlcas_jax import metrics
 from rlcas_jax.cli import Options, parse, write_configurations
 from rlcas_jax.config import TrainConfig
@@ -249,7 +249,7 @@ def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("after_s", [1.0, 2.5])
+@pytest.mark.parametrize("after_s", [1.0, pytest.param(2.5, marks=pytest.mark.slow)])
 def test_a_signal_while_a_training_starts_ends_it_with_130(
     after_s: float, config: Path, tmp_path: Path
 ) -> None:
@@ -339,13 +339,27 @@ def test_quiet_is_silent(stream: io.StringIO):
 
 
 def test_before_the_first_episode_ends_there_is_no_score():
-    stream = io.StringIO()
-    reporter = Reporter(stream=stream, clock=Clock())
+    stream, clock = io.StringIO(), Clock()
+    reporter = Reporter(stream=stream, clock=clock)
     reporter.start(100_000, 50_000)
     reporter.update(row(55_000, score=math.nan))
+    clock.now += 0.5
     reporter.update(row(60_000, score=math.nan))
     reporter.stop()
-    assert stream.getvalue() == "60 000 of 100 000 steps, 31 234 steps/s, 1 s left\n"
+    assert stream.getvalue() == "60 000 of 100 000 steps, 31 234 steps/s, 4 s left\n"
+
+
+def test_two_parts_that_end_together_do_not_halve_the_time_left():
+    """Each of two workers takes 200 s for 500 encounters, and both began at once."""
+    stream, clock = io.StringIO(), Clock()
+    progress = Progress("encounters", stream=stream, clock=clock).start(16_000)
+    for completed, seconds in ((500, 200.0), (1_000, 5.0)):
+        clock.now += seconds
+        progress.show(completed, "flying")
+    assert stream.getvalue().splitlines() == [
+        "500 of 16 000 encounters, flying, 1 h 43 min left",
+        "1 000 of 16 000 encounters, flying, 51 min 15 s left",
+    ]
 
 
 def test_the_first_line_is_of_an_update_that_was_not_compiled():
