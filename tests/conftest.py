@@ -81,11 +81,13 @@ def pytest_collection() -> Generator[None, object, object]:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mix files that compute with those that wait, so that the last files are short; the order
-    within a file stays. What compiles first is slow; a run of compiled code leaves it out.
+    within a file stays. What compiles first, or opens a browser, is slow; a run of compiled code
+    leaves out what compiles.
     """
     compiles = [item for item in items if "compiled_code" in _fixtures(item)]
-    for item in compiles:
-        item.add_marker(pytest.mark.slow)
+    for item in items:
+        if {"compiled_code", "new_page"} & set(_fixtures(item)):
+            item.add_marker(pytest.mark.slow)
     if config.getoption("--compiled"):
         items[:] = [item for item in items if item not in compiles]
     items.sort(key=lambda item: item.path.name, reverse=True)

@@ -35,7 +35,13 @@ from tests.agents.scenes import PATIENT
 ROOT = Path(__file__).resolve().parent.parent
 BLOCK = re.compile(r"(<!-- not run: [^>]+ -->\s+)?```(python|text)\n(.*?)```", re.DOTALL)
 OURS = ("commands", "envs", "agents", "rlcas_jax", "eval", "ros_bridge")
-SLOW = ("docs/explanation/resolvability.md",)
+SLOW = (
+    "docs/explanation/resolvability.md",
+    "docs/howto/gymnasium.md",
+    "docs/howto/own-aircraft.md",
+    "docs/howto/own-algorithm.md",
+    "docs/howto/own-policy.md",
+)
 LIBRARIES = {
     "docs/tutorial/first-report.md": ("gymnasium",),
     "docs/howto/gymnasium.md": ("gymnasium", "jax"),

@@ -244,6 +244,7 @@ def test_peer_sees_the_inputs_of_our_networks_and_our_scaled_rewards(feature_set
     assert ended > 0
 
 
+@pytest.mark.slow
 @needs_peers
 def test_peer_has_our_networks():
     config = load(TrainConfig, None, ["ppo.epochs=4", "network.feature_set=mirror"])

@@ -19,9 +19,8 @@ from envs.waypoints import ARCS, legs
 RANDOM_PLANS = int(os.environ.get("FUZZ_PLANS", "144"))  # of random aircraft, twelve of each
 
 
-@pytest.mark.parametrize(
-    "plans", [RANDOM_PLANS, pytest.param(10_080, marks=[pytest.mark.slow, pytest.mark.long])]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("plans", [RANDOM_PLANS, pytest.param(10_080, marks=pytest.mark.long)])
 def test_no_safe_plan_exceeds_the_limits_that_are_given(plans: int) -> None:
     rng, policy = np.random.default_rng(51), Policy.load()
     count = max(1, plans // 12)

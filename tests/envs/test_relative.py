@@ -366,7 +366,12 @@ def test_wrap_leaves_wrapped_angles_alone(backend: Backend) -> None:
 
 COUNT, STEPS = 12, 310
 FAMILIES = [
-    *((name, {}) for name in SCENARIOS),
+    *(
+        (name, {})
+        if name in ("circle", "maneuvering")
+        else pytest.param(name, {}, marks=pytest.mark.slow)
+        for name in SCENARIOS
+    ),
     ("multi", {"turn": True, "noisy": True}),
 ]
 

@@ -107,7 +107,7 @@ def flights() -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("dtype", [np.float32, pytest.param(np.float64, marks=pytest.mark.slow)])
 def test_a_whole_episode_equals_a_plain_loop_over_the_core(
     flights: dict[str, Any], dtype: type
 ) -> None:

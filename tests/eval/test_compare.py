@@ -545,12 +545,14 @@ def test_without_a_witness_the_flight_is_that_of_none(
     assert np.isnan(paths.own.x[len(straight_paths.own.x) :, lost]).all()
 
 
+@pytest.mark.slow
 def test_a_batch_without_any_witness_flies_too(starts: Encounter, flown: Any) -> None:
     flights, paths = fly_witnesses(take(starts, [1]), FEW, QUICK)
     assert flights.min_separation[0] == flown[0].min_separation[1]
     np.testing.assert_array_equal(paths.own.x[:, 0], flown[1].own.x[: len(paths.own.x), 1])
 
 
+@pytest.mark.slow
 def test_a_witness_row_does_not_depend_on_its_company() -> None:
     compared = comparison_of(
         scenario("multi", PAPER, intruders=(2, 3), radius=(3_000.0, 4_000.0)), REFERENCE
@@ -560,6 +562,7 @@ def test_a_witness_row_does_not_depend_on_its_company() -> None:
         np.testing.assert_array_equal(values, together[name][4:5], err_msg=name)
 
 
+@pytest.mark.slow
 def test_the_witness_hears_no_noise() -> None:
     loud = scenario("noisy", PAPER, **SHORT)
     noiseless = scenario("noisy", PAPER, **SHORT, position_std=0.0, velocity_std=0.0)

@@ -57,7 +57,7 @@ def scale_aircraft(aircraft: Aircraft, length: float, speed: float) -> Aircraft:
 @pytest.mark.parametrize(
     ("name", "length", "speed", "tolerance"),
     [
-        ("circle", 9.26, 2.3, 1e-3),
+        pytest.param("circle", 9.26, 2.3, 1e-3, marks=pytest.mark.slow),
         pytest.param("noisy", 0.5, 0.25, 1e-6, marks=pytest.mark.slow),
         pytest.param("multi", 0.5, 0.25, 1e-6, marks=pytest.mark.slow),
         # A turning intruder steers to a point 10 000 km away, whatever the aircraft.
@@ -87,6 +87,7 @@ def test_aircraft_of_the_same_ratios_fly_the_same_flights(
         )
 
 
+@pytest.mark.slow
 def test_a_family_is_judged_and_its_aircraft_can_be_flown_again(tmp_path: Path) -> None:
     out = tmp_path / "family"
     arguments = [

@@ -125,6 +125,7 @@ def test_chatter_by_hand():
     )
 
 
+@pytest.mark.slow
 def test_a_run_writes_its_files_and_repeats_itself(
     tmp_path: Path, policy_path: Path, policy: Policy, capsys: pytest.CaptureFixture[str]
 ):

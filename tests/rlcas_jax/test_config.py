@@ -380,6 +380,7 @@ def test_no_key_is_forgotten_here() -> None:
     assert set(names(TrainConfig)) == set(CHANGED) | set(ELSEWHERE)
 
 
+@pytest.mark.slow
 def test_the_program_does_not_change_by_itself(base: tuple[str, ...]) -> None:
     assert tuple(programs()) == base
 

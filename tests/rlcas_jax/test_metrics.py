@@ -214,6 +214,7 @@ def test_a_single_evaluation_says_its_value(tmp_path: Path):
     assert "98.7 %" in (tmp_path / "figures/training.svg").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_command_draws_finished_runs_again(tmp_path: Path):
     main([str(log(tmp_path / "run")), "--out", str(tmp_path / "figures")])
     assert {file.name for file in (tmp_path / "figures").iterdir()} == NAMES

@@ -240,6 +240,7 @@ def test_every_trial_is_shown_with_its_state_and_why_it_was_pruned(
     assert ", trial 2, 1 steps/s" in printed.err
 
 
+@pytest.mark.slow
 def test_a_sheet_of_many_keys_fits_a_page(tmp_path: Path) -> None:
     image = pytest.importorskip("PIL.Image")
     study = optuna.create_study(direction="maximize")
@@ -296,6 +297,7 @@ def test_trials_below_the_median_are_stopped_early(tmp_path: Path) -> None:
     assert all(trial.state == optuna.trial.TrialState.COMPLETE for trial in found[:3])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_several_seeds_count_by_their_mean(tmp_path: Path) -> None:
     sweep.main(arguments(tmp_path, trials=1, more="--seeds 3"))

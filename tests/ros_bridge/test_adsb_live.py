@@ -521,6 +521,7 @@ def is_traffic(report: Any) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_lines_of_a_real_receiver_become_reports_and_again_after_its_restart(dump1090: Any) -> None:
     restarted, port, sky = dump1090
     traffic = Traffic("4b0000")
@@ -548,6 +549,7 @@ def test_lines_of_a_real_receiver_become_reports_and_again_after_its_restart(dum
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["http", "file"])
 def test_documents_of_a_real_receiver_become_reports(
     scheme: str, dump1090: Any, tmp_path: Path

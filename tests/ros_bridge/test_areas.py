@@ -220,6 +220,7 @@ def test_a_node_does_not_fly_without_the_areas_of_its_file(tmp_path: Path) -> No
         areas_of_file(free)
 
 
+@pytest.mark.slow
 def test_the_monitor_hears_of_areas_on_a_real_graph(tmp_path: Path) -> None:
     pytest.importorskip("rclpy", reason=MISSING)
     from rlcas_msgs.msg import AssuranceStatus, Trajectory

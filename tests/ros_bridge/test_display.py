@@ -494,6 +494,7 @@ def pictures(client: Any, count: int) -> list[dict[str, Any]]:
     return [json.loads(client.recv(timeout=10.0)) for _ in range(count)]
 
 
+@pytest.mark.slow
 def test_an_error_of_our_own_is_told_in_the_picture(monkeypatch: pytest.MonkeyPatch):
     """A picture that cannot be made is empty, not stale; the next one is whole again."""
 
@@ -518,6 +519,7 @@ def test_an_error_of_our_own_is_told_in_the_picture(monkeypatch: pytest.MonkeyPa
         assert any("what was received failed" in entry["text"] for entry in picture["health"])
 
 
+@pytest.mark.slow
 def test_twenty_clients_get_pictures_and_what_one_sends_is_refused():
     source = live(aircraft(5_000.0, 0.0, 0.0, 80.0))
     with serving(source) as server, ExitStack() as stack:
@@ -541,6 +543,7 @@ def test_twenty_clients_get_pictures_and_what_one_sends_is_refused():
             assert pictures(client, 2)
 
 
+@pytest.mark.slow
 def test_a_client_that_does_not_read_loses_pictures_and_nobody_else_does():
     crowd = [
         aircraft(500.0 * n, 9_000.0, 0.0, 80.0, id=f"{n:03d}-{'x' * 50}") for n in range(-100, 100)

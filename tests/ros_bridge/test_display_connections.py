@@ -67,6 +67,7 @@ def no_more_files() -> Iterator[None]:
             os.close(number)
 
 
+@pytest.mark.slow
 def test_where_files_have_run_out_one_line_says_so_and_it_goes_on(
     capfd: pytest.CaptureFixture[str],
 ) -> None:

@@ -83,6 +83,7 @@ def test_what_nodes_say_on_a_real_graph_is_shown():
             client.close()
 
 
+@pytest.mark.slow
 def test_a_receiver_alone_makes_a_picture():
     with socket.create_server(("127.0.0.1", 0)) as server:
         source = f"tcp://127.0.0.1:{server.getsockname()[1]}"

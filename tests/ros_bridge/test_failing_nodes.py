@@ -178,6 +178,7 @@ def test_what_cannot_be_taken_in_makes_nothing_safe(
         )
 
 
+@pytest.mark.slow
 def test_the_runner_tells_that_the_monitor_is_silent(planning_scene: Scene):
     planning_scene.until(lambda: planning_scene.health()[0] >= 0)
     assert "monitor" not in planning_scene.health()[1]  # there need not be one

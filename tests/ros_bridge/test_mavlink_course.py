@@ -139,7 +139,7 @@ AFTER = {
 }
 
 
-@pytest.mark.parametrize("distance_left", [450.0, 40.0])
+@pytest.mark.parametrize("distance_left", [pytest.param(450.0, marks=pytest.mark.slow), 40.0])
 @pytest.mark.parametrize("action", AFTER)
 def test_a_conflict_after_the_last_plain_waypoint_is_found_where_the_mission_is_flown(
     action: str, distance_left: float, watched: Rules

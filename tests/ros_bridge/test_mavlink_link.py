@@ -249,6 +249,7 @@ def texts(autopilot: Sender) -> str:
     )
 
 
+@pytest.mark.slow
 def test_what_is_left_out_of_the_traffic_is_told_and_shown(tmp_path: Path) -> None:
     """A surface vehicle of the autopilot's, and what another receiver sends: an aircraft on the
     ground and something without a name.

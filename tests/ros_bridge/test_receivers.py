@@ -94,6 +94,7 @@ def test_a_port_that_is_taken_is_said_at_once() -> None:
     check_ports([source])
 
 
+@pytest.mark.slow
 def test_datagrams_over_udp_become_reports() -> None:
     port = free_udp_port()
     with (
@@ -118,6 +119,7 @@ def test_datagrams_over_udp_become_reports() -> None:
         assert live.take_problem() == ""
 
 
+@pytest.mark.slow
 def test_sentences_over_tcp_become_reports_and_again_after_a_new_connection() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
@@ -131,6 +133,7 @@ def test_sentences_over_tcp_become_reports_and_again_after_a_new_connection() ->
                 assert isinstance(outcomes[0], Report) and outcomes[0].identifier == "flarm:dd8f12"
 
 
+@pytest.mark.slow
 def test_an_aircraft_has_the_same_name_in_all_feeds() -> None:
     port = free_udp_port()
     with (
@@ -175,6 +178,7 @@ def test_the_mavlink_program_refuses_what_it_could_not_listen_at() -> None:
             options_of(["--connect", "udp:0.0.0.0:14550", "--adsb", source])
 
 
+@pytest.mark.slow
 def test_the_display_shows_what_a_device_sends_and_its_ownship() -> None:
     pytest.importorskip("websockets", reason="websockets is not installed")
     from tests.ros_bridge.test_display_live import aircraft as shown
@@ -216,6 +220,7 @@ def test_the_display_shows_what_a_device_sends_and_its_ownship() -> None:
         assert process.returncode == 0 and errors == ""
 
 
+@pytest.mark.slow
 def test_a_translator_passes_on_what_a_device_sends() -> None:
     graph = pytest.importorskip("tests.ros_bridge.graph")
     from diagnostic_msgs.msg import DiagnosticArray

@@ -267,6 +267,7 @@ def test_new_plan_has_a_greater_revision_and_replaces_the_current_one(client: Cl
     assert [plan.revision for plan in plans] == sorted({plan.revision for plan in plans})
 
 
+@pytest.mark.slow
 def test_unsafe_plan_is_answered_and_advised_but_not_published(client: Client, world: World):
     plans = client.hear(Trajectory, f"{NODE}/output/trajectory", qos.LATCHED)
     advice = client.hear(Trajectory, f"{NODE}/output/advisory", qos.EVENTS)
@@ -285,6 +286,7 @@ def test_unsafe_plan_is_answered_and_advised_but_not_published(client: Client, w
     assert bytes(response.trajectory.id.uuid) not in {bytes(plan.id.uuid) for plan in plans}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "code", "field"),
     [
@@ -345,6 +347,7 @@ def set_to(client: Client, name: str, value: float):
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("world")
 def test_a_silent_ownship_is_stale(client: Client):
     assert set_to(client, "ownship_max_age", 0.3).successful
@@ -393,6 +396,7 @@ def test_diagnostics_name_policy_and_aircraft(client: Client):
     assert values["aircraft"].endswith("separation 1000 m, margin 210 m")
 
 
+@pytest.mark.slow
 def test_a_publisher_that_does_not_fit_is_reported(client: Client):
     health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
     poor = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -427,6 +431,7 @@ def test_deactivation_withdraws_the_plan(client: Client, world: World):
     answer(client, Code.SAFE, world.ownship)
 
 
+@pytest.mark.slow
 def test_traffic_outside_the_domain_shows_in_answer_and_diagnostics(client: Client, world: World):
     health = client.hear(DiagnosticArray, "/diagnostics", qos.EVENTS)
     began = client.now()
@@ -448,9 +453,8 @@ def test_traffic_outside_the_domain_shows_in_answer_and_diagnostics(client: Clie
     assert "intruder_speed is 140 m/s" in values["outside domain"]
 
 
-@pytest.mark.parametrize(
-    "signal_number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
 def test_the_process_ends_in_order(signal_number: signal.Signals):
     with domain() as number:
         process, client = Process("ros_bridge.runner", number), Client(number)

@@ -225,6 +225,7 @@ def becomes(
     raise AssertionError(f"{Code(response.status).name} {response.message}, expected {code.name}")
 
 
+@pytest.mark.slow
 def test_echo_of_the_ownship_before_its_first_state_is_no_intruder(world: World):
     for _ in range(3):
         world.intruder(0.0, 0.0, 0.0, 75.0, id="4B1A2C  ")
@@ -240,6 +241,7 @@ def test_echo_of_the_ownship_before_its_first_state_is_no_intruder(world: World)
     assert ask_for_plan(world).status == Code.SAFE
 
 
+@pytest.mark.slow
 def test_far_aircraft_without_velocity_or_reports_is_excluded_by_name(world: World):
     def far(number: int) -> None:  # in a wind that is known: calm
         world.ownship(id="4b1a2c", valid=0xE5)
@@ -278,6 +280,7 @@ def test_frozen_ownship_is_refused_until_it_moves(world: World):
     becomes(world, Code.SAFE, lambda _: world.ownship(y=500.0, id="4b1a2c"))
 
 
+@pytest.mark.slow
 def test_two_aircraft_under_one_id_are_told_apart(world: World):
     becomes(world, Code.SAFE, lambda _: world.ownship(id="4b1a2c"))
     began = world.client.now()

@@ -84,6 +84,7 @@ def test_a_wind_carries_all_and_changes_nothing_between_them():
     assert windy.truth.separation == calm.truth.separation
 
 
+@pytest.mark.slow
 def test_what_flies_through_an_area_in_a_wind_is_seen_to():
     wind = Wind(12.0, -8.0)
     start = EncounterFlight(encounter_at(), PAPER, C208_PUBLISHED).own
@@ -123,8 +124,8 @@ def start_at(start: VehicleState, time: float) -> VehicleState:
     ("kind", "bound"),
     [
         ("kinematic", 0.1),
-        pytest.param("point_mass", 20.0, marks=NEEDS_JSBSIM),
-        pytest.param("c208", 20.0, marks=NEEDS_JSBSIM),
+        pytest.param("point_mass", 20.0, marks=[NEEDS_JSBSIM, pytest.mark.slow]),
+        pytest.param("c208", 20.0, marks=[NEEDS_JSBSIM, pytest.mark.slow]),
     ],
 )
 def test_flown_plan_keeps_its_separation(kind: str, bound: float):
@@ -326,6 +327,7 @@ def take_up(late: float) -> PlanFlight:
     return record
 
 
+@pytest.mark.slow
 def test_a_plan_taken_up_late_is_left_by_more_than_the_flight_was_off_then():
     prompt, late = take_up(0.0), take_up(4.0)
     assert prompt.error < 0.1 and prompt.promise(1_000.0, 25.0) is Promise.KEPT

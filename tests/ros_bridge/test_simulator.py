@@ -204,6 +204,7 @@ def test_unsafe_and_withdrawn_plans_are_not_flown():
     )
 
 
+@pytest.mark.slow
 def test_pilot_turns_to_the_plan_and_stops_without_an_ownship_or_a_monitor():
     with running_beside(Pilot, ownship_max_age=0.5) as (_, client):
         world = World(client)

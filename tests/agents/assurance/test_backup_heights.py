@@ -139,7 +139,10 @@ def share_kept(flown: Flown, report: Intruder) -> float:
     return max(away / PAPER.separation, above / VERTICAL.separation)
 
 
-@pytest.mark.parametrize(("above", "sense"), [(60.0, Sense.DESCEND), (-60.0, Sense.CLIMB)])
+@pytest.mark.parametrize(
+    ("above", "sense"),
+    [(60.0, Sense.DESCEND), pytest.param(-60.0, Sense.CLIMB, marks=pytest.mark.slow)],
+)
 def test_a_backup_that_climbs_or_descends_keeps_what_it_has_promised(
     above: float, sense: Sense
 ) -> None:
@@ -190,7 +193,7 @@ def test_what_climbs_in_one_scene_descends_in_its_mirror_image() -> None:
         assert clearances[0] == pytest.approx(clearances[1], abs=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_backup_never_leaves_floor_and_ceiling(seed: int) -> None:
     rng = np.random.default_rng(seed)
     options = replace(

@@ -124,7 +124,7 @@ def path_of(
     return advance(state, 0.0 * rate, 0.0 * rate, time - turning, UNLIMITED, np)
 
 
-@pytest.mark.parametrize("name", ["maneuvering", "multi"])
+@pytest.mark.parametrize("name", ["maneuvering", pytest.param("multi", marks=pytest.mark.slow)])
 def test_a_safe_plan_never_holds_a_closed_band(name: str) -> None:
     """Until a band's loss a SAFE plan must have left its manoeuvre by what is missing then.
 

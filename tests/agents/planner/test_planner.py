@@ -840,7 +840,8 @@ def test_a_point_of_the_route_that_is_skipped_is_said(wind: Wind | None) -> None
     assert text.startswith("skipped: route[0] (waypoint 3) is skipped")
 
 
-@pytest.mark.parametrize("speed", [40.0, pytest.param(70.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [40.0, 70.0])
 def test_of_the_points_of_a_leg_the_best_is_rejoined_and_no_corner_is_left_out(
     policy: Policy, speed: float
 ) -> None:

@@ -294,6 +294,7 @@ def test_it_never_solves_what_is_proven_unresolvable():
     assert (lost.separation < QUICK.separation).all()
 
 
+@pytest.mark.slow
 def test_it_does_not_see_an_intent_before_it_shows():
     encounter = duel([7_000.0], course=math.pi + 0.3)._replace(goal_x=np.array([7_000.0]))
     intent = encounter.intent._replace(onset=np.array([[20.0]]), heading_change=np.array([[-0.5]]))
@@ -307,6 +308,7 @@ def test_it_does_not_see_an_intent_before_it_shows():
     assert not np.array_equal(with_intent.own.x, without_intent.own.x, equal_nan=True)
 
 
+@pytest.mark.slow
 def test_it_depends_on_neither_batch_nor_order(encounters: Encounter, flown: Causal):
     order = np.array([2, 1])
     again = causal(take(encounters, order), QUICK, SURROGATE)

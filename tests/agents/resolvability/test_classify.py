@@ -213,6 +213,7 @@ SHORT = RULES._replace(t_max=60.0)
 """Time enough for a goal 3 km away."""
 
 
+@pytest.mark.slow
 def test_the_margins_of_a_proof_are_honoured():
     assert delta(RULES, SURROGATE) == 0.1
     assert EPSILON == 1e-4
@@ -272,6 +273,7 @@ def test_least_cost_witnesses_succeed_in_an_independent_simulation(
         assert length[-2] - 1e-6 <= witnesses.path[number] <= length[-1] + 1e-6
 
 
+@pytest.mark.slow
 def test_no_witness_is_cheaper_than_the_straight_line_or_dearer_than_the_first_found(
     encounters: Encounter, witnesses
 ):

@@ -164,6 +164,7 @@ def test_jsbsim_says_nothing() -> None:
 ROOT = Path(__file__).resolve().parents[3]
 
 
+@pytest.mark.slow
 def test_no_tolerance_is_missed(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

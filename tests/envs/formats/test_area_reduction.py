@@ -81,7 +81,7 @@ def test_a_thinned_ring_stays_as_near_as_it_says(jag: float) -> None:
     assert shapely.symmetric_difference(around, before.convex_hull).area < 1e-3
 
 
-@pytest.mark.parametrize("keep", [Keep.OUT, Keep.IN])
+@pytest.mark.parametrize("keep", [Keep.OUT, pytest.param(Keep.IN, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("jag", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
 def test_a_ring_of_many_points_is_thinned_on_the_safe_side(
     tmp_path: Path, keep: Keep, jag: float

@@ -203,6 +203,7 @@ def test_cells_count_trials_and_failures(tmp_path: Path) -> None:
     assert table_rows[4][4].startswith("5/105; 9") and table_rows[1][2] == "0/0; too few"
 
 
+@pytest.mark.slow
 def test_a_finished_result_is_not_made_again(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

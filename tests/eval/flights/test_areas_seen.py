@@ -56,6 +56,7 @@ def assert_flown_again(flying: ReadyEvaluation, table: dict[str, np.ndarray]) ->
     assert again.path_length.tolist() == table["path_length_m"].tolist()
 
 
+@pytest.mark.slow
 def test_the_policy_flies_round_areas_that_it_would_enter_unseen(
     flying: ReadyEvaluation, monkeypatch: pytest.MonkeyPatch
 ) -> None:

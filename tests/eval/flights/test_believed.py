@@ -129,6 +129,7 @@ def test_reports_of_all_at_all_times_change_nothing(resolver: ByPolicy) -> None:
         np.testing.assert_array_equal(field, reported_field)
 
 
+@pytest.mark.slow
 def test_drop_outs_alone_lose_hardly_an_encounter(resolver: ByPolicy) -> None:
     starts = drawn(150)
     flights = fly(starts, resolver, PAPER)

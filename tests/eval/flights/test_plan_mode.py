@@ -55,6 +55,7 @@ def table_of(out: Path) -> dict[str, np.ndarray]:
     return {name: table.column(name).to_numpy() for name in table.column_names}
 
 
+@pytest.mark.slow
 def test_safe_plans_are_flown_as_the_validator_says(plans: Plans, flown: PlanFlights) -> None:
     safe = plans.candidates.safe
     assert safe.mean() > 0.9
@@ -78,6 +79,7 @@ def test_flights_do_not_depend_on_their_company_and_need_a_trajectory(
     assert math.isnan(part.flights.min_separation[1])
 
 
+@pytest.mark.slow
 def test_refusing_is_no_success(encounters: Encounter, plans: Plans) -> None:
     unsafe = plans._replace(candidates=plans.candidates._replace(findings=Findings.empty(16)))
     rows = slice(0, 4)

@@ -161,7 +161,17 @@ def fly_some(name: str, resolver: StepResolver, first: int, count: int):
     return fly_recorded(starts, resolver, PAPER, noise=noise)
 
 
-@pytest.mark.parametrize("name", ["circle", "maneuvering", "noisy", "multi", "compiled"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "circle",
+        "noisy",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("maneuvering", "multi", "compiled")
+        ),
+    ],
+)
 def test_a_flight_does_not_depend_on_its_company(
     name: str, policy: Policy, shipped: Policy
 ) -> None:
@@ -201,6 +211,7 @@ def test_a_compiled_policy_takes_any_number_of_intruders(policy: Policy) -> None
         Compiled(policy)
 
 
+@pytest.mark.slow
 def test_compiled_decisions_need_no_training_framework() -> None:
     code = """
 import sys

@@ -101,13 +101,8 @@ def test_changes_of_a_model_s_traffic(model: Path, tmp_path: Path) -> None:
     assert set(table["baseline_outcome"]) == {"violation"} and min(table["distance_m"]) >= 610.0
 
 
-@pytest.mark.parametrize(
-    "mode",
-    [
-        "policy",
-        *(pytest.param(other_mode, marks=pytest.mark.slow) for other_mode in ("plan", "assured")),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["policy", "plan", "assured"])
 def test_recorded_tracks_in_every_mode(tmp_path: Path, mode: str) -> None:
     (tmp_path / "straight.daa").write_text(DAA)
     (tmp_path / "turning.json").write_text(json.dumps([ONE]))
@@ -136,6 +131,7 @@ def test_the_public_encounters_fly(tmp_path: Path) -> None:
     assert summary["undecided_rate"]["count"] == 0
 
 
+@pytest.mark.slow
 def test_repairs_are_made_only_if_asked_for_and_counted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -153,7 +153,9 @@ def test_a_flight_along_the_plan_has_no_error() -> None:
         np.testing.assert_allclose(field, 0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize(("condition", "number"), [("calm", 0), ("mixed", 1)])
+@pytest.mark.parametrize(
+    ("condition", "number"), [pytest.param("calm", 0, marks=pytest.mark.slow), ("mixed", 1)]
+)
 def test_no_more_separation_is_lost_than_the_aircraft_is_off_its_plan(
     condition: str, number: int
 ) -> None:
@@ -349,6 +351,7 @@ def test_a_separation_of_its_own_is_lost_far_beyond_the_usual_one() -> None:
     assert row["min_separation_m"] == pytest.approx(record.flight.distance.min() / 50.0)
 
 
+@pytest.mark.slow
 def test_a_plan_that_is_not_safe_is_no_success() -> None:
     flying = campaign(
         "scenario=circle", "changes.min_initial_separation=0", "changes.radius=[1100,1200]"
@@ -396,7 +399,7 @@ def test_a_plan_for_a_wind_enters_the_goal_on_the_ground(number: int, wind: floa
     assert unflyable(curves, (SURROGATE.speed_min - 1.0, SURROGATE.speed_max + 1e-9)) is None
 
 
-@pytest.mark.parametrize("number", [1, 4])
+@pytest.mark.parametrize("number", [1, pytest.param(4, marks=pytest.mark.slow)])
 def test_in_a_wind_the_surrogate_flies_its_plan_as_in_calm_air(number: int) -> None:
     flying = campaign("vehicle=surrogate", "condition.wind_mps=[15,15]")
     _, row = fly(flying, number)
@@ -590,6 +593,7 @@ def receive(udp: socket.socket, layout: struct.Struct) -> list[tuple]:
             return packets
 
 
+@pytest.mark.slow
 def test_flightgear_is_sent_the_flight_in_real_time(policy_path: Path, ports: Ports) -> None:
     overrides = [f"policy={policy_path}", "mode=closed", "scenario=crossing_left"]
     campaign, _ = campaign_of(load(HifiConfig, None, overrides))
@@ -826,6 +830,7 @@ def check_altitudes(flying: Campaign, record: FlightRecord, row: dict[str, Any])
     assert descended == pytest.approx(vertical.descent_max * (levels_at - 3.0), rel=0.2)
 
 
+@pytest.mark.slow
 def test_under_the_monitor_altitudes_are_those_of_backup_and_plan() -> None:
     flying = watched_campaign("surrogate")
     record, row = fly(flying, 1)

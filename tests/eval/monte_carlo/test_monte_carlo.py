@@ -164,7 +164,8 @@ def test_a_run_repeats_from_its_own_configuration(finished: Path, tmp_path: Path
     assert again == (finished / "encounters.parquet").read_bytes()
 
 
-@pytest.mark.parametrize("workers", [pytest.param("1", marks=pytest.mark.slow), "2"])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", ["1", "2"])
 def test_chunks_and_workers_change_no_byte(finished: Path, tmp_path: Path, workers: str) -> None:
     config = ("--config", str(finished / "config.yaml"))
     table_bytes = fly(
@@ -254,6 +255,7 @@ def test_a_longer_run_begins_like_a_shorter_one(finished: Path, tmp_path: Path) 
     np.testing.assert_equal(short.to_pydict(), whole.slice(0, 30).to_pydict())
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_run(finished: Path, tmp_path: Path) -> None:
     table_bytes = fly(
         tmp_path / "other", "--config", str(finished / "config.yaml"), *QUICK, "--seed", "5"

@@ -95,6 +95,7 @@ def test_a_legend_of_every_kind_has_room() -> None:
     assert_inside(initial_conditions(table_of(dict.fromkeys(MARKERS, 1_200))))
 
 
+@pytest.mark.slow
 def test_a_sheet_of_one_flight_is_one_panel_wide() -> None:
     steps = np.arange(11.0)
     own, intruders = np.stack([100.0 * steps, np.zeros(11)]), np.full((1, 2, 11), 2_000.0)

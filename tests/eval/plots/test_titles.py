@@ -108,6 +108,7 @@ def test_no_mark_of_a_sensitivity_vanishes() -> None:
     assert_inside(figure)
 
 
+@pytest.mark.slow
 def test_a_map_of_one_slice_has_room_for_its_title_and_legend() -> None:
     ahead, aside = np.arange(-4e3, 6e3, 100.0), np.arange(-4e3, 4e3, 100.0)
     grid = 0.5 * np.hypot(ahead[:, None] - 1_500.0, aside)

@@ -19,8 +19,6 @@ from tests.eval.conftest import HOSTILE, TRACKS
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
-pytestmark = pytest.mark.slow
-
 
 class Opened:
     """A page with what it asked for and what went wrong in it."""

@@ -31,7 +31,7 @@ def evaluation(policy_path: Path, scenario: str = "circle", **changes: float) ->
     return Evaluation(policy_path, scenarios.scenario(scenario, PAPER, **changes), None, 0, PAPER)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_stopping_begins_no_further_chunk(workers: int, policy_path: Path) -> None:
     stopped: list[bool] = []
     finished = []
@@ -58,6 +58,7 @@ def test_an_encounter_that_cannot_be_drawn_is_the_user_s_affair(
     assert multiprocessing.active_children() == []
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_ends_the_run(policy_path: Path) -> None:
     chunks = fly_chunks(TASK, evaluation(policy_path), 2, CHUNKS, lambda: False)
     next(chunks)
