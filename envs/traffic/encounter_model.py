@@ -24,6 +24,9 @@ anew each second. A file is a text of blocks, each with a line ``# name``:
 ``resample_rates``
     chance a second that a value is drawn anew inside its bin
 
+A model without airspeed, acceleration and turn rate is of what drifts, such as balloons: it stands
+still in the air mass, and climbs and descends.
+
 The units stand nowhere in the file, they are those of the form: kt, kt/s, ft/min, deg/s clockwise,
 ft above ground. (Kochenderfer et al., Uncorrelated encounter model of the National Airspace System,
 ATC-345, 2008.)
@@ -58,7 +61,7 @@ _BLOCKS = (
     "boundaries",
     "resample_rates",
 )
-_NEEDED = (SPEED, ACCELERATION, TURN)
+_FLYING = (SPEED, ACCELERATION, TURN)
 _RANGES = {
     SPEED: (0.0, 2_000.0),
     ACCELERATION: (-500.0, 500.0),
@@ -117,10 +120,12 @@ def read_model(path: str | os.PathLike[str]) -> EncounterModel:
     file = _File(os.fspath(path))
     names = [_bare(name) for name in file.labels("labels_initial")]
     later = file.labels("labels_transition")
-    for name in _NEEDED:
+    drifts = CLIMB in names and not {*_FLYING} & {*names}
+    needed = (CLIMB,) if drifts else _FLYING
+    for name in needed:
         if name not in names:
             raise file.error("labels_initial", f": no variable {name!r}, expected one")
-    moving = _moving(file, names, later)
+    moving = _moving(file, names, later, [name for name in needed if name != SPEED])
     bins, all_bins = _bins(file, names, later, moving)
     parents = _parents(file, "G_initial", names)
     all_parents = _parents(file, "G_transition", later)
@@ -133,7 +138,7 @@ def read_model(path: str | os.PathLike[str]) -> EncounterModel:
         file, "N_transition", changing, all_bins, all_parents[len(names) :], len(names)
     )
     edges = _boundaries(file, names, bins)
-    for name in {*_NEEDED, *changing}:
+    for name in {*needed, *changing}:
         if edges[names.index(name)] is None:
             raise file.error("boundaries", f", variable {name!r}: '*', expected edges")
     rates = file.numbers("resample_rates", len(names), low=0.0, high=1.0)
@@ -227,8 +232,10 @@ def _bare(label: str) -> str:
     return re.sub(r"\(t(\+1)?\)$", "", label).strip()
 
 
-def _moving(file: _File, names: list[str], later: list[str]) -> tuple[int, ...]:
-    """Return the place in the initial network of each variable at t + 1."""
+def _moving(file: _File, names: list[str], later: list[str], needed: list[str]) -> tuple[int, ...]:
+    """Return the place in the initial network of each variable at t + 1, among which are those that
+    are needed.
+    """
     block, current = "labels_transition", later[: len(names)]
     if [_bare(label) for label in current] != names or any(
         label.endswith("(t+1)") for label in current
@@ -241,7 +248,7 @@ def _moving(file: _File, names: list[str], later: list[str]) -> tuple[int, ...]:
                 block, f": {label!r}, expected a variable of labels_initial with (t+1)"
             )
         places.append(names.index(_bare(label)))
-    for name in (ACCELERATION, TURN):
+    for name in needed:
         if names.index(name) not in places:
             raise file.error(block, f": no variable {name + '(t+1)'!r}, expected one")
     return tuple(places)

@@ -8,7 +8,8 @@ network draws the bins anew, and a value changes where its bin does or, with the
 alone: all bins are then equally likely at first, and later on the bin stays.
 
 Airspeed is taken for ground speed (no wind) and for its horizontal part. The speed stays
-inside the edges of the model's own bins and below the traffic's greatest, where it is held.
+inside the edges of the model's own bins and below the traffic's greatest, where it is held. A model
+without airspeed stands still.
 """
 
 import math
@@ -121,8 +122,7 @@ def fly_tracks(model: EncounterModel, sampled: Sampled, speed_max: float) -> Veh
     Each second's acceleration and turn rate are flown exactly. A first speed beyond the limits
     stays until it is commanded inwards.
     """
-    edges = model.boundaries[model.place(SPEED)]
-    assert edges is not None  # the reader refuses it
+    edges = _edges_of_speed(model)
     slowest, fastest = edges[0] * KNOT, min(edges[-1] * KNOT, speed_max)
     limits = Limits(slowest, fastest, -math.inf, math.inf, math.inf)
     zero = np.zeros(len(sampled.speed))
@@ -130,6 +130,14 @@ def fly_tracks(model: EncounterModel, sampled: Sampled, speed_max: float) -> Veh
     for acceleration, turn_rate in zip(sampled.acceleration.T, sampled.turn_rate.T, strict=True):
         states.append(advance(states[-1], acceleration, turn_rate, 1.0, limits, np))
     return VehicleState(*(np.stack(field, axis=-1) for field in zip(*states, strict=True)))
+
+
+def _edges_of_speed(model: EncounterModel) -> np.ndarray:
+    """Return the edges of the bins of airspeed, kt; 0 of a model that has none."""
+    names = [variable.name for variable in model.initial]
+    edges = model.boundaries[names.index(SPEED)] if SPEED in names else np.zeros(2)
+    assert edges is not None  # the reader refuses it
+    return edges
 
 
 def _initial(model: EncounterModel, draws: np.ndarray) -> np.ndarray:

@@ -61,6 +61,33 @@ SMALL = """\
 0 0 0.2 0.1 0.3
 """
 
+DRIFTING = """\
+# labels_initial
+"L", "\\dot h"
+# G_initial
+0 1
+0 0
+# r_initial
+2 2
+# N_initial
+30 70 10 20 60 10
+# labels_transition
+"L", "\\dot h(t)", "\\dot h(t+1)"
+# G_transition
+0 0 0
+0 0 1
+0 0 0
+# r_transition
+2 2 2
+# N_transition
+9 1 2 8
+# boundaries
+0 1000 2000
+-800 0 800
+# resample_rates
+0 0.1
+"""  # balloons
+
 
 def write_file(tmp_path: Path, text: str = SMALL) -> Path:
     path = tmp_path / "model.txt"
@@ -265,6 +292,41 @@ def test_a_track_is_what_was_drawn(tmp_path: Path) -> None:
         heading += 1e-3 * sampled.turn_rate[0, 0]
         speed = min(max(speed + 1e-3 * sampled.acceleration[0, 0], 100 * KNOT), 150.0)
     assert (track.x[0, 1], track.y[0, 1]) == pytest.approx((x, y), abs=0.01)
+
+
+def test_what_drifts_stands_still_in_the_air_and_climbs_and_descends(tmp_path: Path) -> None:
+    model = read_model(write_file(tmp_path, DRIFTING))
+    encounters, weights = encounters_with(family(model, vertical_miss=100.0), 5, 0, 200)
+    recording = recording_of(encounters)
+    for place in (recording.x, recording.y):
+        np.testing.assert_array_equal(place, np.broadcast_to(place[..., :1], place.shape))
+    np.testing.assert_array_equal(recording.speed, 0.0)
+    # The plane's area per second and metre is that which the ownship sweeps.
+    np.testing.assert_allclose(weights, encounters.own.speed)
+    climb = np.diff(encounters.altitudes.intruders[:, 0]) / (0.3048 / 60.0)  # ft/min
+    assert np.abs(climb).max() <= 800.0 + 1e-6
+    assert {-1.0, 1.0} <= set(np.sign(climb).ravel())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('"\\dot h"', '"w"', "line 2, block labels_initial: no variable 'v', expected one"),
+        ("-800 0 800", "*", "block boundaries, variable '\\\\dot h': '*', expected edges"),
+        (
+            '"L", "\\dot h"',
+            '"L", "v"',
+            "line 2, block labels_initial: no variable '\\\\dot v', expected one",
+        ),
+    ],
+)
+def test_a_malformed_file_of_what_drifts_is_refused(
+    tmp_path: Path, old: str, new: str, sentence: str
+) -> None:
+    assert old in DRIFTING
+    with pytest.raises(EncounterError, match=r"model\.txt") as refused:
+        read_model(write_file(tmp_path, DRIFTING.replace(old, new, 1)))
+    assert sentence in str(refused.value)
 
 
 DURATION = 400
