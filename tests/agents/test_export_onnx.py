@@ -36,6 +36,8 @@ pytest.importorskip("jax2onnx")
 reference = pytest.importorskip("onnx.reference")
 onnxruntime = pytest.importorskip("onnxruntime")
 
+pytestmark = pytest.mark.slow
+
 PARITY = 1e-4
 SHIPPED = Path(str(resources.files("agents").joinpath("data/policy.safetensors")))
 
@@ -98,7 +100,6 @@ def test_an_absent_intruder_s_separation_counts_nowhere():
     assert np.array_equal(policy.command(*nobody, far), policy.command(*nobody, 0.1 * far))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("feature_set", ["none", "mirror", "set"])
 def test_every_network_is_exported(feature_set: str):
     content = random_content(feature_set)
@@ -147,7 +148,6 @@ def test_a_model_that_disagrees_is_not_written(tmp_path: Path, monkeypatch: pyte
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
 def test_bad_input_ends_with_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     damaged = tmp_path / "damaged.safetensors"
     damaged.write_bytes(SHIPPED.read_bytes()[:-1])
@@ -186,7 +186,6 @@ def test_an_observation_that_the_policy_refuses_gives_no_number(bad: float):
     assert np.isfinite(expected).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_scene_that_is_not_finite_gives_no_number(bad: float):
     onnx_model, good = random_model("set"), inputs_of(random_content("set"))

@@ -218,6 +218,7 @@ def test_the_follower_judges_each_intruder_by_its_own_separation(plans: Plans) -
         assert (flight.too_close == wrong).all()
 
 
+@pytest.mark.slow
 def test_the_follower_does_not_judge_beyond_the_plan(plans: Plans) -> None:
     # An intruder that stands where the plan would lead ten seconds after its last waypoint.
     curves, end = legs(plans.plan_states), plans.plan_states.time[:, -1]
@@ -597,6 +598,7 @@ def test_a_longer_attack_by_two_processes_finds_nothing(capsys: pytest.CaptureFi
     assert figures["violations"] == 0
 
 
+@pytest.mark.slow
 def test_the_judgement_is_exact_for_aircraft_that_turn_fast(policy: Policy) -> None:
     # Random aircraft of up to 30 deg/s; this plan turns by 0.26 rad in half a second.
     tally = attack.attack(Batch(7, (25_000,), 25_021, 25_022, False, any_aircraft=True), policy)

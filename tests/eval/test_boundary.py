@@ -70,6 +70,7 @@ def test_a_point_at_rest_is_missed_by_the_turning_circle():
     np.testing.assert_allclose(flown, exact, atol=0.1)
 
 
+@pytest.mark.slow
 def test_nobody_keeps_more_than_there_is(fine: Solution):
     distance = np.hypot(fine.grid.x[:, None], fine.grid.y)
     assert (fine.value <= distance * (1.0 + 1e-6)).all()
@@ -80,6 +81,7 @@ def test_nobody_keeps_more_than_there_is(fine: Solution):
     assert away == pytest.approx([1_200.0])
 
 
+@pytest.mark.slow
 def test_no_lost_state_touches_the_edge(coarse: Solution):
     assert edge_value(coarse) > 1.1 * SEPARATION
     assert edge_value(solve_grid(SURROGATE, 150.0, 5.0, 120.0)) > 1.1 * SEPARATION

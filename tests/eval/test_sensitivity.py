@@ -111,6 +111,7 @@ def test_rates_are_counted_by_hand() -> None:
     assert (plan["success_rate"]["low"], plan["success_rate"]["high"]) == (low, high)
 
 
+@pytest.mark.slow
 def test_files_of_a_run_cut_into_bins(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert sensitivity.main(["--run", str(make_run(tmp_path / "run")), "--out", str(out)]) == 0

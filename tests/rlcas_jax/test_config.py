@@ -385,6 +385,7 @@ def test_the_program_does_not_change_by_itself(base: tuple[str, ...]) -> None:
     assert tuple(programs()) == base
 
 
+@pytest.mark.slow
 def test_training_is_in_the_plane(base: tuple[str, ...]) -> None:
     assert tuple(programs(*(f"{key}={value}" for key, value in CLIMBS.items()))) == base
 

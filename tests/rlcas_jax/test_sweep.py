@@ -204,6 +204,7 @@ def test_the_example_is_a_space_of_the_quick_configuration() -> None:
     assert "learning_rate" in options.space
 
 
+@pytest.mark.slow
 def test_no_combination_of_the_example_is_refused() -> None:
     space: dict[str, Any] = dict(
         parse_space(read(ROOT / "configs/sweep_quick.yaml"), "sweep_quick.yaml")

@@ -77,7 +77,7 @@ def manoeuvre(own: VehicleState, bands: Bands, number: int, kind: str) -> PlanSt
     return PlanStates(x, y, heading, speed, np.stack(times, axis=1))
 
 
-@pytest.mark.parametrize("noise", [False, True])
+@pytest.mark.parametrize("noise", [pytest.param(False, marks=pytest.mark.slow), True])
 @pytest.mark.parametrize("kind", ["heading", "speed"])
 def test_a_band_is_closed_where_the_validator_finds_its_manoeuvre_too_close(
     kind: str, noise: bool

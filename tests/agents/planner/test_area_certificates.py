@@ -34,9 +34,9 @@ def is_accepted(data: Any) -> bool:
 @pytest.mark.parametrize(
     "area",
     [
-        Area(Circle(14e3, 300.0, 2e3), clearance=150.0),
+        pytest.param(Area(Circle(14e3, 300.0, 2e3), clearance=150.0), marks=pytest.mark.slow),
         Area(Polygon(CORNERS), velocity=(-3.0, 1.0), growth=0.5),
-        Area(Circle(20e3, 0.0, 28e3), Keep.IN, growth=-5.0),
+        pytest.param(Area(Circle(20e3, 0.0, 28e3), Keep.IN, growth=-5.0), marks=pytest.mark.slow),
     ],
 )
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def beside(rng: np.random.Generator) -> Area:
 
 
 @pytest.mark.parametrize(
-    "count", [20, pytest.param(200, marks=pytest.mark.slow)], ids=["few", "many"]
+    "count", [14, pytest.param(200, marks=pytest.mark.slow)], ids=["few", "many"]
 )
 def test_what_the_validator_keeps_is_accepted_and_what_is_accepted_is_kept(count: int) -> None:
     answer = plan(OWN, [CROSSING], ROUTE, POLICY, OPTIONS)

@@ -84,6 +84,7 @@ def assert_same(first: Any, second: Any) -> None:
             np.testing.assert_array_equal(value, expected)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(chosen=manoeuvres, heading=st.floats(-math.pi, 3.14), speed=st.floats(49.0, 101.0))
 def test_steps_at_once_are_those_of_the_true_flight(

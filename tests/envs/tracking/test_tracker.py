@@ -329,6 +329,7 @@ def test_a_turn_misleads_for_seconds_at_most(errors: tuple[float, float]) -> Non
             assert math.sqrt(np.mean(error.velocity**2)) < 1.6 * raw[1]
 
 
+@pytest.mark.slow
 def test_the_rate_of_a_turn_is_known_within_its_sigmas() -> None:
     for degrees in (1.0, 2.0, 3.0, 6.0):
         rate = math.radians(degrees)
@@ -503,6 +504,7 @@ def test_noise_that_nobody_declares_is_covered_after_20_s(declared: tuple[float,
         assert math.sqrt(np.mean(error.velocity**2)) < 1.5
 
 
+@pytest.mark.slow
 @given(st.floats(0.0, 100.0), st.floats(0.0, 10.0), st.floats(0.0, 500.0), st.floats(0.0, 10.0))
 def test_declared_errors_are_never_undercut_where_they_may_be_constant(
     position_std: float, velocity_std: float, far: float, fast: float

@@ -203,6 +203,7 @@ def reports(positions: list[tuple[str, int, float, float]], **more: object) -> l
     ]
 
 
+@pytest.mark.slow
 def test_pairs_of_adsb_reports_become_encounters(tmp_path: Path) -> None:
     # 0.001 degrees are 73.17 m here, 142.24 kt; they pass 1.1 km beside each other after 70 s.
     east = [("aaa", t, 49.0, 2.0 + 0.001 * t) for t in range(160)]

@@ -200,6 +200,7 @@ def check_verdict(row: dict[str, Any]) -> None:
     assert (row["reason"] == "") == (row["outcome"] == "reached")
 
 
+@pytest.mark.slow
 def test_a_flight_in_closed_loop_ends_where_it_is_decided() -> None:
     for number in range(3):
         record, row = fly(campaign("mode=closed", "condition.name=wind"), number)

@@ -398,6 +398,7 @@ def test_own_file_of_encounters(
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_one_encounter_and_no_failure_are_no_trouble(tmp_path: Path, policy_path: Path) -> None:
     mine = tmp_path / "clear.csv"
     text = "encounter,own_x_m,own_y_m,own_heading_deg,own_speed_m_s,goal_x_m,goal_y_m,"

@@ -156,7 +156,8 @@ def test_histogram_counts_every_flight_and_splits_at_the_requirement() -> None:
     assert below == (table["min_separation_m"] < 1_000.0).sum()
 
 
-@pytest.mark.parametrize("name", [pytest.param("multi", marks=pytest.mark.slow), "noisy"])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["multi", "noisy"])
 def test_the_sheet_flies_what_the_table_says(name: str, policy: Policy, policy_path: Path) -> None:
     evaluation = Evaluation(policy_path, scenario(name, PAPER), None, 3, PAPER)
     pilot = ReadyEvaluation(evaluation, policy)
