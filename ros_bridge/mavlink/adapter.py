@@ -14,7 +14,7 @@ from commands.command import InputError, visible
 from ros_bridge.core.areas import AreaReport
 from ros_bridge.core.conversions import Station
 from ros_bridge.core.guidance import blank
-from ros_bridge.core.looking import step_without_plan
+from ros_bridge.core.lookout import step_without_plan
 from ros_bridge.core.situation import Held
 from ros_bridge.core.status import Status
 from ros_bridge.display.background import BackgroundServer, supervised_scene

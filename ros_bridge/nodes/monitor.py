@@ -54,7 +54,7 @@ from ros_bridge.core.assurance import (
 )
 from ros_bridge.core.fields import SECOND, FieldError, nanoseconds
 from ros_bridge.core.guidance import blank, guidance
-from ros_bridge.core.looking import step_without_plan
+from ros_bridge.core.lookout import step_without_plan
 from ros_bridge.core.planning import prepare
 from ros_bridge.core.status import status
 from ros_bridge.transport import process, topics

@@ -25,7 +25,7 @@ from envs.trees import take
 from envs.waypoints import at, legs, plan_states
 from ros_bridge.core.assurance import Supervision, activate, initial, step_monitor
 from ros_bridge.core.guidance import Guidance, Shown, blank, guidance
-from ros_bridge.core.looking import step_without_plan
+from ros_bridge.core.lookout import step_without_plan
 from ros_bridge.core.replies import to_frame
 from ros_bridge.core.reports import EXACT as EXACT_REPORTS
 from ros_bridge.core.situation import Situation

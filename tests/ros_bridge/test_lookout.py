@@ -10,7 +10,7 @@ pytest.importorskip("pyproj", reason="pyproj is not installed; to have it: make 
 from agents.planner.request.request import in_wind
 from envs.wind import Wind
 from ros_bridge.core.assurance import Supervision, initial
-from ros_bridge.core.looking import step_without_plan
+from ros_bridge.core.lookout import step_without_plan
 from ros_bridge.core.reports import USUAL
 from ros_bridge.core.situation import Situation
 from ros_bridge.core.tasks import task
