@@ -113,8 +113,8 @@ def rearrange(alerts: Alerts, places: Sequence[int], alerting: Alerting) -> Aler
 
 
 def levels(loss: Float[Array, "..."], times: Times) -> Int[Array, "..."]:
-    """Return the level of times to loss, s, of any shape; inf: none."""
-    return sum((np.asarray(loss) <= limit).astype(np.int8) for limit in times)
+    """Return the level of times to loss, s, of any shape; inf: none, nan: the highest."""
+    return sum((~(np.asarray(loss) > limit)).astype(np.int8) for limit in times)
 
 
 def update(

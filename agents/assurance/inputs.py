@@ -256,6 +256,11 @@ def _judge_reports(memory: Memory, inputs: Inputs, time: Array) -> _Reports:
         & (np.abs(inputs.turn_rate) <= _FASTEST_TURN)
         & _spread(inputs.turn_std)
     )
+    if inputs.separation is not None:
+        sane &= np.isnan(inputs.separation) | (inputs.separation > 0.0)
+        sane &= ~(inputs.separation > _FARTHEST)
+    if inputs.window is not None:
+        sane &= ~(np.isnan(inputs.window.begin) | np.isnan(inputs.window.end))
     reported = time[:, None] - np.where(sane, inputs.age, 0.0)
     last = np.where(inputs.mask, memory.reported, -np.inf)
     ordered = (inputs.age >= -AHEAD) & (reported >= last - _SAME)

@@ -31,7 +31,14 @@ from agents.kernel.traffic import advance_reports
 from agents.planner.answer import Plan
 from agents.planner.request.fields import listed
 from agents.planner.request.options import L, Narrowed, Options
-from agents.planner.request.reports import Intruder, arrays_of_reports, windows, with_state
+from agents.planner.request.reports import (
+    Intruder,
+    arrays_of_reports,
+    is_usable,
+    usable_altitude,
+    windows,
+    with_state,
+)
 from envs.areas import Area
 from envs.backend import FLOATS
 from envs.frames import Air, Ground
@@ -147,6 +154,8 @@ def activate(
     Raises:
         RequestError: the plan's wind is too uncertain for the aircraft.
     """
+    own_altitude = usable_altitude(own_altitude)
+    intruders = {name: report for name, report in intruders.items() if is_usable(report)}
     watch = _allocate(
         watch, (*watch.names, *(name for name in intruders if name not in watch.names))
     )
@@ -201,6 +210,11 @@ def step(
     """Judge one second, s, by the last reports; ``own`` is None where it is missing, ``gone`` do
     not count any more. The own altitude is as of now, and so are the areas, all that there are.
     """
+    own_altitude = usable_altitude(own_altitude)
+    intruders = {
+        name: report if is_usable(report) else Intruder(_MISSING)
+        for name, report in intruders.items()
+    }
     # Among hundreds of aircraft a name is sought for in sets alone.
     watched, leaving = set(watch.names), set(gone)
     names = (

@@ -38,8 +38,9 @@ from agents.kernel.levels import Altitude, Gap, gap_between
 from agents.kernel.separation import separation
 from agents.kernel.traffic import Requirement, Traffic, Window
 from agents.kernel.trajectory import straight_on
+from agents.planner.answer import Field, Subject
 from agents.planner.request.options import L, Options
-from agents.planner.request.reports import Intruder
+from agents.planner.request.reports import Intruder, check_altitude, is_usable
 from envs.aircraft import Vertical
 from envs.areas import Keep, Level, vertical_limits
 from envs.arrays import Array, Float, Shaped
@@ -91,11 +92,13 @@ class Layers(NamedTuple):
 def altitudes_of(own: Altitude, intruders: Sequence[Intruder[F]], options: Options[L]) -> Altitudes:
     """Return the altitudes of a request, ``[1]``, with its intruders' ``[1, K]``.
 
-    An intruder whose altitude is unknown, or of another reference, counts at all altitudes.
+    An intruder whose altitude is unknown, out of range, or of another reference, counts at all
+    altitudes.
 
     Raises:
-        ValueError: the own vertical speed is unknown.
+        ValueError: the own altitude is out of range, or the own vertical speed is unknown.
     """
+    check_altitude(Field(Subject.OWN_ALTITUDE), own)
     if own.vertical_speed is None:
         raise ValueError("the own vertical speed is None, expected a number: manoeuvres begin so")
     flown = replace(own, error=own.error + options.vertical_margin, climb_error=0.0)
@@ -111,7 +114,7 @@ def altitudes_of(own: Altitude, intruders: Sequence[Intruder[F]], options: Optio
 
 def _gap(own: Altitude, intruder: Intruder[F], options: Options[L]) -> Gap:
     other = intruder.altitude
-    if other is None or other.reference != own.reference:
+    if other is None or other.reference != own.reference or not is_usable(intruder):
         return Gap(0.0, 0.0, np.inf, 0.0)
     return gap_between(own, other, intruder.age, intruder.vertical(options), options.unknown_climb)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.kernel.levels import ALWAYS, Altitude, Line, level_times, window
 from agents.kernel.traffic import Traffic, Window, turn_error
-from agents.planner.answer import Field, RequestError
+from agents.planner.answer import Field, RequestError, Subject
 from agents.planner.request.fields import part_value, quote
 from agents.planner.request.options import HIGHEST, LOWEST, L, Options
 from envs.arrays import Array, Float
@@ -137,6 +137,29 @@ def _check_separation(name: Field, kind: str, separation: Any) -> float | None:
     if separation is None:
         return None
     return part_value(name, kind, separation, _LEAST, FARTHEST, "m")
+
+
+def is_usable(report: Intruder[Any]) -> bool:
+    """Return whether what a report says of altitudes, separations and the time of its turn is in
+    range, as in :func:`check_report`.
+    """
+    name = Field(Subject.INTRUDERS)
+    try:
+        check_altitude(name, report.altitude)
+        _check_separation(name, "separation", report.separation)
+        _check_separation(name, "vertical_separation", report.vertical_separation)
+    except RequestError:
+        return False
+    return report.turn_time >= 0.0
+
+
+def usable_altitude(altitude: Altitude | None) -> Altitude | None:
+    """Return an altitude, or None, unknown, where it is not finite or out of range."""
+    try:
+        check_altitude(Field(Subject.OWN_ALTITUDE), altitude)
+    except RequestError:
+        return None
+    return altitude
 
 
 def report_in_air(report: Intruder[Ground], wind: Wind | None) -> Intruder[Air]:

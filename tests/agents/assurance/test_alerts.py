@@ -46,6 +46,7 @@ def show(alerting: Alerting, losses: list[float], step: float = 1.0) -> list[int
 def test_levels_follow_the_time_to_loss() -> None:
     losses = [math.inf, 120.1, 120.0, 55.1, 55.0, 25.1, 25.0, 0.0]
     assert levels(losses, USUAL.reached).tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+    assert levels(math.nan, USUAL.reached) == Level.WARNING  # unknown is no reason to be silent
 
 
 def test_one_stray_look_neither_raises_nor_ends_an_alert() -> None:

@@ -495,3 +495,47 @@ def test_a_backup_that_is_flown_keeps_its_altitude_in_gusts() -> None:
     away = replace(level, value=level.value + 1.1 * MARGIN)
     flight.step(1_005.0, altitude=away)
     assert levels_at(flight) == pytest.approx(away.value)
+
+
+BROKEN = [math.nan, math.inf, -math.inf, 1e30]
+BROKEN_REPORTS = [
+    *({"altitude": Altitude(value, "msl", 0.0)} for value in BROKEN),
+    *({"altitude": Altitude(LEVEL, "msl", value)} for value in BROKEN),
+    *({"altitude": Altitude(LEVEL, "msl", 0.0, value)} for value in [*BROKEN, -300.0]),
+    *({"altitude": Altitude(LEVEL, "msl", 0.0, 0.0, value)} for value in [*BROKEN, -300.0]),
+    *({"separation": value} for value in [*BROKEN, -1_000.0]),
+    *({"vertical_separation": value} for value in [*BROKEN, -1_000.0]),
+    *({"turn_rate": 0.05, "turn_time": value} for value in [math.nan, -1.0]),
+]
+IN_PLANE = Thresholds.for_plans(Options.for_aircraft(PAPER, deadline_s=math.inf))
+
+
+@pytest.mark.parametrize("thresholds", [THRESHOLDS, IN_PLANE], ids=["climbs", "plane"])
+def test_a_report_with_a_broken_altitude_or_separation_is_missing(thresholds: Thresholds) -> None:
+    state, own = VehicleState(ONCOMING, 0.0, math.pi, SPEED), VehicleState(0.0, 0.0, 0.0, SPEED)
+    good = Intruder(state, altitude=START)
+    begun, _ = single.step(single.begin(thresholds), 0.0, own, {"a": good}, own_altitude=START)
+    for fields in BROKEN_REPORTS:
+        broken = {"a": Intruder(state, **fields), "b": good}
+        _, verdict = single.step(begun, 1.0, own, broken, own_altitude=START)
+        missing = verdict.measured.intruder_causes[0] & Cause.INTRUDER_MISSING != 0
+        assert missing.tolist() == [True, False], fields
+        assert verdict.measured.traffic.mask.all()
+        window = verdict.measured.traffic.window
+        assert window is None or ((window.begin <= 0.0).all() and (window.end > 0.0).all())
+
+
+@pytest.mark.parametrize("value", BROKEN)
+@pytest.mark.parametrize("field", ["value", "vertical_speed", "error", "climb_error"])
+def test_a_broken_own_altitude_is_unknown(field: str, value: float) -> None:
+    other = Intruder(
+        VehicleState(ONCOMING, 0.0, math.pi, SPEED), altitude=Altitude(9_000.0, "msl", 0.0)
+    )
+    broken, own = replace(START, **{field: value}), VehicleState(0.0, 0.0, 0.0, SPEED)
+    for thresholds in (THRESHOLDS, IN_PLANE):
+        begun = single.begin(thresholds)
+        for given in (None, broken):
+            _, verdict = single.step(begun, 0.0, own, {"other": other}, own_altitude=given)
+            window = verdict.measured.traffic.window
+            assert window is not None and window.begin.item() == -math.inf
+            assert window.end.item() == math.inf

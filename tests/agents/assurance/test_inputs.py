@@ -481,3 +481,19 @@ def test_a_turn_lasts_over_a_repeated_report() -> None:
     again = {"intruders": intruder_at(*FAR, heading=0.5), "age": np.full((1, 1), 2.0)}
     _, decision = tell(monitor, 1.0, **again)
     assert decision.traffic.turn_rate.item() == pytest.approx(0.03), "that report is too old"
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"separation": np.array([[-1_000.0]])},
+        {"separation": np.array([[math.inf]])},
+        {"window": Window(np.array([[NAN]]), np.array([[math.inf]]))},
+        {"window": Window(np.array([[-math.inf]]), np.array([[NAN]]))},
+    ],
+    ids=str,
+)
+def test_a_broken_separation_or_window_makes_the_report_missing(given: dict[str, Any]) -> None:
+    ahead = intruder_at(5_000.0, 0.0, math.pi)
+    monitor, _ = tell(flying(), 0.0, intruders=ahead, **given)
+    assert state_of(monitor) is State.DENIED and causes_of(monitor) & Cause.INTRUDER_MISSING

@@ -493,3 +493,11 @@ def test_a_layer_counts_whenever_a_turning_or_uncertain_intruder_is_too_near() -
 def test_an_ownship_of_unknown_vertical_speed_has_no_bands() -> None:
     with pytest.raises(ValueError, match="vertical speed is None"):
         altitudes_of(Altitude(2_000.0, "msl"), [], OPTIONS)
+
+
+def test_a_broken_altitude_counts_at_all_altitudes_or_is_refused() -> None:
+    broken = Altitude(math.nan, "msl", 0.0)
+    others = [Intruder(VehicleState(0.0, 0.0, 0.0, 75.0), altitude=broken)]
+    assert altitudes_of(Altitude(2_000.0, "msl", 0.0), others, OPTIONS).gap.near == math.inf
+    with pytest.raises(ValueError, match="is nan, expected"):
+        altitudes_of(broken, [], OPTIONS)
