@@ -116,6 +116,17 @@ def test_lines_of_an_aircraft_are_put_together() -> None:
     assert old.field == "adsb 4b1234.velocity_age"
 
 
+def test_an_altitude_of_an_old_line_is_none_of_a_new_position() -> None:
+    reader, place = BaseStation(Traffic("")), {"lat": 47.1, "lon": 8.2}
+    read(reader, (0.0, line(5, 0.0, alt=38_000)))
+    for second, known in ((2.5, True), (60.0, False), (600.0, False)):
+        moving, placed = line(4, second, gs=120, track=180), line(3, second, **place)
+        (report,) = read(reader, (second, moving), (second, placed))
+        assert isinstance(report, Report) and (report.altitude is not None) == known
+    (report,) = read(reader, (601.0, line(3, 601.0, alt=5_000, **place)))
+    assert isinstance(report, Report) and report.altitude is not None
+
+
 def test_what_is_no_traffic_is_left_out_and_counted() -> None:
     own = ROW | {"hex": "4B0000"}
     unplaced = {"hex": "4b0003", "alt_baro": 3000, "seen": 1.0}

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from enum import IntEnum
 from typing import Any
 
-from ros_bridge.core.feeds.rows import ADDRESS, RowTarget
+from ros_bridge.core.feeds.rows import ADDRESS, APART, RowTarget
 from ros_bridge.core.feeds.traffic import Stream, Traffic, remember
 from ros_bridge.core.fields import SECOND, FieldError
 from ros_bridge.core.reports import Report
@@ -96,8 +96,11 @@ def _take_columns(row: dict[str, Any], parts: list[str], time: int) -> None:
     kind, on_ground = parts[_Column.KIND], parts[_Column.ON_GROUND]
     if on_ground or kind in (_SURFACE, _AIRBORNE):
         row["altitude"] = "ground" if kind == _SURFACE or on_ground in ("1", "-1") else None
-    previous = None if row.get("altitude") == "ground" else row.get("alt_baro")
-    row["alt_baro"] = parts[_Column.ALTITUDE] or previous
+    is_old = abs(time - row.get("altitude_time", time)) > APART * SECOND
+    if parts[_Column.ALTITUDE]:
+        row["alt_baro"], row["altitude_time"] = parts[_Column.ALTITUDE], time
+    elif is_old or row.get("altitude") == "ground":
+        row["alt_baro"] = None
     row["flight"] = parts[_Column.CALLSIGN] or row.get("flight")
     if parts[_Column.SPEED] and parts[_Column.TRACK]:
         row["gs"], row["track"] = parts[_Column.SPEED], parts[_Column.TRACK]

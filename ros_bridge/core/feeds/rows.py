@@ -16,12 +16,14 @@ from ros_bridge.core.feeds.traffic import Target
 from ros_bridge.core.fields import FieldError, attempt, callsign, number, place
 from ros_bridge.core.reports import FASTEST
 
-__all__ = ["ADDRESS", "RowTarget", "first_known"]
+__all__ = ["ADDRESS", "APART", "RowTarget", "first_known"]
 
 ADDRESS = re.compile(r"~?[0-9a-f]{6}")
 """Of an aircraft, after ``~`` where it is none of ICAO's."""
 
-_APART = 3.0  # s, between a position and the velocity that goes with it
+APART = 3.0
+"""Between a position and the velocity or altitude of another line that go with it, s."""
+
 _CLIMBS = ("geom_rate", "baro_rate", "vert_rate")  # names of rates of climb, the best first
 
 
@@ -123,7 +125,7 @@ class RowTarget(Target):
         :class:`FieldError` where they do not go together.
         """
         age = self.row.get("velocity_age", 0.0)
-        return number(f"{self.field}.velocity_age", age, -_APART, _APART, "s")
+        return number(f"{self.field}.velocity_age", age, -APART, APART, "s")
 
 
 def first_known(row: Mapping[str, Any], *names: str) -> Any:
