@@ -349,7 +349,10 @@ def _target(
 def _parameter(
     received: Received, message: "dialect.MAVLink_param_value_message", _: int, __: Reading
 ) -> Received:
-    parameters = {**received.parameters, message.param_id: float(message.param_value)}
+    value = float(message.param_value)
+    if not math.isfinite(value):  # the last one stays
+        return received
+    parameters = {**received.parameters, message.param_id: value}
     return replace(received, parameters=MappingProxyType(parameters))
 
 

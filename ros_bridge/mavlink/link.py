@@ -4,6 +4,7 @@ The clock is the autopilot's own, which begins at its start: a step of the date,
 changes nothing. What is late on the link is known by the quickest message before.
 """
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -247,7 +248,10 @@ class Link:
                         mav.param_request_read_send, self.system, self.component, b"", number
                     )
             for message in self._answers("PARAM_VALUE"):
-                values[message.param_id] = float(message.param_value)
+                value = float(message.param_value)
+                if not math.isfinite(value):
+                    raise LinkError(f"parameter {message.param_id} is {value}; expected a number")
+                values[message.param_id] = value
                 if missing is None:
                     missing = set(range(message.param_count))
                 missing.discard(message.param_index)

@@ -114,19 +114,18 @@ def home_altitude(items: Sequence[Item]) -> float | None:
 
 def altitude_of(item: Item, items: Sequence[Item], offset: float = 0.0) -> Altitude | None:
     """Return at which altitude an item of a mission is flown; None: it is above the terrain, or
-    above a home that is unknown.
+    above a home that is unknown, or no number.
 
     Args:
         item: of the mission.
         items: all of the mission.
         offset: that the autopilot adds, ALT_OFFSET, m.
     """
-    if item.frame in _ABOVE_SEA:
-        return Altitude(item.altitude + offset, "msl", 0.0)
-    home = home_altitude(items)
-    if item.frame not in _ABOVE_HOME or home is None:
+    above = 0.0 if item.frame in _ABOVE_SEA else home_altitude(items)
+    if item.frame not in _ABOVE_SEA | _ABOVE_HOME or above is None:
         return None
-    return Altitude(home + item.altitude + offset, "msl", 0.0)
+    value = above + item.altitude + offset
+    return Altitude(value, "msl", 0.0) if math.isfinite(value) else None
 
 
 def remaining_items(items: Sequence[Item], current: int) -> tuple[Item, ...]:

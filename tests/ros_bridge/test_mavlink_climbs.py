@@ -7,6 +7,7 @@ import socket
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from xml.etree import ElementTree
 
@@ -248,6 +249,20 @@ def test_an_item_has_the_altitude_that_its_frame_says(frame: int, altitude: floa
     assert (mission.altitude_of(mission_items[1], mission_items[1:]) is None) == (
         frame not in (0, 5)
     )
+
+
+@pytest.mark.parametrize("frame", [0, 3])
+def test_an_altitude_that_is_no_number_is_unknown(frame: int) -> None:
+    mission_items = items(math.nan, frame=frame)
+    assert mission.altitude_of(mission_items[1], mission_items) is None
+    assert mission.altitude_of(items(100.0, frame=frame)[1], mission_items, math.inf) is None
+
+
+def test_a_parameter_that_is_no_number_changes_nothing() -> None:
+    received = Received(parameters=MappingProxyType({"ALT_OFFSET": 7.0}))
+    for value in (math.nan, math.inf):
+        message = dialect.MAVLink_param_value_message(b"ALT_OFFSET", value, 9, 1, 0)
+        assert take(received, message, 0, Reading({})).altitude_offset == 7.0
 
 
 def test_an_items_frame_is_read() -> None:
