@@ -14,6 +14,8 @@ from ros_bridge.mavlink.mission import Item
 from ros_bridge.mavlink.state import Advance, State
 from ros_bridge.mavlink.texts import tell
 
+_SAME_HEIGHT = 1.0  # m by which home moves unsaid
+
 
 def areas_of(corners: Sequence[Item], clearance: float) -> tuple[GeodeticArea, ...]:
     """Return the areas of a fence, or raise :class:`InputError`; the clearance from them in m."""
@@ -37,9 +39,17 @@ def take_item(state: State, message: Any, time: int, margin: float) -> Advance:
 
 
 def _change_mission(state: State, items: tuple[Item, ...], time: int) -> Advance:
-    """Take over another mission; while a plan is flown, only note that there is one."""
-    if items[1:] == state.items[1:]:  # the first is home
+    """Take over another mission; while a plan is flown, only note that there is one. Where home,
+    its first item, alone has moved, altitudes are above the new one from then on.
+    """
+    if items == state.items:
         return Advance(state)
+    if items[1:] == state.items[1:]:
+        before, height = (mission.home_altitude(of) for of in (state.items, items))
+        line = "unknown" if height is None else f"{height:.0f} m above mean sea level"
+        noted = before is not None and height is not None and abs(height - before) < _SAME_HEIGHT
+        lines = () if noted else (Log(f"home has moved: its altitude is {line}", time),)
+        return Advance(replace(state, items=items), lines)
     if not state.control.flies:
         line = Log(f"the mission has changed: {len(items)} items", time)
         return Advance(replace(state, items=items, leg=None), (line,))

@@ -50,7 +50,8 @@ from ros_bridge.mavlink.events import (
 from ros_bridge.mavlink.intake import Reading, Received, take
 from ros_bridge.mavlink.judging import Judgement, Question, answer, rules
 from ros_bridge.mavlink.messages import Mode
-from ros_bridge.mavlink.mission import Item, remaining_items, route
+from ros_bridge.mavlink.mission import Item, altitude_of, remaining_items, route
+from ros_bridge.mavlink.refresh import Refresh, ask
 from ros_bridge.mavlink.state import LATE, Advance, Setup, State
 from ros_bridge.mavlink.vehicle import vehicle_of
 from tests.ros_bridge.test_mavlink import PARAMETERS
@@ -349,3 +350,24 @@ def _time(event: Event) -> int:
         return event.moment.time
     assert isinstance(event, Message)
     return event.time
+
+
+def test_where_home_moves_altitudes_are_above_the_new_one(world: World) -> None:
+    before, moved = ITEMS[0], ITEMS[0]._replace(altitude=112.0)
+    for fly in (False, True):
+        state = replace(world.begin(fly=fly), refresh=ask(Refresh(), 10.0).refresh)
+        for message in (
+            dialect.MAVLink_mission_count_message(245, 191, len(ITEMS), 0),
+            *(
+                dialect.MAVLink_mission_item_int_message(
+                    *(245, 191, item.number, item.frame, item.command, 0, 1),
+                    *(item.parameter, item.second, item.third, 0.0),
+                    *(round(1e7 * item.latitude), round(1e7 * item.longitude), item.altitude, 0),
+                )
+                for item in (moved, *ITEMS[1:])
+            ),
+        ):
+            state = advance(state, Message(message, 10 * SECOND), world.setup).state
+        assert before.altitude != state.items[0].altitude == 112.0
+        last = altitude_of(state.items[-1], state.items)
+        assert last is not None and last.value == 212.0
