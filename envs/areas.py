@@ -250,6 +250,19 @@ def vertical_limits(
     return max(floors, default=None), min(ceilings, default=None)
 
 
+def unknown_limits(areas: Iterable[Area], reference: str) -> list[tuple[int, str, Level]]:
+    """Return the floors and ceilings of areas to be kept in that have another reference: the
+    number of the area, the field's name and the level. How high they are nobody knows.
+    """
+    return [
+        (number, name, level)
+        for number, area in enumerate(areas)
+        if area.keep is Keep.IN
+        for name, level in (("floor", area.floor), ("ceiling", area.ceiling))
+        if level is not None and level.reference != reference
+    ]
+
+
 def _shift(shape: Polygon | Circle, dx: float, dy: float) -> Polygon | Circle:
     """Return a shape moved by dx and dy, m."""
     if isinstance(shape, Circle):

@@ -266,9 +266,10 @@ def step(
     if in_space:
         causes, options = Cause(int(decision.causes[0])), thresholds.options
         sense, begin = Sense(int(monitor.backup.sense[0])), space.begin_backup(own_altitude)
-        watch = replace(watch, backup_climb=climb_of_backup(sense, begin, time, options))
+        from_begin = space.options_from(begin)
+        watch = replace(watch, backup_climb=climb_of_backup(sense, begin, time, from_begin))
         if fly is FlyMode.BACKUP:
-            flight = backup_flight(sense, begin, options)
+            flight = backup_flight(sense, begin, from_begin)
         elif fly is FlyMode.PLAN and watch.climb is not None and not causes & Cause.ALTITUDE_ERROR:
             flight = watch.climb.flight(own_altitude, time, options)
         else:

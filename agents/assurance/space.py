@@ -19,6 +19,7 @@ from agents.assurance.climbs import BackupMeets, Climb, Met, OnProfile, times_me
 from agents.assurance.inputs import Inputs, no_areas
 from agents.assurance.thresholds import Thresholds
 from agents.kernel.levels import Altitude, Line, steady
+from agents.planner.request.climbs import with_all_levels_of
 from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder
 from envs.areas import Area
@@ -57,10 +58,20 @@ class Space:
         self, own: Altitude | None, sense: Sense, rows: Int[Array, " M"]
     ) -> BackupMeets:
         """Return what backups of a sense from an altitude meet, ``[M]``: none of ``[1]``, or it."""
-        options = self.thresholds.options
-        flight = backup_flight(sense, self.begin_backup(own), options)
+        begin = self.begin_backup(own)
+        options = self.options_from(begin)
+        flight = backup_flight(sense, begin, options)
         met = self.find_met(flight)
         return take(backups_met(sense, [flight], [self.reports], met, options), rows)
+
+    def options_from(self, begin: Altitude | None) -> Options[Any]:
+        """Return the options of backups from an altitude, with the floors and ceilings of the areas
+        that must not be left.
+        """
+        options = self.thresholds.options
+        if begin is None:
+            return options
+        return with_all_levels_of(self.areas, begin.reference, options)
 
     def begin_backup(self, own: Altitude | None) -> Altitude | None:
         """Return the altitude from which a backup begins now, or goes on: that of the profile that

@@ -42,7 +42,7 @@ from agents.planner.answer import Field, Subject
 from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder, check_altitude, is_usable
 from envs.aircraft import Vertical
-from envs.areas import Keep, Level, vertical_limits
+from envs.areas import Keep, Level, unknown_limits, vertical_limits
 from envs.arrays import Array, Float, Shaped
 from envs.frames import Air, F
 from envs.kinematics import VehicleState
@@ -138,7 +138,8 @@ def layers(
             tuples of :class:`agents.kernel.areas.ActiveArea`; None: none. They count while they are
             valid, whatever the ownship's altitude; the floor and the ceiling of one to be kept in
             are so for the ownship.
-        floor: least altitude, of the reference of the others; None: any.
+        floor: least altitude; None: any. Of another reference than the others nobody knows where it
+            is, and all below is shut.
         ceiling: greatest altitude, likewise.
     """
     flown = [_intruder_layers(own, traffic, requirement, altitudes, look_ahead)]
@@ -324,9 +325,18 @@ def _layers_of_areas(
 def _limits(
     areas: tuple[ActiveArea, ...], reference: str, floor: Level | None, ceiling: Level | None
 ) -> tuple[float, float]:
-    """Return the least and the greatest altitude, m, those of areas to be kept in included."""
-    lowest, highest = vertical_limits((active.area for active in areas), reference, floor, ceiling)
-    return -np.inf if lowest is None else lowest.value, np.inf if highest is None else highest.value
+    """Return the least and the greatest altitude, m, those of areas to be kept in included; one of
+    another reference may be anywhere, so that the ownship may only stay.
+    """
+    of_areas = [active.area for active in areas]
+    lowest, highest = vertical_limits(of_areas, reference, floor, ceiling)
+    unknown = {name for _, name, _ in unknown_limits(of_areas, reference)}
+    for name, level in (("floor", floor), ("ceiling", ceiling)):
+        if level is not None and level.reference != reference:
+            unknown.add(name)
+    low = -np.inf if lowest is None else lowest.value
+    high = np.inf if highest is None else highest.value
+    return np.inf if "floor" in unknown else low, -np.inf if "ceiling" in unknown else high
 
 
 def _limit_layers(lowest: Array, highest: Array, altitudes: Altitudes, look_ahead: float) -> Layers:

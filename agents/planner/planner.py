@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.kernel.levels import Altitude, steady
-from agents.planner.answer import Apart, Excluded, Plan
+from agents.planner.answer import Apart, Excluded, Field, Plan, Subject
 from agents.planner.publish.certificate import Evidence
 from agents.planner.publish.publish import Posed, publish
 from agents.planner.request.advisories import (
@@ -24,9 +24,9 @@ from agents.planner.request.advisories import (
     own_separations,
     skipped_points,
 )
-from agents.planner.request.climbs import check_climbs
+from agents.planner.request.climbs import check_climbs, in_plane
 from agents.planner.request.options import Narrowed, Options, check
-from agents.planner.request.reports import Intruder, reports_in_air
+from agents.planner.request.reports import Intruder, check_altitude, reports_in_air
 from agents.planner.request.request import Request, check_finite, check_request, in_wind
 from agents.planner.search.airspace import add_areas, check_areas
 from agents.planner.search.budget import Budget
@@ -74,7 +74,9 @@ def plan(
             that are unknown are taken as ``options.unknown_climb`` towards the other aircraft.
         wind: in which the aircraft fly; None: still air. A turning intruder turns through it.
         areas: that must not be entered, or not be left (:mod:`envs.areas`). Points of the route
-            that lie in them are passed over; an advisory names each.
+            that lie in them are passed over; an advisory names each. Where the floor or ceiling of
+            one not to be left has another reference than the own altitude, the plan keeps the
+            height, and an advisory says so.
 
     Returns:
         A plan, SAFE or UNRESOLVED with the reasons and the trajectory of greatest separation that
@@ -87,14 +89,16 @@ def plan(
         check(options)
     options = options or Options.for_aircraft(policy.aircraft)
     budget = Budget(options.deadline_s)
-    fields = RequestFields(own, intruders, route, own_altitude, wind, areas)
+    fields = RequestFields(own, intruders, route, own_altitude, wind, check_areas(areas))
+    check_altitude(Field(Subject.OWN_ALTITUDE), own_altitude)
+    options, kept_height = in_plane(own_altitude, areas, options)
     search = search_in_space if options.climbs else _search_in_plane
     posed, plans = search(fields, policy, in_wind(options, wind), budget)
     request, excluded, in_air = posed.request, posed.excluded, posed.options
     start: VehicleState[Air] = VehicleState(*(float(field[0]) for field in request.own))
     goal, skipped = int(next_goals(request, in_air)[0, 0]), tuple(budget.skipped)
     answer = publish(posed, plans, goal, route, own_altitude, skipped)
-    assumed = *assumed_climbs(own_altitude, intruders, options), *posed.notes
+    assumed = *assumed_climbs(own_altitude, intruders, options), *kept_height, *posed.notes
     best = plans.candidates
     passed_by = (
         skipped_points(request, best.plan_states, goal, int(best.last[0]), route, in_air)
@@ -158,8 +162,7 @@ def search_in_space(
     Raises:
         RequestError: as :func:`plan` does.
     """
-    own, intruders, route, own_altitude, wind, _ = fields
-    areas = check_areas(fields.areas)
+    own, intruders, route, own_altitude, wind, areas = fields
     # Who is above or below depends on the plan.
     request, excluded, level = check_request(own, intruders, route, options, None, wind)
     altitude, target, options = check_climbs(own_altitude, route, areas, options)

@@ -18,12 +18,12 @@ from agents.planner.answer import (
 )
 from agents.planner.judge.profile import flyable_profile, speed_faults
 from agents.planner.judge.validator import CHECKS
-from agents.planner.request.climbs import check_climbs
+from agents.planner.request.climbs import check_climbs, in_plane
 from agents.planner.request.options import Narrowed, Options, check
 from agents.planner.request.pruning import unproven_exclusions
-from agents.planner.request.reports import Intruder, reports_in_air
+from agents.planner.request.reports import Intruder, check_altitude, reports_in_air
 from agents.planner.request.request import check_request, in_wind
-from agents.planner.search.airspace import add_areas
+from agents.planner.search.airspace import add_areas, check_areas
 from agents.planner.search.candidates import find_violations
 from agents.planner.search.climbs import on_profile
 from envs.areas import Area
@@ -87,8 +87,12 @@ def recheck(  # noqa: PLR0913 - a plan, and all of a request
     ]
     try:
         check(options)
-        in_air = in_wind(options, wind)
         climbs = any(point.altitude is not None for point in remaining)
+        check_altitude(Field(Subject.OWN_ALTITUDE), own_altitude)
+        options, kept_height = in_plane(own_altitude, check_areas(areas), options)
+        if climbs and kept_height:
+            raise RequestError(kept_height[0].field, kept_height[0].text)
+        in_air = in_wind(options, wind)
         # Who is above or below a plan that climbs depends on it.
         level_altitude = None if climbs else own_altitude
         request, excluded, level = check_request(

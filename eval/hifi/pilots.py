@@ -353,6 +353,6 @@ class Assured:
         if backup:
             sense, begin = Sense(int(monitor.backup.sense[0])), now.space.begin_backup(now.altitude)
             self.climbing_seconds += sense is not Sense.LEVEL_OFF
-            climb = climb_of_backup(sense, begin, now.time, self._thresholds.options)
+            climb = climb_of_backup(sense, begin, now.time, now.space.options_from(begin))
         if climb is not None and (not self.held or climb.profile is not self.held[-1].profile):
             self.held.append(Held(now.time, climb.profile, backup))

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from agents.kernel.levels import Altitude
-from agents.planner.answer import Field, RequestError, Subject
+from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, Subject
 from agents.planner.request.fields import part_value, quote
-from agents.planner.request.options import HIGHEST, LOWEST, L, Options
+from agents.planner.request.options import HIGHEST, LOWEST, L, Maneuvers, Options
 from agents.planner.request.reports import check_altitude
-from envs.areas import Area, Level, vertical_limits
+from envs.areas import Area, Level, unknown_limits, vertical_limits
 from envs.profile import rise_to_level
 from envs.waypoints import RoutePoint
 
@@ -62,6 +62,38 @@ def with_levels_of(areas: Sequence[Area], reference: str, options: Options[L]) -
     """Return options whose floor and ceiling are also those of the areas that must not be left."""
     floor, ceiling = vertical_limits(areas, reference, options.floor, options.ceiling)
     return replace(options, floor=floor, ceiling=ceiling)
+
+
+def with_all_levels_of(areas: Sequence[Area], reference: str, options: Options[L]) -> Options[L]:
+    """Return options as :func:`with_levels_of` does, but with a floor and a ceiling of another
+    reference where an area has such: nothing is known to keep it.
+    """
+    limits = {name: level for _, name, level in unknown_limits(areas, reference)}
+    return replace(with_levels_of(areas, reference, options), **limits)
+
+
+def in_plane(
+    own: Altitude | None, areas: Sequence[Area], options: Options[L]
+) -> tuple[Options[L], tuple[Advisory, ...]]:
+    """Return options of a plan that keeps the height, with the reasons, where an area that must
+    not be left has a floor or a ceiling that cannot be compared with the altitude of the ownship;
+    elsewhere the same options.
+    """
+    if own is None or not options.climbs:
+        return options, ()
+    notes = tuple(
+        Advisory(
+            AdvisoryCode.ASSUMED,
+            Field(Subject.AREAS, f"{name}.reference", number),
+            f"is {quote(level.reference)}, not the ownship's, {quote(own.reference)}: "
+            "the plan does not climb or descend",
+        )
+        for number, name, level in unknown_limits(areas, own.reference)
+    )
+    if not notes:
+        return options, ()
+    plane = replace(options, maneuvers=Maneuvers.HORIZONTAL, floor=None, ceiling=None)
+    return plane, notes
 
 
 def _check_between(name: Field, value: float, floor: Level | None, ceiling: Level | None) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from agents.assurance import single
 from agents.assurance.backup import Sense
-from agents.assurance.backup_heights import backup_flight
+from agents.assurance.backup_heights import backup_flight, backup_profile
 from agents.assurance.climbs import Met, times_met
 from agents.assurance.single import Assessment, Watch
 from agents.assurance.space import hold
@@ -24,7 +24,7 @@ from agents.planner.request.options import Maneuvers, Options
 from agents.planner.request.reports import Intruder
 from agents.policy.inference import Policy
 from envs.aircraft import PAPER, Vertical
-from envs.areas import Area, Circle, Level
+from envs.areas import Area, Circle, Keep, Level, Polygon
 from envs.kinematics import VehicleState
 from envs.profile import Profile, corner_error, first_corner, profile_of, rise_to_level
 from envs.trees import take
@@ -495,6 +495,27 @@ def test_a_backup_that_is_flown_keeps_its_altitude_in_gusts() -> None:
     away = replace(level, value=level.value + 1.1 * MARGIN)
     flight.step(1_005.0, altitude=away)
     assert levels_at(flight) == pytest.approx(away.value)
+
+
+def test_a_backup_climbs_no_farther_than_areas_that_must_not_be_left() -> None:
+    corners = (-1e5, -1e5), (1e5, -1e5), (1e5, 1e5), (-1e5, 1e5)
+    sides = {Sense.CLIMB: ("ceiling", LEVEL + 300.0), Sense.DESCEND: ("floor", LEVEL - 300.0)}
+    for sense, (limit, value) in sides.items():
+        for reference in ("msl", "ground"):
+            area = Area(Polygon(corners), Keep.IN, **{limit: Level(value, reference)})
+            verdict = Flight().step(0.0, areas=(area,))
+            assert verdict.in_height is not None
+            space = verdict.in_height.space
+            possible = {
+                kind: bool(space.find_backups_met(START, kind, np.array([0])).possible[0])
+                for kind in Sense
+            }
+            assert possible.pop(sense) == (reference == "msl") and all(possible.values())
+            profile = backup_profile(sense, START, space.options_from(START))
+            free = backup_profile(sense, START, OPTIONS)
+            assert free is not None and abs(free.altitude - LEVEL).max() > 300.0
+            if reference == "msl":
+                assert profile is not None and abs(profile.altitude - LEVEL).max() < 300.0 - MARGIN
 
 
 BROKEN = [math.nan, math.inf, -math.inf, 1e30]

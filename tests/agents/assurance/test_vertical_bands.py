@@ -386,6 +386,18 @@ def test_a_floor_and_a_ceiling_close_what_would_leave_them() -> None:
     ).all()
 
 
+def test_a_limit_of_another_reference_lets_an_ownship_stay_and_no_more() -> None:
+    scene, climbs = SIMPLE._replace(intruders=[]), np.array([-2.0, 0.0, 2.0])
+    above_ground = Level(9_000.0, "ground")
+    for limit, closed in (
+        ("floor", [True, False, False]),
+        ("ceiling", [False, False, True]),
+    ):
+        inside = Area(Circle(0.0, 0.0, 30_000.0), Keep.IN, **{limit: above_ground})
+        for shut in (scene.shut(**{limit: above_ground}), scene.shut(inside)):
+            assert scene.bands("vertical speed", shut, climbs).closed.tolist() == [closed]
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_area_closes_what_flies_into_it_and_not_above_or_below(kind: str) -> None:
     rng = np.random.default_rng(7)

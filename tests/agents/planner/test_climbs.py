@@ -283,6 +283,31 @@ def test_a_floor_and_a_ceiling_are_kept() -> None:
     assert not SIMPLE.plan(shut).safe
 
 
+@pytest.mark.parametrize("limit", ["floor", "ceiling"])
+def test_no_plan_climbs_to_a_limit_whose_height_nobody_knows(limit: str) -> None:
+    corners = (-9e3, -2e4), (5e4, -2e4), (5e4, 2e4), (-9e3, 2e4)
+    level, above_ground = (
+        Area(Polygon(corners), Keep.IN, **{limit: Level(2_000.0, reference)})
+        for reference in ("msl", "ground")
+    )
+    climbs = SIMPLE.plan(options())
+    assert climbs.safe and any(point.altitude is not None for point in climbs.waypoints)
+    answer = SIMPLE.plan(options(), [above_ground])
+    assert answer.safe and all(point.altitude is None for point in answer.waypoints)
+    assert any("does not climb or descend" in advisory.text for advisory in answer.advisories)
+    assert [str(advisory.field) for advisory in answer.advisories if "ground" in advisory.text] == [
+        f"areas[0].{limit}.reference"
+    ]
+    # Nor is one that does so flown where such an area has come meanwhile.
+    own, altitude, intruders, wind = SIMPLE
+    late = recheck(
+        climbs, 0.5, own, intruders, ROUTE, options(), altitude, wind, areas=[above_ground]
+    )
+    assert not late.safe and "ground" in late.reasons[0].message
+    # One of the ownship's reference is kept, and one to be kept out of counts at all heights.
+    assert not any("climb or descend" in a.text for a in SIMPLE.plan(options(), [level]).advisories)
+
+
 def test_areas_are_flown_over_and_kept_areas_bound_the_altitude() -> None:
     low = Area(Circle(6_000.0, 0.0, 2_000.0), ceiling=Level(2_040.0, "msl"))
     alone = Scene(OWN, LEVEL, [], None)
