@@ -6,7 +6,8 @@ Properties of a feature, all optional: ``name``; ``keep`` (``"out"`` or ``"in"``
 ``"pressure"``, ``"ground"``); ``valid_from`` and ``valid_until`` (dates of RFC 3339), or
 ``valid_from_s`` and ``valid_until_s`` (s after the request); ``clearance_m``;
 ``velocity_east_m_s``, ``velocity_north_m_s`` and ``growth_m_s``; for a point ``radius_m``;
-``restriction`` as in ED-269. Others are not read.
+``restriction`` as in ED-269. Others are not read; of those above that change where flight is
+allowed, names without their unit are refused.
 """
 
 import json
@@ -42,6 +43,13 @@ _NUMBERS = {
     "valid_until": "valid_until_s",
 }
 _VELOCITY = ("velocity_east_m_s", "velocity_north_m_s")
+_UNITLESS = {
+    "clearance": "clearance_m",
+    "growth": "growth_m_s",
+    **{name.removesuffix("_m_s"): name for name in _VELOCITY},
+}
+_UNITLESS_INSIDE = {"floor": "floor_m", "ceiling": "ceiling_m"}
+"""Of areas to be kept in; without them one to be kept out of counts at all heights."""
 
 
 def areas_of(content: dict[str, Any], source: str, permitted: Collection[str] = ()) -> Reading:
@@ -105,6 +113,10 @@ def _common(properties: dict[str, Any], where: str) -> GeodeticArea:
         more["velocity"] = tuple(
             number(properties.get(key, 0.0), f"{where}, {key}") for key in _VELOCITY
         )
+    side = side_of(properties, where)
+    for key, name in (_UNITLESS | (_UNITLESS_INSIDE if side is Keep.IN else {})).items():
+        if key in properties and name not in properties:
+            raise AreaError(f"{where}, {key}: is a name without its unit, expected {name}")
     begin, end = properties.get("valid_from"), properties.get("valid_until")
     valid = period(begin, end, f"{where}, ", ("valid_from", "valid_until"))
     for date_of, field in zip(valid, ("valid_from", "valid_until"), strict=True):
@@ -112,7 +124,7 @@ def _common(properties: dict[str, Any], where: str) -> GeodeticArea:
             raise AreaError(f"{where}, {field}: is given twice, also as {_NUMBERS[field]}")
     return GeodeticArea(
         where,
-        keep=side_of(properties, where),
+        keep=side,
         floor=_limit(properties, "floor", where),
         ceiling=_limit(properties, "ceiling", where),
         period=valid,

@@ -514,6 +514,17 @@ def change(content: Any, path: str, value: Any) -> Any:
             change(PLAN, "geoFence/circles/0/circle/radius", -1.0),
             r"circles\[0\].circle.radius: is -1.0, expected 0 to 1e\+07 m",
         ),
+        *(
+            (
+                change(GEOJSON, "features/0/properties", {name: 5.0}),
+                rf"features\[0\], {name}: is a name without its unit, expected {name}_m",
+            )
+            for name in ("clearance", "growth", "velocity_east", "velocity_north")
+        ),
+        (
+            change(GEOJSON, "features/0/properties", {"keep": "in", "ceiling": 120}),
+            r"features\[0\], ceiling: is a name without its unit, expected ceiling_m",
+        ),
         (ICAROUS.replace("id: 1", "id: 0"), r"fence 1, id: is 0, expected a name of its own"),
         (ICAROUS.replace("KEEPOUT", "OUT"), r"fence 1, type: is 'OUT', expected one of"),
         (ICAROUS.replace("roof: 100", "floor: 1", 1), r"line 5: key floor stands twice"),
