@@ -271,6 +271,19 @@ class EncountersConfig(Strict):
         return known_scenario(name, f"{own}, or {files}" if files else own)
 
     @model_validator(mode="after")
+    def _check_tracks(self) -> Self:
+        if self.prefix == TRACKS:
+            return self
+        usual = TracksConfig()
+        for key, value in self.tracks:
+            if value != getattr(usual, key):
+                raise ConfigError(
+                    f"tracks.{key} is {value} for the scenario {self.scenario!r}; expected it with "
+                    f"{TRACKS}PATH alone"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _check_scenario(self) -> Self:
         if self.file is None:
             # A sampler of the user's own may not have been loaded yet.

@@ -399,6 +399,8 @@ def test_recorded_encounters(tmp_path: Path, capsys: pytest.CaptureFixture[str])
             TrackError,
             "absent.txt ends in '.txt'; expected .json",
         ),
+        (["--repair"], ConfigError, "tracks.repair is True for the scenario 'circle'; expected it"),
+        (["--set", "tracks.ahead=60"], ConfigError, "tracks.ahead is 60.0 for the scenario"),
         (["--scenario", "lincoln:absent.txt"], EncounterError, "absent.txt: there is no such file"),
         (["--policy", "absent.nnet"], NnetError, "absent.nnet: there is no such file"),
         (["--policy", "mvp.nnet"], NnetError, "mvp.nnet: there is no such file"),
