@@ -171,7 +171,7 @@ class Tally:
             "reflown": reflown,
             "reflown_below_1000_m": self.counts["below 1000 m"],
             "reflown_min_separation_m": self.flown if np.isfinite(self.flown) else None,
-            "reflown_max_error_m": self.error,
+            "reflown_max_error_m": self.error if reflown else None,
         }
 
 

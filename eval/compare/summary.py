@@ -186,7 +186,7 @@ def show(summary: Mapping[str, Any]) -> None:
         "",
         "limits",
         "success",
-        "resolvable *",
+        "resolved *",
         "loss of separation",
         "time-out",
         "risk ratio **",
