@@ -51,7 +51,7 @@ class Intruder(Generic[F]):
     """For how long after the report (not after the request) it turns, s; straight ahead after that.
     """
     position_std: float = 0.0
-    """One sigma per axis at the time of the report, m (from ADS-B's NACp: half its 95 % radius)."""
+    """One sigma per axis at the time of the report, m (of ADS-B: NACp's 95 % radius over 2.45)."""
     velocity_std: float = 0.0
     """One sigma per axis, m/s (from NACv likewise)."""
     altitude: Altitude | None = None
