@@ -31,8 +31,8 @@ class Vertical(NamedTuple):
     floats.
     """
 
-    climb_max: float  # m/s, held at every speed of the aircraft's limits
-    descent_max: float  # m/s, positive, held at every speed of the aircraft's limits
+    climb_max: float  # m/s, held at every speed and in every turn of the aircraft's limits
+    descent_max: float  # m/s, positive, held likewise
     acceleration: float  # with which a climb changes, m/s^2
     separation: float  # required vertical separation, m
 

@@ -301,6 +301,27 @@ def test_the_page_of_ros_names_the_fields_of_a_message_in_their_order(
     assert named == re.findall(r"^[\w/]+(?:\[\])? (\w+)$", text, re.MULTILINE)
 
 
+@pytest.mark.parametrize(
+    ("heading", "definition", "prefixes"),
+    [
+        ("`Trajectory`", "msg/Trajectory.msg", {"STATUS", "SOURCE"}),
+        ("`Waypoint`", "msg/Waypoint.msg", {"ORIGIN", "VALID"}),
+        ("`AircraftState`", "msg/AircraftState.msg", {"VALID"}),
+        ("`altitude_reference`", "msg/AircraftState.msg", {"ALTITUDE"}),
+    ],
+)
+def test_the_page_of_ros_has_all_codes_of_a_message(
+    heading: str, definition: str, prefixes: set[str]
+) -> None:
+    page = (ROOT / "docs/reference/ros.md").read_text(encoding="utf-8")
+    rows = re.search(rf"^\| {heading} \|.*\n\|---.*\n((?:\|.*\n)+)", page, re.MULTILINE)
+    assert rows is not None
+    text = (ROOT / "ros_bridge/rlcas_msgs" / definition).read_text(encoding="utf-8")
+    codes = re.findall(r"^uint\d+ ([A-Z]+)_(\w+) = (\d+)$", text, re.MULTILINE)
+    expected = [(name, code) for prefix, name, code in codes if prefix in prefixes]
+    assert sorted(re.findall(r"\b([A-Z][A-Z0-9_]+) (\d+)\b", rows[1])) == sorted(expected)
+
+
 def cell(row: str) -> str:
     """Return the first cell of a row of a table."""
     return row.split("|")[1]
