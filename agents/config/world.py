@@ -160,10 +160,10 @@ class AircraftConfig(VehicleConfig):
     """What the vehicle itself can do, where decisions keep to more conservative limits: legs of
     plans obey it. All five limits. null: the limits above, which no plan called SAFE exceeds."""
     climb_max_mps: float | None = _vertical_key("climb_max")
-    """Fastest climb, m/s, held at every speed within the limits; it is stated with the next three
-    keys, or all four are null: the aircraft plans in the plane."""
+    """Fastest climb, m/s, held at every speed and in every turn within the limits; it is stated
+    with the next three keys, or all four are null: the aircraft plans in the plane."""
     descent_max_mps: float | None = _vertical_key("descent_max")
-    """Fastest descent, m/s, positive, held at every speed within the limits."""
+    """Fastest descent, m/s, positive, held at every speed and in every turn within the limits."""
     vertical_acceleration_mps2: float | None = _vertical_key("acceleration")
     """Acceleration with which a climb or a descent changes, m/s^2."""
     vertical_separation_m: float | None = _vertical_key("separation")
