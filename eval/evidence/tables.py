@@ -77,7 +77,9 @@ def _table(name: str, listed: Evidence, results: Mapping[str, Any], page: Path) 
         rows = rows_of_cells(listed, results, names)
     lines = [f"| {' | '.join(row)} |" for row in rows]
     lines.insert(1, "|---" * len(rows[0]) + "|")
-    intervals = ", 95 % intervals" if any("[" in cell for row in rows[1:] for cell in row[1:]) else ""
+    intervals = (
+        ", 95 % intervals" if any("[" in cell for row in rows[1:] for cell in row[1:]) else ""
+    )
     policy = f"Policy `{results[names[0]]['policy'][:8]}`{intervals}; " if names else ""
     commands = os.path.relpath("docs/reference/results.md#all-results", place)
     lines += ["", f"{policy}[commands]({commands})."]
