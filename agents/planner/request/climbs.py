@@ -66,10 +66,16 @@ def with_levels_of(areas: Sequence[Area], reference: str, options: Options[L]) -
 
 def with_all_levels_of(areas: Sequence[Area], reference: str, options: Options[L]) -> Options[L]:
     """Return options as :func:`with_levels_of` does, but with a floor and a ceiling of another
-    reference where an area has such: nothing is known to keep it.
+    reference where these or an area have such: nothing is known to keep it.
     """
-    limits = {name: level for _, name, level in unknown_limits(areas, reference)}
-    return replace(with_levels_of(areas, reference, options), **limits)
+    stated = {"floor": options.floor, "ceiling": options.ceiling}
+    unknown = {
+        name: level
+        for name, level in stated.items()
+        if level is not None and level.reference != reference
+    }
+    unknown |= {name: level for _, name, level in unknown_limits(areas, reference)}
+    return replace(with_levels_of(areas, reference, options), **unknown)
 
 
 def in_plane(
