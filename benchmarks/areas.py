@@ -19,10 +19,17 @@ from threadpoolctl import threadpool_limits
 
 from agents.planner import Options, plan
 from agents.policy.inference import Policy
-from benchmarks.measure import percentiles_ms, policy_in_flight, report, request_options, show
+from benchmarks.measure import (
+    deadlines_option,
+    percentiles_ms,
+    policy_in_flight,
+    report,
+    request_options,
+    show,
+)
 from benchmarks.questions import Question, time_plan
 from benchmarks.sampling_planner import Task, is_right, require, solve
-from commands.command import Parser, real, run_cli
+from commands.command import Parser, run_cli
 from envs.aircraft import Aircraft
 from envs.areas import Area
 from envs.frames import Ground
@@ -120,14 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _parser() -> Parser:
     parser = Parser(description=__doc__)
     request_options(parser, 100)
-    parser.add_argument(
-        "--deadlines",
-        type=real(1.0, 60_000.0, "ms"),
-        nargs="+",
-        metavar="MS",
-        default=[50.0, 150.0, 500.0],
-        help="deadlines of computation, ms (default: 50 150 500)",
-    )
+    deadlines_option(parser, [50.0, 150.0, 500.0])
     parser.add_argument("--ompl", action="store_true", help="ask a sampling planner of OMPL too")
     return parser
 

@@ -22,6 +22,7 @@ __all__ = [
     "Kind",
     "config_options",
     "deadline_option",
+    "deadlines_option",
     "find_chromium",
     "hold_to_one_core",
     "layers",
@@ -59,6 +60,18 @@ def deadline_option(parser: Parser) -> None:
     """Add the option for the deadline of a plan."""
     help_text = "deadline of computation, ms (default: the planner's, 50)"
     parser.add_argument("--deadline", type=real(1.0, 60_000.0, "ms"), metavar="MS", help=help_text)
+
+
+def deadlines_option(parser: Parser, default: list[float]) -> None:
+    """Add the option for several deadlines of a plan, ms."""
+    parser.add_argument(
+        "--deadlines",
+        type=real(1.0, 60_000.0, "ms"),
+        nargs="+",
+        metavar="MS",
+        default=default,
+        help=f"deadlines of computation, ms (default: {' '.join(f'{ms:g}' for ms in default)})",
+    )
 
 
 def config_options(parser: Parser, default: str) -> None:

@@ -197,7 +197,7 @@ def test_bad_repeats_are_refused():
         (areas.main, ["--deadlines", "50", "nan"], "--deadlines: nan ms; expected 1 to 60000 ms"),
         (traffic.main, ["--seed", "-1"], "--seed: '-1'; expected a whole number of at least 0"),
         (traffic.main, ["--radius", "inf"], "--radius: inf km; expected 1 to 1000 km"),
-        (traffic.main, ["--deadline", "-5"], "--deadline: -5 ms; expected 1 to 60000 ms"),
+        (traffic.main, ["--deadlines", "-5"], "--deadlines: -5 ms; expected 1 to 60000 ms"),
         (bluesky.main, ["--workers", "0"], "--workers: '0'; expected a whole number of at least 1"),
         (icarous.main, ["--missions", "-1"], "--missions: '-1'; expected a whole number"),
         (safety.main, ["--block", "50"], "--block: '50'; expected a whole number of at least 100"),
