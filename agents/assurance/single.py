@@ -216,7 +216,7 @@ def step(
         for name, report in intruders.items()
     }
     # Among hundreds of aircraft a name is sought for in sets alone.
-    watched, leaving = set(watch.names), set(gone)
+    watched, leaving = set(watch.names), set(gone) - set(intruders)
     names = (
         *(name for name in watch.names if name not in leaving),
         *(name for name in intruders if name not in watched),

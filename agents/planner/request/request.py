@@ -176,6 +176,10 @@ def check_finite(request: Request) -> None:
     if traffic.separation is not None:  # nan: none of its own
         separation = np.nan_to_num(traffic.separation, posinf=np.inf)
         _check_numbers("intruders.separation", separation, traffic.mask)
+    if traffic.window is not None:  # an infinite time is one
+        for name, values in traffic.window._asdict().items():
+            times = np.where(np.isinf(values), 0.0, values)
+            _check_numbers(f"intruders.window.{name}", times, traffic.mask)
     exists = np.arange(request.route_x.shape[1]) < request.points[:, None]
     _check_numbers("route_x", request.route_x, exists)
     _check_numbers("route_y", request.route_y, exists)

@@ -560,3 +560,12 @@ def test_a_broken_own_altitude_is_unknown(field: str, value: float) -> None:
             window = verdict.measured.traffic.window
             assert window is not None and window.begin.item() == -math.inf
             assert window.end.item() == math.inf
+
+
+def test_an_aircraft_that_is_reported_is_not_gone() -> None:
+    own, others = VehicleState(0.0, 0.0, 0.0, SPEED), {"a": oncoming(START)}
+    watch, _ = single.step(single.begin(THRESHOLDS), 0.0, own, others, own_altitude=START)
+    both, verdict = single.step(watch, 1.0, own, others, own_altitude=START, gone=("a",))
+    assert both.names == ("a",) and verdict.measured.traffic.mask.all()
+    alone, _ = single.step(both, 2.0, own, {}, own_altitude=START, gone=("a",))
+    assert alone.names == ()

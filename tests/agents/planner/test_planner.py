@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from agents.check import accept
-from agents.kernel.traffic import Requirement, Traffic
+from agents.kernel.traffic import Requirement, Traffic, Window
 from agents.planner.answer import (
     WAYPOINTS,
     AdvisoryCode,
@@ -117,6 +117,18 @@ def test_every_safe_plan_keeps_its_contract(policy: Policy, encounters: Encounte
         answer = plan(own, intruders, route, policy, OPTIONS)
         if answer.waypoints:
             assert_contract(answer, route)
+
+
+@pytest.mark.parametrize("part", ["begin", "end"])
+def test_a_time_of_counting_that_is_no_number_is_refused(
+    policy: Policy, encounters: Encounter, part: str
+) -> None:
+    request = take(request_of(encounters, PAPER), slice(0, 1))
+    always = np.full(request.traffic.mask.shape, math.inf)
+    window = Window(-always, always)._replace(**{part: math.nan * always})
+    traffic = request.traffic._replace(window=window)
+    with pytest.raises(RequestError, match=rf"intruders.window.{part}.* is nan, expected a finite"):
+        plan_many(request._replace(traffic=traffic), policy, OPTIONS)
 
 
 def test_one_request_and_many_get_the_same_answer(policy: Policy, encounters: Encounter) -> None:
