@@ -1,6 +1,7 @@
 """Areas of ``rlcas_msgs`` as areas of the local frame, as they are at a request, and back."""
 
 import math
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -45,6 +46,32 @@ class Placed(NamedTuple):
     def at(self, moment: int) -> tuple[Area, ...]:
         """Return them as they are at a moment, ns."""
         return tuple(after(area, (moment - self.time) / SECOND) for area in self.areas)
+
+
+def above_ellipsoid(level: Level | None, undulation: float | None) -> Level | None:
+    """Return a height above the sea as one above the ellipsoid, by the height of the geoid above
+    it, m; None, of either: it stays.
+    """
+    if level is None or undulation is None or level.reference != "msl":
+        return level
+    return Level(level.value + undulation, "wgs84")
+
+
+def comparable_areas(placed: Placed, undulation: float | None) -> Placed:
+    """Return areas with heights above the ellipsoid where they were above the sea, as
+    :func:`ros_bridge.core.reach.level` has altitudes.
+    """
+    changed = tuple(
+        replace(
+            area,
+            floor=above_ellipsoid(area.floor, undulation),
+            ceiling=above_ellipsoid(area.ceiling, undulation),
+        )
+        if "msl" in {level.reference for level in (area.floor, area.ceiling) if level}
+        else area
+        for area in placed.areas
+    )
+    return placed._replace(areas=changed)
 
 
 def areas(message: "Areas", name: str = "areas") -> AreaReport:

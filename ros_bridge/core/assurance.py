@@ -93,6 +93,7 @@ class AreaSource(NamedTuple):
     reported: Held[AreaReport]
     fixed: tuple[GeodeticArea, ...]
     frame: LocalFrame
+    undulation: float | None  # of the geoid above the ellipsoid, m; None: unknown
 
 
 class FrameAreas(NamedTuple):
@@ -270,7 +271,8 @@ def _place_areas(
     longer than a step. Where one cannot be placed, for which the runner refuses to plan, those
     before stay.
     """
-    source = AreaSource(situation.areas, situation.fixed_areas, frame)
+    fixed, undulation = situation.fixed_areas, _undulation(situation)
+    source = AreaSource(situation.areas, fixed, frame, undulation)
     if previous is not None and previous.source == source:
         return previous
     try:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 from agents.kernel.levels import Altitude, vertical_gap
 from agents.planner.request.options import L, Options
-from envs.areas import Level
 from envs.formats.local_frame import distance
+from ros_bridge.core.areas import above_ellipsoid
 from ros_bridge.core.categories import Categories
 from ros_bridge.core.fields import SECOND, Sighting
 from ros_bridge.core.reports import FASTEST, Report
@@ -87,10 +87,7 @@ def comparable(options: Options[L], undulation: float | None) -> Options[L]:
     if undulation is None or not options.climbs:
         return options
     floor, ceiling = (
-        Level(limit.value + undulation, "wgs84")
-        if limit is not None and limit.reference == "msl"
-        else limit
-        for limit in (options.floor, options.ceiling)
+        above_ellipsoid(limit, undulation) for limit in (options.floor, options.ceiling)
     )
     return replace(options, floor=floor, ceiling=ceiling)
 

@@ -7,7 +7,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from envs.formats.areas.geodetic import GeodeticArea
 from envs.formats.local_frame import LocalFrame
-from ros_bridge.core.areas import AreaReport, Placed, place_areas
+from ros_bridge.core.areas import AreaReport, Placed, comparable_areas, place_areas
 from ros_bridge.core.conversions import Alert, Origin, Route
 from ros_bridge.core.fields import FieldError
 from ros_bridge.core.tracks import UNKNOWN, Fault, Track
@@ -46,10 +46,14 @@ class Situation:
     areas_file: str = ""  # of which some must lie near; empty: there is none
 
     def areas_in(self, frame: LocalFrame, moment: int) -> tuple[Placed, ...]:
-        """Return all areas that there are in a local frame, or raise :class:`FieldError`."""
-        fixed = self.fixed_in(frame, moment)
-        moving = self.areas.value
-        return (fixed,) if moving is None else (fixed, place_areas(moving, frame, ACCURATE))
+        """Return all areas that there are in a local frame, or raise :class:`FieldError`; their
+        heights above the sea are above the ellipsoid where the geoid is known.
+        """
+        origin, moving = self.origin.value, self.areas.value
+        undulation = None if origin is None else origin.undulation
+        placed = [self.fixed_in(frame, moment)]
+        placed += [] if moving is None else [place_areas(moving, frame, ACCURATE)]
+        return tuple(comparable_areas(areas, undulation) for areas in placed)
 
     def fixed_in(self, frame: LocalFrame, moment: int) -> Placed:
         """Return the fixed areas in a local frame; a :class:`FieldError` where none of a file lies

@@ -21,8 +21,9 @@ from agents.planner.answer import Plan, Source, Status
 from envs.area_geometry import signed_distance
 from envs.areas import Area, AreaError, Circle, Keep, Level, Polygon
 from ros_bridge.core.areas import areas, areas_of_file, to_local
+from ros_bridge.core.conversions import Origin
 from ros_bridge.core.fields import Code, FieldError, Refusal
-from ros_bridge.core.situation import Situation
+from ros_bridge.core.situation import Held, Situation
 from ros_bridge.core.tasks import task
 from tests.ros_bridge.graph import MISSING, NODE, PATIENCE, Client, Process, World, domain
 from tests.ros_bridge.scenes import FRAME, NOW, SECOND, SETTINGS, crossing, situation_after, stamp
@@ -180,6 +181,19 @@ def test_areas_of_a_file_count_between_their_dates(tmp_path: Path) -> None:
         (active_area,) = placed.at(now + 10 * SECOND)
         assert active_area.name == "field"
         assert active_area.valid_until == pytest.approx(50.0 - seconds)
+
+
+def test_heights_above_the_sea_are_those_of_altitudes_where_the_geoid_is_known(
+    tmp_path: Path,
+) -> None:
+    limits = {"floor_m": 100.0, "floor_reference": "msl"}
+    limits |= {"ceiling_m": 500.0, "ceiling_reference": "pressure"}
+    file_areas, now = areas_of_file(write_areas(tmp_path, **limits)), 10**18
+    for undulation, floor in ((None, Level(100.0, "msl")), (48.0, Level(148.0, "wgs84"))):
+        origin = Held(Origin(FRAME, undulation))
+        (placed,) = Situation(origin=origin, fixed_areas=file_areas).areas_in(FRAME, now)
+        assert placed.areas[0].floor == floor
+        assert placed.areas[0].ceiling == Level(500.0, "pressure")
 
 
 @pytest.mark.parametrize(
