@@ -85,7 +85,7 @@ class AreaClearance(NamedTuple):
         """
         if closest or not FILL_AREA_CLEARANCE.ready:
             return False
-        areas, lines = _flat(tuple(self.areas))
+        areas, lines = flat_areas(tuple(self.areas))
         keeping = AreaKeeping(areas, lines, *contiguous((self.required, levels)))
         flown = contiguous(flown)
         for rows, numbers in _calls(flown, areas):
@@ -254,19 +254,31 @@ def required_distances(
     active: ActiveArea, x: Float[Array, " N"], y: Float[Array, " N"], margin: float
 ) -> Float[Array, " N"]:
     """Return the signed distance that plans which begin at places ``[N]`` must keep, m."""
-    usual = np.full(np.shape(x), active.area.clearance + margin)
+    usual = active.area.clearance + margin
     if active.begin > 0.0:
-        return usual
-    return np.clip(signed_distance(active.area, x, y) - NEARER, 0.0, usual)
+        return np.full(np.shape(x), usual)
+    at_x, at_y = np.ravel(x), np.ravel(y)
+    if at_x.size and (at_x == at_x[0]).all() and (at_y == at_y[0]).all():
+        # The manoeuvres of one request begin at the same place, and it is asked for many times.
+        away = np.full(np.shape(x), _distance_at(active.area, float(at_x[0]), float(at_y[0])))[()]
+    else:
+        away = signed_distance(active.area, x, y)
+    return np.clip(away - NEARER, 0.0, usual)
+
+
+@lru_cache(maxsize=256)
+def _distance_at(area: Area, x: float, y: float) -> float:
+    """Return the signed distance of one place, m."""
+    return float(signed_distance(area, x, y))
 
 
 @lru_cache(maxsize=64)
-def _flat(areas: tuple[ActiveArea, ...]) -> tuple[Array, Array]:
+def flat_areas(areas: tuple[ActiveArea, ...]) -> tuple[Array, Array]:
     """Return areas and their edges as compiled code takes them, without what is required, which
-    differs between trajectories.
+    differs between trajectories; neither is to be written to.
     """
-    _, area, begin, end = zip(*areas, strict=True)
-    return flat(area, begin, end, np.zeros(len(areas)))
+    begin, end = ([getattr(active, name) for active in areas] for name in ("begin", "end"))
+    return flat([active.area for active in areas], begin, end, np.zeros(len(areas)))
 
 
 def _calls(flown: Trajectory[Any], areas: Array) -> Iterator[tuple[Span, Span]]:

@@ -169,7 +169,10 @@ def report_in_air(report: Intruder[Ground], wind: Wind | None) -> Intruder[Air]:
     """
     if wind is None:  # in still air both are the same
         state = cast("VehicleState[Air]", report.state)
-        return with_state(report, state, velocity_std_in(report, state, NO_WIND))
+        velocity_std = velocity_std_in(report, state, NO_WIND)
+        if velocity_std == report.velocity_std:
+            return cast("Intruder[Air]", report)
+        return with_state(report, state, velocity_std)
     state = through_air(report.state, wind, -report.age)
     return with_state(report, state, velocity_std_in(report, state, wind))
 

@@ -224,18 +224,19 @@ def _check_intruders(
     intruders: Any, options: Options[Narrowed], wind: Wind | None
 ) -> list[Intruder[Air]]:
     """Return the reports of the intruders."""
+    reported = sequence(Field(Subject.INTRUDERS), intruders)
+    names = [Field(Subject.INTRUDERS, number=number) for number in range(len(reported))]
     reports = [
         check_report(
-            Field(Subject.INTRUDERS, number=number),
-            intruder if isinstance(intruder, Intruder) else Intruder(intruder),
-            options,
+            name, intruder if isinstance(intruder, Intruder) else Intruder(intruder), options
         )
-        for number, intruder in enumerate(sequence(Field(Subject.INTRUDERS), intruders))
+        for name, intruder in zip(names, reported, strict=True)
     ]
     in_air = [report_in_air(report, wind) for report in reports]
-    for number, report in enumerate(() if wind is None else in_air):
-        name = Field(Subject.INTRUDERS, "state.speed through the air", number)
-        real(name, report.state.speed, 0.0, FASTEST.speed_max, "m/s")
+    if wind is not None:
+        part = "state.speed through the air"
+        for name, report in zip(names, in_air, strict=True):
+            part_value(name, part, report.state.speed, 0.0, FASTEST.speed_max, "m/s")
     return in_air
 
 

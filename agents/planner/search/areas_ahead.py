@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.kernel.areas import ActiveArea
+from agents.kernel.areas import ActiveArea, flat_areas
 from agents.manoeuvres.direct_to_goal import (
     DirectRoute,
     DirectTask,
@@ -20,7 +20,7 @@ from agents.manoeuvres.direct_to_goal import (
 from envs.area_geometry import Parts, chord_distances, gain, own_frame
 from envs.arrays import Array, Bool, Float, Int
 from envs.compiled import scalar
-from envs.flat_areas import chord_bound, flat, scalar_box_distance
+from envs.flat_areas import chord_bound, scalar_box_distance
 from envs.frames import Air
 from envs.kinematics import VehicleState
 
@@ -110,14 +110,10 @@ class AreaRecords(NamedTuple):
 
 def area_records(areas: Sequence[ActiveArea], required: Sequence[Float[Array, "1"]]) -> AreaRecords:
     """Return areas from which one request must keep distances, m, ``[1]`` each."""
-    return AreaRecords(
-        *flat(
-            [active.area for active in areas],
-            [active.begin for active in areas],
-            [active.end for active in areas],
-            [float(distance[0]) for distance in required],
-        )
-    )
+    kept, lines = flat_areas(tuple(areas))
+    kept = kept.copy()
+    kept["required"] = [float(distance[0]) for distance in required]
+    return AreaRecords(kept, lines)
 
 
 @scalar

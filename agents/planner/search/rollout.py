@@ -257,7 +257,7 @@ def _roll_compiled(
     if crowd:
         single = slice(row, row + 1)
         continuation = scalar_continuation(
-            route_continuation(take(request, single), np.array([goal]), options), 0
+            route_continuation(take(request, single), np.array([goal]), options, ordered=False), 0
         )
     present, required = take((traffic, required_range), mask)
     window, none, distance_scale = (
