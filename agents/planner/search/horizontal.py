@@ -7,6 +7,7 @@ validated, kept where it is the best so far.
 import itertools
 from collections.abc import Callable
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,6 +44,8 @@ def plan_rows(
     before all is tried that may lead to the next one.
     """
     count, quick_first = request.points.size, much_about(request)
+    slowly = _Way("fallback", partial(fallback.search, selected=fallback.SLOW))
+    refining = _Way("refinement", fallback.refine)
     best = empty(count, options.waypoints)
     source, policy_safe = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=bool)
     for choice in range(options.goals):
@@ -73,17 +76,23 @@ def plan_rows(
             searched = fallback.search(take(part, wanting), goal[wanting], options, budget, stages)
             source[keep_best(best, rows[wanting], searched)] = FALLBACK
         if options.exhaustive and not quick_first:
-            _search_on(fallback.refine, best, source, request, goals[:, choice], options, budget)
+            _search_on(refining, best, source, request, goals[:, choice], options, budget)
     if quick_first:
-        ways = [partial(fallback.search, selected=fallback.SLOW)]
-        ways += [fallback.refine] if options.exhaustive else []
+        ways = [slowly, refining] if options.exhaustive else [slowly]
         for way, choice in itertools.product(ways, range(options.goals)):
             _search_on(way, best, source, request, goals[:, choice], options, budget)
     return Plans(best, source, policy_safe)
 
 
+class _Way(NamedTuple):
+    """A way to search on where there is no safe plan."""
+
+    name: str  # as the budget notes it
+    search: Callable[[Request, Array, Options[Narrowed], Budget], Candidates]
+
+
 def _search_on(
-    way: Callable[[Request, Array, Options[Narrowed], Budget], Candidates],
+    way: _Way,
     best: Candidates,
     source: Array,
     request: Request,
@@ -96,6 +105,6 @@ def _search_on(
     """
     # Where the route is too short for one manoeuvre it is for all.
     remaining = np.flatnonzero(~best.safe & (goal >= 0) & ~best.too_short)
-    if remaining.size:
-        plans = way(take(request, remaining), goal[remaining], options, budget)
+    if remaining.size and not budget.ends(way.name):
+        plans = way.search(take(request, remaining), goal[remaining], options, budget)
         source[keep_best(best, remaining, plans)] = FALLBACK
