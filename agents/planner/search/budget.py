@@ -4,6 +4,7 @@ import math
 import time
 
 _FINISH = 0.003  # s of the computation that are kept for writing the answer
+_BLOCK = 0.001  # s that a block is taken to last at least: a call of compiled code
 
 
 class Budget:
@@ -11,8 +12,9 @@ class Budget:
     milliseconds.
 
     The longest block so far is taken to be as long as the next, and not begun where that would be
-    too late. What other threads and processes compute does not count, so that a busy machine costs
-    no plans.
+    too late. The check of the request, before the first question, takes time but is no block of the
+    search. What other threads and processes compute does not count, so that a busy machine costs no
+    plans.
 
     Args:
         seconds: s; inf: no deadline, and no clock is read.
@@ -21,8 +23,9 @@ class Budget:
     def __init__(self, seconds: float = math.inf) -> None:
         self.endless = seconds == math.inf
         """Whether there is no deadline."""
-        self._last_time, self._longest = 0.0 if self.endless else time.thread_time(), 0.0
-        self._began, self._seconds = self._last_time, max(seconds - _FINISH, 0.0)
+        self._began = 0.0 if self.endless else time.thread_time()
+        self._seconds, self._longest = max(seconds - _FINISH, 0.0), _BLOCK
+        self._last_time = math.inf  # no block has begun
         self.skipped: list[str] = []
         """What was not searched, or not to its end."""
 

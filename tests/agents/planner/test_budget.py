@@ -69,16 +69,19 @@ def test_answers_come_within_the_deadline(policy: Policy) -> None:
     assert sorted(late)[-2] < 0.01
 
 
+@pytest.mark.parametrize("checking", [0.0, 0.010])
 @pytest.mark.parametrize("block", [0.001, 0.004, 0.012])
-def test_no_block_begins_that_would_end_too_late(
-    monkeypatch: pytest.MonkeyPatch, block: float
+def test_no_block_begins_that_would_end_too_late_and_the_check_is_no_block(
+    monkeypatch: pytest.MonkeyPatch, block: float, checking: float
 ) -> None:
     clock = [5.0]
     monkeypatch.setattr(budget.time, "thread_time", lambda: clock[0])
     search = budget.Budget(0.050)
+    clock[0] += checking
     while not search.ends("anything"):
         clock[0] += block
-    assert 0.050 - budget._FINISH - block - 1e-9 <= clock[0] - 5.0 <= 0.050 - budget._FINISH
+    left = 0.050 - budget._FINISH - (clock[0] - 5.0)
+    assert 0.0 <= left <= max(block, budget._BLOCK) + 1e-9
 
 
 def test_a_deadline_cuts_the_refinement_into_blocks(
