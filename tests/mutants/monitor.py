@@ -247,7 +247,7 @@ _OF_SPACE = (
         "if not abs(own.value - height.altitude) <= options.vertical_margin:",
         "if not abs(own.value - height.altitude) <= 2.0 * options.vertical_margin:",
     ),
-    ("backup_flight(sense, self.begin_backup(own), options)", "backup_flight(sense, own, options)"),
+    ("begin = self.begin_backup(own)", "begin = own"),
     ("value=height.altitude, vertical_speed=height.climb", "value=height.altitude"),
     ("or own.reference != self.flown.reference", ""),
 )
@@ -255,8 +255,8 @@ _OF_SPACE = (
 _OF_SINGLE = (
     ("self.backup_climb if self.monitor.on_backup[0] else self.climb", "self.climb"),
     (
-        "climb_of_backup(sense, begin, time, options)",
-        "climb_of_backup(sense, own_altitude, time, options)",
+        "climb_of_backup(sense, begin, time, from_begin)",
+        "climb_of_backup(sense, own_altitude, time, from_begin)",
     ),
 )
 
