@@ -91,7 +91,7 @@ def plan(
     budget = Budget(options.deadline_s)
     fields = RequestFields(own, intruders, route, own_altitude, wind, check_areas(areas))
     check_altitude(Field(Subject.OWN_ALTITUDE), own_altitude)
-    options, kept_height = in_plane(own_altitude, areas, options)
+    options, kept_height = in_plane(own_altitude, fields.areas, options)
     search = search_in_space if options.climbs else _search_in_plane
     posed, plans = search(fields, policy, in_wind(options, wind), budget)
     request, excluded, in_air = posed.request, posed.excluded, posed.options

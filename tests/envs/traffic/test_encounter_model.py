@@ -95,6 +95,14 @@ def write_file(tmp_path: Path, text: str = SMALL) -> Path:
     return path
 
 
+def assert_refused(tmp_path: Path, text: str, old: str, new: str, sentence: str) -> None:
+    """Check that a file is refused once a part of it is another, with the file and a sentence."""
+    assert old in text
+    with pytest.raises(EncounterError, match=r"model\.txt") as refused:
+        read_model(write_file(tmp_path, text.replace(old, new, 1)))
+    assert sentence in str(refused.value)
+
+
 def test_a_model_by_hand(tmp_path: Path) -> None:
     model = read_model(write_file(tmp_path))
     assert [variable.name for variable in model.initial] == [
@@ -196,10 +204,7 @@ def test_the_public_models_are_consistent() -> None:
 def test_a_malformed_file_is_refused_by_line_and_block(
     tmp_path: Path, old: str, new: str, sentence: str
 ) -> None:
-    assert old in SMALL
-    with pytest.raises(EncounterError, match=r"model\.txt") as refused:
-        read_model(write_file(tmp_path, SMALL.replace(old, new, 1)))
-    assert sentence in str(refused.value)
+    assert_refused(tmp_path, SMALL, old, new, sentence)
 
 
 @given(st.integers(0, len(SMALL) - 5))
@@ -323,10 +328,7 @@ def test_what_drifts_stands_still_in_the_air_and_climbs_and_descends(tmp_path: P
 def test_a_malformed_file_of_what_drifts_is_refused(
     tmp_path: Path, old: str, new: str, sentence: str
 ) -> None:
-    assert old in DRIFTING
-    with pytest.raises(EncounterError, match=r"model\.txt") as refused:
-        read_model(write_file(tmp_path, DRIFTING.replace(old, new, 1)))
-    assert sentence in str(refused.value)
+    assert_refused(tmp_path, DRIFTING, old, new, sentence)
 
 
 DURATION = 400
