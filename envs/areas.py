@@ -263,6 +263,20 @@ def unknown_limits(areas: Iterable[Area], reference: str) -> list[tuple[int, str
     ]
 
 
+def uncomparable_limits(
+    areas: Iterable[Area], reference: str, floor: Level | None, ceiling: Level | None
+) -> dict[str, Level]:
+    """Return the floor and the ceiling, by these names, that are given or of areas to be kept in
+    and have another reference; empty: there is none.
+    """
+    unknown = {
+        name: level
+        for name, level in (("floor", floor), ("ceiling", ceiling))
+        if level is not None and level.reference != reference
+    }
+    return unknown | {name: level for _, name, level in unknown_limits(areas, reference)}
+
+
 def _shift(shape: Polygon | Circle, dx: float, dy: float) -> Polygon | Circle:
     """Return a shape moved by dx and dy, m."""
     if isinstance(shape, Circle):

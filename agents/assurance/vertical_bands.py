@@ -42,7 +42,7 @@ from agents.planner.answer import Field, Subject
 from agents.planner.request.options import L, Options
 from agents.planner.request.reports import Intruder, check_altitude, is_usable
 from envs.aircraft import Vertical
-from envs.areas import Keep, Level, unknown_limits, vertical_limits
+from envs.areas import Keep, Level, uncomparable_limits, vertical_limits
 from envs.arrays import Array, Float, Shaped
 from envs.frames import Air, F
 from envs.kinematics import VehicleState
@@ -330,10 +330,7 @@ def _limits(
     """
     of_areas = [active.area for active in areas]
     lowest, highest = vertical_limits(of_areas, reference, floor, ceiling)
-    unknown = {name for _, name, _ in unknown_limits(of_areas, reference)}
-    for name, level in (("floor", floor), ("ceiling", ceiling)):
-        if level is not None and level.reference != reference:
-            unknown.add(name)
+    unknown = uncomparable_limits(of_areas, reference, floor, ceiling)
     low = -np.inf if lowest is None else lowest.value
     high = np.inf if highest is None else highest.value
     return np.inf if "floor" in unknown else low, -np.inf if "ceiling" in unknown else high

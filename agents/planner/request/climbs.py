@@ -8,7 +8,7 @@ from agents.planner.answer import Advisory, AdvisoryCode, Field, RequestError, S
 from agents.planner.request.fields import part_value, quote
 from agents.planner.request.options import HIGHEST, LOWEST, L, Maneuvers, Options
 from agents.planner.request.reports import check_altitude
-from envs.areas import Area, Level, unknown_limits, vertical_limits
+from envs.areas import Area, Level, uncomparable_limits, unknown_limits, vertical_limits
 from envs.profile import rise_to_level
 from envs.waypoints import RoutePoint
 
@@ -68,13 +68,7 @@ def with_all_levels_of(areas: Sequence[Area], reference: str, options: Options[L
     """Return options as :func:`with_levels_of` does, but with a floor and a ceiling of another
     reference where these or an area have such: nothing is known to keep it.
     """
-    stated = {"floor": options.floor, "ceiling": options.ceiling}
-    unknown = {
-        name: level
-        for name, level in stated.items()
-        if level is not None and level.reference != reference
-    }
-    unknown |= {name: level for _, name, level in unknown_limits(areas, reference)}
+    unknown = uncomparable_limits(areas, reference, options.floor, options.ceiling)
     return replace(with_levels_of(areas, reference, options), **unknown)
 
 
