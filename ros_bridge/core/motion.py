@@ -3,9 +3,8 @@ now.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple, Self
-
-import numpy as np
 
 from agents.assurance.thresholds import Thresholds
 from agents.kernel.traffic import Traffic, predict
@@ -22,6 +21,7 @@ from ros_bridge.core.reports import Report, Unknown
 __all__ = [
     "ExpectedTurn",
     "Turns",
+    "all_to_local",
     "carry_on",
     "expected_turn",
     "ownship_wind",
@@ -33,14 +33,25 @@ __all__ = [
 
 def to_local(frame: LocalFrame, report: Report) -> VehicleState[Ground]:
     """Return a reported state in the local frame."""
-    place = frame.place(report.latitude, report.longitude)
-    heading = math.atan2(report.north, report.east) + float(place.convergence)
-    return VehicleState(
-        float(place.x),
-        float(place.y),
-        float(wrap(heading, np)),
-        math.hypot(report.east, report.north),
-    )
+    (state,) = all_to_local(frame, [report])
+    return state
+
+
+def all_to_local(frame: LocalFrame, reports: Sequence[Report]) -> list[VehicleState[Ground]]:
+    """Return reported states in the local frame: of a hundred aircraft several times faster
+    together than one by one.
+    """
+    place = frame.place([it.latitude for it in reports], [it.longitude for it in reports])
+    fields = zip(reports, *(field.tolist() for field in place), strict=True)
+    return [
+        VehicleState(
+            x,
+            y,
+            float(wrap(math.atan2(report.north, report.east) + convergence, FLOATS)),
+            math.hypot(report.east, report.north),
+        )
+        for report, x, y, convergence in fields
+    ]
 
 
 class Turns(NamedTuple):

@@ -27,7 +27,7 @@ from ros_bridge.core.conversions import Route
 from ros_bridge.core.fields import SECOND, Code, FieldError, Refusal
 from ros_bridge.core.freshness import USUAL_FRESHNESS, Freshness
 from ros_bridge.core.intruders import Assumptions, intruder_of
-from ros_bridge.core.motion import Turns, carry_on, ownship_wind, to_local, turn_of
+from ros_bridge.core.motion import Turns, all_to_local, carry_on, ownship_wind, to_local, turn_of
 from ros_bridge.core.reach import (
     Reach,
     comparable,
@@ -394,7 +394,8 @@ def _traffic(
     Raises :class:`Refusal` for an aircraft that cannot be planned with, unless it is out of reach
     and no alert is about it.
     """
-    traffic, fresh = _Traffic([], [], []), settings.freshness
+    names, reports, excluded = list[str](), list[Report](), list[LeftOut]()
+    fresh = settings.freshness
     for name, track in sorted(situation.traffic.items()):
         codes = _intruder_codes(name)
         try:
@@ -403,20 +404,11 @@ def _traffic(
             reason = None if name in alerted else out_of_reach(track, reach)
             if reason is None:
                 raise
-            traffic.excluded.append(LeftOut(name, reason))
+            excluded.append(LeftOut(name, reason))
             continue
-        traffic.names.append(name)
-        traffic.intruders.append(_intruder(track, frame, moment, settings, reach))
-    return traffic
-
-
-def _intruder(
-    track: Track, frame: _Frame, moment: int, settings: Settings, reach: Reach
-) -> Intruder[Ground]:
-    """Return what the planner is told of an aircraft whose report can be used, at a moment, ns."""
-    report = track.estimate
-    assert report is not None, "there is one beside every usable report"
-    state = to_local(frame.local, report)
+        assert track.estimate is not None, "there is one beside every usable report"
+        names.append(name)
+        reports.append(track.estimate)
     assumed = Assumptions(
         settings.unknown,
         settings.turns,
@@ -424,7 +416,11 @@ def _intruder(
         reach.unknown_climb,
         reach.undulation,
     )
-    return intruder_of(report, state, (moment - report.time) / SECOND, frame.wind, assumed)
+    intruders = [
+        intruder_of(report, state, (moment - report.time) / SECOND, frame.wind, assumed)
+        for report, state in zip(reports, all_to_local(frame.local, reports), strict=True)
+    ]
+    return _Traffic(names, intruders, excluded)
 
 
 def _route(

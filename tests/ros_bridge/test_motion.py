@@ -7,10 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from envs.formats.local_frame import LocalFrame
 from envs.frames import Ground
 from envs.kinematics import VehicleState
 from envs.wind import NO_WIND, Wind
-from ros_bridge.core.motion import carry_on
+from ros_bridge.core.motion import all_to_local, carry_on, to_local
+from ros_bridge.core.reports import Report
 
 
 @given(
@@ -54,3 +56,16 @@ def test_many_reports_are_carried_on_as_each_of_them():
         assert [float(field[number]) for field in together] == pytest.approx(
             [float(value) for value in alone]
         )
+
+
+def test_reports_together_stand_in_a_frame_as_each_of_them():
+    frame = LocalFrame(47.0, 179.9)  # beside the antimeridian
+    reports = [
+        Report(str(number), 0, 47.0 + 0.1 * number, longitude, 60.0 - 30.0 * number, -20.0)
+        for number, longitude in enumerate((179.9, -179.8, 180.3))
+    ]
+    assert all_to_local(frame, reports) == [to_local(frame, report) for report in reports]
+    assert all_to_local(frame, []) == []
+    there = all_to_local(frame, reports)[1]
+    place = frame.place(47.1, -179.8)
+    assert (there.x, there.y) == (float(place.x), float(place.y))

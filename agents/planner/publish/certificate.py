@@ -101,6 +101,7 @@ class Evidence:
             "parts": FINE,
             "bounds": _bounds(
                 plan_states,
+                curves,
                 [report_in_air(report, self.wind) for report in counted],
                 altitudes,
                 in_wind(options, self.wind),
@@ -211,6 +212,7 @@ def _row(heights: Heights, vertical: float) -> list[float]:
 
 def _bounds(
     plan_states: waypoints.PlanStates[Air],
+    curves: waypoints.Legs[Air],
     reports: Sequence[Intruder[Air]],
     flight: Sequence[Line],
     options: Options[Narrowed],
@@ -224,7 +226,8 @@ def _bounds(
     traffic = map_leaves(lambda field: field[:, numbers], traffic)._replace(window=window)
     traffic = map_leaves(lambda field: np.asarray(field).T, traffic)
     plans = map_leaves(lambda field: np.repeat(field[None], len(numbers), axis=0), plan_states)
-    findings = validate(plans, traffic, options.requirement, options.limits)
+    flown = waypoints.repeat(curves, len(numbers))
+    findings = validate(plans, traffic, options.requirement, options.limits, curves=flown)
     least = np.full(len(reports), np.inf)
     np.minimum.at(least, np.array(numbers, dtype=int), findings.min_separation)
     return [
